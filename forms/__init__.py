@@ -1,0 +1,1 @@
+"""The skin's energy in UFL: no mesh, no solver, no version of dolfinx."""

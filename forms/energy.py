@@ -1,0 +1,119 @@
+"""The whole energy of a skin, its first variation and its tangent, eqs. (8-10)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import ufl
+
+from toros_fem.forms.bending import bending_energy, curvature, moment
+from toros_fem.forms.interpolation import interpolate
+from toros_fem.forms.kinematics import (
+    CELL,
+    deformation_gradient,
+    flat_area,
+    right_cauchy_green,
+)
+from toros_fem.forms.membrane import barrier_membrane
+from toros_fem.forms.pressure import enclosed_volume
+
+
+@dataclass(frozen=True)
+class Section:
+    """Section stiffness of one material, as UFL constants.
+
+    Attributes:
+        mu, lam: Membrane Lamé parameters times thickness, in N/m.
+        mu_bend, lam_bend: The same times h³/12 instead of h, in N m.
+    """
+
+    mu: Any
+    lam: Any
+    mu_bend: Any
+    lam_bend: Any
+
+
+@dataclass(frozen=True)
+class SkinForms:
+    """UFL forms of one skin; `None` where the scene has no such term.
+
+    Attributes:
+        energy: E of eq. (8), in J.
+        membrane, bending: Its parts without pressure, in J.
+        volume: Enclosed volume, in m³.
+        residual: First variation of E, the negative of the force of eq. (9), in N.
+        load: First variation of the volume, in m²: the force of a unit pressure.
+        tangent: Second variation of E, in N/m.
+        sensitivity: ∂(residual · adjoint)/∂ρ̄ as a linear form on the density space, in J.
+    """
+
+    energy: Any
+    membrane: Any
+    bending: Any | None
+    volume: Any | None
+    residual: Any
+    load: Any | None
+    tangent: Any
+    sensitivity: Any
+
+
+def skin_forms(
+    q: Any,
+    adjoint: Any,
+    density: Any,
+    fabric: Section,
+    reinforcement: Section,
+    bounds: tuple[Any, Any],
+    pressure: Any | None,
+    has_flap: Sequence[Any],
+) -> SkinForms:
+    """Energy, first variation and tangent of a skin, eqs. (8-10).
+
+    Args:
+        q: Patch positions: a function of three corners, or of three corners and three flaps.
+        adjoint: A function of the same space, for the density sensitivity.
+        density: Projected density ρ̄, one value a triangle.
+        fabric, reinforcement: Section stiffness of the two materials.
+        bounds: c₁ and c₂ of eq. (1).
+        pressure: Pressure in Pa, or None for a skin that no pressure acts on.
+        has_flap: Whether each edge has a neighbour, three indicators a triangle; empty for a
+            skin without bending.
+    """
+    space = q.ufl_function_space()
+    mesh = space.ufl_domain()
+    test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
+    jacobian = ufl.Jacobian(mesh)
+    dx = ufl.dx(domain=mesh, metadata=CELL)
+    patch = ufl.split(q)
+    corners = patch[:3]
+
+    def mixed(name: str) -> Any:
+        return interpolate(density, getattr(fabric, name), getattr(reinforcement, name))
+
+    C = right_cauchy_green(deformation_gradient(corners, jacobian))
+    membrane = barrier_membrane(C, mixed("mu"), mixed("lam"), *bounds) * dx
+    energy, residual = membrane, ufl.derivative(membrane, q, test)
+
+    bending = None
+    if has_flap:
+        Lambda, variation = curvature(patch, ufl.split(test), jacobian, has_flap)
+        stiffness = mixed("mu_bend"), mixed("lam_bend")
+        bending = bending_energy(Lambda, *stiffness) * dx
+        energy += bending
+        residual += ufl.inner(moment(Lambda, *stiffness), variation) * dx
+
+    # What depends on the density is what carries stiffness: the pressure is left out here.
+    parts = ufl.replace(residual, {test: adjoint})
+    sensitivity = ufl.derivative(parts, density, ufl.TestFunction(density.ufl_function_space()))
+
+    volume = load = None
+    if pressure is not None:
+        volume = enclosed_volume(corners) / flat_area(jacobian) * dx
+        load = ufl.derivative(volume, q, test)
+        energy += -pressure * volume
+        residual += -pressure * load
+
+    tangent = ufl.derivative(residual, q, trial)
+    return SkinForms(energy, membrane, bending, volume, residual, load, tangent, sensitivity)

@@ -1,0 +1,49 @@
+"""Deformation of a triangle of the sewn skin, from its corner positions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import ufl
+
+# Everything is constant on a triangle, so one point integrates exactly.
+CELL = {"quadrature_degree": 0}
+
+
+def flat_area(jacobian: Any) -> Any:
+    """Flat area Ā of a triangle in m², from the 2×2 Jacobian of its flat chart."""
+    return abs(ufl.det(jacobian)) / 2
+
+
+def deformation_gradient(corners: Sequence[Any], jacobian: Any) -> Any:
+    """F = ∂x/∂x̄, shape (3, 2), from three corner positions in R³.
+
+    Args:
+        corners: Deformed positions of the corners, in the order of the reference triangle.
+        jacobian: Jacobian of the flat chart, `ufl.Jacobian(skin)`.
+    """
+    a, b, c = corners
+    edges = ufl.as_matrix([[b[k] - a[k], c[k] - a[k]] for k in range(3)])
+    return ufl.dot(edges, ufl.inv(jacobian))
+
+
+def right_cauchy_green(F: Any) -> Any:
+    """C = FᵀF, shape (2, 2)."""
+    return ufl.dot(ufl.transpose(F), F)
+
+
+def stretch_invariants(C: Any) -> tuple[Any, Any]:
+    """s = λ₁ + λ₂ and p = λ₁ λ₂.
+
+    Both are smooth in C also where λ₁ = λ₂; the stretches themselves are not. p is smooth as
+    long as the triangle has not collapsed (p > 0).
+    """
+    p = ufl.sqrt(ufl.det(C))
+    return ufl.sqrt(ufl.tr(C) + 2 * p), p
+
+
+def edges_of(jacobian: Any) -> list[Any]:
+    """Flat edge vectors in m; edge i lies opposite corner i and runs from corner i+1 to i+2."""
+    corner = [ufl.as_vector(v) for v in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))]
+    return [ufl.dot(jacobian, corner[(i + 2) % 3] - corner[(i + 1) % 3]) for i in range(3)]

@@ -1,0 +1,128 @@
+"""A capped tube: one rectangle rolled up, and two round end caps."""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem._mpi import raise_together
+from toros_fem.meshes.gmsh_panels import polygon_meshes
+from toros_fem.meshes.pattern import Floats, Ints, Panel, Pattern
+from toros_fem.parameters import require_choice, require_positive
+
+WALL, BASE, TIP = "wall", "base", "tip"
+
+
+def cylinder(
+    comm: MPI.Comm,
+    length: float,
+    diameter: float,
+    edge_length: float,
+    *,
+    mesh: str = "unstructured",
+    caps: bool = True,
+) -> Pattern:
+    """A tube along z from z = 0 (panel "base") to z = length (panel "tip"), same on all ranks.
+
+    The wall is developed into one rectangle, u around and v = z along, cut at the generator of
+    angle 0 (the half-plane y = 0, x > 0). The tube is the prism over the regular n-gon inscribed
+    in the given circle, n = round(π diameter / edge_length), so that rolling up the structured
+    mesh is an exact isometry; its perimeter is short of π diameter by a share π²/(6 n²).
+
+    Args:
+        comm: Communicator; gmsh runs on its first rank only.
+        length: Length of the tube in m.
+        diameter: Diameter of the circle through the vertices, in m.
+        edge_length: Wanted edge length in m.
+        mesh: "unstructured" (gmsh, frontal Delaunay) or "structured" (right triangles with one
+            diagonal direction, on which the averaged curvature is exact for quadratics).
+        caps: Whether the ends are closed; an open tube cannot carry pressure.
+
+    Raises:
+        ParameterError: A size is not positive, or too large for a tube of six sides and two rows.
+    """
+    require_positive(length=length, diameter=diameter, edge_length=edge_length)
+    require_choice("mesh", mesh, ("unstructured", "structured"))
+    bound = min(np.pi * diameter / 5.5, length / 1.5)
+    require_positive(edge_length=edge_length, at_most=bound)
+    around = round(np.pi * diameter / edge_length)
+    rows = max(2, round(length / edge_length))
+    radius = diameter / 2
+    chord = 2 * radius * np.sin(np.pi / around)
+    width = around * chord
+
+    pattern, error = None, None
+    if comm.rank == 0:
+        try:
+            if mesh == "structured":
+                wall = _grid(around, rows, width, length)
+                cap = _disc(around, radius) if caps else None
+            else:
+                ring = _circle(around, radius)
+                corner = np.array([[0, 0], [width, 0], [width, length], [0, length]])
+                outlines = [(corner, [around, rows, around, rows])]
+                if caps:
+                    outlines.append((ring, [1] * around))
+                meshes = polygon_meshes(outlines, edge_length)
+                wall, cap = meshes[0], (meshes[1] if caps else None)
+            panels = [_wall_panel(*wall, radius, width)]
+            if cap is not None:
+                panels += [_cap_panel(BASE, *cap, 0.0), _cap_panel(TIP, *cap, length)]
+            pattern = Pattern.from_panels(panels, tolerance=1e-3 * min(chord, length / rows))
+        except Exception as caught:  # handed to all ranks, none may be left waiting
+            error = caught
+    raise_together(comm, error)
+    made: Pattern = comm.bcast(pattern, root=0)
+    return made
+
+
+def _wall_panel(flat: Floats, triangles: Ints, radius: float, width: float) -> Panel:
+    angle = 2 * np.pi * flat[:, 0] / width
+    ring = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return Panel(WALL, flat, triangles, np.column_stack([ring, flat[:, 1]]))
+
+
+def _cap_panel(name: str, flat: Floats, triangles: Ints, height: float) -> Panel:
+    points = np.column_stack([flat, np.full(len(flat), height)])
+    if name == BASE:  # seen from outside, that is from below, the disc is mirrored
+        return Panel(name, flat * [1, -1], triangles[:, ::-1], points)
+    return Panel(name, flat, triangles, points)
+
+
+def _circle(count: int, radius: float) -> Floats:
+    angle = 2 * np.pi * np.arange(count) / count
+    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def _grid(around: int, rows: int, width: float, length: float) -> tuple[Floats, Ints]:
+    u, v = np.meshgrid(np.linspace(0, width, around + 1), np.linspace(0, length, rows + 1))
+    node = np.arange((rows + 1) * (around + 1)).reshape(rows + 1, around + 1)
+    a, b, c, d = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
+    lower, upper = np.stack([a, b, c], axis=2), np.stack([b, d, c], axis=2)
+    triangles = np.stack([lower, upper], axis=2).reshape(-1, 3)
+    return np.column_stack([u.ravel(), v.ravel()]), triangles
+
+
+def _disc(around: int, radius: float) -> tuple[Floats, Ints]:
+    """Rings of vertices around a centre, neighbouring rings zipped together by angle."""
+    rings = max(1, round(around / (2 * np.pi)))
+    counts = [max(3, round(around * k / rings)) for k in range(rings, 0, -1)]
+    points = np.concatenate(
+        [_circle(n, radius * (rings - k) / rings) for k, n in enumerate(counts)] + [np.zeros((1, 2))]
+    )
+    start = np.cumsum([0, *counts])
+    triangles = []
+    for k in range(rings - 1):
+        outer, inner = counts[k], counts[k + 1]
+        i = j = 0
+        while i < outer or j < inner:
+            o, p = start[k] + i % outer, start[k + 1] + j % inner
+            if (i + 0.5) / outer <= (j + 0.5) / inner:
+                triangles.append([o, start[k] + (i + 1) % outer, p])
+                i += 1
+            else:
+                triangles.append([o, start[k + 1] + (j + 1) % inner, p])
+                j += 1
+    last, n = start[rings - 1], counts[-1]
+    triangles += [[last + i, last + (i + 1) % n, start[rings]] for i in range(n)]
+    return points, np.array(triangles, dtype=np.int64)

@@ -1,0 +1,370 @@
+"""The sewing pattern: flat panels, which flat vertices are sewn together, the assembled shape."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from toros_fem.errors import (
+    DegenerateTriangleError,
+    ManifoldError,
+    OpenSkinError,
+    OrientationError,
+    PanelError,
+    PatternError,
+    SeamError,
+)
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+# A triangle thinner than this share of its longest edge has no usable shape functions.
+MIN_HEIGHT_RATIO = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One flat piece of cloth and where its vertices lie in the assembled skin.
+
+    Attributes:
+        name: What messages and pictures call it.
+        flat_points: Flat positions, shape (m, 2), in m.
+        triangles: Corners among the flat points, shape (t, 3), counter-clockwise.
+        points: Embedded positions, shape (m, 3), in m.
+    """
+
+    name: str
+    flat_points: Floats
+    triangles: Ints
+    points: Floats
+
+
+def _border(triangles: Ints) -> Ints:
+    """Vertices on edges that one triangle alone has."""
+    edge = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    edge, count = np.unique(np.sort(edge, axis=1), axis=0, return_counts=True)
+    return np.unique(edge[count == 1])
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """Flat panels sewn into a skin, validated on construction.
+
+    Each panel has one flat chart: its triangles share flat vertices. Sewing maps every flat
+    vertex to an assembled vertex; two flat edges mapped to the same assembled edge are a seam.
+    A tube is one rectangle with its left and right borders mapped to the same vertices.
+
+    Args:
+        flat_points: Flat positions, shape (m, 2), in m. Panels may overlap: they are told apart
+            by `panel`, not by place.
+        flat_triangles: Corners of each triangle among the flat points, shape (t, 3),
+            counter-clockwise seen from outside the skin.
+        panel: Panel of each triangle, shape (t,), numbered from 0.
+        sewn: Assembled vertex of each flat point, shape (m,).
+        points: Assembled positions, shape (n, 3), in m: the start of a simulation, not its rest
+            shape, which is the flat one.
+        panel_names: A name for each panel.
+        seam_tolerance: Largest relative difference of length of two edges sewn together.
+
+    Raises:
+        PatternError: The arrays do not fit together or hold NaN.
+        DegenerateTriangleError, OrientationError, ManifoldError, SeamError, PanelError:
+            The surface is not a valid skin; the message names triangle, edge or panel.
+    """
+
+    flat_points: Floats
+    flat_triangles: Ints
+    panel: Ints
+    sewn: Ints
+    points: Floats
+    panel_names: tuple[str, ...]
+    seam_tolerance: float = 1e-6
+
+    def __post_init__(self) -> None:
+        for name, kind, width in (
+            ("flat_points", np.float64, 2),
+            ("flat_triangles", np.int64, 3),
+            ("panel", np.int64, 0),
+            ("sewn", np.int64, 0),
+            ("points", np.float64, 3),
+        ):
+            array = np.array(getattr(self, name), dtype=kind)
+            if array.ndim != (2 if width else 1) or (width and array.shape[1] != width):
+                wanted = f"(…, {width})" if width else "(…,)"
+                raise PatternError(f"{name} has shape {array.shape}; it must be {wanted}.")
+            if not np.all(np.isfinite(array)):
+                row = int(np.flatnonzero(~np.isfinite(array.reshape(len(array), -1)).all(1))[0])
+                raise PatternError(f"{name}[{row}] = {array[row]} is not finite.")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        self._check_sizes()
+        self._check_triangles()
+        self._check_edges()
+        self._check_vertices()
+        self._check_seams()
+
+    @classmethod
+    def from_panels(
+        cls, panels: Sequence[Panel], tolerance: float, seam_tolerance: float = 1e-6
+    ) -> Pattern:
+        """Sew panels wherever their embedded border vertices coincide.
+
+        Args:
+            panels: Flat panels with the place of each vertex in the assembled skin.
+            tolerance: Distance in m below which two embedded border vertices are one.
+            seam_tolerance: As in the constructor.
+        """
+        offsets = np.cumsum([0] + [len(panel.flat_points) for panel in panels])
+        embedded = np.concatenate([panel.points for panel in panels])
+        border = np.concatenate(
+            [off + _border(p.triangles) for off, p in zip(offsets, panels, strict=False)]
+        )
+        pairs = border[cKDTree(embedded[border]).query_pairs(tolerance, output_type="ndarray")]
+        size = len(embedded)
+        same = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
+        _, sewn = connected_components(same, directed=False)
+        _, first = np.unique(sewn, return_index=True)
+        return cls(
+            flat_points=np.concatenate([panel.flat_points for panel in panels]),
+            flat_triangles=np.concatenate(
+                [off + p.triangles for off, p in zip(offsets, panels, strict=False)]
+            ),
+            panel=np.repeat(np.arange(len(panels)), [len(p.triangles) for p in panels]),
+            sewn=sewn.astype(np.int64),
+            points=embedded[first],
+            panel_names=tuple(panel.name for panel in panels),
+            seam_tolerance=seam_tolerance,
+        )
+
+    def panel_index(self, name: str) -> int:
+        """Number of the panel with this name.
+
+        Raises:
+            PanelError: There is no such panel.
+        """
+        if name not in self.panel_names:
+            raise PanelError(f"no panel is named {name!r}; there are {list(self.panel_names)}.")
+        return self.panel_names.index(name)
+
+    def cells_of(self, name: str) -> Ints:
+        """Triangles of a panel, by its name."""
+        return np.flatnonzero(self.panel == self.panel_index(name))
+
+    def vertices_of(self, name: str) -> Ints:
+        """Assembled vertices of a panel, by its name; those on a seam belong to both sides."""
+        return np.unique(self.triangles[self.cells_of(name)])
+
+    @property
+    def triangles(self) -> Ints:
+        """Assembled vertices of each triangle, shape (t, 3)."""
+        return self.sewn[self.flat_triangles]
+
+    @property
+    def corners(self) -> Floats:
+        """Flat corner positions of each triangle, shape (t, 3, 2), in m."""
+        return self.flat_points[self.flat_triangles]
+
+    @cached_property
+    def areas(self) -> Floats:
+        """Flat area of each triangle, shape (t,), in m²."""
+        a, b, c = np.moveaxis(self.corners, 1, 0)
+        u, v = b - a, c - a
+        return 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+
+    @cached_property
+    def centroids(self) -> Floats:
+        """Flat centroid of each triangle in its panel's chart, shape (t, 2), in m."""
+        return self.corners.mean(axis=1)
+
+    @cached_property
+    def vertex_areas(self) -> Floats:
+        """A third of the flat area around each assembled vertex, shape (n,), in m²."""
+        third = np.repeat(self.areas / 3, 3)
+        return np.bincount(self.triangles.ravel(), third, minlength=len(self.points))
+
+    @cached_property
+    def size(self) -> float:
+        """Diagonal of the assembled skin's bounding box in m: the skin's length scale."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
+
+    @cached_property
+    def free_edges(self) -> Ints:
+        """Assembled edges with one triangle only, shape (k, 2)."""
+        edge, _, count, first = self._edges
+        return edge[first[count == 1]]
+
+    @cached_property
+    def seams(self) -> Ints:
+        """Pairs of flat edges sewn together, shape (s, 2 sides, 2 ends), indices of flat points.
+
+        Ends correspond: `seams[k, 0, e]` and `seams[k, 1, e]` are sewn to the same vertex.
+        """
+        _, group, count, first = self._edges
+        flat = np.stack([self.flat_triangles, np.roll(self.flat_triangles, -1, axis=1)], axis=2)
+        flat = flat.reshape(-1, 2)
+        order = np.argsort(group, kind="stable")
+        start = np.concatenate([[0], np.cumsum(count)])[:-1]
+        double = count == 2
+        one, two = flat[order[start[double]]], flat[order[start[double] + 1]][:, ::-1]
+        return np.stack([one, two], axis=1)[np.any(one != two, axis=1)]
+
+    def require_closed(self) -> None:
+        """Check that the skin encloses a volume.
+
+        Raises:
+            OpenSkinError: An edge has no neighbour.
+        """
+        if len(self.free_edges):
+            a, b = self.free_edges[0]
+            raise OpenSkinError(
+                f"pressure needs a closed skin, but {len(self.free_edges)} edges are free, the "
+                f"first between vertices {a} and {b} at {self.points[a]} and {self.points[b]} m. "
+                "Sew them to a neighbour, add a cap, or set the pressure to 0."
+            )
+
+    @cached_property
+    def _edges(self) -> tuple[Ints, Ints, Ints, Ints]:
+        """Directed edges (3 t, 2), the undirected edge of each, and its count and first use."""
+        tri = self.triangles
+        edge = np.stack([tri, np.roll(tri, -1, axis=1)], axis=2).reshape(-1, 2)
+        low, high = edge.min(axis=1), edge.max(axis=1)
+        _, first, group, count = np.unique(
+            low * np.int64(len(self.points)) + high,
+            return_index=True,
+            return_inverse=True,
+            return_counts=True,
+        )
+        return edge, group.ravel(), count, first
+
+    def _check_sizes(self) -> None:
+        m, t, n = len(self.flat_points), len(self.flat_triangles), len(self.points)
+        if t == 0:
+            raise PatternError("the pattern has no triangle.")
+        if len(self.panel) != t:
+            raise PatternError(f"panel has {len(self.panel)} entries for {t} triangles.")
+        if len(self.sewn) != m:
+            raise PatternError(f"sewn has {len(self.sewn)} entries for {m} flat points.")
+        for name, array, bound in (
+            ("flat_triangles", self.flat_triangles, m),
+            ("sewn", self.sewn, n),
+            ("panel", self.panel, len(self.panel_names)),
+        ):
+            if array.min() < 0 or array.max() >= bound:
+                wrong = array.min() if array.min() < 0 else array.max()
+                raise PatternError(f"{name} holds {wrong}; entries must lie in 0 … {bound - 1}.")
+        for index, name in enumerate(self.panel_names):
+            if not np.any(self.panel == index):
+                raise PanelError(f"panel {index} ({name!r}) has no triangle.")
+        low = np.full(m, len(self.panel_names))
+        high = np.full(m, -1)
+        corner = self.flat_triangles.ravel()
+        np.minimum.at(low, corner, np.repeat(self.panel, 3))
+        np.maximum.at(high, corner, np.repeat(self.panel, 3))
+        if np.any(high < 0):
+            raise PatternError(f"flat point {np.flatnonzero(high < 0)[0]} belongs to no triangle.")
+        if np.any(low != high):
+            point = np.flatnonzero(low != high)[0]
+            raise PanelError(
+                f"flat point {point} is used by panels {low[point]} and {high[point]}. Give each "
+                "panel its own flat points and sew them by `sewn`."
+            )
+        unused = np.setdiff1d(np.arange(n), self.sewn)
+        if len(unused):
+            raise PatternError(f"assembled vertex {unused[0]} belongs to no flat point.")
+        if not self.seam_tolerance >= 0:
+            raise PatternError(f"seam_tolerance = {self.seam_tolerance} must not be negative.")
+
+    def _check_triangles(self) -> None:
+        tri = self.triangles
+        twice = (tri[:, 0] == tri[:, 1]) | (tri[:, 1] == tri[:, 2]) | (tri[:, 2] == tri[:, 0])
+        if np.any(twice):
+            k = int(np.flatnonzero(twice)[0])
+            raise DegenerateTriangleError(
+                f"triangle {k} of panel {self._panel_of(k)} uses an assembled vertex twice: "
+                f"{tri[k].tolist()}. Refine it, or correct `sewn`."
+            )
+        corners = self.corners
+        longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+        flat = np.abs(self.areas) * 2 <= MIN_HEIGHT_RATIO * longest**2
+        if np.any(flat):
+            k = int(np.flatnonzero(flat)[0])
+            raise DegenerateTriangleError(
+                f"triangle {k} of panel {self._panel_of(k)} has a flat area of "
+                f"{self.areas[k]:.3g} m² on a longest edge of {longest[k]:.3g} m; its height must "
+                f"exceed {MIN_HEIGHT_RATIO:g} of that edge. Remesh the panel."
+            )
+        if np.any(self.areas < 0):
+            k = int(np.flatnonzero(self.areas < 0)[0])
+            raise OrientationError(
+                f"triangle {k} of panel {self._panel_of(k)} is clockwise on its panel; seen from "
+                "outside the skin all triangles must be counter-clockwise. Swap two corners."
+            )
+
+    def _check_edges(self) -> None:
+        edge, group, count, first = self._edges
+        if np.any(count > 2):
+            wrong = int(np.flatnonzero(count > 2)[0])
+            users = np.flatnonzero(group == wrong) // 3
+            a, b = edge[first[wrong]]
+            raise ManifoldError(
+                f"the edge between vertices {a} and {b} has {count[wrong]} triangles "
+                f"({users.tolist()}); a skin allows two."
+            )
+        forward = np.bincount(group, edge[:, 0] < edge[:, 1], minlength=len(count))
+        wrong_way = (count == 2) & (forward != 1)
+        if np.any(wrong_way):
+            wrong = int(np.flatnonzero(wrong_way)[0])
+            users = np.flatnonzero(group == wrong) // 3
+            a, b = edge[first[wrong]]
+            raise OrientationError(
+                f"triangles {users[0]} and {users[1]} run through their common edge {a}-{b} in "
+                "the same direction. Mirror one of their panels, or reverse a seam."
+            )
+
+    def _check_vertices(self) -> None:
+        # A vertex is manifold if its triangles form one fan, that is if linking neighbours
+        # around it across shared edges leaves one component.
+        edge, group, count, _ = self._edges
+        order = np.argsort(group, kind="stable")
+        start = np.concatenate([[0], np.cumsum(count)])[:-1][count == 2]
+        one, two = order[start], order[start + 1]
+        # Corner k of triangle t is node 3 t + k; edge e of t runs from corner e to corner e + 1.
+        after = lambda e: e - e % 3 + (e + 1) % 3  # noqa: E731
+        rows = np.concatenate([one, after(one)])
+        cols = np.concatenate([after(two), two])
+        nodes = 3 * len(self.triangles)
+        links = coo_array((np.ones(len(rows)), (rows, cols)), shape=(nodes, nodes))
+        fans, label = connected_components(links, directed=False)
+        if fans != len(self.points):
+            pairs = np.unique(np.stack([self.triangles.ravel(), label], axis=1), axis=0)
+            vertex = int(np.flatnonzero(np.bincount(pairs[:, 0]) > 1)[0])
+            raise ManifoldError(
+                f"vertex {vertex} at {self.points[vertex]} m joins fans of triangles that share "
+                "no edge there; the skin pinches to a point. Separate the fans."
+            )
+
+    def _check_seams(self) -> None:
+        if not len(self.seams):
+            return
+        ends = self.flat_points[self.seams]
+        length = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
+        gap = np.abs(length[:, 0] - length[:, 1]) / length.max(axis=1)
+        worst = int(np.argmax(gap))
+        if gap[worst] > self.seam_tolerance:
+            a, b = self.sewn[self.seams[worst, 0]]
+            raise SeamError(
+                f"the seam edge between vertices {a} and {b} is {length[worst, 0]:.6g} m long on "
+                f"one side and {length[worst, 1]:.6g} m on the other, a relative difference of "
+                f"{gap[worst]:.2g}; the bound is {self.seam_tolerance:g}. Mend the panels, or "
+                "raise seam_tolerance if the cloth is to be gathered."
+            )
+
+    def _panel_of(self, triangle: int) -> str:
+        return f"{self.panel[triangle]} ({self.panel_names[self.panel[triangle]]!r})"

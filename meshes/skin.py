@@ -1,0 +1,127 @@
+"""The sewn skin: a mesh with the topology of the assembled surface and the flat geometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import cpp, fem, mesh
+from mpi4py import MPI
+
+from toros_fem import _compat
+from toros_fem._mpi import gather_by_index
+from toros_fem.meshes.pattern import Floats, Ints, Pattern
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """A pattern sewn together and spread over the ranks of a communicator.
+
+    Geometry is the flat pattern (gdim = tdim = 2, three corners a cell), topology the assembled
+    surface: `ufl.grad` of a position field in R³ is the deformation gradient, `ufl.dx` measures
+    flat area.
+
+    Attributes:
+        pattern: The pattern, whole on every rank.
+        mesh: The distributed mesh, with a layer of ghost cells across facets.
+        position_space: Continuous piecewise linear fields in R³, one node an assembled vertex.
+        density_space: One value a triangle.
+        vertex: Assembled vertex of each local node of `position_space`, owned nodes first.
+        cell: Pattern triangle of each local dof of `density_space`, owned dofs first.
+    """
+
+    pattern: Pattern
+    mesh: mesh.Mesh
+    position_space: fem.FunctionSpace
+    density_space: fem.FunctionSpace
+    vertex: Ints
+    cell: Ints
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The communicator the skin is spread over."""
+        return self.mesh.comm
+
+    @property
+    def owned_vertices(self) -> Ints:
+        """Assembled vertices of the nodes this rank owns."""
+        return self.vertex[: self.position_space.dofmap.index_map.size_local]
+
+    @property
+    def owned_cells(self) -> Ints:
+        """Pattern triangles this rank owns, in the order of their density dofs."""
+        return self.cell[: self.density_space.dofmap.index_map.size_local]
+
+    def gather_vertices(self, owned: Floats) -> Floats:
+        """Values at owned nodes, (k, …), as values at all assembled vertices, on every rank."""
+        return gather_by_index(self.comm, self.owned_vertices, owned, len(self.pattern.points))
+
+    def gather_cells(self, owned: Floats) -> Floats:
+        """Values at owned triangles, (k, …), as values at all triangles, on every rank."""
+        return gather_by_index(self.comm, self.owned_cells, owned, len(self.pattern.panel))
+
+
+def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
+    """The sewn skin of a pattern, distributed over a communicator (collective).
+
+    Args:
+        comm: Communicator.
+        pattern: The same pattern on every rank.
+    """
+    root = comm.rank == 0
+    points, triangles = pattern.points, pattern.triangles
+    # A mesh of the embedded surface gives topology, partition and numbering …
+    embedded = mesh.create_mesh(
+        comm,
+        cells=triangles if root else np.zeros((0, 3), dtype=np.int64),
+        x=points if root else np.zeros((0, 3)),
+        e=ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(3,))),
+        partitioner=_compat.cell_partitioner(),
+    )
+    topology = embedded.topology
+    original = np.asarray(topology.original_cell_index, dtype=np.int64)
+    nodes = _compat.geometry_dofmap(embedded.geometry)
+    corner = np.asarray(embedded.geometry.input_global_indices, dtype=np.int64)[nodes]
+    # … and a second geometry on it puts each corner at its place on the flat panel.
+    place = np.argmax(triangles[original][:, None, :] == corner[:, :, None], axis=2)
+    flat = np.take_along_axis(pattern.corners[original], place[:, :, None], axis=1)
+    cells = topology.index_map(2)
+    count = cells.size_local + cells.num_ghosts
+    geometry = cpp.mesh.Geometry_float64(
+        blocked_index_map(comm, cells, 3),
+        np.arange(3 * count, dtype=np.int32).reshape(count, 3),
+        _compat.coordinate_map(embedded.geometry),
+        np.ascontiguousarray(flat.reshape(-1, 2)),
+        (3 * original[:, None] + np.arange(3)).ravel(),
+    )
+    cpp_topology = getattr(topology, "_cpp_object", topology)
+    domain = mesh.Mesh(
+        cpp.mesh.Mesh_float64(comm, cpp_topology, geometry),
+        ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))),
+    )
+    position_space = fem.functionspace(domain, ("Lagrange", 1, (3,)))
+    density_space = fem.functionspace(domain, ("DG", 0))
+    vertex = np.zeros(_local_size(position_space), dtype=np.int64)
+    vertex[position_space.dofmap.list.ravel()] = corner.ravel()
+    cell = np.zeros(_local_size(density_space), dtype=np.int64)
+    cell[density_space.dofmap.list.ravel()] = original
+    return Skin(pattern, domain, position_space, density_space, vertex, cell)
+
+
+def blocked_index_map(comm: MPI.Comm, index_map: object, block: int) -> object:
+    """The index map of another one's entries unrolled by a block size."""
+    ghosts = np.asarray(index_map.ghosts, dtype=np.int64)  # type: ignore[attr-defined]
+    owners = np.asarray(index_map.owners, dtype=np.int32)  # type: ignore[attr-defined]
+    unrolled = (block * ghosts[:, None] + np.arange(block)).ravel()
+    size = index_map.size_local  # type: ignore[attr-defined]
+    return _compat.index_map(comm, block * size, unrolled, np.repeat(owners, block))
+
+
+def _local_size(space: fem.FunctionSpace) -> int:
+    index_map = space.dofmap.index_map
+    return int(index_map.size_local + index_map.num_ghosts)
+
+
+

@@ -1,0 +1,51 @@
+"""Reductions, gathers, and errors that all ranks raise together."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+Array = npt.NDArray[np.float64]
+
+
+def total(comm: MPI.Comm, value: float) -> float:
+    """Sum of a number over the ranks."""
+    return float(comm.allreduce(float(value), op=MPI.SUM))
+
+
+def largest(comm: MPI.Comm, value: float) -> float:
+    """Maximum of a number over the ranks."""
+    return float(comm.allreduce(float(value), op=MPI.MAX))
+
+
+def smallest(comm: MPI.Comm, value: float) -> float:
+    """Minimum of a number over the ranks."""
+    return float(comm.allreduce(float(value), op=MPI.MIN))
+
+
+def norm(comm: MPI.Comm, owned: Array) -> float:
+    """Euclidean norm of a vector given by its owned entries."""
+    return float(np.sqrt(total(comm, owned @ owned)))
+
+
+def raise_together(comm: MPI.Comm, error: Exception | None) -> None:
+    """Raise on every rank the error of the lowest rank that has one (collective)."""
+    errors = comm.allgather(error)
+    for found in errors:
+        if found is not None:
+            raise found
+
+
+def gather_by_index(
+    comm: MPI.Comm, index: npt.NDArray[np.int64], values: Array, size: int
+) -> Array:
+    """Assemble an array of `size` rows on every rank from (global index, row) pairs.
+
+    Rows that several ranks give must be equal; rows that none gives are zero.
+    """
+    values = np.ascontiguousarray(values, dtype=np.float64)
+    out = np.zeros((size, *values.shape[1:]))
+    for rows, part in zip(comm.allgather(index), comm.allgather(values), strict=True):
+        out[rows] = part
+    return out

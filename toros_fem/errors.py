@@ -1,0 +1,60 @@
+"""Typed errors: each names the value, the bound and the remedy."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from toros_fem.equilibrium import EquilibriumResult
+
+
+class TorosError(Exception):
+    """Base class of every error that `toros_fem` raises on purpose."""
+
+
+class ParameterError(TorosError, ValueError):
+    """A parameter is outside its admissible range."""
+
+
+class PatternError(TorosError, ValueError):
+    """A sewing pattern is not a valid surface; the message names triangle, edge or panel."""
+
+
+class DegenerateTriangleError(PatternError):
+    """A triangle has no flat area, or uses a vertex twice."""
+
+
+class OrientationError(PatternError):
+    """Two neighbours, or a triangle and its panel, are oriented differently."""
+
+
+class ManifoldError(PatternError):
+    """An edge has more than two triangles, or a vertex more than one fan of them."""
+
+
+class SeamError(PatternError):
+    """Two edges sewn together have different lengths."""
+
+
+class PanelError(PatternError):
+    """A panel is empty, or shares a flat vertex with another panel."""
+
+
+class OpenSkinError(PatternError):
+    """Pressure is asked to act on a skin with free edges: it encloses no volume."""
+
+
+class TargetError(TorosError, ValueError):
+    """A target shape does not fit the skin, or is not finite."""
+
+
+class DensityError(TorosError, ValueError):
+    """A density field has the wrong size, is not finite or leaves [0, 1]."""
+
+
+class EquilibriumError(TorosError, RuntimeError):
+    """No equilibrium was found; `result` holds the last good state and the history."""
+
+    def __init__(self, message: str, result: EquilibriumResult) -> None:
+        super().__init__(message)
+        self.result = result

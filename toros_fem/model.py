@@ -1,0 +1,203 @@
+"""A skin's energy, forces and tangent, assembled: the forms meet the mesh here."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+from dolfinx.fem import petsc as fem_petsc
+from petsc4py import PETSc
+
+from toros_fem._mpi import total
+from toros_fem.errors import ParameterError
+from toros_fem.feasibility import StretchBounds
+from toros_fem.forms.energy import Section, SkinForms, skin_forms
+from toros_fem.forms.interpolation import interpolate
+from toros_fem.meshes.skin import Skin
+from toros_fem.parameters import Composite, Material
+from toros_fem.patch import patch_space
+from toros_fem.supports import Supports
+
+Floats = npt.NDArray[np.float64]
+
+
+class SkinModel:
+    """Energy, first variation, tangent and density sensitivity of one scene.
+
+    Only what the scene needs is compiled: no pressure term on an open skin, three instead of six
+    points a triangle without bending.
+
+    States are owned position dofs, a flat array (x, y, z of each owned node); densities are owned
+    values of the projected density. All methods are collective.
+
+    Args:
+        skin: The sewn skin.
+        composite: The two materials and the stretch bounds.
+        supports: Held components; at least three vertices' worth, or the tangent is singular.
+
+    Raises:
+        ParameterError: The supports hold nothing, or are made for another pattern.
+    """
+
+    def __init__(self, skin: Skin, composite: Composite, supports: Supports) -> None:
+        if supports.held.shape != (len(skin.pattern.points), 3):
+            raise ParameterError(
+                f"supports.held has shape {supports.held.shape}; this skin needs "
+                f"({len(skin.pattern.points)}, 3). Make the supports from its own pattern."
+            )
+        if not supports.held.any():
+            raise ParameterError("supports hold no vertex, so that the skin could float away.")
+        self.skin = skin
+        self.composite = composite
+        self.closed = len(skin.pattern.free_edges) == 0
+        self.space, has_flap = patch_space(skin, flaps=composite.bending)
+        self.q = fem.Function(self.space, name="positions")
+        self.adjoint = fem.Function(self.space, name="adjoint")
+        self.density = fem.Function(skin.density_space, name="projected density")
+
+        cells = skin.density_space.dofmap.list[:, 0]
+        flap_indicator = []
+        if composite.bending:
+            for i in range(3):
+                indicator = fem.Function(skin.density_space)
+                indicator.x.array[cells] = has_flap[:, i]
+                flap_indicator.append(indicator)
+        domain = skin.mesh
+        self._pressure = fem.Constant(domain, 0.0)
+        self.ufl_forms: SkinForms = skin_forms(
+            self.q,
+            self.adjoint,
+            self.density,
+            _section(domain, composite.fabric),
+            _section(domain, composite.reinforcement),
+            (fem.Constant(domain, composite.c1), fem.Constant(domain, composite.c2)),
+            self._pressure if self.closed else None,
+            flap_indicator,
+        )
+        self._energy = fem.form(self.ufl_forms.energy)
+        self._residual = fem.form(self.ufl_forms.residual)
+        self._tangent = fem.form(self.ufl_forms.tangent)
+        self._volume = fem.form(self.ufl_forms.volume) if self.closed else None
+        self._load = fem.form(self.ufl_forms.load) if self.closed else None
+        self._sensitivity: Any = None  # compiled when a gradient is first asked for
+
+        index_map = self.space.dofmap.index_map
+        self.size_local: int = index_map.size_local
+        held = supports.held[skin.vertex].ravel()
+        self.free = ~held[: self.size_local]
+        marker = fem.Function(self.space)
+        self._held = [fem.dirichletbc(marker, np.flatnonzero(held).astype(np.int32))]
+
+        # Owned triangles come first in the mesh; their corners, and their flat charts' inverses.
+        owned = domain.topology.index_map(2).size_local
+        self._corner = skin.position_space.dofmap.list[:owned]
+        vertex = skin.vertex[self._corner]
+        triangle = skin.cell[cells[:owned]]
+        place = np.argmax(
+            skin.pattern.triangles[triangle][:, None, :] == vertex[:, :, None], axis=2
+        )
+        flat = np.take_along_axis(skin.pattern.corners[triangle], place[:, :, None], axis=1)
+        chart = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
+        self.bounds = StretchBounds(skin.comm, np.linalg.inv(chart), composite.c1, composite.c2)
+        self._areas = skin.pattern.areas[skin.owned_cells]
+
+    @property
+    def assembled(self) -> Floats:
+        """The assembled positions of the pattern as a state."""
+        return self.skin.pattern.points[self.skin.owned_vertices].ravel().copy()
+
+    def set_pressure(self, pressure: float) -> None:
+        """Set the pressure in Pa."""
+        self._pressure.value = pressure
+
+    def set_density(self, density: Floats) -> None:
+        """Set the projected density from owned values."""
+        self.density.x.array[: len(density)] = density
+        self.density.x.scatter_forward()
+
+    def set_state(self, state: Floats) -> None:
+        """Set the positions from owned dofs."""
+        self.q.x.array[: self.size_local] = state
+        self.q.x.scatter_forward()
+
+    def corners(self, state: Floats) -> Floats:
+        """Corner positions (n, 3, 3) of the owned triangles; also sets the state."""
+        self.set_state(state)
+        return self.q.x.array.reshape(-1, 3)[self._corner]
+
+    def energy(self, state: Floats) -> float:
+        """E of eq. (8) in J; infinite where eq. (1) does not admit the stretches."""
+        if not self.bounds.worst(self.corners(state)) < 1:
+            return np.inf
+        return total(self.skin.comm, fem.assemble_scalar(self._energy))
+
+    def residual(self, state: Floats) -> Floats:
+        """First variation of E in N, zero at held components."""
+        self.set_state(state)
+        return self._vector(self._residual) * self.free
+
+    def load(self, state: Floats) -> Floats:
+        """Force of a unit pressure in m², zero at held components."""
+        self.set_state(state)
+        if self._load is None:
+            return np.zeros(self.size_local)
+        return self._vector(self._load) * self.free
+
+    def volume(self, state: Floats) -> float:
+        """Enclosed volume in m³; 0 for an open skin."""
+        self.set_state(state)
+        if self._volume is None:
+            return 0.0
+        return total(self.skin.comm, fem.assemble_scalar(self._volume))
+
+    def create_tangent(self) -> PETSc.Mat:
+        """An empty tangent matrix, marked symmetric."""
+        matrix = fem_petsc.create_matrix(self._tangent)
+        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        matrix.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
+        return matrix
+
+    def assemble_tangent(self, matrix: PETSc.Mat, state: Floats) -> None:
+        """Second variation of E in N/m; held rows and columns are those of the identity."""
+        self.set_state(state)
+        matrix.zeroEntries()
+        fem_petsc.assemble_matrix(matrix, self._tangent, bcs=self._held)
+        matrix.assemble()
+
+    def density_sensitivity(self, state: Floats, adjoint: Floats) -> Floats:
+        """∂(residual · adjoint)/∂ρ̄ at owned triangles, in J."""
+        if self._sensitivity is None:
+            self._sensitivity = fem.form(self.ufl_forms.sensitivity)
+        self.set_state(state)
+        self.adjoint.x.array[: self.size_local] = adjoint
+        self.adjoint.x.scatter_forward()
+        return self._vector(self._sensitivity)
+
+    def rigidity(self) -> float:
+        """Sum over triangles of area times membrane modulus, in J: the scale of E's rounding."""
+        mixed = _membrane_modulus(self.composite, self._owned_density())
+        return total(self.skin.comm, mixed @ self._areas)
+
+    def _owned_density(self) -> Floats:
+        return self.density.x.array[: len(self._areas)]
+
+    def _vector(self, form: Any) -> Floats:
+        b = fem.assemble_vector(form)
+        b.scatter_reverse(la.InsertMode.add)
+        return b.array[: b.index_map.size_local * b.block_size].copy()
+
+
+def _section(domain: Any, material: Material) -> Section:
+    h = material.thickness
+    values = (h * material.mu, h * material.lam, h**3 / 12 * material.mu, h**3 / 12 * material.lam)
+    return Section(*(fem.Constant(domain, value) for value in values))
+
+
+def _membrane_modulus(composite: Composite, density: Floats) -> Floats:
+    fabric, reinforcement = composite.fabric, composite.reinforcement
+    values = [m.thickness * (2 * m.mu + m.lam) for m in (fabric, reinforcement)]
+    return np.asarray(interpolate(density, *values))
+
+

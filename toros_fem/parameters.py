@@ -1,0 +1,133 @@
+"""Parameters as frozen dataclasses, validated on construction. SI units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from toros_fem.errors import ParameterError
+
+
+def require_positive(*, at_most: float = math.inf, **values: float) -> None:
+    """Check that each value is a finite number in (0, at_most].
+
+    Raises:
+        ParameterError: Naming the value and the bound.
+    """
+    for name, value in values.items():
+        if not (math.isfinite(value) and 0 < value <= at_most):
+            bound = "" if math.isinf(at_most) else f" and at most {at_most:.6g}"
+            raise ParameterError(
+                f"{name} = {value} must be a finite number greater than 0{bound}."
+            )
+
+
+def require_between(low: float, high: float, **values: float) -> None:
+    """Check that each value is a finite number in [low, high].
+
+    Raises:
+        ParameterError: Naming the value and the bounds.
+    """
+    for name, value in values.items():
+        if not (math.isfinite(value) and low <= value <= high):
+            bound = f"at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
+            raise ParameterError(f"{name} = {value} must be a finite number, {bound}.")
+
+
+def require_choice(name: str, value: str, choices: Sequence[str]) -> None:
+    """Check that a value is one of the given words.
+
+    Raises:
+        ParameterError: Naming the value and the choices.
+    """
+    if value not in choices:
+        raise ParameterError(f"{name} = {value!r} must be one of {', '.join(map(repr, choices))}.")
+
+
+@dataclass(frozen=True)
+class Material:
+    """One isotropic sheet.
+
+    Attributes:
+        young: Young's modulus in Pa at small strain.
+        poisson: Poisson's ratio, 0 to 0.5: below 0 the barrier of eq. (1) would turn attractive.
+        thickness: Thickness h in m; membrane stiffness goes with h, bending with h³/12.
+    """
+
+    young: float
+    poisson: float
+    thickness: float
+
+    def __post_init__(self) -> None:
+        require_positive(young=self.young, thickness=self.thickness)
+        require_between(0.0, 0.5, poisson=self.poisson)
+
+    @property
+    def mu(self) -> float:
+        """Plane-stress Lamé parameter μ = E/(2(1+ν)) in Pa."""
+        return self.young / (2 * (1 + self.poisson))
+
+    @property
+    def lam(self) -> float:
+        """Plane-stress Lamé parameter λ = Eν/(1−ν²) in Pa."""
+        return self.young * self.poisson / (1 - self.poisson**2)
+
+    @property
+    def membrane_stiffness(self) -> float:
+        """E h in N/m."""
+        return self.young * self.thickness
+
+
+@dataclass(frozen=True)
+class Composite:
+    """A fabric and what it becomes where it is reinforced, eqs. (1-3).
+
+    The paper publishes no material constants; the defaults are ours (docs/materials.md): a
+    light jersey calibrated on what the paper tells of its tube, and printed TPU 95A.
+
+    Attributes:
+        fabric: The plain fabric.
+        reinforcement: Fabric and printed layer together.
+        c1: Bound on a principal stretch, > 1; the stretches stay in (2 − c₁, c₁).
+        c2: Bound on their sum, > 1; the sum stays in (3 − c₂, 1 + c₂).
+        bending: Whether the sheet resists bending; without it the skin is a membrane.
+    """
+
+    fabric: Material = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3)
+    reinforcement: Material = Material(young=26e6, poisson=0.3, thickness=0.5e-3)
+    c1: float = 1.9
+    c2: float = 2.6
+    bending: bool = True
+
+    def __post_init__(self) -> None:
+        for name, value in (("c1", self.c1), ("c2", self.c2)):
+            if not (math.isfinite(value) and value > 1):
+                raise ParameterError(
+                    f"{name} = {value} must be a finite number greater than 1: it bounds "
+                    + ("a principal stretch." if name == "c1" else "λ₁ + λ₂ − 1.")
+                )
+
+
+@dataclass(frozen=True)
+class NewtonOptions:
+    """How hard the equilibrium solver tries.
+
+    Attributes:
+        tolerance: Residual over the applied load at which a state counts as equilibrium.
+        max_steps: Newton steps for one pressure level.
+        fraction_to_barrier: Largest share of the way to the stretch bounds that one step takes.
+        min_increment: Smallest share of the pressure that continuation steps by before it gives
+            up.
+    """
+
+    tolerance: float = 1e-10
+    max_steps: int = 150
+    fraction_to_barrier: float = 0.9
+    min_increment: float = 1e-3
+
+    def __post_init__(self) -> None:
+        require_positive(tolerance=self.tolerance, at_most=1e-2)
+        require_positive(max_steps=self.max_steps)
+        require_positive(fraction_to_barrier=self.fraction_to_barrier, at_most=0.99)
+        require_positive(min_increment=self.min_increment, at_most=1.0)
