@@ -21,8 +21,8 @@ def principal_stretches(edges: Floats) -> tuple[Floats, Floats]:
     normal = np.cross(u, v)
     p = np.sqrt(np.einsum("ij,ij->i", normal, normal))
     s = np.sqrt(uu + vv + 2 * p)
-    # (λ₁ − λ₂)² = tr C − 2p, written without cancellation.
-    d = np.sqrt(np.sqrt((uu - vv) ** 2 + 4 * uv**2) ** 2 / (s * s))
+    # λ₁ − λ₂ = (λ₁² − λ₂²)/s: the difference tr C − 2p would cancel.
+    d = np.hypot(uu - vv, 2 * uv) / np.maximum(s, COLLAPSED)
     return (s + d) / 2, (s - d) / 2
 
 

@@ -1,0 +1,67 @@
+"""Smoothed step from filtered to projected density, eq. (12)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from toros_fem.parameters import require_between, require_positive
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Projection:
+    """ρ̄ = (tanh βη + tanh β(ρ̃−η)) / (tanh βη + tanh β(1−η)), eq. (12).
+
+    Attributes:
+        beta: Steepness β; 20 in the paper.
+        eta: Threshold η; 0.5 in the paper.
+    """
+
+    beta: float = 20.0
+    eta: float = 0.5
+
+    def __post_init__(self) -> None:
+        require_positive(beta=self.beta)
+        require_between(0.0, 1.0, eta=self.eta)
+
+    @property
+    def _scale(self) -> float:
+        return float(np.tanh(self.beta * self.eta) + np.tanh(self.beta * (1 - self.eta)))
+
+    def forward(self, filtered: Floats) -> Floats:
+        """ρ̄ from ρ̃, both in [0, 1]."""
+        low = np.tanh(self.beta * self.eta)
+        raised = (low + np.tanh(self.beta * (filtered - self.eta))) / self._scale
+        return np.asarray(np.clip(raised, 0.0, 1.0))  # rounding alone could leave [0, 1]
+
+    def backward(self, filtered: Floats, gradient: Floats) -> Floats:
+        """∂T/∂ρ̃ from ∂T/∂ρ̄."""
+        slope = self.beta / np.cosh(self.beta * (filtered - self.eta)) ** 2 / self._scale
+        return np.asarray(slope * gradient)
+
+
+@dataclass(frozen=True)
+class Continuation:
+    """β doubled in steps, from a soft start to the final value.
+
+    Attributes:
+        first: β of the first iterations.
+        last: Largest β.
+        every: Iterations between two doublings.
+    """
+
+    first: float = 4.0
+    last: float = 20.0
+    every: int = 15
+
+    def __post_init__(self) -> None:
+        require_positive(first=self.first, every=self.every)
+        require_between(self.first, np.inf, last=self.last)
+
+    def beta(self, iteration: int) -> float:
+        """β at an iteration, counted from 0."""
+        return float(min(self.last, self.first * 2.0 ** (iteration // self.every)))
