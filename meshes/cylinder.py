@@ -24,8 +24,8 @@ def cylinder(
 ) -> Pattern:
     """A tube along z from z = 0 (panel "base") to z = length (panel "tip"), same on all ranks.
 
-    The wall is developed into one rectangle, u around and v = z along, cut at the generator of
-    angle 0 (the half-plane y = 0, x > 0). The tube is the prism over the regular n-gon inscribed
+    The wall is developed into one rectangle, u around and v = z along, cut at the generator in
+    the half-plane y = 0, x < 0, the outside of a bend towards +x. The tube is the prism over the regular n-gon inscribed
     in the given circle, n = round(π diameter / edge_length), so that rolling up the structured
     mesh is an exact isometry; its perimeter is short of π diameter by a share π²/(6 n²).
 
@@ -77,7 +77,7 @@ def cylinder(
 
 
 def _wall_panel(flat: Floats, triangles: Ints, radius: float, width: float) -> Panel:
-    angle = 2 * np.pi * flat[:, 0] / width
+    angle = np.pi + 2 * np.pi * flat[:, 0] / width
     ring = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     return Panel(WALL, flat, triangles, np.column_stack([ring, flat[:, 1]]))
 
@@ -90,7 +90,7 @@ def _cap_panel(name: str, flat: Floats, triangles: Ints, height: float) -> Panel
 
 
 def _circle(count: int, radius: float) -> Floats:
-    angle = 2 * np.pi * np.arange(count) / count
+    angle = np.pi + 2 * np.pi * np.arange(count) / count
     return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
@@ -112,7 +112,7 @@ def _disc(around: int, radius: float) -> tuple[Floats, Ints]:
     )
     start = np.cumsum([0, *counts])
     triangles = []
-    for k in range(rings - 1):
+    for k in range(rings - 1):  # all rings start at the same angle
         outer, inner = counts[k], counts[k + 1]
         i = j = 0
         while i < outer or j < inner:

@@ -154,6 +154,7 @@ class DesignResult:
         history: One row an iteration, the last one being the final design.
         reason: Why the loop ended, as a sentence.
         seconds: Wall time by phase.
+        designed: Which owned triangles were designed, not given.
         optimiser: State of MMA, from which a run resumes.
     """
 
@@ -162,6 +163,7 @@ class DesignResult:
     history: tuple[Iteration, ...]
     reason: str
     seconds: dict[str, float]
+    designed: npt.NDArray[np.bool_]
     optimiser: MMAState
 
 
@@ -283,7 +285,9 @@ def optimise(
             trial = simulate(evaluation.equilibrium.state)
         change = largest(comm, np.max(np.abs(x.array - before), initial=0.0))
         evaluation = trial
-    return DesignResult(x.array.copy(), evaluation, tuple(history), reason, phases, mma.state)
+    return DesignResult(
+        x.array.copy(), evaluation, tuple(history), reason, phases, designed, mma.state
+    )
 
 
 def _add(phases: dict[str, float], seconds: dict[str, float]) -> None:

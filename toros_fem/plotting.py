@@ -1,0 +1,159 @@
+"""Pictures: the flat pattern, the skin beside its target, the convergence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Outline
+from shapely.affinity import translate
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.contours import layout, panel_outline, reinforcement
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.optimise import Iteration
+
+Floats = npt.NDArray[np.float64]
+
+FABRIC = np.array([0.93, 0.86, 0.72])
+PRINTED = np.array([0.13, 0.20, 0.33])
+TARGET = np.array([0.62, 0.76, 0.62])
+LIGHT = np.array([-0.35, 0.45, 0.82])
+DPI = 150
+
+
+def plot_pattern(path: Path, pattern: Pattern, density: Floats, threshold: float = 0.5) -> None:
+    """Picture of the flat panels with their reinforcement, in mm.
+
+    Args:
+        path: PNG file to write.
+        pattern: The pattern.
+        density: Filtered density ρ̃ of all triangles, (t,).
+        threshold: η.
+    """
+    gap = 0.1 * pattern.size
+    figure, axes = plt.subplots(figsize=(9, 9), layout="constrained")
+    for panel, offset in enumerate(layout(pattern, gap)):
+        outline = translate(panel_outline(pattern, panel), *offset)
+        printed = translate(reinforcement(pattern, density, panel, threshold), *offset)
+        _fill(axes, outline, FABRIC, edge="0.25")
+        _fill(axes, printed, PRINTED)
+        left, _, right, top = np.array(outline.bounds) * 1e3
+        label = pattern.panel_names[panel]
+        axes.annotate(label, ((left + right) / 2, top), (0, 4), ha="center",
+                      textcoords="offset points")  # fmt: skip
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.set_xlabel("mm")
+    axes.set_ylabel("mm")
+    axes.set_title("flat pattern: fabric (light), printed reinforcement (dark)", pad=18)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def plot_shape(
+    path: Path, pattern: Pattern, positions: Floats, target: Floats, density: Floats, title: str
+) -> None:
+    """Picture of the inflated skin beside its target, from two directions, in mm.
+
+    Args:
+        path: PNG file to write.
+        pattern: The pattern.
+        positions, target: Positions of all assembled vertices, (n, 3), in m.
+        density: Projected density ρ̄ of all triangles, (t,).
+        title: What to write above.
+    """
+    mix = density[:, None]
+    skin = (1 - mix) * FABRIC + mix * PRINTED
+    plain = np.broadcast_to(TARGET, skin.shape)
+    views = {"side (x right, z up)": (0.0, 0.0), "oblique": (25.0, 35.0)}
+    figure, axes = plt.subplots(
+        len(views), 2, figsize=(11, 5.2 * len(views)), sharex="row", sharey="row",
+        layout="constrained",
+    )  # fmt: skip
+    for row, (name, angles) in zip(axes, views.items(), strict=True):
+        for axis, points, colours, what in zip(
+            row, (target, positions), (plain, skin), ("target", "inflated skin"), strict=True
+        ):
+            _draw(axis, pattern, points, colours, *angles)
+            axis.set_title(f"{what}, {name}")
+            axis.set_aspect("equal")
+            axis.autoscale_view()
+            axis.set_xlabel("mm")
+    figure.suptitle(title)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def plot_convergence(
+    path: Path, history: Sequence[Iteration], angles: Sequence[float], wanted: float
+) -> None:
+    """Picture of objective, angle and grey level over the iterations.
+
+    Args:
+        path: PNG file to write.
+        history: Rows of the design loop.
+        angles: Angle reached in each iteration, in degrees.
+        wanted: Angle asked for, in degrees.
+    """
+    count = [row.iteration for row in history]
+    figure, (top, middle, bottom) = plt.subplots(
+        3, 1, figsize=(8, 8), sharex=True, layout="constrained"
+    )
+    top.semilogy(count, [row.objective for row in history], color=PRINTED)
+    top.set_ylabel("objective T")
+    middle.plot(count, angles, color=PRINTED, label="reached")
+    middle.axhline(wanted, color="0.6", linestyle="--", label="asked")
+    middle.set_ylabel("angle in degrees")
+    middle.legend(frameon=False)
+    bottom.plot(count, [row.volume_fraction for row in history], label="volume fraction")
+    bottom.plot(count, [row.grey_level for row in history], label="grey level")
+    bottom.set_ylim(0, 1)
+    bottom.legend(frameon=False)
+    bottom.set_xlabel("iteration")
+    for axis in (top, middle, bottom):
+        axis.grid(alpha=0.3)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def _draw(
+    axis: Axes, pattern: Pattern, points: Floats, colours: Floats, elevation: float, turn: float
+) -> None:
+    """Shaded triangles seen from −y (turned by angles in degrees), painted back to front."""
+    e, t = np.radians([elevation, turn])
+    right = np.array([np.cos(t), np.sin(t), 0])
+    away = np.array([-np.sin(t) * np.cos(e), np.cos(t) * np.cos(e), -np.sin(e)])
+    up = np.cross(right, away)
+    corner = points[pattern.triangles] * 1e3
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
+    light = LIGHT / np.linalg.norm(LIGHT)
+    toward = normal @ (light[0] * right + light[1] * up - light[2] * away)
+    shade = 0.45 + 0.55 * np.clip(toward, 0, 1)
+    faces = np.clip(colours * shade[:, None], 0, 1)
+    seen = np.flatnonzero(normal @ away < 0)  # the outside of a closed skin hides its inside
+    order = seen[np.argsort(-(corner[seen].mean(axis=1) @ away))]
+    flat = np.stack([corner[order] @ right, corner[order] @ up], axis=2)
+    axis.add_collection(
+        PolyCollection(list(flat), facecolors=faces[order], edgecolors=faces[order], lw=0.3)
+    )
+
+
+def _fill(axes: Axes, shape: BaseGeometry, colour: Floats, edge: str = "none") -> None:
+    for polygon in shapely.get_parts(shape):
+        rings = [shapely.get_coordinates(r) * 1e3 for r in (polygon.exterior, *polygon.interiors)]
+        codes = [
+            [Outline.MOVETO, *[Outline.LINETO] * (len(ring) - 2), Outline.CLOSEPOLY]
+            for ring in rings
+        ]
+        outline = Outline(np.concatenate(rings), np.concatenate(codes))
+        axes.add_patch(PathPatch(outline, facecolor=colour, edgecolor=edge, lw=0.8))

@@ -1,0 +1,153 @@
+"""What a demo shows while it runs, and leaves behind when it ends."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from toros_fem.io import HistoryFile, versions, write_fields, write_json
+from toros_fem.meshes.skin import Skin
+from toros_fem.optimise import DesignResult, Evaluation, Iteration
+
+Floats = npt.NDArray[np.float64]
+
+
+class Reporter:
+    """One line an iteration, a progress bar on a terminal, and the history on disk.
+
+    Args:
+        skin: The skin being designed.
+        folder: Output folder, made if missing.
+        iterations: How many are planned.
+        angle: Measures the angle reached, in degrees, from all vertices' positions.
+    """
+
+    def __init__(
+        self, skin: Skin, folder: Path, iterations: int, angle: Callable[[Floats], float]
+    ) -> None:
+        self._skin, self._folder, self._planned, self._measure = skin, folder, iterations, angle
+        self._first = skin.comm.rank == 0
+        self._begin = time.perf_counter()
+        self.angles: list[float] = []
+        self._history: HistoryFile | None = None
+        if self._first:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._history = HistoryFile(folder / "history.csv", ("angle_deg",))
+            print(
+                "  it   objective  angle/deg  volume   grey  rejected  newton  seconds", flush=True
+            )
+
+    def __call__(self, row: Iteration, evaluation: Evaluation) -> None:
+        """Callback of the design loop (collective)."""
+        positions = self._skin.gather_vertices(evaluation.equilibrium.state.reshape(-1, 3))
+        angle = self._measure(positions)
+        self.angles.append(angle)
+        if not self._first:
+            return
+        assert self._history is not None
+        self._history.write(row, angle_deg=angle)
+        self._clear()
+        print(
+            f"{row.iteration:4d}  {row.objective:10.4e}  {angle:9.2f}  {row.volume_fraction:6.3f}"
+            f"  {row.grey_level:5.3f}  {row.rejected:8d}  {row.newton_steps:6d}"
+            f"  {row.seconds:7.2f}",
+            flush=True,
+        )
+        if sys.stderr.isatty():
+            done = row.iteration / max(self._planned, 1)
+            elapsed = time.perf_counter() - self._begin
+            left = f"{elapsed / done * (1 - done):.0f} s left" if done > 0 else ""
+            bar = "█" * round(30 * done) + "·" * (30 - round(30 * done))
+            print(f"\r{bar} {row.iteration}/{self._planned} {left}", end="", file=sys.stderr,
+                  flush=True)  # fmt: skip
+
+    def finish(
+        self, result: DesignResult, target: Floats, inputs: dict[str, Any], figures: dict[str, Any]
+    ) -> dict[str, Any]:
+        """Write summary, pattern, fields and pictures (collective); the summary is returned.
+
+        Args:
+            result: What the design loop arrived at.
+            target: Target positions of all vertices, (n, 3), in m.
+            inputs: Everything that went in.
+            figures: Figures of this demo to add to the summary: `angle_target_deg` and others.
+        """
+        skin, pattern, final = self._skin, self._skin.pattern, result.final
+        positions = skin.gather_vertices(final.equilibrium.state.reshape(-1, 3))
+        fields = {
+            "rho": skin.gather_cells(result.density),
+            "rho_filtered": skin.gather_cells(final.filtered),
+            "rho_projected": skin.gather_cells(final.projected),
+        }
+        # A given panel is shown as it is built, not as the filter sees it.
+        designed = skin.gather_cells(result.designed.astype(np.float64)) > 0
+        shown = np.where(designed, fields["rho_filtered"], fields["rho_projected"])
+        first, last = result.history[0], result.history[-1]
+        summary = {
+            "objective_first": first.objective,
+            "objective_last": last.objective,
+            "gradient_norm_first": first.gradient_norm,
+            "gradient_norm_last": last.gradient_norm,
+            "angle_deg": self.angles[-1],
+            **figures,
+            "pressure_pa": final.equilibrium.pressure,
+            "volume_m3": final.equilibrium.volume,
+            "stretch_use": final.equilibrium.stretch_use,
+            "volume_fraction": last.volume_fraction,
+            "grey_level": last.grey_level,
+            "iterations": last.iteration,
+            "rejected": sum(row.rejected for row in result.history),
+            "newton_steps": sum(row.newton_steps for row in result.history),
+            "factorisations": sum(row.factorisations for row in result.history),
+            "triangles": len(pattern.panel),
+            "vertices": len(pattern.points),
+            "ranks": skin.comm.size,
+            "reason": result.reason,
+            "seconds": {**result.seconds, "total": time.perf_counter() - self._begin},
+            "versions": versions(),
+            "inputs": inputs,
+        }
+        if self._first:
+            assert self._history is not None
+            self._clear()
+            self._history.close()
+            write_json(self._folder / "summary.json", summary)
+            write_fields(self._folder / "skin.vtu", pattern, positions, fields)
+            self._pictures(result, positions, target, shown, fields["rho_projected"], summary)
+        return summary
+
+    def _pictures(
+        self,
+        result: DesignResult,
+        positions: Floats,
+        target: Floats,
+        shown: Floats,
+        projected: Floats,
+        summary: dict[str, Any],
+    ) -> None:
+        pattern = self._skin.pattern
+        try:
+            from toros_fem.export import write_svg
+            from toros_fem.plotting import plot_convergence, plot_pattern, plot_shape
+        except ImportError as missing:
+            print(f"no pictures: {missing}; pip install toros_fem[plot,export]", file=sys.stderr)
+            return
+        write_svg(self._folder / "pattern.svg", pattern, shown)
+        plot_pattern(self._folder / "pattern.png", pattern, shown)
+        wanted = float(summary["angle_target_deg"])
+        title = (
+            f"{summary['angle_deg']:.0f}° reached of {wanted:.0f}° at "
+            f"{summary['pressure_pa'] / 1e3:g} kPa"
+        )
+        plot_shape(self._folder / "shape.png", pattern, positions, target, projected, title)
+        plot_convergence(self._folder / "convergence.png", result.history, self.angles, wanted)
+
+    def _clear(self) -> None:
+        if sys.stderr.isatty():
+            print("\r\033[K", end="", file=sys.stderr, flush=True)
