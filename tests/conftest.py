@@ -1,0 +1,77 @@
+"""Shared scenes. A failure under MPI ends all ranks: the others may wait for this one."""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections.abc import Generator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from toros_fem.equilibrium import EquilibriumSolver
+from toros_fem.meshes import Pattern, Skin, cylinder, sew
+from toros_fem.parameters import Composite, Material
+from toros_fem.supports import clamp
+
+ROOT = Path(__file__).parent.parent
+DATA = Path(__file__).parent / "data"
+
+# Material A of the reference tables: mu = lam = 50 kPa, 0.3 mm.
+TABLE_A = Material(young=400e3 / 3, poisson=1 / 3, thickness=0.3e-3)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport]:
+    report = yield
+    if report.failed and MPI.COMM_WORLD.size > 1:
+        print(f"rank {MPI.COMM_WORLD.rank}: {report.nodeid} failed\n{report.longreprtext}")
+        sys.stdout.flush()
+        capture = item.config.pluginmanager.getplugin("capturemanager")
+        capture.suspend_global_capture(in_=True)
+        sys.__stderr__.write(f"\n{report.nodeid} failed\n{report.longreprtext}\n")
+        sys.__stderr__.flush()
+        MPI.COMM_WORLD.Abort(1)
+    return report
+
+
+def table(name: str) -> list[dict[str, str]]:
+    """Rows of a reference table."""
+    with (DATA / f"{name}.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def square(points: np.ndarray | None = None, n: int = 4, size: float = 0.02) -> Pattern:
+    """An open square sheet of right triangles, flat or at given assembled positions."""
+    u, v = np.meshgrid(np.linspace(0, size, n + 1), np.linspace(0, size, n + 1))
+    flat = np.column_stack([u.ravel(), v.ravel()])
+    node = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    a, b, c, d = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
+    triangles = np.stack([np.stack([a, b, c], 2), np.stack([b, d, c], 2)], 2).reshape(-1, 3)
+    return Pattern(
+        flat_points=flat,
+        flat_triangles=triangles,
+        panel=np.zeros(len(triangles), dtype=int),
+        sewn=np.arange(len(flat)),
+        points=np.column_stack([flat, np.zeros(len(flat))]) if points is None else points,
+        panel_names=("sheet",),
+    )
+
+
+@pytest.fixture(scope="session")
+def comm() -> MPI.Comm:
+    return MPI.COMM_WORLD
+
+
+@pytest.fixture(scope="session")
+def tube(comm: MPI.Comm) -> Skin:
+    """A short capped tube of about 600 triangles."""
+    return sew(comm, cylinder(comm, 0.06, 0.02, 4.5e-3))
+
+
+@pytest.fixture(scope="session")
+def tube_solver(tube: Skin) -> EquilibriumSolver:
+    """The short tube with the default materials, bending included, its base clamped."""
+    return EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
