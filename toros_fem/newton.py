@@ -43,7 +43,8 @@ class NewtonStep:
 class Factor:
     """Factorised tangent K + τ D, by MUMPS LDLᵀ, whose negative pivots tell of indefiniteness.
 
-    D is the diagonal of the membrane stiffness scale of the start, so that τ is a pure number.
+    D is the mean over x, y, z of each vertex's diagonal entries, so that τ is a pure number and
+    the regularisation follows the local stiffness, whatever the contrast.
     """
 
     def __init__(self, model: SkinModel) -> None:
@@ -69,7 +70,9 @@ class Factor:
         self._model.assemble_tangent(self.matrix, state)
         diagonal = self.matrix.getDiagonal()
         self._diagonal = diagonal.array.copy()
-        self.scale = np.abs(self._diagonal) * self._model.free
+        # One value a vertex: a flat membrane has no stiffness of its own across its plane.
+        mean = np.abs(self._diagonal).reshape(-1, 3).mean(axis=1)
+        self.scale = np.repeat(mean, 3) * self._model.free
 
     def factorise(self, shift: float) -> int:
         """Factorise K + shift · D; the number of negative or missing pivots on all ranks."""

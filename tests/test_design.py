@@ -1,0 +1,169 @@
+"""The chain from density to objective: gradients, ranks, errors."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem._mpi import norm
+from toros_fem.equilibrium import EquilibriumSolver
+from toros_fem.filters import ConeFilter, random_density
+from toros_fem.meshes import Skin, bend, sew
+from toros_fem.objective import ShapeObjective
+from toros_fem.optimise import DesignOptions, DesignProblem, optimise
+from toros_fem.parameters import Composite
+from toros_fem.projection import Continuation, Projection
+from toros_fem.supports import clamp
+
+RADIUS = 7e-3
+
+
+def problem(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> DesignProblem:
+    pattern = skin.pattern
+    target = bend(np.radians(60), 0.06, neutral=0.01)(pattern.points)
+    wall = pattern.panel[skin.owned_cells] == pattern.panel_index("wall")
+    return DesignProblem(
+        solver=solver,
+        objective=ShapeObjective(skin, target),
+        filter=ConeFilter(skin, RADIUS),
+        pressure=5e3,
+        projection=Projection(beta),
+        passive=np.where(wall, np.nan, 1.0),
+    )
+
+
+def test_objective_by_hand(tube: Skin) -> None:
+    target = tube.pattern.points + [0.003, 0.0, 0.004]
+    state = tube.pattern.points[tube.owned_vertices].ravel()
+    value = ShapeObjective(tube, target).forward(state)
+    assert value == pytest.approx(0.5 * (0.005 / tube.pattern.size) ** 2, rel=1e-12)
+    only = (tube.pattern.points[:, 2] > 0.059).astype(float)
+    away = np.where(only[:, None] > 0, tube.pattern.points + [0, 0.001, 0], 7.0)
+    value = ShapeObjective(tube, away, only).forward(state)
+    assert value == pytest.approx(0.5 * (0.001 / tube.pattern.size) ** 2, rel=1e-12)
+
+
+def test_taylor_of_the_whole_chain(
+    tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
+) -> None:
+    """Filter, projection, equilibrium with bending under pressure, objective: rate 2."""
+    chain = problem(tube, tube_solver)
+    density = random_density(tube, 2, spread=0.3)
+    base = chain.evaluate(density)
+    assert base.gradient is not None
+    start = base.equilibrium.state
+    direction = (
+        np.random.default_rng(9).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
+    )
+    slope = comm.allreduce(float(base.gradient @ direction))
+    gaps = []
+    for step in 1e-2 * 0.5 ** np.arange(6):
+        there = chain.simulate(density + step * direction, start)
+        gaps.append(abs(there.objective - base.objective - step * slope))
+    rates = np.log2(np.array(gaps[:-1]) / gaps[1:])
+    assert rates[-4:] == pytest.approx(2, abs=0.05)
+    # The part that is linear must matter, or the rate would show nothing.
+    assert abs(slope) * 1e-2 > 10 * gaps[0]
+
+
+def test_bending_matters_in_the_taylor_state(
+    tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
+) -> None:
+    """Bending is active there: without it the gradient is another one."""
+    plain = EquilibriumSolver(
+        tube, dataclasses.replace(Composite(), bending=False), clamp(tube.pattern, ["base"])
+    )
+    density = random_density(tube, 2, spread=0.3)
+    with_it = problem(tube, tube_solver).evaluate(density).gradient
+    without = problem(tube, plain).evaluate(density).gradient
+    assert with_it is not None
+    assert without is not None
+    assert norm(comm, with_it - without) > 1e-3 * norm(comm, with_it)
+
+
+def test_gradient_against_central_differences(
+    tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
+) -> None:
+    chain = problem(tube, tube_solver)
+    density = random_density(tube, 4, spread=0.3)
+    base = chain.evaluate(density)
+    assert base.gradient is not None
+    gradient = tube.gather_cells(base.gradient)
+    wall = tube.pattern.cells_of("wall")
+    for cell in np.random.default_rng(1).choice(wall, 3, replace=False):
+        values = []
+        for sign in (1, -1):
+            moved = density + sign * 1e-4 * (tube.owned_cells == cell)
+            values.append(chain.simulate(moved, base.equilibrium.state).objective)
+        difference = (values[0] - values[1]) / 2e-4
+        assert gradient[cell] == pytest.approx(difference, rel=1e-4, abs=1e-9)
+
+
+def test_given_cells_have_no_gradient(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    chain = problem(tube, tube_solver)
+    result = chain.evaluate(random_density(tube, 0))
+    assert result.gradient is not None
+    caps = ~chain.designed
+    assert np.all(result.gradient[caps] == 0)
+    assert np.all(result.projected[caps] == 1)
+
+
+def test_ranks_agree_over_ten_iterations(
+    tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
+) -> None:
+    spread = problem(tube, tube_solver, beta=20.0)
+    options = DesignOptions(iterations=10)
+    one = optimise(spread, random_density(tube, 3), options)
+    if comm.size == 1:
+        pytest.skip("needs two ranks to compare with one")
+    alone = sew(MPI.COMM_SELF, tube.pattern)
+    solver = EquilibriumSolver(alone, Composite(), clamp(alone.pattern, ["base"]))
+    other = optimise(problem(alone, solver, beta=20.0), random_density(alone, 3), options)
+    first, last = one.history[0], one.history[-1]
+    first_alone, last_alone = other.history[0], other.history[-1]
+    assert first.objective == pytest.approx(first_alone.objective, rel=1e-9)
+    assert first.gradient_norm == pytest.approx(first_alone.gradient_norm, rel=1e-9)
+    assert last.objective == pytest.approx(last_alone.objective, rel=1e-6)
+    assert last.gradient_norm == pytest.approx(last_alone.gradient_norm, rel=1e-6)
+
+
+def test_loop_descends_and_is_reproducible(
+    tube: Skin, tube_solver: EquilibriumSolver
+) -> None:
+    seen = []
+    runs = [
+        optimise(
+            problem(tube, tube_solver),
+            random_density(tube, 3),
+            DesignOptions(iterations=6),
+            lambda row, _: seen.append(row.iteration),
+        )
+        for _ in range(2)
+    ]
+    objectives = [row.objective for row in runs[0].history]
+    assert objectives[-1] < 0.2 * objectives[0]
+    assert objectives == [row.objective for row in runs[1].history]
+    assert seen == [*range(7)] * 2
+    assert runs[0].reason == "All 6 iterations are done."
+    assert runs[0].density.min() >= 0
+    assert runs[0].density.max() <= 1
+
+
+def test_continuation_raises_beta(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    options = DesignOptions(iterations=4, continuation=Continuation(2.0, 8.0, 2))
+    result = optimise(problem(tube, tube_solver), random_density(tube, 3), options)
+    assert [row.beta for row in result.history] == [2, 2, 4, 4, 8]
+
+
+def test_bad_targets(tube: Skin) -> None:
+    points = tube.pattern.points
+    with pytest.raises(errors.TargetError, match=f"has {len(points)} vertices"):
+        ShapeObjective(tube, points[:-1])
+    wrong = points.copy()
+    wrong[11, 2] = np.nan
+    with pytest.raises(errors.TargetError, match="target vertex 11"):
+        ShapeObjective(tube, wrong)
+    with pytest.raises(errors.ParameterError, match="weights"):
+        ShapeObjective(tube, points, np.zeros(len(points)))
