@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from toros_fem.meshes import bend, cylinder, sew
 
 from toros_fem.equilibrium import EquilibriumSolver
 from toros_fem.errors import TorosError
 from toros_fem.filters import ConeFilter, random_density
 from toros_fem.measure import bend_angle
-from toros_fem.meshes import bend, cylinder, sew
 from toros_fem.mma import MMAOptions
 from toros_fem.objective import ShapeObjective
 from toros_fem.optimise import DesignOptions, DesignProblem, optimise

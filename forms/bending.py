@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import ufl
-
 from toros_fem.forms.kinematics import edges_of, flat_area
 
 

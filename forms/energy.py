@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import ufl
-
 from toros_fem.forms.bending import bending_energy, curvature, moment
 from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.kinematics import (

@@ -34,7 +34,7 @@ def right_cauchy_green(F: Any) -> Any:
 
 
 def stretch_invariants(C: Any) -> tuple[Any, Any]:
-    """s = λ₁ + λ₂ and p = λ₁ λ₂.
+    """S = λ₁ + λ₂ and p = λ₁ λ₂.
 
     Both are smooth in C also where λ₁ = λ₂; the stretches themselves are not. p is smooth as
     long as the triangle has not collapsed (p > 0).

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import ufl
-
 from toros_fem.forms.kinematics import stretch_invariants
 
 

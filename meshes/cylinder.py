@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-
-from toros_fem._mpi import raise_together
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Floats, Ints, Panel, Pattern
+
+from toros_fem._mpi import raise_together
 from toros_fem.parameters import require_choice, require_positive
 
 WALL, BASE, TIP = "wall", "base", "tip"
@@ -25,9 +25,10 @@ def cylinder(
     """A tube along z from z = 0 (panel "base") to z = length (panel "tip"), same on all ranks.
 
     The wall is developed into one rectangle, u around and v = z along, cut at the generator in
-    the half-plane y = 0, x < 0, the outside of a bend towards +x. The tube is the prism over the regular n-gon inscribed
-    in the given circle, n = round(π diameter / edge_length), so that rolling up the structured
-    mesh is an exact isometry; its perimeter is short of π diameter by a share π²/(6 n²).
+    the half-plane y = 0, x < 0, the outside of a bend towards +x. The tube is the prism
+    over the regular n-gon inscribed in the given circle, n = round(π diameter / edge_length), so
+    that rolling up the structured mesh is an exact isometry; its perimeter is short of
+    π diameter by a share π²/(6 n²).
 
     Args:
         comm: Communicator; gmsh runs on its first rank only.
@@ -108,7 +109,8 @@ def _disc(around: int, radius: float) -> tuple[Floats, Ints]:
     rings = max(1, round(around / (2 * np.pi)))
     counts = [max(3, round(around * k / rings)) for k in range(rings, 0, -1)]
     points = np.concatenate(
-        [_circle(n, radius * (rings - k) / rings) for k, n in enumerate(counts)] + [np.zeros((1, 2))]
+        [_circle(n, radius * (rings - k) / rings) for k, n in enumerate(counts)]
+        + [np.zeros((1, 2))]
     )
     start = np.cumsum([0, *counts])
     triangles = []

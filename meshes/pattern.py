@@ -48,8 +48,8 @@ class Panel:
 
 def _border(triangles: Ints) -> Ints:
     """Vertices on edges that one triangle alone has."""
-    edge = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-    edge, count = np.unique(np.sort(edge, axis=1), axis=0, return_counts=True)
+    directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    edge, count = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
     return np.unique(edge[count == 1])
 
 
@@ -187,7 +187,8 @@ class Pattern:
     def vertex_areas(self) -> Floats:
         """A third of the flat area around each assembled vertex, shape (n,), in m²."""
         third = np.repeat(self.areas / 3, 3)
-        return np.bincount(self.triangles.ravel(), third, minlength=len(self.points))
+        count = len(self.points)
+        return np.bincount(self.triangles.ravel(), third, minlength=count).astype(np.float64)
 
     @cached_property
     def size(self) -> float:
@@ -206,7 +207,7 @@ class Pattern:
 
         Ends correspond: `seams[k, 0, e]` and `seams[k, 1, e]` are sewn to the same vertex.
         """
-        _, group, count, first = self._edges
+        _, group, count, _ = self._edges
         flat = np.stack([self.flat_triangles, np.roll(self.flat_triangles, -1, axis=1)], axis=2)
         flat = flat.reshape(-1, 2)
         order = np.argsort(group, kind="stable")
@@ -331,7 +332,7 @@ class Pattern:
     def _check_vertices(self) -> None:
         # A vertex is manifold if its triangles form one fan, that is if linking neighbours
         # around it across shared edges leaves one component.
-        edge, group, count, _ = self._edges
+        _, group, count, _ = self._edges
         order = np.argsort(group, kind="stable")
         start = np.concatenate([[0], np.cumsum(count)])[:-1][count == 2]
         one, two = order[start], order[start + 1]

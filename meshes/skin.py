@@ -9,10 +9,10 @@ import numpy as np
 import ufl
 from dolfinx import cpp, fem, mesh
 from mpi4py import MPI
+from toros_fem.meshes.pattern import Floats, Ints, Pattern
 
 from toros_fem import _compat
 from toros_fem._mpi import gather_by_index
-from toros_fem.meshes.pattern import Floats, Ints, Pattern
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,6 +122,3 @@ def blocked_index_map(comm: MPI.Comm, index_map: object, block: int) -> object:
 def _local_size(space: fem.FunctionSpace) -> int:
     index_map = space.dofmap.index_map
     return int(index_map.size_local + index_map.num_ghosts)
-
-
-

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from toros_fem.meshes.pattern import Floats
 
 from toros_fem.errors import ParameterError
-from toros_fem.meshes.pattern import Floats
 from toros_fem.parameters import require_positive
 
 Deformer = Callable[[Floats], Floats]
@@ -89,4 +89,3 @@ def _require_finite(**values: float) -> None:
     for name, value in values.items():
         if not np.isfinite(value):
             raise ParameterError(f"{name} = {value} must be a finite number.")
-

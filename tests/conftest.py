@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import sys
 from collections.abc import Generator
 from pathlib import Path
@@ -10,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
+from toros_fem.meshes import Pattern, Skin, cylinder, sew
 
 from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.meshes import Pattern, Skin, cylinder, sew
 from toros_fem.parameters import Composite, Material
 from toros_fem.supports import clamp
 
@@ -23,16 +24,21 @@ DATA = Path(__file__).parent / "data"
 TABLE_A = Material(young=400e3 / 3, poisson=1 / 3, thickness=0.3e-3)
 
 
+@pytest.hookimpl(trylast=True)
+def pytest_configure(config: pytest.Config) -> None:
+    if MPI.COMM_WORLD.rank > 0:  # one rank's report is enough
+        config.get_terminal_writer()._file = Path(os.devnull).open("w", encoding="utf-8")
+
+
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, pytest.TestReport]:
+def pytest_runtest_makereport(
+    item: pytest.Item,
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
     report = yield
     if report.failed and MPI.COMM_WORLD.size > 1:
-        print(f"rank {MPI.COMM_WORLD.rank}: {report.nodeid} failed\n{report.longreprtext}")
-        sys.stdout.flush()
-        capture = item.config.pluginmanager.getplugin("capturemanager")
-        capture.suspend_global_capture(in_=True)
-        sys.__stderr__.write(f"\n{report.nodeid} failed\n{report.longreprtext}\n")
-        sys.__stderr__.flush()
+        item.config.pluginmanager.getplugin("capturemanager").suspend_global_capture(in_=True)
+        who = f"rank {MPI.COMM_WORLD.rank}: {report.nodeid} failed"
+        print(f"\n{who}\n{report.longreprtext}", file=sys.stderr, flush=True)
         MPI.COMM_WORLD.Abort(1)
     return report
 

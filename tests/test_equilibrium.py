@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from conftest import TABLE_A, square, table
 from mpi4py import MPI
+from toros_fem.meshes import Pattern, Skin, cylinder, sew
+from toros_fem.meshes.pattern import Panel
 
 from toros_fem import errors
 from toros_fem._mpi import norm
 from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.meshes import Pattern, Skin, cylinder, sew
-from toros_fem.meshes.pattern import Panel
 from toros_fem.model import SkinModel
 from toros_fem.parameters import Composite, NewtonOptions
 from toros_fem.supports import Supports, clamp
@@ -36,9 +36,7 @@ def test_uniaxial_tension_finds_the_lateral_stretch(comm: MPI.Comm, stretch: str
     ends = (flat[:, 0] < 1e-9) | (flat[:, 0] > size - 1e-9)
     held[ends, 0] = True
     held[0, 1] = True
-    composite = Composite(
-        fabric=TABLE_A, c1=float(row["c1"]), c2=float(row["c2"]), bending=False
-    )
+    composite = Composite(fabric=TABLE_A, c1=float(row["c1"]), c2=float(row["c2"]), bending=False)
     skin = sew(comm, pattern)
     result = EquilibriumSolver(skin, composite, Supports(held)).solve(fabric(skin), 0.0)
     assert result.converged

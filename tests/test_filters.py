@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from conftest import table
 from mpi4py import MPI
+from toros_fem.meshes import Skin, cylinder, sew
 
 from toros_fem import errors
 from toros_fem.filters import ConeFilter, check_density, random_density
-from toros_fem.meshes import Skin, cylinder, sew
 from toros_fem.projection import Continuation, Projection
 
 

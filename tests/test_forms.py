@@ -7,11 +7,11 @@ import ufl
 from conftest import TABLE_A, square, table
 from dolfinx import fem
 from mpi4py import MPI
+from toros_fem.forms.membrane import biot_membrane
+from toros_fem.meshes import Skin, cylinder, sew
 
 from toros_fem._mpi import norm
 from toros_fem.feasibility import StretchBounds, principal_stretches
-from toros_fem.forms.membrane import biot_membrane
-from toros_fem.meshes import Skin, cylinder, sew
 from toros_fem.model import SkinModel
 from toros_fem.parameters import Composite, Material
 from toros_fem.supports import Supports, clamp

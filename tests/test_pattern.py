@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from conftest import square
 from mpi4py import MPI
+from toros_fem.meshes import Pattern, cylinder
 
 from toros_fem import errors
-from toros_fem.meshes import Pattern, cylinder
 
 
 def rebuilt(pattern: Pattern, **changes: object) -> Pattern:

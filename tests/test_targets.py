@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from toros_fem.meshes import bend, compose, contract, cylinder, twist
 
 from toros_fem.errors import ParameterError
 from toros_fem.measure import bend_angle
-from toros_fem.meshes import bend, compose, contract, cylinder, twist
 
 Z = np.linspace(0, 0.15, 31)
 AXIS = np.column_stack([0 * Z, 0 * Z, Z])

@@ -24,9 +24,14 @@ def smallest(comm: MPI.Comm, value: float) -> float:
     return float(comm.allreduce(float(value), op=MPI.MIN))
 
 
+def dot(comm: MPI.Comm, a: Array, b: Array) -> float:
+    """Inner product of two vectors given by their owned entries."""
+    return total(comm, float(np.vdot(a, b)))
+
+
 def norm(comm: MPI.Comm, owned: Array) -> float:
     """Euclidean norm of a vector given by its owned entries."""
-    return float(np.sqrt(total(comm, owned @ owned)))
+    return float(np.sqrt(dot(comm, owned, owned)))
 
 
 def raise_together(comm: MPI.Comm, error: Exception | None) -> None:

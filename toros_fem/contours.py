@@ -35,8 +35,8 @@ def reinforcement(pattern: Pattern, density: Floats, panel: int, threshold: floa
     count = len(pattern.flat_points)
     area = np.repeat(pattern.areas[cells], 3)
     weight = np.bincount(nodes.ravel(), area, minlength=count)
-    value = np.bincount(nodes.ravel(), area * np.repeat(density[cells], 3), minlength=count)
-    value = value / np.maximum(weight, np.finfo(float).tiny) - threshold
+    sums = np.bincount(nodes.ravel(), area * np.repeat(density[cells], 3), minlength=count)
+    value: Floats = sums / np.maximum(weight, np.finfo(float).tiny) - threshold
     # Values of exactly 0 would make polygons of no area.
     value = np.where(value == 0, np.finfo(float).eps, value)
     inside = value[nodes] > 0

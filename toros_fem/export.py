@@ -34,7 +34,8 @@ def write_svg(path: Path, pattern: Pattern, density: Floats, threshold: float = 
         threshold: Density from which on cloth counts as reinforced, η.
     """
     offsets = layout(pattern, GAP)
-    groups, high = [], np.zeros(2)
+    groups = []
+    high: Floats = np.zeros(2)
     for panel, offset in enumerate(offsets):
         outline = panel_outline(pattern, panel)
         printed = reinforcement(pattern, density, panel, threshold)

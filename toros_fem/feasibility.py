@@ -77,7 +77,8 @@ class StretchBounds:
         step = 1.0
         if len(beyond):
             F, G, limit = F[beyond], G[beyond], limit[beyond]
-            inside, outside = np.zeros(len(beyond)), np.ones(len(beyond))
+            inside: Floats = np.zeros(len(beyond))
+            outside: Floats = np.ones(len(beyond))
             for _ in range(20):
                 middle = (inside + outside) / 2
                 good = self._use(F + middle[:, None, None] * G) <= limit

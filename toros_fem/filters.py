@@ -114,9 +114,7 @@ def check_density(skin: Skin, density: Floats, name: str = "density") -> None:
     error = None
     owned = len(skin.owned_cells)
     if density.shape != (owned,):
-        error = DensityError(
-            f"{name} has shape {density.shape}; this rank owns {owned} triangles."
-        )
+        error = DensityError(f"{name} has shape {density.shape}; this rank owns {owned} triangles.")
     else:
         outside = ~((density >= 0) & (density <= 1))
         if outside.any():

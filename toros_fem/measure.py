@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import numpy.typing as npt
 
@@ -18,7 +20,9 @@ def best_rotation(reference: Floats, deformed: Floats) -> Floats:
     return np.asarray((u @ np.diag([1.0, 1.0, sign]) @ vt).T)
 
 
-def bend_angle(pattern: Pattern, positions: Floats, panel: str = "wall", sections: int = 12) -> float:
+def bend_angle(
+    pattern: Pattern, positions: Floats, panel: str = "wall", sections: int = 12
+) -> float:
     """Angle in rad by which a tube along z bends in the x-z plane towards +x.
 
     The wall's vertices are cut into sections of equal length along the assembled z. Each
@@ -36,7 +40,7 @@ def bend_angle(pattern: Pattern, positions: Floats, panel: str = "wall", section
     height = pattern.points[wall, 2]
     length = height.max()
     edges = np.linspace(0.0, length, sections + 1)
-    rings = [wall[(height >= low) & (height <= high)] for low, high in zip(edges, edges[1:])]
+    rings = [wall[(height >= low) & (height <= high)] for low, high in pairwise(edges)]
     rings = [ring for ring in rings if len(ring) >= 6]
     rings.append(wall[height > length * (1 - 1e-9)])
     angles = []

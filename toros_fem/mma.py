@@ -62,10 +62,10 @@ class MMAState:
 
 @dataclass(frozen=True)
 class _Subproblem:
-    """min Σⱼ p₀ⱼ/(Uⱼ−xⱼ) + q₀ⱼ/(xⱼ−Lⱼ) + z + Σᵢ cᵢyᵢ + ½yᵢ², subject to
+    """The convex separable problem that stands for the true one (Svanberg 2007, eqs. 3.1, 5.1).
 
-    Σⱼ pᵢⱼ/(Uⱼ−xⱼ) + qᵢⱼ/(xⱼ−Lⱼ) − yᵢ ≤ bᵢ, α ≤ x ≤ β, y, z ≥ 0 (Svanberg 2007, eqs. 2.2, 5.1;
-    a₀ = 1, a = 0, d = 1).
+    min Σⱼ p₀ⱼ/(Uⱼ−xⱼ) + q₀ⱼ/(xⱼ−Lⱼ) + Σᵢ cᵢyᵢ + ½yᵢ² subject to
+    Σⱼ pᵢⱼ/(Uⱼ−xⱼ) + qᵢⱼ/(xⱼ−Lⱼ) − yᵢ ≤ bᵢ, α ≤ x ≤ β, y ≥ 0: a₀ = 1, aᵢ = 0, dᵢ = 1, so z = 0.
     """
 
     p0: Floats
@@ -184,7 +184,8 @@ class MMA:
         if state.before_previous is None or state.previous is None:
             low, upp = x - o.asymptote_start * span, x + o.asymptote_start * span
         else:
-            assert state.low is not None and state.upp is not None
+            assert state.low is not None
+            assert state.upp is not None
             turn = (x - state.previous) * (state.previous - state.before_previous)
             factor = np.ones(len(x))
             factor[turn > 0], factor[turn < 0] = o.asymptote_grow, o.asymptote_shrink
@@ -200,7 +201,9 @@ class MMA:
         """The convex separable approximation (Svanberg 2007, eqs. 3.2-3.8)."""
         state, o = self.state, self.options
         x, low, upp = state.previous, state.low, state.upp
-        assert x is not None and low is not None and upp is not None
+        assert x is not None
+        assert low is not None
+        assert upp is not None
         span = self._upper - self._lower
         alpha = np.maximum.reduce([self._lower, low + 0.1 * (x - low), x - o.move * span])
         beta = np.minimum.reduce([self._upper, upp - 0.1 * (upp - x), x + o.move * span])
@@ -286,7 +289,9 @@ class MMA:
         scaled = G / curve
         sums = self._sum(np.concatenate([(scaled @ G.T).ravel(), scaled @ dx_rhs]))
         system = sums[: m * m].reshape(m, m) + np.diag(v.s / v.lam + 1 / y_curve)
-        dlam = np.linalg.solve(system, lam_rhs + dy_rhs / y_curve - sums[m * m :])
+        dlam = np.asarray(
+            np.linalg.solve(system, lam_rhs + dy_rhs / y_curve - sums[m * m :]), dtype=np.float64
+        )
         dx = -(dx_rhs + dlam @ G) / curve
         dy = (dlam - dy_rhs) / y_curve
         return _Point(

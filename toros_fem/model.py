@@ -10,7 +10,7 @@ from dolfinx import fem, la
 from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
-from toros_fem._mpi import total
+from toros_fem._mpi import dot, total
 from toros_fem.errors import ParameterError
 from toros_fem.feasibility import StretchBounds
 from toros_fem.forms.energy import Section, SkinForms, skin_forms
@@ -178,7 +178,7 @@ class SkinModel:
     def rigidity(self) -> float:
         """Sum over triangles of area times membrane modulus, in J: the scale of E's rounding."""
         mixed = _membrane_modulus(self.composite, self._owned_density())
-        return total(self.skin.comm, mixed @ self._areas)
+        return dot(self.skin.comm, mixed, self._areas)
 
     def _owned_density(self) -> Floats:
         return self.density.x.array[: len(self._areas)]
@@ -199,5 +199,3 @@ def _membrane_modulus(composite: Composite, density: Floats) -> Floats:
     fabric, reinforcement = composite.fabric, composite.reinforcement
     values = [m.thickness * (2 * m.mu + m.lam) for m in (fabric, reinforcement)]
     return np.asarray(interpolate(density, *values))
-
-

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from toros_fem._mpi import norm, total
+from toros_fem._mpi import dot, norm
 from toros_fem.model import SkinModel
 from toros_fem.parameters import NewtonOptions
 
@@ -63,7 +63,7 @@ class Factor:
         factor.setMumpsIcntl(7, 5)  # METIS
         self._rhs, self._solution = self.matrix.createVecRight(), self.matrix.createVecLeft()
         self.count = 0
-        self.scale = np.zeros(model.size_local)
+        self.scale: Floats = np.zeros(model.size_local)
 
     def assemble(self, state: Floats) -> None:
         """Assemble the tangent at a state."""
@@ -204,7 +204,7 @@ class RegularisedNewton:
         for _ in range(8):
             mode = self.factor.solve(self.factor.scale * mode)
             mode /= norm(self.comm, mode)
-        mode *= -1.0 if total(self.comm, mode @ residual) > 0 else 1.0
+        mode *= -1.0 if dot(self.comm, mode, residual) > 0 else 1.0
         return 0.01 * self.model.skin.pattern.size * mode
 
     def _search(
@@ -221,7 +221,7 @@ class RegularisedNewton:
         model = self.model
         if not np.isfinite(norm(self.comm, direction)):
             return 0.0, energy, None
-        slope = total(self.comm, residual @ direction)
+        slope = dot(self.comm, residual, direction)
         corners = model.corners(state)
         share = model.bounds.largest_step(
             corners, model.corners(direction), self.options.fraction_to_barrier
@@ -234,7 +234,7 @@ class RegularisedNewton:
                 return share, value, None
             if abs(change) <= rounding and not escaping:
                 there = model.residual(trial)
-                if abs(total(self.comm, there @ direction)) <= 0.9 * abs(slope):
+                if abs(dot(self.comm, there, direction)) <= 0.9 * abs(slope):
                     return share, value, there
             if np.isfinite(value) and change > share * slope:
                 quadratic = -slope * share**2 / (2 * (change - share * slope))

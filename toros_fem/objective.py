@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem._mpi import total
+from toros_fem._mpi import dot
 from toros_fem.errors import ParameterError, TargetError
 from toros_fem.meshes.skin import Skin
 
@@ -54,7 +54,7 @@ class ShapeObjective:
     def forward(self, state: Floats) -> float:
         """T at owned position dofs (collective)."""
         gap = state - self._target
-        return total(self._comm, 0.5 * float(self._weight @ gap**2))
+        return 0.5 * dot(self._comm, self._weight, gap**2)
 
     def backward(self, state: Floats) -> Floats:
         """∂T/∂x at owned position dofs, in 1/m."""

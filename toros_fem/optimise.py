@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from toros_fem._mpi import largest, norm, total
+from toros_fem._mpi import dot, largest, norm, total
 from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
 from toros_fem.filters import ConeFilter, check_density
 from toros_fem.mma import MMA, MMAOptions, MMAState
@@ -244,8 +244,8 @@ def optimise(
             iteration=iteration,
             objective=evaluation.objective,
             gradient_norm=norm(comm, evaluation.gradient),
-            volume_fraction=total(comm, areas @ evaluation.projected) / designed_area,
-            grey_level=total(comm, areas @ grey) / designed_area,
+            volume_fraction=dot(comm, areas, evaluation.projected) / designed_area,
+            grey_level=dot(comm, areas, grey) / designed_area,
             change=change,
             beta=problem.projection.beta,
             rejected=rejected,

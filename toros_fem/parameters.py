@@ -18,9 +18,7 @@ def require_positive(*, at_most: float = math.inf, **values: float) -> None:
     for name, value in values.items():
         if not (math.isfinite(value) and 0 < value <= at_most):
             bound = "" if math.isinf(at_most) else f" and at most {at_most:.6g}"
-            raise ParameterError(
-                f"{name} = {value} must be a finite number greater than 0{bound}."
-            )
+            raise ParameterError(f"{name} = {value} must be a finite number greater than 0{bound}.")
 
 
 def require_between(low: float, high: float, **values: float) -> None:

@@ -11,9 +11,7 @@ from toros_fem import _compat
 from toros_fem.meshes.skin import Skin, blocked_index_map
 
 
-def patch_space(
-    skin: Skin, *, flaps: bool
-) -> tuple[fem.FunctionSpace, npt.NDArray[np.float64]]:
+def patch_space(skin: Skin, *, flaps: bool) -> tuple[fem.FunctionSpace, npt.NDArray[np.float64]]:
     """A space of three or six points a triangle, on the dofs of the positions (collective).
 
     A DG0 mixed element holds the points as constants of the triangle; its dofmap points at the

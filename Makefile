@@ -1,0 +1,26 @@
+# make demo, make test: all set-up is done on the way. FENICSX_SUITE=unstable picks another dolfinx.
+FENICSX = scripts/fenicsx
+PYTEST = python3 -m pytest
+
+.PHONY: demo test lint env
+
+demo:
+	$(FENICSX) python3 demos/bend.py --coarse --output output/bend
+
+test:
+	$(FENICSX) $(PYTEST) -q
+	$(FENICSX) mpirun -n 2 $(PYTEST) -q --color=no
+
+lint:
+	$(FENICSX) python3 -m ruff check .
+	$(FENICSX) python3 -m ruff format --check .
+	rm -rf build/typed && mkdir -p build/typed
+	cp -r toros_fem tests demos build/typed
+	cp -r forms meshes build/typed/toros_fem # as installed: mypy does not follow __path__
+	cd build/typed && $(CURDIR)/$(FENICSX) python3 -m mypy --config-file $(CURDIR)/pyproject.toml \
+		--cache-dir $(CURDIR)/.mypy_cache -p toros_fem
+	cd build/typed && $(CURDIR)/$(FENICSX) env MYPYPATH=.:tests python3 -m mypy \
+		--config-file $(CURDIR)/pyproject.toml --cache-dir $(CURDIR)/.mypy_cache tests demos
+
+env:
+	$(FENICSX)
