@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
+from toros_fem.meshes import cylinder, sew
 
 from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.meshes import cylinder, sew
 from toros_fem.parameters import Composite
 from toros_fem.supports import clamp
 

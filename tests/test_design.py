@@ -1,6 +1,7 @@
 """The chain from density to objective: gradients, ranks, errors."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from toros_fem.meshes import Skin, bend, sew
 
 from toros_fem import errors
 from toros_fem._mpi import norm
-from toros_fem.equilibrium import EquilibriumSolver
+from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
 from toros_fem.filters import ConeFilter, random_density
 from toros_fem.objective import ShapeObjective
 from toros_fem.optimise import DesignOptions, DesignProblem, optimise
@@ -145,6 +146,36 @@ def test_loop_descends_and_is_reproducible(tube: Skin, tube_solver: EquilibriumS
     assert runs[0].reason == "All 6 iterations are done."
     assert runs[0].density.min() >= 0
     assert runs[0].density.max() <= 1
+
+
+def test_a_design_without_equilibrium_is_stepped_back_from(
+    tube: Skin, tube_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Failures of the solver on the way are retried; if they stay, the last design is kept."""
+    chain = problem(tube, tube_solver)
+    solve, count = tube_solver.solve, 0
+
+    def failing(broken: range) -> Any:
+        def patched(*args: Any, **kwargs: Any) -> EquilibriumResult:
+            nonlocal count
+            count += 1
+            result = solve(*args, **kwargs)
+            if count in broken:
+                raise errors.EquilibriumError("made to fail", result)
+            return result
+
+        return patched
+
+    monkeypatch.setattr(tube_solver, "solve", failing(range(2, 4)))
+    result = optimise(chain, random_density(tube, 3), DesignOptions(iterations=3))
+    assert [row.iteration for row in result.history] == [0, 1, 2, 3]
+    assert result.history[1].rejected >= 2
+    count = 0
+    monkeypatch.setattr(tube_solver, "solve", failing(range(3, 99)))
+    result = optimise(chain, random_density(tube, 3), DesignOptions(iterations=3))
+    assert [row.iteration for row in result.history] == [0, 1]
+    assert "last one" in result.reason
+    assert result.final.objective == result.history[-1].objective
 
 
 def test_continuation_raises_beta(tube: Skin, tube_solver: EquilibriumSolver) -> None:

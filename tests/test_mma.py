@@ -1,5 +1,6 @@
 """MMA against published problems, iterate by iterate, and its distributed runs."""
 
+import copy
 from collections.abc import Callable
 
 import numpy as np
@@ -167,6 +168,23 @@ def test_retry_descends_where_the_plain_step_overshoots() -> None:
     assert value(x.array) < start
     mma.retry(x, float("inf"))
     assert np.abs(x.array - 0.5).max() < 0.2
+
+
+def test_state_resumes_exactly() -> None:
+    def run(first: int, second: int) -> np.ndarray:
+        x = vec(np.full(5, 5.0))
+        state = None
+        for count in (first, second):
+            mma = MMA(vec(np.full(5, 1.0)), vec(np.full(5, 10.0)), 1)
+            if state is not None:
+                mma.state = state
+            for _ in range(count):
+                f, df, values, jacobian = beam(x.array)
+                mma.step(x, f, vec(df), values, [vec(row) for row in jacobian])
+            state = copy.deepcopy(mma.state)
+        return x.array.copy()
+
+    assert np.array_equal(run(8, 0), run(3, 5))
 
 
 def test_bad_input() -> None:

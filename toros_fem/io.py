@@ -9,7 +9,7 @@ import platform
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import dolfinx
 import meshio
@@ -67,17 +67,16 @@ def versions() -> dict[str, str]:
 class HistoryFile:
     """The design loop's history as CSV, each row on disk before the next iteration starts."""
 
-    def __init__(self, path: Path, extra: tuple[str, ...] = ()) -> None:
-        self._file: TextIO = path.open("w", newline="", encoding="utf-8")
-        names = [column.name for column in dataclasses.fields(Iteration)]
-        self._writer = csv.DictWriter(self._file, [*names, *extra])
-        self._writer.writeheader()
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._mode = "w"  # what an earlier run left stays until this one has a row of its own
 
     def write(self, row: Iteration, **extra: float) -> None:
-        """Append one row."""
-        self._writer.writerow({**dataclasses.asdict(row), **extra})
-        self._file.flush()
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+        """Append one row, with further columns that must be the same in each row."""
+        columns = {**dataclasses.asdict(row), **extra}
+        with self._path.open(self._mode, newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, list(columns))
+            if self._mode == "w":
+                writer.writeheader()
+            writer.writerow(columns)
+        self._mode = "a"

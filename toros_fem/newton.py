@@ -68,17 +68,16 @@ class Factor:
     def assemble(self, state: Floats) -> None:
         """Assemble the tangent at a state."""
         self._model.assemble_tangent(self.matrix, state)
-        diagonal = self.matrix.getDiagonal()
-        self._diagonal = diagonal.array.copy()
+        self.matrix.getDiagonal(self._rhs)
+        self._diagonal = self._rhs.array.copy()
         # One value a vertex: a flat membrane has no stiffness of its own across its plane.
         mean = np.abs(self._diagonal).reshape(-1, 3).mean(axis=1)
         self.scale = np.repeat(mean, 3) * self._model.free
 
     def factorise(self, shift: float) -> int:
         """Factorise K + shift · D; the number of negative or missing pivots on all ranks."""
-        diagonal = self.matrix.createVecLeft()
-        diagonal.array[:] = self._diagonal + shift * self.scale
-        self.matrix.setDiagonal(diagonal)
+        self._rhs.array[:] = self._diagonal + shift * self.scale
+        self.matrix.setDiagonal(self._rhs)
         self.matrix.assemble()
         self.ksp.setOperators(self.matrix)
         self.ksp.setUp()

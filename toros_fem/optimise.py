@@ -12,6 +12,7 @@ from petsc4py import PETSc
 
 from toros_fem._mpi import dot, largest, norm, total
 from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
+from toros_fem.errors import EquilibriumError
 from toros_fem.filters import ConeFilter, check_density
 from toros_fem.mma import MMA, MMAOptions, MMAState
 from toros_fem.objective import ShapeObjective
@@ -223,6 +224,12 @@ def optimise(
     history: list[Iteration] = []
     phases: dict[str, float] = {"filter": 0.0, "equilibrium": 0.0, "adjoint": 0.0, "mma": 0.0}
 
+    def attempt(start: Floats) -> Evaluation | None:
+        try:
+            return simulate(start)
+        except EquilibriumError:  # raised by all ranks or by none
+            return None
+
     def simulate(start: Floats | None) -> Evaluation:
         found = problem.simulate(x.array.copy(), start)
         _add(phases, found.seconds)
@@ -273,16 +280,20 @@ def optimise(
         if options.continuation is not None:
             beta = options.continuation.beta(iteration + 1)
             problem.projection = Projection(beta, problem.projection.eta)
-        trial = simulate(evaluation.equilibrium.state)
+        trial = attempt(evaluation.equilibrium.state)
         # A step of β raises T by itself: then there is nothing to compare with.
-        while (
-            trial.objective > evaluation.objective
-            and rejected < options.retries
-            and problem.projection == projection
+        same = problem.projection == projection
+        while rejected < options.retries and (
+            trial is None or (same and trial.objective > evaluation.objective)
         ):
             rejected += 1
-            mma.retry(x, scale * trial.objective)
-            trial = simulate(evaluation.equilibrium.state)
+            mma.retry(x, np.inf if trial is None else scale * trial.objective)
+            trial = attempt(evaluation.equilibrium.state)
+        if trial is None:
+            x.array[:] = before
+            problem.projection = projection
+            reason = "No step led to a design that has an equilibrium; this is the last one."
+            break
         change = largest(comm, np.max(np.abs(x.array - before), initial=0.0))
         evaluation = trial
     return DesignResult(

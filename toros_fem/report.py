@@ -38,7 +38,7 @@ class Reporter:
         self._history: HistoryFile | None = None
         if self._first:
             folder.mkdir(parents=True, exist_ok=True)
-            self._history = HistoryFile(folder / "history.csv", ("angle_deg",))
+            self._history = HistoryFile(folder / "history.csv")
             print(
                 "  it   objective  angle/deg  volume   grey  rejected  newton  seconds", flush=True
             )
@@ -114,9 +114,7 @@ class Reporter:
             "inputs": inputs,
         }
         if self._first:
-            assert self._history is not None
             self._clear()
-            self._history.close()
             write_json(self._folder / "summary.json", summary)
             write_fields(self._folder / "skin.vtu", pattern, positions, fields)
             self._pictures(result, positions, target, shown, fields["rho_projected"], summary)
