@@ -75,10 +75,20 @@ def plot_shape(
     skin = (1 - mix) * FABRIC + mix * PRINTED
     plain = np.broadcast_to(TARGET, skin.shape)
     views = {"side (x right, z up)": (0.0, 0.0), "oblique": (25.0, 35.0)}
+    both = np.concatenate([positions, target])
+    shares = []
+    for angles in views.values():
+        right, up, _ = _camera(*angles)
+        shares.append(np.ptp(both @ up) / np.ptp(both @ right))
     figure, axes = plt.subplots(
-        len(views), 2, figsize=(11, 5.2 * len(views)), sharex="row", sharey="row",
+        len(views),
+        2,
+        figsize=(11, 5.2 * sum(shares) + 2.0),
+        sharex="row",
+        sharey="row",
+        height_ratios=shares,
         layout="constrained",
-    )  # fmt: skip
+    )
     for row, (name, angles) in zip(axes, views.items(), strict=True):
         for axis, points, colours, what in zip(
             row, (target, positions), (plain, skin), ("target", "inflated skin"), strict=True
@@ -125,14 +135,19 @@ def plot_convergence(
     plt.close(figure)
 
 
+def _camera(elevation: float, turn: float) -> tuple[Floats, Floats, Floats]:
+    """Directions right, up and away from the viewer, who looks along +y turned by degrees."""
+    e, t = np.radians([elevation, turn])
+    right = np.array([np.cos(t), np.sin(t), 0])
+    away = np.array([-np.sin(t) * np.cos(e), np.cos(t) * np.cos(e), -np.sin(e)])
+    return right, np.cross(right, away), away
+
+
 def _draw(
     axis: Axes, pattern: Pattern, points: Floats, colours: Floats, elevation: float, turn: float
 ) -> None:
     """Shaded triangles seen from −y (turned by angles in degrees), painted back to front."""
-    e, t = np.radians([elevation, turn])
-    right = np.array([np.cos(t), np.sin(t), 0])
-    away = np.array([-np.sin(t) * np.cos(e), np.cos(t) * np.cos(e), -np.sin(e)])
-    up = np.cross(right, away)
+    right, up, away = _camera(elevation, turn)
     corner = points[pattern.triangles] * 1e3
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
