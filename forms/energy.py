@@ -40,7 +40,6 @@ class SkinForms:
 
     Attributes:
         energy: E of eq. (8), in J.
-        membrane, bending: Its parts without pressure, in J.
         volume: Enclosed volume, in m³.
         residual: First variation of E, the negative of the force of eq. (9), in N.
         load: First variation of the volume, in m²: the force of a unit pressure.
@@ -49,8 +48,6 @@ class SkinForms:
     """
 
     energy: Any
-    membrane: Any
-    bending: Any | None
     volume: Any | None
     residual: Any
     load: Any | None
@@ -92,15 +89,13 @@ def skin_forms(
         return interpolate(density, getattr(fabric, name), getattr(reinforcement, name))
 
     C = right_cauchy_green(deformation_gradient(corners, jacobian))
-    membrane = barrier_membrane(C, mixed("mu"), mixed("lam"), *bounds) * dx
-    energy, residual = membrane, ufl.derivative(membrane, q, test)
+    energy = barrier_membrane(C, mixed("mu"), mixed("lam"), *bounds) * dx
+    residual = ufl.derivative(energy, q, test)
 
-    bending = None
     if has_flap:
         Lambda, variation = curvature(patch, ufl.split(test), jacobian, has_flap)
         stiffness = mixed("mu_bend"), mixed("lam_bend")
-        bending = bending_energy(Lambda, *stiffness) * dx
-        energy += bending
+        energy += bending_energy(Lambda, *stiffness) * dx
         residual += ufl.inner(moment(Lambda, *stiffness), variation) * dx
 
     # What depends on the density is what carries stiffness: the pressure is left out here.
@@ -115,4 +110,4 @@ def skin_forms(
         residual += -pressure * load
 
     tangent = ufl.derivative(residual, q, trial)
-    return SkinForms(energy, membrane, bending, volume, residual, load, tangent, sensitivity)
+    return SkinForms(energy, volume, residual, load, tangent, sensitivity)

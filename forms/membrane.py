@@ -14,7 +14,7 @@ def barrier_membrane(C: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any:
     ψ = −μ a ln(1 − (λ₁−1)²/a) − μ a ln(1 − (λ₂−1)²/a) − (λ/2) b ln(1 − (λ₁+λ₂−2)²/b) with
     a = (c₁−1)², b = (c₂−1)². The two first logarithms are joined, so that only s = λ₁ + λ₂ and
     p = λ₁ λ₂ occur and equal stretches are no special case. For c₁, c₂ → ∞ it is the
-    St. Venant–Kirchhoff energy in the Biot strain, `biot_membrane`.
+    St. Venant–Kirchhoff energy in the Biot strain, μ Σ(λᵢ−1)² + (λ/2)(λ₁+λ₂−2)².
 
     The logarithms' arguments turn positive again far outside the admissible stretches: whether a
     state is admissible must be told by the stretches (`toros_fem.feasibility`).
@@ -34,9 +34,3 @@ def barrier_membrane(C: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any:
     product = p - s + 1  # (λ₁−1)(λ₂−1)
     shear = -mu * a * ufl.ln(1 - squares / a + product**2 / a**2)
     return shear - lam / 2 * b * ufl.ln(1 - (s - 2) ** 2 / b)
-
-
-def biot_membrane(C: Any, mu: Any, lam: Any) -> Any:
-    """St. Venant–Kirchhoff energy in the Biot strain per flat area: eq. (1) without bounds."""
-    s, p = stretch_invariants(C)
-    return mu * (s * s - 2 * p - 2 * s + 2) + lam / 2 * (s - 2) ** 2

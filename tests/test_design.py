@@ -10,10 +10,12 @@ from toros_fem.meshes import Skin, bend, sew
 
 from toros_fem import errors
 from toros_fem._mpi import norm
+from toros_fem.density import random_density
+from toros_fem.design import DesignProblem
 from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
-from toros_fem.filters import ConeFilter, random_density
+from toros_fem.filters import ConeFilter
 from toros_fem.objective import ShapeObjective
-from toros_fem.optimise import DesignOptions, DesignProblem, optimise
+from toros_fem.optimise import DesignOptions, optimise
 from toros_fem.parameters import Composite
 from toros_fem.projection import Continuation, Projection
 from toros_fem.supports import clamp
@@ -182,6 +184,28 @@ def test_continuation_raises_beta(tube: Skin, tube_solver: EquilibriumSolver) ->
     options = DesignOptions(iterations=4, continuation=Continuation(2.0, 8.0, 2))
     result = optimise(problem(tube, tube_solver), random_density(tube, 3), options)
     assert [row.beta for row in result.history] == [2, 2, 4, 4, 8]
+
+
+def test_gradient_of_a_state_that_is_gone(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    chain = problem(tube, tube_solver)
+    first = chain.simulate(random_density(tube, 0))
+    chain.simulate(random_density(tube, 1))
+    with pytest.raises(errors.ParameterError, match="another state"):
+        chain.differentiate(first)
+
+
+def test_bad_densities(tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm) -> None:
+    chain = problem(tube, tube_solver)
+    density = random_density(tube, 0)
+    short = density[:-1] if comm.rank == comm.size - 1 else density
+    with pytest.raises(errors.DensityError, match="shape"):
+        optimise(chain, short, DesignOptions(iterations=1))
+    with pytest.raises(errors.DensityError, match="passive has shape"):
+        dataclasses.replace(chain, passive=short)
+    with pytest.raises(errors.DensityError, match="none is designed"):
+        dataclasses.replace(chain, passive=np.ones_like(density))
+    with pytest.raises(errors.DensityError, match="from 2.0 to 2.0"):
+        dataclasses.replace(chain, passive=np.where(density > 0.5, np.nan, 2.0))
 
 
 def test_bad_targets(tube: Skin) -> None:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from conftest import TABLE_A, square, table
 from mpi4py import MPI
+from petsc4py import PETSc
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 from toros_fem.meshes.pattern import Panel
 
@@ -11,7 +12,8 @@ from toros_fem import errors
 from toros_fem._mpi import norm
 from toros_fem.equilibrium import EquilibriumSolver
 from toros_fem.model import SkinModel
-from toros_fem.parameters import Composite, NewtonOptions
+from toros_fem.newton import Factor, RegularisedNewton
+from toros_fem.parameters import Composite, Material, NewtonOptions
 from toros_fem.supports import Supports, clamp
 
 RADIUS = 0.01
@@ -48,24 +50,27 @@ def test_uniaxial_tension_finds_the_lateral_stretch(comm: MPI.Comm, stretch: str
 @pytest.mark.parametrize("row", table("gent_cylinder_ngon"), ids=lambda r: f"{r['mat']}-"
                          f"{r['n_circumference']}-{r['P_Pa']}")  # fmt: skip
 def test_exact_polygonal_tube(comm: MPI.Comm, row: dict[str, str]) -> None:
-    """The exact state of the inflated n-gon tube leaves no force at its inner vertices."""
+    """The exact state of the inflated n-gon tube is in balance, around as well as along."""
     sides, pressure = int(row["n_circumference"]), float(row["P_Pa"])
     edge = 2 * np.pi * RADIUS / sides
     pattern = cylinder(comm, 6 * edge, 2 * RADIUS, edge, mesh="structured")
     factor = 1.0 if row["mat"] == "A" else 100.0
-    cloth = type(TABLE_A)(TABLE_A.young * factor, TABLE_A.poisson, TABLE_A.thickness)
+    cloth = Material(TABLE_A.young * factor, TABLE_A.poisson, TABLE_A.thickness)
     skin = sew(comm, pattern)
     composite = Composite(fabric=cloth, c1=1.8, c2=2.0, bending=False)
-    model = SkinModel(skin, composite, clamp(pattern, ["base", "tip"]))
+    model = SkinModel(skin, composite, clamp(pattern, ["base"]))
     model.set_density(fabric(skin))
     model.set_pressure(pressure)
     swell, lengthen = float(row["lambda_theta"]), float(row["lambda_z"])
-    state = model.assembled.reshape(-1, 3) * [swell, swell, lengthen]
-    # The capped tube's axial force is that of the pressure on the polygon it encloses; inside
-    # the wall it is in equilibrium by itself. Rings next to the clamped ones feel no end.
-    force = model.residual(state.ravel())
-    load = pressure * norm(comm, model.load(state.ravel()))
-    assert norm(comm, force) <= 1e-8 * load
+    state = (model.assembled.reshape(-1, 3) * [swell, swell, lengthen]).ravel()
+    force = skin.gather_vertices(model.residual(state).reshape(-1, 3))
+    load = skin.gather_vertices(model.load(state).reshape(-1, 3)) * pressure
+    caps = np.union1d(pattern.vertices_of("base"), pattern.vertices_of("tip"))
+    inner = np.setdiff1d(np.arange(len(pattern.points)), caps)
+    assert np.linalg.norm(force[inner]) <= 1e-8 * np.linalg.norm(load[inner])
+    # Along the tube: the thrust on the tip is what the wall pulls with.
+    area = 0.5 * sides * np.sin(2 * np.pi / sides) * (RADIUS * swell) ** 2
+    assert abs(force[caps, 2].sum()) <= 1e-8 * pressure * area
 
 
 def test_capped_cylinder_away_from_its_ends(comm: MPI.Comm) -> None:
@@ -116,8 +121,48 @@ def test_result_tells_what_happened(tube_solver: EquilibriumSolver) -> None:
     assert norm(comm, back.state - result.state) < 1e-7 * norm(comm, result.state)
 
 
-def test_unstable_start_is_left(comm: MPI.Comm) -> None:
-    """A flat pillow is stationary under no pressure, and no minimum once inflated."""
+def inertia(solver: EquilibriumSolver, state: np.ndarray) -> int:
+    """Number of negative pivots of the tangent at a state."""
+    factor = Factor(solver.model)
+    factor.assemble(state)
+    return factor.factorise(0.0)
+
+
+def test_saddle_is_left(comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sheet compressed in its plane is stationary when flat, and lower when buckled."""
+    size, squeeze = 0.02, 0.9
+    flat = square(n=6, size=size).flat_points
+    points = np.column_stack([flat[:, 0] * squeeze, flat[:, 1], 0 * flat[:, 0]])
+    pattern = square(points, n=6, size=size)
+    held = np.zeros((len(points), 3), dtype=bool)
+    held[(flat[:, 0] < 1e-9) | (flat[:, 0] > size - 1e-9)] = True
+    skin = sew(comm, pattern)
+    cloth = Material(young=1e6, poisson=0.0, thickness=0.5e-3)
+    solver = EquilibriumSolver(skin, Composite(fabric=cloth), Supports(held))
+    solver.model.set_density(fabric(skin))
+    start = solver.model.assembled
+    assert norm(comm, solver.model.residual(start)) < 1e-10 * 50 * size
+    assert inertia(solver, start) > 0
+    escapes = 0
+    softest = RegularisedNewton._softest
+
+    def counted(self: RegularisedNewton, residual: np.ndarray, seed: int) -> np.ndarray:
+        nonlocal escapes
+        escapes += 1
+        return softest(self, residual, seed)
+
+    monkeypatch.setattr(RegularisedNewton, "_softest", counted)
+    result = solver.solve(fabric(skin), 0.0)
+    assert escapes > 0
+    assert result.converged
+    assert inertia(solver, result.state) == 0
+    height = skin.gather_vertices(result.state.reshape(-1, 3))[:, 2]
+    # A strip 10 % too short for its cloth bows by about size (2/pi) sqrt(1 - 0.9).
+    assert np.abs(height).max() == pytest.approx(size * 2 / np.pi * np.sqrt(0.1), rel=0.25)
+
+
+def test_flat_pillow_inflates(comm: MPI.Comm) -> None:
+    """A start of no volume, with no stiffness across its plane but bending."""
     size = 0.05
     one = square(n=6, size=size)
     # The lower panel is laid mirrored, so that it faces down and its diagonals cross the upper.
@@ -130,23 +175,66 @@ def test_unstable_start_is_left(comm: MPI.Comm) -> None:
         tolerance=1e-6,
     )
     assert len(pattern.free_edges) == 0
-    skin = sew(comm, pattern)
     held = np.zeros((len(pattern.points), 3), dtype=bool)
-    flat = pattern.points[:, :2]
-    corner = [int(np.argmin(np.linalg.norm(flat - p, axis=1))) for p in ([0, 0], [size, 0])]
-    held[corner[0]] = True
-    held[corner[1], 1:] = True
-    held[int(np.argmin(np.linalg.norm(flat - [size, size], axis=1))), 2] = True
+    at = [int(np.argmin(np.linalg.norm(pattern.points[:, :2] - corner, axis=1)))
+          for corner in ([0, 0], [size, 0], [size, size])]  # fmt: skip
+    held[at[0]], held[at[1], 1:], held[at[2], 2] = True, True, True
+    skin = sew(comm, pattern)
     solver = EquilibriumSolver(skin, Composite(), Supports(held))
     result = solver.solve(fabric(skin), 500.0)
     assert result.converged
     assert result.volume > 0.1 * size**3
+    assert inertia(solver, result.state) == 0
+
+
+def test_nothing_remains_of_a_failed_solve(tube: Skin, comm: MPI.Comm) -> None:
+    density = fabric(tube)
+    solver = EquilibriumSolver(
+        tube,
+        Composite(),
+        clamp(tube.pattern, ["base"]),
+        NewtonOptions(max_steps=30, min_increment=0.5),
+    )
+    first = solver.solve(density, 10.0)
+    failed = solver.solve(density, 1e13, raise_on_failure=False)
+    assert not failed.converged
+    assert failed.pressure > 1e6
+    with pytest.raises(errors.ParameterError, match="tangent is that of another state"):
+        solver.solve_tangent(first.state, first)
+    after = solver.solve(density, 10.3, start=first.state)
+    assert after.steps > 0
     model = solver.model
-    matrix = model.create_tangent()
-    model.assemble_tangent(matrix, result.state)
-    dense = matrix.convert("dense").getDenseArray() if comm.size == 1 else None
-    if dense is not None:
-        assert np.linalg.eigvalsh(dense).min() > 0
+    load = 10.3 * norm(comm, model.load(after.state))
+    assert norm(comm, model.residual(after.state)) < 1e-8 * load
+    # The residual told is that of the state returned.
+    model.set_pressure(failed.pressure)
+    load = failed.pressure * norm(comm, model.load(failed.state))
+    assert norm(comm, model.residual(failed.state)) / load < 1e-8
+    assert failed.residual < 1e-8
+
+
+def test_another_snes_finds_the_same(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """The energy, its gradient and its tangent are the SNES's: any of its types can run on them."""
+    options = PETSc.Options()
+    options["toros_snes_type"] = "newtonls"
+    try:
+        other = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    finally:
+        options.delValue("toros_snes_type")
+    density = np.ones(len(tube.owned_cells))
+    own = tube_solver.solve(density, 1e3)
+    found = other.solve(density, 1e3, start=own.state + 1e-6 * tube_solver.model.free)
+    assert found.converged
+    gap = norm(tube.comm, found.state - own.state)
+    assert gap < 1e-8 * norm(tube.comm, own.state)
+
+
+def test_supports_that_leave_a_rigid_motion(comm: MPI.Comm) -> None:
+    pattern = square()
+    held = np.zeros((len(pattern.points), 3), dtype=bool)
+    held[[0, 1]] = True  # it may still turn about the line through both
+    with pytest.raises(errors.ParameterError, match="leave 1 of the 6 rigid motions free"):
+        EquilibriumSolver(sew(comm, pattern), Composite(), Supports(held))
 
 
 def test_beyond_the_limit_point(comm: MPI.Comm) -> None:
@@ -156,9 +244,7 @@ def test_beyond_the_limit_point(comm: MPI.Comm) -> None:
     pattern = cylinder(comm, 0.04, 2 * RADIUS, 5e-3, mesh="structured")
     skin = sew(comm, pattern)
     composite = Composite(fabric=TABLE_A, c1=1e3, c2=1e3, bending=False)
-    solver = EquilibriumSolver(
-        skin, composite, clamp(pattern, ["base"]), NewtonOptions(max_steps=40, min_increment=0.05)
-    )
+    solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
     below = solver.solve(fabric(skin), 1.2e3)
     assert below.converged
     with pytest.raises(errors.EquilibriumError, match="at pressure = 2500 Pa") as caught:
@@ -187,7 +273,7 @@ def test_bad_input(tube_solver: EquilibriumSolver, comm: MPI.Comm) -> None:
     bad = fabric(skin)
     if comm.rank == 0:
         bad[0] = np.nan
-    with pytest.raises(errors.DensityError, match="NaN"):
+    with pytest.raises(errors.DensityError, match=r"triangle \d+ is nan"):
         tube_solver.solve(bad, 1e3)
     with pytest.raises(errors.DensityError, match="shape"):
         tube_solver.solve(np.zeros(3), 1e3)

@@ -7,7 +7,8 @@ from mpi4py import MPI
 from toros_fem.meshes import Skin, cylinder, sew
 
 from toros_fem import errors
-from toros_fem.filters import ConeFilter, check_density, random_density
+from toros_fem.density import check_density, random_density
+from toros_fem.filters import ConeFilter
 from toros_fem.projection import Continuation, Projection
 
 

@@ -7,7 +7,6 @@ import ufl
 from conftest import TABLE_A, square, table
 from dolfinx import fem
 from mpi4py import MPI
-from toros_fem.forms.membrane import biot_membrane
 from toros_fem.meshes import Skin, cylinder, sew
 
 from toros_fem._mpi import norm
@@ -22,7 +21,7 @@ SIZE = 0.02
 def sheet_model(comm: MPI.Comm, composite: Composite) -> SkinModel:
     pattern = square(size=SIZE)
     held = np.zeros((len(pattern.points), 3), dtype=bool)
-    held[0] = True
+    held[(pattern.points[:, 0] < 1e-9) | (np.arange(len(held)) == 6)] = True
     return SkinModel(sew(comm, pattern), composite, Supports(held))
 
 
@@ -92,11 +91,8 @@ def test_limit_without_bounds(comm: MPI.Comm) -> None:
     model = sheet_model(comm, Composite(fabric=TABLE_A, c1=1e4, c2=1e4, bending=False))
     model.set_density(np.zeros(len(model.skin.owned_cells)))
     F = np.array([[1.3, 0.2], [-0.1, 0.8], [0.3, 0.1]])
-    C = ufl.as_matrix((F.T @ F).tolist())
-    density = float(biot_membrane(C, 50e3 * 3e-4, 50e3 * 3e-4))
     one, two = np.linalg.svd(F, compute_uv=False)
     by_hand = 15 * ((one - 1) ** 2 + (two - 1) ** 2) + 7.5 * (one + two - 2) ** 2
-    assert density == pytest.approx(by_hand, rel=1e-12)
     energy = model.energy(affine(model, F))
     assert energy == pytest.approx(by_hand * SIZE**2, rel=1e-7)
 
@@ -107,9 +103,9 @@ def test_rotation_costs_nothing(comm: MPI.Comm) -> None:
     model.set_pressure(0.0)
     R = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     turned = affine(model, R[:, :2])
-    scale = model.rigidity()
+    scale = 1e14 * model.energy_rounding()  # area times modulus times (c2 - 1)^2
     assert abs(model.energy(turned)) < 1e-14 * scale
-    assert norm(comm, model.residual(turned)) < 1e-12 * scale / SIZE
+    assert norm(comm, model.residual(turned)) < 1e-13 * scale / SIZE
     # A deformed sheet keeps its energy, and its forces turn along.
     bent = affine(model, np.array([[1.2, 0.1], [0, 0.9], [0.1, 0.2]])).reshape(-1, 3)
     bent[:, 2] += 20 * bent[:, 0] ** 2

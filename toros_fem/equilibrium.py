@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from toros_fem._mpi import largest, raise_together, smallest
-from toros_fem.errors import DensityError, EquilibriumError, ParameterError
+from toros_fem._mpi import norm, raise_together
+from toros_fem.density import check_density
+from toros_fem.errors import EquilibriumError, ParameterError
 from toros_fem.meshes.skin import Skin
 from toros_fem.model import SkinModel
 from toros_fem.newton import Factor, NewtonStep, RegularisedNewton
@@ -73,12 +74,19 @@ class EquilibriumSolver:
         self.options = options or NewtonOptions()
         self._factor = Factor(self.model)
         self._newton = RegularisedNewton(self.model, self._factor, self.options)
-        self._snes = PETSc.SNES().create(skin.comm)
-        self._snes.setOptionsPrefix("toros_")
-        self._snes.setType(PETSc.SNES.Type.PYTHON)
-        self._snes.setPythonContext(self._newton)
-        self._snes.setFromOptions()
-        self._x = self._factor.matrix.createVecRight()
+        self._x, residual = self._factor.matrix.createVecs()
+        snes = PETSc.SNES().create(skin.comm)
+        snes.setOptionsPrefix("toros_")
+        snes.setObjective(lambda _, x: self.model.energy(x.array_r))
+        snes.setFunction(self._residual, residual)
+        snes.setJacobian(self._tangent, self._factor.matrix)
+        snes.setKSP(self._factor.ksp)
+        snes.setTolerances(rtol=self.options.tolerance, max_it=self.options.max_steps)
+        snes.setType(PETSc.SNES.Type.PYTHON)
+        snes.setPythonContext(self._newton)
+        snes.setFromOptions()
+        self._snes = snes
+        self._factorised_at: EquilibriumResult | None = None
 
     def solve(
         self,
@@ -94,8 +102,9 @@ class EquilibriumSolver:
             density: Projected density of the owned triangles, in [0, 1].
             pressure: Pressure in Pa, ≥ 0.
             start: Owned position dofs to start from at the full pressure, a neighbouring
-                equilibrium say. Without it the solve starts from the assembled positions and
-                raises the pressure from 0 in steps that shrink where they fail.
+                equilibrium say; held components are put where they belong. Without it the solve
+                starts from the assembled positions and raises the pressure from 0 in steps that
+                shrink where they fail.
             raise_on_failure: Whether to raise if no equilibrium is found, or to return the last
                 good state with `converged` False.
 
@@ -107,110 +116,142 @@ class EquilibriumSolver:
         """
         self._check(density, pressure, start)
         self.model.set_density(density)
+        self._factorised_at = None
         newton = self._newton
         newton.history = []
         before = self._factor.count
-        cold = start is None
-        state = self.model.assembled if start is None else np.array(start, dtype=np.float64)
-        if not self.model.bounds.worst(self.model.corners(state)) < 1:
+        held = ~self.model.free
+        state = self.model.assembled
+        if start is not None:
+            state = np.where(held, state, start)
+        use = self.model.bounds.worst(self.model.corners(state))
+        if not use < 1:
             raise ParameterError(
-                "the start leaves the stretch bounds: a triangle uses "
-                f"{self.model.bounds.worst(self.model.corners(state)):.3g} of them, the bound is "
-                "1. Start from the assembled positions, or raise c1 and c2."
+                f"the start leaves the stretch bounds: a triangle uses {use:.3g} of them, the "
+                "bound is 1. Start from the assembled positions, or raise c1 and c2."
             )
-        reached, outcome = (0.0 if cold else -1.0), 0
-        target, increment = pressure, pressure
+        state, reached, outcome = self._continue(state, pressure, warm=start is not None)
+        converged = reached == pressure
+        here = reached or 0.0
+        self.model.set_pressure(here)
+        newton.pressure = here
+        result = EquilibriumResult(
+            converged=converged,
+            reason=self._sentence(outcome, pressure, reached, state),
+            pressure=here,
+            state=state,
+            energy=self.model.energy(state),
+            volume=self.model.volume(state),
+            stretch_use=self.model.bounds.worst(self.model.corners(state)),
+            residual=norm(self.skin.comm, self.model.residual(state)) / newton.reference(state),
+            steps=sum(1 for row in newton.history if row.step > 0),
+            factorisations=self._factor.count - before,
+            history=tuple(newton.history),
+        )
+        if converged:
+            self._factorised_at = result
+        elif raise_on_failure:
+            raise EquilibriumError(result.reason, result)
+        return result
+
+    def solve_tangent(self, rhs: Floats, at: EquilibriumResult) -> Floats:
+        """Solve K y = rhs with the tangent at an equilibrium, zero at held components.
+
+        Args:
+            rhs: Owned dofs.
+            at: The last equilibrium this solver found: its tangent is still factorised.
+
+        Raises:
+            ParameterError: The solver has solved for something else since.
+        """
+        if at is not self._factorised_at:
+            raise ParameterError(
+                "the tangent is that of another state: the solver has been used since. Solve for "
+                "this state again, then ask for its tangent or gradient."
+            )
+        return self._factor.solve(rhs * self.model.free)
+
+    def _continue(
+        self, state: Floats, pressure: float, *, warm: bool
+    ) -> tuple[Floats, float | None, int]:
+        """Raise the pressure in steps that shrink where they fail.
+
+        Returns:
+            The last equilibrium and its pressure, None if there is none, and how the last
+            attempt ended.
+        """
+        # Where the whole pressure at once fails, begin with one that strains by a few per cent.
+        small = 0.1 * self.model.composite.fabric.membrane_stiffness / self.skin.pattern.size
+        reached, increment = None, pressure
         while True:
+            target = min(pressure, (reached or 0.0) + increment)
             trial = state.copy()
             outcome = self._newton_solve(trial, target)
             if outcome > 0:
                 state, reached = trial, target
                 if reached >= pressure:
-                    break
+                    return state, reached, outcome
                 increment *= 2
-            elif reached < 0:  # a warm start failed: once more, cold
-                reached, state, increment = 0.0, self.model.assembled, pressure
+            elif warm:  # once more, cold
+                warm, state = False, self.model.assembled
             else:
-                increment /= 4
-                if increment < self.options.min_increment * max(pressure, 1e-300):
-                    break
-            target = min(pressure, reached + increment)
-        converged = outcome > 0
-        self.model.set_pressure(max(reached, 0.0))
-        newton.pressure = max(reached, 0.0)
-        result = EquilibriumResult(
-            converged=converged,
-            reason=self._sentence(converged, outcome, pressure, max(reached, 0.0), state),
-            pressure=max(reached, 0.0),
-            state=state,
-            energy=self.model.energy(state),
-            volume=self.model.volume(state),
-            stretch_use=self.model.bounds.worst(self.model.corners(state)),
-            residual=newton.history[-1].residual if newton.history else 0.0,
-            steps=sum(1 for row in newton.history if row.step > 0),
-            factorisations=self._factor.count - before,
-            history=tuple(newton.history),
-        )
-        if not converged and raise_on_failure:
-            raise EquilibriumError(result.reason, result)
-        return result
-
-    def solve_tangent(self, rhs: Floats) -> Floats:
-        """Solve K y = rhs with the tangent at the last equilibrium, zero at held components."""
-        return self._factor.solve(rhs * self.model.free)
+                increment = min(increment / 4, small) if reached is None else increment / 4
+                least = self.options.min_increment * (reached or small)
+                if increment <= least:
+                    return state, reached, outcome
 
     def _newton_solve(self, state: Floats, pressure: float) -> int:
         self.model.set_pressure(pressure)
         self._newton.pressure = pressure
         self._x.array[:] = state
+        rows = len(self._newton.history)
         self._snes.solve(None, self._x)
         state[:] = self._x.array
-        return int(self._snes.getConvergedReason())
+        outcome = int(self._snes.getConvergedReason())
+        if outcome > 0 and len(self._newton.history) == rows and not self._newton.stable(state):
+            # Another type of SNES, chosen by an option, may have stopped at a saddle.
+            return int(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
+        return outcome
 
-    def _sentence(
-        self, converged: bool, outcome: int, pressure: float, reached: float, state: Floats
-    ) -> str:
-        if converged:
+    def _residual(self, _: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        f.array_w[:] = self.model.residual(x.array_r)
+
+    def _tangent(self, _: PETSc.SNES, x: PETSc.Vec, matrix: PETSc.Mat, __: PETSc.Mat) -> None:
+        self.model.assemble_tangent(matrix, x.array_r)
+
+    def _sentence(self, outcome: int, pressure: float, reached: float | None, state: Floats) -> str:
+        if reached == pressure:
             return f"A stable equilibrium was found at {pressure:g} Pa."
-        use = self.model.bounds.worst(self.model.corners(state))
         why = {
             int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT): (
                 f"Newton's method took {self.options.max_steps} steps without converging"
             ),
-            int(PETSc.SNES.ConvergedReason.DIVERGED_FUNCTION_DOMAIN): (
-                "the start leaves the stretch bounds"
-            ),
+            int(PETSc.SNES.ConvergedReason.DIVERGED_INNER): "what was found is not stable",
         }.get(outcome, "no step lowered the energy any more")
+        bounds = f"c1 = {self.model.composite.c1:g}, c2 = {self.model.composite.c2:g}"
+        begin = f"No equilibrium inside the stretch bounds ({bounds}) was found at pressure = "
+        begin += f"{pressure:g} Pa: {why}."
+        if reached is None:
+            return (
+                f"{begin} Nor was there any at a lower one; the state is the one started from. "
+                "Check materials and supports, or refine the mesh."
+            )
+        use = self.model.bounds.worst(self.model.corners(state))
         return (
-            f"No equilibrium inside the stretch bounds was found at pressure = {pressure:g} Pa: "
-            f"{why}. The last equilibrium is at {reached:g} Pa, where the most stretched triangle "
-            f"uses {100 * use:.1f} % of the bounds c1 = {self.model.composite.c1:g}, "
-            f"c2 = {self.model.composite.c2:g}. Lower the pressure to about {reached:.3g} Pa, "
-            "stiffen the skin, or refine the mesh where it is most stretched."
+            f"{begin} The last equilibrium is at {reached:g} Pa, where the most stretched "
+            f"triangle uses {100 * use:.1f} % of the bounds. Lower the pressure to about "
+            f"{reached:.3g} Pa, stiffen the skin, or refine the mesh where it is most stretched."
         )
 
     def _check(self, density: Floats, pressure: float, start: Floats | None) -> None:
-        comm = self.skin.comm
         if not (math.isfinite(pressure) and pressure >= 0):
             raise ParameterError(f"pressure = {pressure} Pa must be finite and at least 0.")
         if pressure > 0:
             self.skin.pattern.require_closed()
-        error: Exception | None = None
-        owned = len(self.skin.owned_cells)
-        if density.shape != (owned,):
-            error = DensityError(
-                f"density has shape {density.shape}; this rank owns {owned} triangles."
-            )
-        elif start is not None and start.shape != (self.model.size_local,):
+        check_density(self.skin, density)
+        error = None
+        if start is not None and start.shape != (self.model.size_local,):
             error = ParameterError(
                 f"start has shape {start.shape}; this rank owns {self.model.size_local} dofs."
             )
-        raise_together(comm, error)
-        low = smallest(comm, np.min(np.where(np.isfinite(density), density, -np.inf), initial=0))
-        high = largest(comm, np.max(density, initial=0.0, where=np.isfinite(density)))
-        if low < 0 or high > 1:
-            wrong = low if low < 0 else high
-            raise DensityError(
-                f"density holds {wrong if math.isfinite(wrong) else 'NaN or infinity'}; it must "
-                "lie in [0, 1]. Clip it, or look for the error before."
-            )
+        raise_together(self.skin.comm, error)

@@ -52,6 +52,10 @@ class DensityError(TorosError, ValueError):
     """A density field has the wrong size, is not finite or leaves [0, 1]."""
 
 
+class OutputError(TorosError, OSError):
+    """A result could not be written; the message names the place."""
+
+
 class EquilibriumError(TorosError, RuntimeError):
     """No equilibrium was found; `result` holds the last good state and the history."""
 

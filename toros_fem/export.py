@@ -20,7 +20,7 @@ GAP = 10e-3
 MARGIN = 5.0
 
 
-def write_svg(path: Path, pattern: Pattern, density: Floats, threshold: float = 0.5) -> None:
+def write_svg(path: Path, pattern: Pattern, density: Floats, threshold: float) -> None:
     """Write the panels and their reinforcement as an SVG in true scale.
 
     One user unit is 1 mm. Each panel is a group with the path "cut" (its border, red, unfilled)

@@ -61,9 +61,11 @@ class StretchBounds:
         return largest(self._comm, np.max(np.where(np.isfinite(use), use, np.inf), initial=0.0))
 
     def largest_step(self, corners: Floats, direction: Floats, fraction: float) -> float:
-        """Largest factor ≤ 1 on a step that keeps every triangle inside the bounds.
+        """A factor ≤ 1 on a step, 1 if possible, that ends with every triangle inside the bounds.
 
-        No triangle comes nearer to the bound than (1 − fraction) of the distance it has.
+        No triangle ends nearer to the bound than (1 − fraction) of the distance it has. The
+        upper bounds are convex in x, so that they hold on the whole way as well; the lower ones
+        are tested at the end only, and the energy there decides.
 
         Args:
             corners: Corner positions (n, 3, 3) of a feasible state.

@@ -9,8 +9,6 @@ import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
-from toros_fem._mpi import raise_together
-from toros_fem.errors import DensityError
 from toros_fem.meshes.skin import Skin
 from toros_fem.parameters import require_positive
 
@@ -87,40 +85,3 @@ class ConeFilter:
         self._out.array[:] = gradient
         self._matrix.multTranspose(self._out, self._in)
         return self._in.array.copy()
-
-
-def random_density(skin: Skin, seed: int, mean: float = 0.5, spread: float = 0.1) -> Floats:
-    """Owned densities drawn uniformly from mean ± spread by pattern triangle.
-
-    The same seed gives the same density in each triangle on any number of ranks.
-
-    Raises:
-        DensityError: mean ± spread leaves [0, 1].
-    """
-    if not (spread >= 0 and mean - spread >= 0 and mean + spread <= 1):
-        raise DensityError(
-            f"mean ± spread = {mean} ± {spread} must lie in [0, 1]; reduce the spread."
-        )
-    drawn = np.random.default_rng(seed).uniform(-1, 1, len(skin.pattern.panel))
-    return np.asarray(mean + spread * drawn[skin.owned_cells])
-
-
-def check_density(skin: Skin, density: Floats, name: str = "density") -> None:
-    """Check size and range of owned densities, alike on all ranks (collective).
-
-    Raises:
-        DensityError: Naming the size, or the first value outside [0, 1].
-    """
-    error = None
-    owned = len(skin.owned_cells)
-    if density.shape != (owned,):
-        error = DensityError(f"{name} has shape {density.shape}; this rank owns {owned} triangles.")
-    else:
-        outside = ~((density >= 0) & (density <= 1))
-        if outside.any():
-            k = int(np.flatnonzero(outside)[0])
-            error = DensityError(
-                f"{name} of triangle {skin.owned_cells[k]} is {density[k]}; it must lie in "
-                "[0, 1]. Clip it, or look for the error before."
-            )
-    raise_together(skin.comm, error)

@@ -51,7 +51,6 @@ class MMAOptions:
 class MMAState:
     """All that the next iteration depends on; plain arrays, so that a run resumes exactly."""
 
-    iteration: int = 0
     previous: Floats | None = None
     before_previous: Floats | None = None
     low: Floats | None = None
@@ -143,7 +142,6 @@ class MMA:
         low, upp = self._asymptotes(here)
         state.before_previous, state.previous = state.previous, here
         state.low, state.upp = low, upp
-        state.iteration += 1
         state.curvature *= CURVATURE_DECAY
         self._data = (value, gradient.array.copy(), np.asarray(values, dtype=float), rows)
         self._propose(x)

@@ -11,7 +11,6 @@ from dolfinx.fem import petsc as fem_petsc
 from petsc4py import PETSc
 
 from toros_fem._mpi import dot, total
-from toros_fem.errors import ParameterError
 from toros_fem.feasibility import StretchBounds
 from toros_fem.forms.energy import Section, SkinForms, skin_forms
 from toros_fem.forms.interpolation import interpolate
@@ -35,20 +34,14 @@ class SkinModel:
     Args:
         skin: The sewn skin.
         composite: The two materials and the stretch bounds.
-        supports: Held components; at least three vertices' worth, or the tangent is singular.
+        supports: Held components.
 
     Raises:
-        ParameterError: The supports hold nothing, or are made for another pattern.
+        ParameterError: The supports leave a rigid motion, or are made for another pattern.
     """
 
     def __init__(self, skin: Skin, composite: Composite, supports: Supports) -> None:
-        if supports.held.shape != (len(skin.pattern.points), 3):
-            raise ParameterError(
-                f"supports.held has shape {supports.held.shape}; this skin needs "
-                f"({len(skin.pattern.points)}, 3). Make the supports from its own pattern."
-            )
-        if not supports.held.any():
-            raise ParameterError("supports hold no vertex, so that the skin could float away.")
+        supports.require_no_rigid_motion(skin.pattern)
         self.skin = skin
         self.composite = composite
         self.closed = len(skin.pattern.free_edges) == 0
@@ -175,10 +168,16 @@ class SkinModel:
         self.adjoint.x.scatter_forward()
         return self._vector(self._sensitivity)
 
-    def rigidity(self) -> float:
-        """Sum over triangles of area times membrane modulus, in J: the scale of E's rounding."""
+    def energy_rounding(self) -> float:
+        """Bound in J on what rounding adds to the stretching energy.
+
+        The logarithms of eq. (1) round at 1 whatever the strain, and are multiplied by a and b:
+        wide bounds cost digits.
+        """
+        c1, c2 = self.composite.c1, self.composite.c2
+        widest = max(1.0, (c1 - 1) ** 2, (c2 - 1) ** 2)
         mixed = _membrane_modulus(self.composite, self._owned_density())
-        return dot(self.skin.comm, mixed, self._areas)
+        return 1e-14 * widest * dot(self.skin.comm, mixed, self._areas)
 
     def _owned_density(self) -> Floats:
         return self.density.x.array[: len(self._areas)]

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from toros_fem._mpi import dot, norm
+from toros_fem.errors import TorosError
 from toros_fem.model import SkinModel
 from toros_fem.parameters import NewtonOptions
 
@@ -19,6 +20,12 @@ SMALLEST_STEP = 1e-10
 FIRST_SHIFT = 1e-3
 SMALLEST_SHIFT = 1e-6
 LARGEST_SHIFT = 1e6
+# Where rounding lets no step lower the energy any more, this residual over the load will do.
+STAGNATED = 1e-8
+# MUMPS asks for more working space by these codes of INFOG(1), and calls a matrix singular by -10.
+LARGEST_SPACE = 4000
+MORE_SPACE = (-8, -9, -11, -12, -14, -15, -17, -20)
+SINGULAR = -10
 
 
 @dataclass(frozen=True)
@@ -59,7 +66,8 @@ class Factor:
         pc.setFactorSetUpSolverType()
         factor = pc.getFactorMatrix()
         factor.setMumpsIcntl(13, 1)  # no ScaLAPACK root, which would hide its negative pivots
-        factor.setMumpsIcntl(14, 60)  # room for delayed pivots
+        self._space = 60
+        factor.setMumpsIcntl(14, self._space)  # per cent of room for delayed pivots
         factor.setMumpsIcntl(7, 5)  # METIS
         self._rhs, self._solution = self.matrix.createVecRight(), self.matrix.createVecLeft()
         self.count = 0
@@ -83,7 +91,19 @@ class Factor:
         self.ksp.setUp()
         self.count += 1
         factor = self.ksp.getPC().getFactorMatrix()
-        if factor.getMumpsInfog(1) < 0:
+        code = factor.getMumpsInfog(1)
+        if code in MORE_SPACE and self._space < LARGEST_SPACE:
+            self._space *= 4
+            factor.setMumpsIcntl(14, self._space)
+            self.matrix.assemble()
+            return self.factorise(shift)
+        if code < 0 and code != SINGULAR:
+            raise TorosError(
+                f"MUMPS could not factorise the tangent of {self.matrix.getSize()[0]} unknowns: "
+                f"INFOG(1) = {code}, INFOG(2) = {factor.getMumpsInfog(2)}. If memory ran out "
+                "(-13), use a coarser mesh or more ranks on other machines."
+            )
+        if code == SINGULAR:
             return int(self.matrix.getSize()[0])
         return int(factor.getMumpsInfog(12))
 
@@ -95,14 +115,15 @@ class Factor:
 
 
 class RegularisedNewton:
-    """A PETSc SNES of type "python": minimises the energy at fixed pressure and density.
+    """The solver inside a PETSc SNES of type "python": minimises E at given pressure and density.
 
     Each step solves (K + τD) p = −r with the smallest τ ≥ 0 of a geometric ladder for which the
     factorisation has no negative pivot, remembered from step to step; caps p where a triangle
     would use up too much of its way to the stretch bounds; and backtracks on the energy. Near
     the end energies differ by less than their rounding; there the slope decides (Hager & Zhang
     2005, eq. 2.4, approximate Wolfe). A stationary point that is no minimum is left along its
-    softest mode.
+    softest mode. A state counts as equilibrium when its residual is below the SNES's rtol times
+    the applied load, or below what the rounding of the positions gives.
     """
 
     def __init__(self, model: SkinModel, factor: Factor, options: NewtonOptions) -> None:
@@ -111,7 +132,7 @@ class RegularisedNewton:
         self.history: list[NewtonStep] = []
         self.pressure = 0.0
         self._shift = 0.0
-        self.stable_at_end = False
+        self._stiffness = 0.0
 
     def solve(self, snes: PETSc.SNES, b: PETSc.Vec | None, x: PETSc.Vec) -> None:
         """Called by SNES."""
@@ -122,24 +143,27 @@ class RegularisedNewton:
 
     def _minimise(self, snes: PETSc.SNES, state: Floats) -> int:
         reasons = PETSc.SNES.ConvergedReason
+        tolerance, _, _, max_steps = snes.getTolerances()
         model, comm = self.model, self.comm
+        # Nothing of a solve before, which may have failed far away, may count here.
+        self._shift, self._stiffness = 0.0, 0.0
         energy = model.energy(state)
         if not np.isfinite(energy):
             return int(reasons.DIVERGED_FUNCTION_DOMAIN)
         residual = model.residual(state)
-        rounding = 1e-14 * (model.rigidity() + abs(self.pressure * model.volume(state)))
+        rounding = model.energy_rounding() + 1e-14 * abs(self.pressure * model.volume(state))
         escapes = 0
-        for step in range(self.options.max_steps + 1):
+        for step in range(max_steps + 1):
             size = norm(comm, residual)
             reference = self.reference(state)
             snes.setIterationNumber(step)
             snes.setFunctionNorm(size)
             snes.monitor(step, size)
-            done = size <= self.options.tolerance * reference or size <= self._floor()
-            if done and self._stable(state):
+            done = size <= tolerance * reference or size <= self._floor(reference)
+            if done and self.stable(state):
                 self.history.append(NewtonStep(self.pressure, size / reference, energy, 0.0, 0.0))
                 return int(reasons.CONVERGED_FNORM_RELATIVE)
-            if step == self.options.max_steps:
+            if step == max_steps:
                 break
             if done:
                 escapes += 1
@@ -154,7 +178,7 @@ class RegularisedNewton:
                 NewtonStep(self.pressure, size / reference, energy, self._shift, share)
             )
             if share == 0.0:
-                if size <= 1e-3 * self.options.tolerance**0.5 * reference and self._stable(state):
+                if size <= STAGNATED * reference and self.stable(state):
                     return int(reasons.CONVERGED_SNORM_RELATIVE)
                 if self._shift >= LARGEST_SHIFT / 8:
                     return int(reasons.DIVERGED_LINE_SEARCH)
@@ -166,26 +190,33 @@ class RegularisedNewton:
         return int(reasons.DIVERGED_MAX_IT)
 
     def reference(self, state: Floats) -> float:
-        """Norm of the applied load in N; without load, of the force of a strain of 1e-4."""
-        load = abs(self.pressure) * norm(self.comm, self.model.load(state))
+        """Norm of the applied load in N; without load, the force of a strain of 1e-4."""
+        if self.pressure > 0:
+            return self.pressure * norm(self.comm, self.model.load(state))
         fabric = self.model.composite.fabric
         area = float(self.model.skin.pattern.areas.sum())
-        return load + 1e-4 * fabric.membrane_stiffness * float(np.sqrt(area))
+        return 1e-4 * fabric.membrane_stiffness * float(np.sqrt(area))
 
-    def _floor(self) -> float:
-        """Norm that rounding of the positions alone gives the residual."""
-        eps = np.finfo(float).eps
-        return 8 * eps * self.model.skin.pattern.size * norm(self.comm, self.factor.scale)
+    def _floor(self, reference: float) -> float:
+        """Norm that rounding of the positions alone gives the residual, once K is known.
 
-    def _stable(self, state: Floats) -> bool:
-        """Whether the tangent at a state is positive definite; leaves it factorised."""
+        Close to the stretch bounds it would exceed any load: there it is no excuse.
+        """
+        rounding = 8 * float(np.finfo(float).eps) * self.model.skin.pattern.size
+        return min(rounding * self._stiffness, STAGNATED * reference)
+
+    def _assemble(self, state: Floats) -> None:
         self.factor.assemble(state)
-        self.stable_at_end = self.factor.factorise(0.0) == 0
-        return self.stable_at_end
+        self._stiffness = norm(self.comm, self.factor.scale)
+
+    def stable(self, state: Floats) -> bool:
+        """Whether the tangent at a state is positive definite; leaves it factorised."""
+        self._assemble(state)
+        return self.factor.factorise(0.0) == 0
 
     def _factorise(self, state: Floats) -> None:
         """Factorise with the smallest shift of the ladder that leaves no negative pivot."""
-        self.factor.assemble(state)
+        self._assemble(state)
         shift = self._shift / 8 if self._shift / 8 >= SMALLEST_SHIFT else 0.0
         while self.factor.factorise(shift) > 0 and shift < LARGEST_SHIFT:
             shift = max(FIRST_SHIFT, 4 * shift) if shift else max(FIRST_SHIFT, self._shift)

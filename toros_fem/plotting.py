@@ -29,7 +29,7 @@ LIGHT = np.array([-0.35, 0.45, 0.82])
 DPI = 150
 
 
-def plot_pattern(path: Path, pattern: Pattern, density: Floats, threshold: float = 0.5) -> None:
+def plot_pattern(path: Path, pattern: Pattern, density: Floats, threshold: float) -> None:
     """Picture of the flat panels with their reinforcement, in mm.
 
     Args:
@@ -68,7 +68,7 @@ def plot_shape(
         path: PNG file to write.
         pattern: The pattern.
         positions, target: Positions of all assembled vertices, (n, 3), in m.
-        density: Projected density ρ̄ of all triangles, (t,).
+        density: Density of all triangles to colour by, (t,), 1 for reinforced.
         title: What to write above.
     """
     mix = density[:, None]

@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from toros_fem._mpi import raise_together
+from toros_fem.design import Evaluation
+from toros_fem.errors import OutputError
 from toros_fem.io import HistoryFile, versions, write_fields, write_json
 from toros_fem.meshes.skin import Skin
-from toros_fem.optimise import DesignResult, Evaluation, Iteration
+from toros_fem.optimise import DesignResult, Iteration
 
 Floats = npt.NDArray[np.float64]
 
@@ -26,19 +29,27 @@ class Reporter:
         folder: Output folder, made if missing.
         iterations: How many are planned.
         angle: Measures the angle reached, in degrees, from all vertices' positions.
+        begin: `time.perf_counter()` at the start of the whole run.
+
+    Raises:
+        OutputError: The folder cannot be made or written to; here and in all methods.
     """
 
     def __init__(
-        self, skin: Skin, folder: Path, iterations: int, angle: Callable[[Floats], float]
+        self,
+        skin: Skin,
+        folder: Path,
+        iterations: int,
+        angle: Callable[[Floats], float],
+        begin: float,
     ) -> None:
         self._skin, self._folder, self._planned, self._measure = skin, folder, iterations, angle
-        self._first = skin.comm.rank == 0
+        self._whole_begin = begin
         self._begin = time.perf_counter()
+        self._history = HistoryFile(folder / "history.csv")
         self.angles: list[float] = []
-        self._history: HistoryFile | None = None
-        if self._first:
-            folder.mkdir(parents=True, exist_ok=True)
-            self._history = HistoryFile(folder / "history.csv")
+        self._on_first_rank(lambda: folder.mkdir(parents=True, exist_ok=True))
+        if skin.comm.rank == 0:
             print(
                 "  it   objective  angle/deg  volume   grey  rejected  newton  seconds", flush=True
             )
@@ -48,33 +59,34 @@ class Reporter:
         positions = self._skin.gather_vertices(evaluation.equilibrium.state.reshape(-1, 3))
         angle = self._measure(positions)
         self.angles.append(angle)
-        if not self._first:
-            return
-        assert self._history is not None
-        self._history.write(row, angle_deg=angle)
-        self._clear()
-        print(
-            f"{row.iteration:4d}  {row.objective:10.4e}  {angle:9.2f}  {row.volume_fraction:6.3f}"
-            f"  {row.grey_level:5.3f}  {row.rejected:8d}  {row.newton_steps:6d}"
-            f"  {row.seconds:7.2f}",
-            flush=True,
-        )
-        if sys.stderr.isatty():
-            done = row.iteration / max(self._planned, 1)
-            elapsed = time.perf_counter() - self._begin
-            left = f"{elapsed / done * (1 - done):.0f} s left" if done > 0 else ""
-            bar = "█" * round(30 * done) + "·" * (30 - round(30 * done))
-            print(f"\r{bar} {row.iteration}/{self._planned} {left}", end="", file=sys.stderr,
-                  flush=True)  # fmt: skip
+
+        def show() -> None:
+            self._history.write(row, angle_deg=angle)
+            self._clear()
+            print(
+                f"{row.iteration:4d}  {row.objective:10.4e}  {angle:9.2f}"
+                f"  {row.volume_fraction:6.3f}  {row.grey_level:5.3f}  {row.rejected:8d}"
+                f"  {row.newton_steps:6d}  {row.seconds:7.2f}",
+                flush=True,
+            )
+            self._bar(row.iteration)
+
+        self._on_first_rank(show)
 
     def finish(
-        self, result: DesignResult, target: Floats, inputs: dict[str, Any], figures: dict[str, Any]
+        self,
+        result: DesignResult,
+        target: Floats,
+        threshold: float,
+        inputs: dict[str, Any],
+        figures: dict[str, Any],
     ) -> dict[str, Any]:
         """Write summary, pattern, fields and pictures (collective); the summary is returned.
 
         Args:
             result: What the design loop arrived at.
             target: Target positions of all vertices, (n, 3), in m.
+            threshold: η, the filtered density from which on cloth is printed.
             inputs: Everything that went in.
             figures: Figures of this demo to add to the summary: `angle_target_deg` and others.
         """
@@ -89,6 +101,12 @@ class Reporter:
         designed = skin.gather_cells(result.designed.astype(np.float64)) > 0
         shown = np.where(designed, fields["rho_filtered"], fields["rho_projected"])
         first, last = result.history[0], result.history[-1]
+        now = time.perf_counter()
+        seconds = {
+            "setup": self._begin - self._whole_begin,
+            **result.seconds,
+            "total": now - self._whole_begin,
+        }
         summary = {
             "objective_first": first.objective,
             "objective_last": last.objective,
@@ -109,42 +127,77 @@ class Reporter:
             "vertices": len(pattern.points),
             "ranks": skin.comm.size,
             "reason": result.reason,
-            "seconds": {**result.seconds, "total": time.perf_counter() - self._begin},
+            "seconds": seconds,
             "versions": versions(),
             "inputs": inputs,
         }
-        if self._first:
+
+        def write() -> None:
             self._clear()
             write_json(self._folder / "summary.json", summary)
             write_fields(self._folder / "skin.vtu", pattern, positions, fields)
-            self._pictures(result, positions, target, shown, fields["rho_projected"], summary)
+            self._draw(
+                result, positions, target, shown, fields["rho_projected"], threshold, summary
+            )
+
+        self._on_first_rank(write)
         return summary
 
-    def _pictures(
+    def _draw(
         self,
         result: DesignResult,
         positions: Floats,
         target: Floats,
         shown: Floats,
         projected: Floats,
+        threshold: float,
         summary: dict[str, Any],
     ) -> None:
-        pattern = self._skin.pattern
+        pattern, folder = self._skin.pattern, self._folder
         try:
             from toros_fem.export import write_svg
+        except ImportError as missing:
+            print(f"no SVG: {missing}; pip install toros_fem[export]", file=sys.stderr)
+            return
+        write_svg(folder / "pattern.svg", pattern, shown, threshold)
+        try:
             from toros_fem.plotting import plot_convergence, plot_pattern, plot_shape
         except ImportError as missing:
-            print(f"no pictures: {missing}; pip install toros_fem[plot,export]", file=sys.stderr)
+            print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
             return
-        write_svg(self._folder / "pattern.svg", pattern, shown)
-        plot_pattern(self._folder / "pattern.png", pattern, shown)
+        plot_pattern(folder / "pattern.png", pattern, shown, threshold)
         wanted = float(summary["angle_target_deg"])
         title = (
             f"{summary['angle_deg']:.0f}° reached of {wanted:.0f}° at "
             f"{summary['pressure_pa'] / 1e3:g} kPa"
         )
-        plot_shape(self._folder / "shape.png", pattern, positions, target, projected, title)
-        plot_convergence(self._folder / "convergence.png", result.history, self.angles, wanted)
+        plot_shape(folder / "shape.png", pattern, positions, target, projected, title)
+        plot_convergence(folder / "convergence.png", result.history, self.angles, wanted)
+
+    def _on_first_rank(self, action: Callable[[], None]) -> None:
+        """Do something with files on one rank; all ranks raise if it fails (collective)."""
+        error: Exception | None = None
+        if self._skin.comm.rank == 0:
+            try:
+                action()
+            except OSError as caught:
+                error = OutputError(
+                    f"{self._folder} could not be written: {caught}. Take another folder, or "
+                    "make room; what was written before stays."
+                )
+            except Exception as caught:  # the other ranks wait to hear of it
+                error = caught
+        raise_together(self._skin.comm, error)
+
+    def _bar(self, iteration: int) -> None:
+        if not sys.stderr.isatty():
+            return
+        done = iteration / self._planned
+        elapsed = time.perf_counter() - self._begin
+        left = f"{elapsed / done * (1 - done):.0f} s left" if done > 0 else ""
+        filled = round(30 * done)
+        bar = "█" * filled + "·" * (30 - filled)
+        print(f"\r{bar} {iteration}/{self._planned} {left}", end="", file=sys.stderr, flush=True)
 
     def _clear(self) -> None:
         if sys.stderr.isatty():

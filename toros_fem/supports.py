@@ -23,6 +23,29 @@ class Supports:
 
     held: npt.NDArray[np.bool_]
 
+    def require_no_rigid_motion(self, pattern: Pattern) -> None:
+        """Check that no rigid motion of the assembled skin is left free.
+
+        Raises:
+            ParameterError: The supports are made for another pattern, or leave a rigid motion.
+        """
+        points = pattern.points
+        if self.held.shape != points.shape:
+            raise ParameterError(
+                f"supports.held has shape {self.held.shape}; this skin needs {points.shape}. "
+                "Make the supports from its own pattern."
+            )
+        arm = (points - points.mean(axis=0)) / pattern.size
+        shifts = np.broadcast_to(np.eye(3), (len(points), 3, 3))
+        turns = np.stack([np.cross(axis, arm) for axis in np.eye(3)], axis=2)
+        motions = np.concatenate([shifts, turns], axis=2)[self.held]
+        rank = np.linalg.matrix_rank(motions, tol=1e-6) if len(motions) else 0
+        if rank < 6:
+            raise ParameterError(
+                f"the supports hold {self.held.sum()} components and leave {6 - rank} of the 6 "
+                "rigid motions free, so that the skin could float away. Hold more of it."
+            )
+
 
 def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
     """Hold every vertex of the named panels in all three components.
