@@ -12,7 +12,7 @@ from toros_fem import errors
 from toros_fem._mpi import norm
 from toros_fem.density import random_density
 from toros_fem.design import DesignProblem
-from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
+from toros_fem.equilibrium import EquilibriumError, EquilibriumResult, EquilibriumSolver
 from toros_fem.filters import ConeFilter
 from toros_fem.objective import ShapeObjective
 from toros_fem.optimise import DesignOptions, optimise
@@ -163,7 +163,7 @@ def test_a_design_without_equilibrium_is_stepped_back_from(
             count += 1
             result = solve(*args, **kwargs)
             if count in broken:
-                raise errors.EquilibriumError("made to fail", result)
+                raise EquilibriumError("made to fail", result)
             return result
 
         return patched

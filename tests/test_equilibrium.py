@@ -10,7 +10,7 @@ from toros_fem.meshes.pattern import Panel
 
 from toros_fem import errors
 from toros_fem._mpi import norm
-from toros_fem.equilibrium import EquilibriumSolver
+from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
 from toros_fem.model import SkinModel
 from toros_fem.newton import Factor, RegularisedNewton
 from toros_fem.parameters import Composite, Material, NewtonOptions
@@ -247,7 +247,7 @@ def test_beyond_the_limit_point(comm: MPI.Comm) -> None:
     solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
     below = solver.solve(fabric(skin), 1.2e3)
     assert below.converged
-    with pytest.raises(errors.EquilibriumError, match="at pressure = 2500 Pa") as caught:
+    with pytest.raises(EquilibriumError, match="at pressure = 2500 Pa") as caught:
         solver.solve(fabric(skin), 2.5e3)
     last = caught.value.result
     assert not last.converged

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from toros_fem._mpi import norm, raise_together
 from toros_fem.density import check_density
-from toros_fem.errors import EquilibriumError, ParameterError
+from toros_fem.errors import ParameterError, TorosError
 from toros_fem.meshes.skin import Skin
 from toros_fem.model import SkinModel
 from toros_fem.newton import Factor, NewtonStep, RegularisedNewton
@@ -50,6 +50,14 @@ class EquilibriumResult:
     steps: int
     factorisations: int
     history: tuple[NewtonStep, ...]
+
+
+class EquilibriumError(TorosError, RuntimeError):
+    """No equilibrium was found; `result` holds the last good state and the history."""
+
+    def __init__(self, message: str, result: EquilibriumResult) -> None:
+        super().__init__(message)
+        self.result = result
 
 
 class EquilibriumSolver:

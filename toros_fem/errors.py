@@ -1,12 +1,5 @@
 """Typed errors: each names the value, the bound and the remedy."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from toros_fem.equilibrium import EquilibriumResult
-
 
 class TorosError(Exception):
     """Base class of every error that `toros_fem` raises on purpose."""
@@ -54,11 +47,3 @@ class DensityError(TorosError, ValueError):
 
 class OutputError(TorosError, OSError):
     """A result could not be written; the message names the place."""
-
-
-class EquilibriumError(TorosError, RuntimeError):
-    """No equilibrium was found; `result` holds the last good state and the history."""
-
-    def __init__(self, message: str, result: EquilibriumResult) -> None:
-        super().__init__(message)
-        self.result = result

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 from toros_fem._mpi import dot, largest, norm, total
 from toros_fem.density import check_density
 from toros_fem.design import DesignProblem, Evaluation
-from toros_fem.errors import EquilibriumError
+from toros_fem.equilibrium import EquilibriumError
 from toros_fem.mma import MMA, MMAOptions
 from toros_fem.parameters import require_positive
 from toros_fem.projection import Continuation, Projection
