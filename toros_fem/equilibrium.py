@@ -185,9 +185,10 @@ class EquilibriumSolver:
         """Raise the pressure in steps that shrink where they fail.
 
         Returns:
-            The last equilibrium and its pressure, None if there is none, and how the last
-            attempt ended.
+            The last equilibrium and its pressure, or the start and None if there is none, and
+            how the last attempt ended.
         """
+        first = state
         # Where the whole pressure at once fails, begin with one that strains by a few per cent.
         small = 0.1 * self.model.composite.fabric.membrane_stiffness / self.skin.pattern.size
         reached, increment = None, pressure
@@ -206,7 +207,7 @@ class EquilibriumSolver:
                 increment = min(increment / 4, small) if reached is None else increment / 4
                 least = self.options.min_increment * (reached or small)
                 if increment <= least:
-                    return state, reached, outcome
+                    return (first if reached is None else state), reached, outcome
 
     def _newton_solve(self, state: Floats, pressure: float) -> int:
         self.model.set_pressure(pressure)
