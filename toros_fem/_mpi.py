@@ -14,6 +14,13 @@ def total(comm: MPI.Comm, value: float) -> float:
     return float(comm.allreduce(float(value), op=MPI.SUM))
 
 
+def sum_over_ranks(comm: MPI.Comm, local: Array) -> Array:
+    """Entrywise sum of small arrays over the ranks."""
+    out = np.empty_like(local)
+    comm.Allreduce(np.ascontiguousarray(local), out)
+    return out
+
+
 def largest(comm: MPI.Comm, value: float) -> float:
     """Maximum of a number over the ranks."""
     return float(comm.allreduce(float(value), op=MPI.MAX))

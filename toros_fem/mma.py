@@ -10,9 +10,10 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from toros_fem._mpi import smallest, sum_over_ranks
 from toros_fem.errors import ParameterError
 from toros_fem.parameters import require_between, require_positive
-from toros_fem.subproblem import Subproblem, solve_subproblem, sum_over_ranks
+from toros_fem.subproblem import Subproblem, solve_subproblem
 
 Floats = npt.NDArray[np.float64]
 
@@ -87,9 +88,7 @@ class MMA:
     ) -> None:
         self._comm: MPI.Comm = lower.comm.tompi4py()
         self._lower, self._upper = lower.array.copy(), upper.array.copy()
-        worst = self._comm.allreduce(
-            float(np.min(self._upper - self._lower, initial=np.inf)), op=MPI.MIN
-        )
+        worst = smallest(self._comm, np.min(self._upper - self._lower, initial=np.inf))
         if not worst >= 0:
             raise ParameterError(f"an upper bound lies {-worst:g} below its lower bound.")
         self._m = constraints

@@ -83,15 +83,10 @@ class SkinModel:
         marker = fem.Function(self.space)
         self._held = [fem.dirichletbc(marker, np.flatnonzero(held).astype(np.int32))]
 
-        # Owned triangles come first in the mesh; their corners, and their flat charts' inverses.
+        # Owned triangles come first in the mesh, each with flat corners of its own.
         owned = domain.topology.index_map(2).size_local
         self._corner = skin.position_space.dofmap.list[:owned]
-        vertex = skin.vertex[self._corner]
-        triangle = skin.cell[cells[:owned]]
-        place = np.argmax(
-            skin.pattern.triangles[triangle][:, None, :] == vertex[:, :, None], axis=2
-        )
-        flat = np.take_along_axis(skin.pattern.corners[triangle], place[:, :, None], axis=1)
+        flat = domain.geometry.x[: 3 * owned].reshape(owned, 3, 3)[:, :, :2]
         chart = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
         self.bounds = StretchBounds(skin.comm, np.linalg.inv(chart), composite.c1, composite.c2)
         self._areas = skin.pattern.areas[skin.owned_cells]
@@ -176,11 +171,8 @@ class SkinModel:
         """
         c1, c2 = self.composite.c1, self.composite.c2
         widest = max(1.0, (c1 - 1) ** 2, (c2 - 1) ** 2)
-        mixed = _membrane_modulus(self.composite, self._owned_density())
+        mixed = _membrane_modulus(self.composite, self.density.x.array[: len(self._areas)])
         return 1e-14 * widest * dot(self.skin.comm, mixed, self._areas)
-
-    def _owned_density(self) -> Floats:
-        return self.density.x.array[: len(self._areas)]
 
     def _vector(self, form: Any) -> Floats:
         b = fem.assemble_vector(form)

@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from toros_fem._mpi import largest, sum_over_ranks
+
 Floats = npt.NDArray[np.float64]
 
 
@@ -29,13 +31,6 @@ class Subproblem:
     alpha: Floats
     beta: Floats
     c: Floats
-
-
-def sum_over_ranks(comm: MPI.Comm, local: Floats) -> Floats:
-    """Sum of small arrays over the ranks."""
-    out = np.empty_like(local)
-    comm.Allreduce(np.ascontiguousarray(local), out)
-    return out
 
 
 def solve_subproblem(comm: MPI.Comm, sub: Subproblem, tolerance: float) -> tuple[Floats, Floats]:
@@ -92,10 +87,9 @@ def _residual(comm: MPI.Comm, sub: Subproblem, v: _Point, barrier: float) -> tup
     )
     squares = sum_over_ranks(comm, np.array([sum(float(r @ r) for r in local)]))[0]
     top = max((float(np.abs(r).max(initial=0)) for r in local), default=0.0)
-    top = comm.allreduce(top, op=MPI.MAX)
     return (
         float(np.sqrt(squares + shared @ shared)),
-        max(top, float(np.abs(shared).max(initial=0))),
+        max(largest(comm, top), float(np.abs(shared).max(initial=0))),
     )
 
 
@@ -146,7 +140,7 @@ def _longest(comm: MPI.Comm, sub: Subproblem, v: _Point, d: _Point) -> float:
     ]
     for value, change in pairs:
         worst = max(worst, float(np.max(-change / value, initial=0.0)))
-    return 1 / (1.01 * float(comm.allreduce(worst, op=MPI.MAX)))
+    return 1 / (1.01 * largest(comm, worst))
 
 
 @dataclass(frozen=True)
