@@ -7,16 +7,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import ufl
-from toros_fem.forms.bending import bending_energy, curvature, moment
+from toros_fem.forms.bending import bending_blocks, bending_energy, curvature, moment
+from toros_fem.forms.blocks import Blocks, components
 from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.kinematics import (
     CELL,
     deformation_gradient,
     flat_area,
     right_cauchy_green,
+    stretch_invariants,
 )
-from toros_fem.forms.membrane import barrier_membrane
-from toros_fem.forms.pressure import enclosed_volume
+from toros_fem.forms.membrane import barrier_membrane, membrane_blocks
+from toros_fem.forms.pressure import enclosed_volume, pressure_blocks
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,8 @@ class SkinForms:
         volume: Enclosed volume, in m³.
         residual: First variation of E, the negative of the force of eq. (9), in N.
         load: First variation of the volume, in m²: the force of a unit pressure.
-        tangent: Second variation of E, in N/m.
+        tangent: Entries of the second variation of E, in N/m: for each triangle the upper
+            triangle of its element matrix, row by row, as a linear form on piecewise constants.
         sensitivity: ∂(residual · adjoint)/∂ρ̄ as a linear form on the density space, in J.
     """
 
@@ -58,6 +61,7 @@ class SkinForms:
 def skin_forms(
     q: Any,
     adjoint: Any,
+    entries: Any,
     density: Any,
     fabric: Section,
     reinforcement: Section,
@@ -70,6 +74,8 @@ def skin_forms(
     Args:
         q: Patch positions: a function of three corners, or of three corners and three flaps.
         adjoint: A function of the same space, for the density sensitivity.
+        entries: Test function of the tangent's entries: n(n + 1)/2 piecewise constants for a
+            patch of n components.
         density: Projected density ρ̄, one value a triangle.
         fabric, reinforcement: Section stiffness of the two materials.
         bounds: c₁ and c₂ of eq. (1).
@@ -79,7 +85,7 @@ def skin_forms(
     """
     space = q.ufl_function_space()
     mesh = space.ufl_domain()
-    test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
+    test = ufl.TestFunction(space)
     jacobian = ufl.Jacobian(mesh)
     dx = ufl.dx(domain=mesh, metadata=CELL)
     patch = ufl.split(q)
@@ -88,15 +94,20 @@ def skin_forms(
     def mixed(name: str) -> Any:
         return interpolate(density, getattr(fabric, name), getattr(reinforcement, name))
 
-    C = right_cauchy_green(deformation_gradient(corners, jacobian))
-    energy = barrier_membrane(C, mixed("mu"), mixed("lam"), *bounds) * dx
+    s, p = stretch_invariants(right_cauchy_green(deformation_gradient(corners, jacobian)))
+    sheet = mixed("mu"), mixed("lam")
+    energy = barrier_membrane(s, p, *sheet, *bounds) * dx
     residual = ufl.derivative(energy, q, test)
+    nodes = [components(node) for node in patch]
+    blocks = Blocks(len(nodes))
+    membrane_blocks(blocks, nodes[:3], jacobian, sheet, bounds)
 
     if has_flap:
         Lambda, variation = curvature(patch, ufl.split(test), jacobian, has_flap)
         stiffness = mixed("mu_bend"), mixed("lam_bend")
         energy += bending_energy(Lambda, *stiffness) * dx
         residual += ufl.inner(moment(Lambda, *stiffness), variation) * dx
+        bending_blocks(blocks, nodes, jacobian, has_flap, stiffness)
 
     # What depends on the density is what carries stiffness: the pressure is left out here.
     parts = ufl.replace(residual, {test: adjoint})
@@ -108,6 +119,7 @@ def skin_forms(
         load = ufl.derivative(volume, q, test)
         energy += -pressure * volume
         residual += -pressure * load
+        pressure_blocks(blocks, nodes[:3], jacobian, pressure)
 
-    tangent = ufl.derivative(residual, q, trial)
+    tangent = sum(value * entries[n] for n, value in enumerate(blocks.upper())) * dx
     return SkinForms(energy, volume, residual, load, tangent, sensitivity)

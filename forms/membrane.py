@@ -1,14 +1,20 @@
-"""Membrane energy: a log barrier in the principal stretches, eq. (1)."""
+"""Membrane energy: a log barrier in the principal stretches, eq. (1), and its tangent."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import ufl
-from toros_fem.forms.kinematics import stretch_invariants
+from toros_fem.forms.blocks import Blocks, Vector, cross, dot, minus, skew, times
+from toros_fem.forms.kinematics import (
+    deformation_gradient,
+    right_cauchy_green,
+    stretch_invariants,
+)
 
 
-def barrier_membrane(C: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any:
+def barrier_membrane(s: Any, p: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any:
     """Energy per flat area, eq. (1) of Montes Maestre et al. 2023.
 
     ψ = −μ a ln(1 − (λ₁−1)²/a) − μ a ln(1 − (λ₂−1)²/a) − (λ/2) b ln(1 − (λ₁+λ₂−2)²/b) with
@@ -20,7 +26,7 @@ def barrier_membrane(C: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any:
     state is admissible must be told by the stretches (`toros_fem.feasibility`).
 
     Args:
-        C: Right Cauchy–Green tensor, shape (2, 2).
+        s, p: λ₁ + λ₂ and λ₁ λ₂, by `stretch_invariants`.
         mu, lam: Plane-stress Lamé parameters times thickness, in N/m.
         c1: Bound on a principal stretch: |λᵢ − 1| < c₁ − 1.
         c2: Bound on their sum: |λ₁ + λ₂ − 2| < c₂ − 1.
@@ -28,9 +34,86 @@ def barrier_membrane(C: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any:
     Returns:
         Energy per flat area in J/m².
     """
-    s, p = stretch_invariants(C)
     a, b = (c1 - 1) ** 2, (c2 - 1) ** 2
     squares = s * s - 2 * p - 2 * s + 2  # (λ₁−1)² + (λ₂−1)²
     product = p - s + 1  # (λ₁−1)(λ₂−1)
     shear = -mu * a * ufl.ln(1 - squares / a + product**2 / a**2)
     return shear - lam / 2 * b * ufl.ln(1 - (s - 2) ** 2 / b)
+
+
+def membrane_blocks(
+    blocks: Blocks,
+    corners: Sequence[Vector],
+    jacobian: Any,
+    stiffness: tuple[Any, Any],
+    bounds: tuple[Any, Any],
+) -> None:
+    """Add the second variation of ψ(s, p), eq. (1), per flat area.
+
+    With e₁, e₂ the deformed edges from the first corner and Gᵃᵇ the inverse metric of the flat
+    triangle, s² = Gᵃᵇ eₐ·e_b + 2p and p = |e₁ × e₂| / |det J|. The second derivative of p lies
+    along the normal but for the rotation of e₁ against e₂.
+
+    Args:
+        blocks: Receives the blocks of corners 0 to 2.
+        corners: Deformed corners.
+        jacobian: Jacobian of the flat chart.
+        stiffness: Plane-stress Lamé parameters times thickness.
+        bounds: c₁ and c₂.
+    """
+    gradient = deformation_gradient([ufl.as_vector(corner) for corner in corners], jacobian)
+    s, p = (ufl.variable(value) for value in stretch_invariants(right_cauchy_green(gradient)))
+    psi = barrier_membrane(s, p, *stiffness, *bounds)
+    d_s, d_p = ufl.diff(psi, s), ufl.diff(psi, p)
+    d_ss, d_sp, d_pp = ufl.diff(d_s, s), ufl.diff(d_s, p), ufl.diff(d_p, p)
+    e = (minus(corners[1], corners[0]), minus(corners[2], corners[0]))
+    inverse = ufl.inv(jacobian)
+    metric = ufl.dot(inverse, ufl.transpose(inverse))
+    G = {(0, 0): metric[0, 0], (0, 1): metric[0, 1], (1, 1): metric[1, 1]}
+    scale = abs(ufl.det(jacobian))
+
+    n = cross(e[0], e[1])
+    inverse_length = 1 / ufl.sqrt(dot(n, n))
+    normal = times(inverse_length, n)
+    inverse_scale, inverse_s = 1 / scale, 1 / s
+    p_e = (times(inverse_scale, cross(e[1], normal)), times(inverse_scale, cross(normal, e[0])))
+    u = (
+        [G[0, 0] * e[0][k] + G[0, 1] * e[1][k] for k in range(3)],
+        [G[0, 1] * e[0][k] + G[1, 1] * e[1][k] for k in range(3)],
+    )
+    s_e = tuple(tuple((u[a][k] + p_e[a][k]) * inverse_s for k in range(3)) for a in range(2))
+
+    isotropic = d_s * inverse_s
+    curved = (isotropic + d_p) * inverse_scale
+    along = {
+        (0, 0): curved * inverse_length * dot(e[1], e[1]),
+        (0, 1): -(curved * inverse_length * dot(e[0], e[1])),
+        (1, 1): curved * inverse_length * dot(e[0], e[0]),
+    }
+    rotation = skew(times(-curved, normal))
+    ss, sp, pp = d_ss - isotropic, d_sp, d_pp
+    H: dict[tuple[int, int], list[list[Any]]] = {}
+    for a, b in ((0, 0), (0, 1), (1, 1)):
+        by_s = [ss * s_e[b][k] + sp * p_e[b][k] for k in range(3)]
+        by_p = [sp * s_e[b][k] + pp * p_e[b][k] for k in range(3)]
+        by_n = times(along[a, b], normal)
+        H[a, b] = [
+            [
+                s_e[a][k] * by_s[m]
+                + p_e[a][k] * by_p[m]
+                + normal[k] * by_n[m]
+                + (isotropic * G[a, b] if k == m else 0)
+                + (rotation[k][m] if a != b else 0)
+                for m in range(3)
+            ]
+            for k in range(3)
+        ]
+    blocks.add(1, 1, H[0, 0])
+    blocks.add(1, 2, H[0, 1])
+    blocks.add(2, 2, H[1, 1])
+    # Shifting the whole triangle costs nothing: the first corner's blocks follow.
+    first = [[-(H[0, 0][k][m] + H[0, 1][m][k]) for m in range(3)] for k in range(3)]
+    second = [[-(H[0, 1][k][m] + H[1, 1][k][m]) for m in range(3)] for k in range(3)]
+    blocks.add(0, 1, first)
+    blocks.add(0, 2, second)
+    blocks.add(0, 0, [[-(first[k][m] + second[k][m]) for m in range(3)] for k in range(3)])

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import ufl
+from toros_fem.forms.blocks import Blocks, Vector, skew, times
+from toros_fem.forms.kinematics import flat_area
 
 
 def enclosed_volume(corners: Sequence[Any]) -> Any:
@@ -16,3 +18,12 @@ def enclosed_volume(corners: Sequence[Any]) -> Any:
     """
     a, b, c = corners
     return ufl.inner(a, ufl.cross(b, c)) / 6
+
+
+def pressure_blocks(
+    blocks: Blocks, corners: Sequence[Vector], jacobian: Any, pressure: Any
+) -> None:
+    """Add the second variation of −P V, eq. (7), per flat area: the load turns with the skin."""
+    factor = pressure / (6 * flat_area(jacobian))
+    for u, v, opposite, sign in ((0, 1, 2, 1), (1, 2, 0, 1), (0, 2, 1, -1)):
+        blocks.add(u, v, skew(times(sign * factor, corners[opposite])))

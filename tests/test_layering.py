@@ -16,6 +16,8 @@ LAYERS = [
     ["forms"],
     ["patch", "feasibility", "supports", "density"],
     ["model"],
+    ["tangent"],
+    ["factor"],
     ["newton"],
     ["equilibrium"],
     ["objective", "measure"],

@@ -14,7 +14,8 @@ from toros_fem.density import check_density
 from toros_fem.errors import ParameterError, TorosError
 from toros_fem.meshes.skin import Skin
 from toros_fem.model import SkinModel
-from toros_fem.newton import Factor, NewtonStep, RegularisedNewton
+from toros_fem.factor import PREFIX, Factor
+from toros_fem.newton import NewtonStep, RegularisedNewton
 from toros_fem.parameters import Composite, NewtonOptions
 from toros_fem.supports import Supports
 
@@ -84,7 +85,7 @@ class EquilibriumSolver:
         self._newton = RegularisedNewton(self.model, self._factor, self.options)
         self._x, residual = self._factor.matrix.createVecs()
         snes = PETSc.SNES().create(skin.comm)
-        snes.setOptionsPrefix("toros_")
+        snes.setOptionsPrefix(PREFIX)
         snes.setObjective(lambda _, x: self.model.energy(x.array_r))
         snes.setFunction(self._residual, residual)
         snes.setJacobian(self._tangent, self._factor.matrix)
@@ -225,8 +226,9 @@ class EquilibriumSolver:
     def _residual(self, _: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         f.array_w[:] = self.model.residual(x.array_r)
 
-    def _tangent(self, _: PETSc.SNES, x: PETSc.Vec, matrix: PETSc.Mat, __: PETSc.Mat) -> None:
-        self.model.assemble_tangent(matrix, x.array_r)
+    def _tangent(self, _: PETSc.SNES, x: PETSc.Vec, __: PETSc.Mat, ___: PETSc.Mat) -> None:
+        self._factor.assemble(x.array_r)
+        self._factor.fill(0.0)
 
     def _sentence(self, outcome: int, pressure: float, reached: float | None, state: Floats) -> str:
         if reached == pressure:

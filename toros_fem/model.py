@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import basix.ufl
 import numpy as np
 import numpy.typing as npt
+import ufl
 from dolfinx import fem, la
-from dolfinx.fem import petsc as fem_petsc
-from petsc4py import PETSc
 
 from toros_fem._mpi import dot, total
 from toros_fem.feasibility import StretchBounds
@@ -20,6 +20,7 @@ from toros_fem.patch import patch_space
 from toros_fem.supports import Supports
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int32]
 
 
 class SkinModel:
@@ -30,6 +31,10 @@ class SkinModel:
 
     States are owned position dofs, a flat array (x, y, z of each owned node); densities are owned
     values of the projected density. All methods are collective.
+
+    Attributes:
+        held: Held dofs among the local ones, ghosts included.
+        free: Those owned dofs that are not held.
 
     Args:
         skin: The sewn skin.
@@ -45,7 +50,7 @@ class SkinModel:
         self.skin = skin
         self.composite = composite
         self.closed = len(skin.pattern.free_edges) == 0
-        self.space, has_flap = patch_space(skin, flaps=composite.bending)
+        self.space, self._has_flap = patch_space(skin, flaps=composite.bending)
         self.q = fem.Function(self.space, name="positions")
         self.adjoint = fem.Function(self.space, name="adjoint")
         self.density = fem.Function(skin.density_space, name="projected density")
@@ -55,13 +60,17 @@ class SkinModel:
         if composite.bending:
             for i in range(3):
                 indicator = fem.Function(skin.density_space)
-                indicator.x.array[cells] = has_flap[:, i]
+                indicator.x.array[cells] = self._has_flap[:, i]
                 flap_indicator.append(indicator)
         domain = skin.mesh
+        size = self.space.element.space_dimension
+        entry = basix.ufl.element("DG", "triangle", 0, shape=(size * (size + 1) // 2,))
+        self._entry_space = fem.functionspace(domain, entry)
         self._pressure = fem.Constant(domain, 0.0)
         self.ufl_forms: SkinForms = skin_forms(
             self.q,
             self.adjoint,
+            ufl.TestFunction(self._entry_space),
             self.density,
             _section(domain, composite.fabric),
             _section(domain, composite.reinforcement),
@@ -78,10 +87,8 @@ class SkinModel:
 
         index_map = self.space.dofmap.index_map
         self.size_local: int = index_map.size_local
-        held = supports.held[skin.vertex].ravel()
-        self.free = ~held[: self.size_local]
-        marker = fem.Function(self.space)
-        self._held = [fem.dirichletbc(marker, np.flatnonzero(held).astype(np.int32))]
+        self.held = supports.held[skin.vertex].ravel()
+        self.free = ~self.held[: self.size_local]
 
         # Owned triangles come first in the mesh, each with flat corners of its own.
         owned = domain.topology.index_map(2).size_local
@@ -140,19 +147,31 @@ class SkinModel:
             return 0.0
         return total(self.skin.comm, fem.assemble_scalar(self._volume))
 
-    def create_tangent(self) -> PETSc.Mat:
-        """An empty tangent matrix, marked symmetric."""
-        matrix = fem_petsc.create_matrix(self._tangent)
-        matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-        matrix.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
-        return matrix
+    @property
+    def tangent_layout(self) -> tuple[Ints, Ints, npt.NDArray[np.bool_]]:
+        """Where `tangent_entries` puts what.
 
-    def assemble_tangent(self, matrix: PETSc.Mat, state: Floats) -> None:
-        """Second variation of E in N/m; held rows and columns are those of the identity."""
+        Returns:
+            For each owned triangle its row among the entries; its local dofs, shape (n, 9) or
+            (n, 18); and which of these there are (a flap may be missing).
+        """
+        owned = len(self._corner)
+        dofs = self.space.dofmap.list[:owned]
+        present = np.ones(dofs.shape, dtype=bool)
+        if self._has_flap.any():
+            present[:, 9:] = np.repeat(self._has_flap[:owned] > 0, 3, axis=1)
+        return self._entry_space.dofmap.list[:owned, 0], dofs, present
+
+    def tangent_entries(self, state: Floats, out: Floats) -> None:
+        """Upper triangles of the element matrices of the second variation of E, in N/m.
+
+        Args:
+            state: Owned position dofs.
+            out: Its first entries receive them, a row of 45 or 171 for each owned triangle.
+        """
         self.set_state(state)
-        matrix.zeroEntries()
-        fem_petsc.assemble_matrix(matrix, self._tangent, bcs=self._held)
-        matrix.assemble()
+        out[: len(self._corner) * self._entry_space.dofmap.bs] = 0
+        fem.assemble_vector(out, self._tangent)
 
     def density_sensitivity(self, state: Floats, adjoint: Floats) -> Floats:
         """∂(residual · adjoint)/∂ρ̄ at owned triangles, in J."""

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from toros_fem._mpi import dot, norm
-from toros_fem.errors import TorosError
+from toros_fem.factor import Factor
 from toros_fem.model import SkinModel
 from toros_fem.parameters import NewtonOptions
 
@@ -22,10 +22,6 @@ SMALLEST_SHIFT = 1e-6
 LARGEST_SHIFT = 1e6
 # Where rounding lets no step lower the energy any more, this residual over the load will do.
 STAGNATED = 1e-8
-# MUMPS asks for more working space by these codes of INFOG(1), and calls a matrix singular by -10.
-LARGEST_SPACE = 4000
-MORE_SPACE = (-8, -9, -11, -12, -14, -15, -17, -20)
-SINGULAR = -10
 
 
 @dataclass(frozen=True)
@@ -45,73 +41,6 @@ class NewtonStep:
     energy: float
     shift: float
     step: float
-
-
-class Factor:
-    """Factorised tangent K + τ D, by MUMPS LDLᵀ, whose negative pivots tell of indefiniteness.
-
-    D is the mean over x, y, z of each vertex's diagonal entries, so that τ is a pure number and
-    the regularisation follows the local stiffness, whatever the contrast.
-    """
-
-    def __init__(self, model: SkinModel) -> None:
-        self._model = model
-        self.matrix = model.create_tangent()
-        self.ksp = PETSc.KSP().create(model.skin.comm)
-        self.ksp.setType(PETSc.KSP.Type.PREONLY)
-        self.ksp.setOperators(self.matrix)
-        pc = self.ksp.getPC()
-        pc.setType(PETSc.PC.Type.CHOLESKY)
-        pc.setFactorSolverType("mumps")
-        pc.setFactorSetUpSolverType()
-        factor = pc.getFactorMatrix()
-        factor.setMumpsIcntl(13, 1)  # no ScaLAPACK root, which would hide its negative pivots
-        self._space = 60
-        factor.setMumpsIcntl(14, self._space)  # per cent of room for delayed pivots
-        factor.setMumpsIcntl(7, 5)  # METIS
-        self._rhs, self._solution = self.matrix.createVecRight(), self.matrix.createVecLeft()
-        self.count = 0
-        self.scale: Floats = np.zeros(model.size_local)
-
-    def assemble(self, state: Floats) -> None:
-        """Assemble the tangent at a state."""
-        self._model.assemble_tangent(self.matrix, state)
-        self.matrix.getDiagonal(self._rhs)
-        self._diagonal = self._rhs.array.copy()
-        # One value a vertex: a flat membrane has no stiffness of its own across its plane.
-        mean = np.abs(self._diagonal).reshape(-1, 3).mean(axis=1)
-        self.scale = np.repeat(mean, 3) * self._model.free
-
-    def factorise(self, shift: float) -> int:
-        """Factorise K + shift · D; the number of negative or missing pivots on all ranks."""
-        self._rhs.array[:] = self._diagonal + shift * self.scale
-        self.matrix.setDiagonal(self._rhs)
-        self.matrix.assemble()
-        self.ksp.setOperators(self.matrix)
-        self.ksp.setUp()
-        self.count += 1
-        factor = self.ksp.getPC().getFactorMatrix()
-        code = factor.getMumpsInfog(1)
-        if code in MORE_SPACE and self._space < LARGEST_SPACE:
-            self._space *= 4
-            factor.setMumpsIcntl(14, self._space)
-            self.matrix.assemble()
-            return self.factorise(shift)
-        if code < 0 and code != SINGULAR:
-            raise TorosError(
-                f"MUMPS could not factorise the tangent of {self.matrix.getSize()[0]} unknowns: "
-                f"INFOG(1) = {code}, INFOG(2) = {factor.getMumpsInfog(2)}. If memory ran out "
-                "(-13), use a coarser mesh or more ranks on other machines."
-            )
-        if code == SINGULAR:
-            return int(self.matrix.getSize()[0])
-        return int(factor.getMumpsInfog(12))
-
-    def solve(self, rhs: Floats) -> Floats:
-        """Solve with the last factorisation, zero at held components."""
-        self._rhs.array[:] = rhs
-        self.ksp.solve(self._rhs, self._solution)
-        return self._solution.array * self._model.free
 
 
 class RegularisedNewton:
@@ -212,20 +141,20 @@ class RegularisedNewton:
     def stable(self, state: Floats) -> bool:
         """Whether the tangent at a state is positive definite; leaves it factorised."""
         self._assemble(state)
-        return self.factor.factorise(0.0) == 0
+        return self.factor.factorise(0.0)
 
     def _factorise(self, state: Floats) -> None:
         """Factorise with the smallest shift of the ladder that leaves no negative pivot."""
         self._assemble(state)
         shift = self._shift / 8 if self._shift / 8 >= SMALLEST_SHIFT else 0.0
-        while self.factor.factorise(shift) > 0 and shift < LARGEST_SHIFT:
+        while not self.factor.factorise(shift) and shift < LARGEST_SHIFT:
             shift = max(FIRST_SHIFT, 4 * shift) if shift else max(FIRST_SHIFT, self._shift)
         self._shift = shift
 
     def _softest(self, residual: Floats, seed: int) -> Floats:
         """The mode of smallest curvature, by inverse iteration, scaled to 1 % of the skin."""
         self._shift = FIRST_SHIFT
-        while self.factor.factorise(self._shift) > 0 and self._shift < LARGEST_SHIFT:
+        while not self.factor.factorise(self._shift) and self._shift < LARGEST_SHIFT:
             self._shift *= 4
         # A start that is the same on any number of ranks: drawn by assembled vertex.
         points = self.model.skin.pattern.points

@@ -1,0 +1,71 @@
+"""Element matrices of second variations, entry by entry: what `ufl.derivative` would expand.
+
+Written as 3×3 blocks over a triangle's nodes, with vectors as tuples of scalar expressions: what
+entries share is then shared in the code FFCx makes of them, and only one half is computed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+
+Vector = tuple[Any, Any, Any]
+
+
+class Blocks:
+    """3×3 blocks (u, v), u ≤ v, of a symmetric matrix over a triangle's nodes."""
+
+    def __init__(self, nodes: int) -> None:
+        self.nodes = nodes
+        self._entries: dict[tuple[int, int], Any] = {}
+
+    def add(self, u: int, v: int, block: Sequence[Sequence[Any]]) -> None:
+        """Add a block at (u, v); of the pair (u, v), (v, u) exactly one is to be added."""
+        for k in range(3):
+            for m in range(3):
+                row, column = 3 * u + k, 3 * v + m
+                if u == v and row > column:
+                    continue
+                key = (row, column) if row <= column else (column, row)
+                old = self._entries.get(key)
+                self._entries[key] = block[k][m] if old is None else old + block[k][m]
+
+    def upper(self) -> list[Any]:
+        """Entries (i, j), i ≤ j, row by row."""
+        size = 3 * self.nodes
+        return [self._entries.get((i, j), 0) for i in range(size) for j in range(i, size)]
+
+
+def components(vector: Any) -> Vector:
+    """The three components of a UFL vector."""
+    return vector[0], vector[1], vector[2]
+
+
+def minus(a: Vector, b: Vector) -> Vector:
+    """a − b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def times(factor: Any, a: Vector) -> Vector:
+    """A multiple of a vector."""
+    return factor * a[0], factor * a[1], factor * a[2]
+
+
+def dot(a: Vector, b: Vector) -> Any:
+    """a · b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """a × b."""
+    return (
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    )
+
+
+def skew(a: Vector) -> list[list[Any]]:
+    """The matrix of x ↦ a × x."""
+    return [[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]]

@@ -1,0 +1,141 @@
+"""Factorised tangent: CHOLMOD on one rank, MUMPS on several; both tell of indefiniteness."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from toros_fem.errors import TorosError
+from toros_fem.model import SkinModel
+from toros_fem.tangent import UpperTangent
+
+Floats = npt.NDArray[np.float64]
+
+PREFIX = "toros_"
+# MUMPS asks for more working space by these codes of INFOG(1), and calls a matrix singular by -10.
+LARGEST_SPACE = 4000
+MORE_SPACE = (-8, -9, -11, -12, -14, -15, -17, -20)
+SINGULAR = -10
+# PETSc's code for a pivot that is not positive, by which CHOLMOD gives up.
+NOT_POSITIVE = 81
+
+
+class Factor:
+    """Factorised tangent K + τ D, which exists only where that is positive definite.
+
+    D is the mean over x, y, z of each vertex's diagonal entries, so that τ is a pure number and
+    the regularisation follows the local stiffness, whatever the contrast. CHOLMOD (LLᵀ) stops at
+    the first pivot that is not positive; MUMPS (LDLᵀ) counts the negative ones.
+
+    Attributes:
+        matrix: What PETSc factorises: the upper triangle alone.
+        count: Numeric factorisations so far, failed ones included.
+        scale: The diagonal of D, zero at held dofs, of the last `assemble`.
+    """
+
+    def __init__(self, model: SkinModel) -> None:
+        comm = model.skin.comm
+        self._model = model
+        self._tangent = UpperTangent(model)
+        self.count = 0
+        self.scale: Floats = np.zeros(model.size_local)
+        self._data = self._tangent.values.copy()
+        tangent, size = self._tangent, model.size_local
+        sizes = ((size, None), (size, None))
+        self._aij = PETSc.Mat().createAIJWithArrays(
+            sizes, (tangent.indptr, tangent.columns, self._data), comm=comm
+        )
+        self._aij.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self._aij.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
+        self.matrix = self._aij
+        self._rhs, self._solution = self._aij.createVecRight(), self._aij.createVecLeft()
+        default = "mumps" if comm.size > 1 else "cholmod"
+        options = PETSc.Options(PREFIX)
+        self.package = options.getString("pc_factor_mat_solver_type", default)
+        if self.package == "cholmod":
+            # It reads this format in place, AIJ by a copy that it loses when it fails.
+            self.matrix = self._aij.convert("sbaij", PETSc.Mat())
+            # Its other method, for small matrices, lets negative pivots pass.
+            options["mat_cholmod_factor"] = "SUPERNODAL"
+            if not options.hasName("mat_cholmod_print"):
+                options["mat_cholmod_print"] = 0  # an indefinite tangent is no news
+        self.ksp = PETSc.KSP().create(comm)
+        self.ksp.setOptionsPrefix(PREFIX)
+        self.ksp.setType(PETSc.KSP.Type.PREONLY)
+        self.ksp.setOperators(self.matrix)
+        pc = self.ksp.getPC()
+        pc.setType(PETSc.PC.Type.CHOLESKY)
+        pc.setFactorSolverType(self.package)
+        pc.setFactorSetUpSolverType()
+        factor = pc.getFactorMatrix()
+        factor.setOptionsPrefix(PREFIX)
+        if self.package == "mumps":
+            factor.setMumpsIcntl(13, 1)  # no ScaLAPACK root, which would hide its negative pivots
+            self._space = 60
+            factor.setMumpsIcntl(14, self._space)  # per cent of room for delayed pivots
+            factor.setMumpsIcntl(7, 5)  # METIS
+        self.ksp.setFromOptions()
+        # The analysis, once and for all: on the identity it cannot fail.
+        self._data[:] = 0.0
+        self._data[tangent.diagonal] = 1.0
+        self._update()
+        self.ksp.setUp()
+
+    def assemble(self, state: Floats) -> None:
+        """Assemble the tangent at a state."""
+        self._tangent.assemble(state)
+        # One value a vertex: a flat membrane has no stiffness of its own across its plane.
+        diagonal = np.abs(self._tangent.values[self._tangent.diagonal])
+        mean = diagonal.reshape(-1, 3).mean(axis=1)
+        self.scale = np.repeat(mean, 3) * self._model.free
+
+    def fill(self, shift: float) -> None:
+        """Put K + shift · D into the matrix."""
+        self._data[:] = self._tangent.values
+        if shift:
+            self._data[self._tangent.diagonal] += shift * self.scale
+        self._update()
+
+    def factorise(self, shift: float) -> bool:
+        """Factorise K + shift · D; whether it is positive definite, the same on all ranks."""
+        self.fill(shift)
+        self.ksp.setOperators(self.matrix)
+        self.count += 1
+        try:
+            self.ksp.setUp()
+        except PETSc.Error as error:
+            if error.ierr != NOT_POSITIVE:
+                raise
+            return False
+        return self.package != "mumps" or self._mumps_outcome(shift)
+
+    def solve(self, rhs: Floats) -> Floats:
+        """Solve with the last factorisation, zero at held components."""
+        self._rhs.array[:] = rhs
+        self.ksp.solve(self._rhs, self._solution)
+        return self._solution.array * self._model.free
+
+    def _update(self) -> None:
+        if self._model.skin.comm.size == 1:
+            self._aij.stateIncrease()  # its values are `_data` itself
+        else:
+            self._aij.setValuesCSR(self._tangent.indptr, self._tangent.columns, self._data)
+            self._aij.assemble()
+        if self.matrix is not self._aij:
+            self._aij.convert("sbaij", self.matrix)
+
+    def _mumps_outcome(self, shift: float) -> bool:
+        factor = self.ksp.getPC().getFactorMatrix()
+        code = factor.getMumpsInfog(1)
+        if code in MORE_SPACE and self._space < LARGEST_SPACE:
+            self._space *= 4
+            factor.setMumpsIcntl(14, self._space)
+            return self.factorise(shift)
+        if code < 0 and code != SINGULAR:
+            raise TorosError(
+                f"MUMPS could not factorise the tangent of {self.matrix.getSize()[0]} unknowns: "
+                f"INFOG(1) = {code}, INFOG(2) = {factor.getMumpsInfog(2)}. If memory ran out "
+                "(-13), use a coarser mesh or more ranks on other machines."
+            )
+        return code != SINGULAR and factor.getMumpsInfog(12) == 0
