@@ -151,6 +151,7 @@ def bending_blocks(
     jacobian: Any,
     has_flap: Sequence[Any],
     stiffness: tuple[Any, Any],
+    geometric: Any,
 ) -> None:
     """Add the second variation of ½ Λ:D:Λ, eqs. (4-6), per flat area.
 
@@ -198,7 +199,7 @@ def bending_blocks(
                 flap: second.gradient(2),
             }  # type: ignore[dict-item]
         )
-        bending_moment = sum(K[i, other] * angles[other] for other in range(3))
+        bending_moment = geometric * sum(K[i, other] * angles[other] for other in range(3))
         first.add_hessian(blocks, (j, k, own), bending_moment)
         second.add_hessian(blocks, (j, k, flap), bending_moment)
     for v in range(6):

@@ -67,6 +67,7 @@ def skin_forms(
     reinforcement: Section,
     bounds: tuple[Any, Any],
     pressure: Any | None,
+    geometric: Any,
     has_flap: Sequence[Any],
 ) -> SkinForms:
     """Energy, first variation and tangent of a skin, eqs. (8-10).
@@ -100,14 +101,14 @@ def skin_forms(
     residual = ufl.derivative(energy, q, test)
     nodes = [components(node) for node in patch]
     blocks = Blocks(len(nodes))
-    membrane_blocks(blocks, nodes[:3], jacobian, sheet, bounds)
+    membrane_blocks(blocks, nodes[:3], jacobian, sheet, bounds, geometric)
 
     if has_flap:
         Lambda, variation = curvature(patch, ufl.split(test), jacobian, has_flap)
         stiffness = mixed("mu_bend"), mixed("lam_bend")
         energy += bending_energy(Lambda, *stiffness) * dx
         residual += ufl.inner(moment(Lambda, *stiffness), variation) * dx
-        bending_blocks(blocks, nodes, jacobian, has_flap, stiffness)
+        bending_blocks(blocks, nodes, jacobian, has_flap, stiffness, geometric)
 
     # What depends on the density is what carries stiffness: the pressure is left out here.
     parts = ufl.replace(residual, {test: adjoint})
@@ -119,7 +120,7 @@ def skin_forms(
         load = ufl.derivative(volume, q, test)
         energy += -pressure * volume
         residual += -pressure * load
-        pressure_blocks(blocks, nodes[:3], jacobian, pressure)
+        pressure_blocks(blocks, nodes[:3], jacobian, geometric * pressure)
 
     tangent = sum(value * entries[n] for n, value in enumerate(blocks.upper())) * dx
     return SkinForms(energy, volume, residual, load, tangent, sensitivity)

@@ -47,6 +47,7 @@ def membrane_blocks(
     jacobian: Any,
     stiffness: tuple[Any, Any],
     bounds: tuple[Any, Any],
+    geometric: Any,
 ) -> None:
     """Add the second variation of ψ(s, p), eq. (1), per flat area.
 
@@ -90,6 +91,16 @@ def membrane_blocks(
         (0, 1): -(curved * inverse_length * dot(e[0], e[1])),
         (1, 1): curved * inverse_length * dot(e[0], e[0]),
     }
+    # ψ₁/λ₁ + ψ₂/λ₂ and ψ₁ψ₂/(λ₁λ₂), the stiffness across the sheet, and that against a twist
+    trace = (d_s * s + d_p * (s * s - 2 * p)) / p
+    product = (d_s * d_s + d_s * d_p * s + d_p * d_p * p) / p
+    across = (1 - geometric) * ufl.sqrt(abs(trace * trace - 2 * product))
+    twist = 2 * isotropic + d_p
+    untwist = (1 - geometric) * (abs(twist) - twist) / 2
+    turned = (cross(normal, s_e[0]), cross(normal, s_e[1]))
+    for a, b in along:
+        bare = isotropic * G[a, b]
+        along[a, b] = geometric * along[a, b] + across * G[a, b] - (1 - geometric) * bare
     rotation = skew(times(-curved, normal))
     ss, sp, pp = d_ss - isotropic, d_sp, d_pp
     H: dict[tuple[int, int], list[list[Any]]] = {}
@@ -97,11 +108,13 @@ def membrane_blocks(
         by_s = [ss * s_e[b][k] + sp * p_e[b][k] for k in range(3)]
         by_p = [sp * s_e[b][k] + pp * p_e[b][k] for k in range(3)]
         by_n = times(along[a, b], normal)
+        by_turn = times(untwist, turned[b])
         H[a, b] = [
             [
                 s_e[a][k] * by_s[m]
                 + p_e[a][k] * by_p[m]
                 + normal[k] * by_n[m]
+                + turned[a][k] * by_turn[m]
                 + (isotropic * G[a, b] if k == m else 0)
                 + (rotation[k][m] if a != b else 0)
                 for m in range(3)

@@ -126,10 +126,11 @@ def test_result_tells_what_happened(tube_solver: EquilibriumSolver) -> None:
 def negative_eigenvalues(solver: EquilibriumSolver, state: np.ndarray) -> int:
     """Number of negative eigenvalues of the tangent at a state, by a dense solver."""
     tangent = UpperTangent(solver.model)
-    tangent.assemble(state)
+    values = np.zeros(len(tangent.columns))
+    tangent.assemble(state, values)
     size = solver.model.space.dofmap.index_map.size_global
     shape = (solver.model.size_local, size)
-    rows = csr_matrix((tangent.values, tangent.columns, tangent.indptr), shape=shape).toarray()
+    rows = csr_matrix((values, tangent.columns, tangent.indptr), shape=shape).toarray()
     upper = np.concatenate(solver.skin.comm.allgather(rows))
     return int((np.linalg.eigvalsh(upper, UPLO="U") < 0).sum())
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,9 @@ from toros_fem.supports import Supports
 
 Floats = npt.NDArray[np.float64]
 
+# A pressure level reached in so many steps lets the next increment be four times as large.
+EASY = 10
+
 
 @dataclass(frozen=True, eq=False)
 class EquilibriumResult:
@@ -35,7 +39,8 @@ class EquilibriumResult:
         volume: Enclosed volume in m³.
         stretch_use: Largest share of the stretch bounds that a triangle uses, < 1.
         residual: Norm of the first variation over the applied load.
-        steps: Newton steps.
+        steps: Newton steps, each with a factorisation of its own.
+        chords: Steps with a factorisation that was at hand.
         factorisations: Factorisations of the tangent, retries with a shift included.
         history: One row a Newton step.
     """
@@ -49,6 +54,7 @@ class EquilibriumResult:
     stretch_use: float
     residual: float
     steps: int
+    chords: int
     factorisations: int
     history: tuple[NewtonStep, ...]
 
@@ -69,6 +75,7 @@ class EquilibriumSolver:
         composite: Materials and stretch bounds.
         supports: What is held.
         options: How hard to try.
+        log: Called with every row of a solve's history as it comes, on every rank.
     """
 
     def __init__(
@@ -77,12 +84,13 @@ class EquilibriumSolver:
         composite: Composite,
         supports: Supports,
         options: NewtonOptions | None = None,
+        log: Callable[[NewtonStep], None] | None = None,
     ) -> None:
         self.skin = skin
         self.model = SkinModel(skin, composite, supports)
         self.options = options or NewtonOptions()
         self._factor = Factor(self.model)
-        self._newton = RegularisedNewton(self.model, self._factor, self.options)
+        self._newton = RegularisedNewton(self.model, self._factor, self.options, log)
         self._x, residual = self._factor.matrix.createVecs()
         snes = PETSc.SNES().create(skin.comm)
         snes.setOptionsPrefix(PREFIX)
@@ -125,8 +133,10 @@ class EquilibriumSolver:
         """
         self._check(density, pressure, start)
         self.model.set_density(density)
-        self._factorised_at = None
         newton = self._newton
+        last, self._factorised_at = self._factorised_at, None
+        # The factors of the start's own equilibrium predict how it changes.
+        newton.held = last is not None and start is last.state
         newton.history = []
         before = self._factor.count
         held = ~self.model.free
@@ -153,7 +163,8 @@ class EquilibriumSolver:
             volume=self.model.volume(state),
             stretch_use=self.model.bounds.worst(self.model.corners(state)),
             residual=norm(self.skin.comm, self.model.residual(state)) / newton.reference(state),
-            steps=sum(1 for row in newton.history if row.step > 0),
+            steps=sum(row.step > 0 and not row.chord for row in newton.history),
+            chords=sum(row.chord for row in newton.history),
             factorisations=self._factor.count - before,
             history=tuple(newton.history),
         )
@@ -196,14 +207,17 @@ class EquilibriumSolver:
         while True:
             target = min(pressure, (reached or 0.0) + increment)
             trial = state.copy()
+            before = len(self._newton.history)
             outcome = self._newton_solve(trial, target)
             if outcome > 0:
                 state, reached = trial, target
                 if reached >= pressure:
                     return state, reached, outcome
-                increment *= 2
+                taken = len(self._newton.history) - before
+                increment *= 4 if taken <= EASY else 2
             elif warm:  # once more, cold
                 warm, state = False, self.model.assembled
+                self._newton.held = False
             else:
                 increment = min(increment / 4, small) if reached is None else increment / 4
                 least = self.options.min_increment * (reached or small)

@@ -17,21 +17,26 @@ PREFIX = "toros_"
 LARGEST_SPACE = 4000
 MORE_SPACE = (-8, -9, -11, -12, -14, -15, -17, -20)
 SINGULAR = -10
+# Share of the diagonal in M.
+LEAST = 1e-6
 # PETSc's code for a pivot that is not positive, by which CHOLMOD gives up.
 NOT_POSITIVE = 81
 
 
 class Factor:
-    """Factorised tangent K + τ D, which exists only where that is positive definite.
+    """Factorised K + τ M, which exists only where that is positive definite.
 
-    D is the mean over x, y, z of each vertex's diagonal entries, so that τ is a pure number and
-    the regularisation follows the local stiffness, whatever the contrast. CHOLMOD (LLᵀ) stops at
-    the first pivot that is not positive; MUMPS (LDLᵀ) counts the negative ones.
+    M is the tangent's material part: how strains and curvatures resist, made positive where
+    stress bends or turns a triangle, without the pressure; so K + τ M is positive definite from
+    τ of about 1 on, whatever the contrast, but for modes that no strain resists. To these
+    M adds a share LEAST of the mean diagonal of each vertex. τ is a pure number.
+
+    CHOLMOD (LLᵀ) stops at the first pivot that is not positive; MUMPS (LDLᵀ) counts them.
 
     Attributes:
         matrix: What PETSc factorises: the upper triangle alone.
         count: Numeric factorisations so far, failed ones included.
-        scale: The diagonal of D, zero at held dofs, of the last `assemble`.
+        scale: Mean diagonal of each vertex in N/m, zero at held dofs, of the last `assemble`.
     """
 
     def __init__(self, model: SkinModel) -> None:
@@ -40,7 +45,10 @@ class Factor:
         self._tangent = UpperTangent(model)
         self.count = 0
         self.scale: Floats = np.zeros(model.size_local)
-        self._data = self._tangent.values.copy()
+        self._exact, self._material, self._data = (
+            np.zeros(len(self._tangent.columns)) for _ in range(3)
+        )
+        self._state, self._has_material = model.assembled, False
         tangent, size = self._tangent, model.size_local
         sizes = ((size, None), (size, None))
         self._aij = PETSc.Mat().createAIJWithArrays(
@@ -84,21 +92,26 @@ class Factor:
 
     def assemble(self, state: Floats) -> None:
         """Assemble the tangent at a state."""
-        self._tangent.assemble(state)
+        self._tangent.assemble(state, self._exact)
+        self._state, self._has_material = state, False
         # One value a vertex: a flat membrane has no stiffness of its own across its plane.
-        diagonal = np.abs(self._tangent.values[self._tangent.diagonal])
+        diagonal = np.abs(self._exact[self._tangent.diagonal])
         mean = diagonal.reshape(-1, 3).mean(axis=1)
         self.scale = np.repeat(mean, 3) * self._model.free
 
     def fill(self, shift: float) -> None:
-        """Put K + shift · D into the matrix."""
-        self._data[:] = self._tangent.values
+        """Put K + shift · M into the matrix."""
+        self._data[:] = self._exact
         if shift:
-            self._data[self._tangent.diagonal] += shift * self.scale
+            if not self._has_material:
+                self._tangent.assemble(self._state, self._material, geometric=0.0)
+                self._material[self._tangent.diagonal] += LEAST * self.scale
+                self._has_material = True
+            self._data += shift * self._material
         self._update()
 
     def factorise(self, shift: float) -> bool:
-        """Factorise K + shift · D; whether it is positive definite, the same on all ranks."""
+        """Factorise K + shift · M; whether it is positive definite, the same on all ranks."""
         self.fill(shift)
         self.ksp.setOperators(self.matrix)
         self.count += 1

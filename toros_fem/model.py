@@ -67,6 +67,7 @@ class SkinModel:
         entry = basix.ufl.element("DG", "triangle", 0, shape=(size * (size + 1) // 2,))
         self._entry_space = fem.functionspace(domain, entry)
         self._pressure = fem.Constant(domain, 0.0)
+        self._geometric = fem.Constant(domain, 1.0)
         self.ufl_forms: SkinForms = skin_forms(
             self.q,
             self.adjoint,
@@ -76,6 +77,7 @@ class SkinModel:
             _section(domain, composite.reinforcement),
             (fem.Constant(domain, composite.c1), fem.Constant(domain, composite.c2)),
             self._pressure if self.closed else None,
+            self._geometric,
             flap_indicator,
         )
         self._energy = fem.form(self.ufl_forms.energy)
@@ -162,7 +164,7 @@ class SkinModel:
             present[:, 9:] = np.repeat(self._has_flap[:owned] > 0, 3, axis=1)
         return self._entry_space.dofmap.list[:owned, 0], dofs, present
 
-    def tangent_entries(self, state: Floats, out: Floats) -> None:
+    def tangent_entries(self, state: Floats, out: Floats, geometric: float = 1.0) -> None:
         """Upper triangles of the element matrices of the second variation of E, in N/m.
 
         Args:
@@ -170,6 +172,7 @@ class SkinModel:
             out: Its first entries receive them, a row of 45 or 171 for each owned triangle.
         """
         self.set_state(state)
+        self._geometric.value = geometric
         out[: len(self._corner) * self._entry_space.dofmap.bs] = 0
         fem.assemble_vector(out, self._tangent)
 

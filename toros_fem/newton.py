@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +19,17 @@ Floats = npt.NDArray[np.float64]
 
 ARMIJO = 1e-4
 SMALLEST_STEP = 1e-10
-FIRST_SHIFT = 1e-3
-SMALLEST_SHIFT = 1e-6
+FIRST_SHIFT = 0.03
+SMALLEST_SHIFT = 1e-4
 LARGEST_SHIFT = 1e6
+# A step that leaves more of the residual than this is bent back to where the stiff parts relax.
+RELAXED = 0.1
+BENDS = 2
+# Steps with the factorisation at hand are taken where so many of them promise to finish.
+CHORDS = 3
+# What a chord step must leave of the residual, and the first one gain of its promised energy.
+CHORD_RATE = 0.2
+CHORD_GAIN = 0.2
 # Where rounding lets no step lower the energy any more, this residual over the load will do.
 STAGNATED = 1e-8
 
@@ -32,8 +42,10 @@ class NewtonStep:
         pressure: Pressure level in Pa.
         residual: Norm of the first variation over the applied load before the step.
         energy: Energy in J before the step.
-        shift: Regularisation added to the tangent, over its diagonal scale; 0 for pure Newton.
-        step: Share of the step that was taken.
+        shift: Regularisation added to the tangent, over its material part; 0 for pure Newton.
+        step: Share of the step that was taken; 0 in the row that ends a level.
+        chord: Whether the factorisation at hand served once more.
+        seconds: Wall time of the step on this rank.
     """
 
     pressure: float
@@ -41,82 +53,130 @@ class NewtonStep:
     energy: float
     shift: float
     step: float
+    chord: bool
+    seconds: float
+
+    def __str__(self) -> str:
+        kind = "chord" if self.chord else "newton" if self.step else "end"
+        return (
+            f"{self.pressure:10.4g} Pa  {kind:6s}  residual {self.residual:8.2e}  "
+            f"energy {self.energy:+.9e} J  shift {self.shift:7.1e}  step {self.step:7.1e}  "
+            f"{self.seconds:6.3f} s"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """A state, its energy, and its residual with its norm."""
+
+    state: Floats
+    energy: float
+    residual: Floats
+    size: float
 
 
 class RegularisedNewton:
     """The solver inside a PETSc SNES of type "python": minimises E at given pressure and density.
 
-    Each step solves (K + τD) p = −r with the smallest τ ≥ 0 of a geometric ladder for which the
-    factorisation has no negative pivot, remembered from step to step; caps p where a triangle
-    would use up too much of its way to the stretch bounds; and backtracks on the energy. Near
-    the end energies differ by less than their rounding; there the slope decides (Hager & Zhang
-    2005, eq. 2.4, approximate Wolfe). A stationary point that is no minimum is left along its
-    softest mode. A state counts as equilibrium when its residual is below the SNES's rtol times
-    the applied load, or below what the rounding of the positions gives.
+    Each step solves (K + τM) p = −r with the smallest τ ≥ 0 of a geometric ladder for which the
+    factorisation has no negative pivot, remembered from step to step. M is K's material part: it
+    holds back strains, not the large rotations by which slender skins snap. p is capped where a
+    triangle would use up too much of its way to the stretch bounds, and backtracked on the energy.
+    A long step stretches what it turns; a second solve with the same factors takes that out again
+    (the second-order correction of constrained optimisation). Near the end, and for a neighbouring
+    equilibrium's factors at the start, steps are taken with the factorisation at hand.
+
+    Where energies differ by less than their rounding the slope decides (Hager & Zhang 2005,
+    eq. 2.4, approximate Wolfe). A stationary point that is no minimum is left along its softest
+    mode. A state counts as equilibrium when its residual is below the SNES's rtol times the
+    applied load, or below what the rounding of the positions gives, and K is positive definite.
     """
 
-    def __init__(self, model: SkinModel, factor: Factor, options: NewtonOptions) -> None:
+    def __init__(
+        self,
+        model: SkinModel,
+        factor: Factor,
+        options: NewtonOptions,
+        log: Callable[[NewtonStep], None] | None = None,
+    ) -> None:
         self.model, self.factor, self.options = model, factor, options
         self.comm = model.skin.comm
         self.history: list[NewtonStep] = []
         self.pressure = 0.0
+        # Whether the factors are those of an equilibrium near the start of the next solve.
+        self.held = False
+        self._log = log
         self._shift = 0.0
+        self._refused = False
         self._stiffness = 0.0
+        self._clock = 0.0
 
     def solve(self, snes: PETSc.SNES, b: PETSc.Vec | None, x: PETSc.Vec) -> None:
         """Called by SNES."""
-        state = x.array.copy()
-        reason = self._minimise(snes, state)
-        x.array[:] = state
+        point, reason = self._minimise(snes, x.array.copy())
+        x.array[:] = point.state
         snes.setConvergedReason(reason)
 
-    def _minimise(self, snes: PETSc.SNES, state: Floats) -> int:
+    def _minimise(self, snes: PETSc.SNES, state: Floats) -> tuple[_Point, int]:
         reasons = PETSc.SNES.ConvergedReason
         tolerance, _, _, max_steps = snes.getTolerances()
-        model, comm = self.model, self.comm
+        model = self.model
+        self._clock = time.perf_counter()
         # Nothing of a solve before, which may have failed far away, may count here.
-        self._shift, self._stiffness = 0.0, 0.0
-        energy = model.energy(state)
-        if not np.isfinite(energy):
-            return int(reasons.DIVERGED_FUNCTION_DOMAIN)
-        residual = model.residual(state)
+        self._shift, self._stiffness, self._refused = 0.0, 0.0, False
+        predict, self.held = self.held, False
+        point = self._at(state, model.energy(state))
+        if not np.isfinite(point.energy):
+            return point, int(reasons.DIVERGED_FUNCTION_DOMAIN)
         rounding = model.energy_rounding() + 1e-14 * abs(self.pressure * model.volume(state))
-        escapes = 0
-        for step in range(max_steps + 1):
-            size = norm(comm, residual)
-            reference = self.reference(state)
-            snes.setIterationNumber(step)
-            snes.setFunctionNorm(size)
-            snes.monitor(step, size)
-            done = size <= tolerance * reference or size <= self._floor(reference)
-            if done and self.stable(state):
-                self.history.append(NewtonStep(self.pressure, size / reference, energy, 0.0, 0.0))
-                return int(reasons.CONVERGED_FNORM_RELATIVE)
-            if step == max_steps:
-                break
+        reference = self.reference(state)
+        steps = escapes = 0
+        rate = np.inf  # what the next chord step would leave of the residual
+        while True:
+            if point.size <= 10 * max(tolerance, STAGNATED) * reference:
+                reference = self.reference(point.state)
+            snes.setIterationNumber(steps)
+            snes.setFunctionNorm(point.size)
+            snes.monitor(steps, point.size)
+            residual = point.size / reference
+            done = residual <= tolerance or point.size <= self._floor(reference)
+            if done and self.stable(point.state):
+                self._record(point, residual, 0.0)
+                self.held = True
+                return point, int(reasons.CONVERGED_FNORM_RELATIVE)
+            if predict or residual * rate**CHORDS <= tolerance:
+                chord = self._chord(point, rounding, first=predict)
+                predict, rate = False, np.inf
+                if chord is not None:
+                    rate = chord.size / point.size
+                    self._record(point, residual, 1.0, chord=True)
+                    point = chord
+                    continue
+            if steps == max_steps:
+                return point, int(reasons.DIVERGED_MAX_IT)
+            steps += 1
             if done:
                 escapes += 1
-                direction = self._softest(residual, escapes)
+                direction = self._softest(point.residual, escapes)
             else:
-                self._factorise(state)
-                direction = -self.factor.solve(residual)
-            share, new_energy, new_residual = self._search(
-                state, direction, energy, residual, rounding, escaping=done
-            )
-            self.history.append(
-                NewtonStep(self.pressure, size / reference, energy, self._shift, share)
-            )
-            if share == 0.0:
-                if size <= STAGNATED * reference and self.stable(state):
-                    return int(reasons.CONVERGED_SNORM_RELATIVE)
+                self._factorise(point.state)
+                direction = -self.factor.solve(point.residual)
+            share, new = self._search(point, direction, rounding, escaping=done)
+            self._record(point, residual, share)
+            if new is None:
+                if residual <= STAGNATED and self.stable(point.state):
+                    self.held = True
+                    return point, int(reasons.CONVERGED_SNORM_RELATIVE)
                 if self._shift >= LARGEST_SHIFT / 8:
-                    return int(reasons.DIVERGED_LINE_SEARCH)
-                self._shift = max(FIRST_SHIFT, 16 * self._shift)
+                    return point, int(reasons.DIVERGED_LINE_SEARCH)
+                self._shift, self._refused = max(FIRST_SHIFT, 16 * self._shift), True
                 continue
-            state += share * direction
-            energy = new_energy
-            residual = model.residual(state) if new_residual is None else new_residual
-        return int(reasons.DIVERGED_MAX_IT)
+            if not done:
+                new = self._bend(point, new, share)
+            full = share == 1.0 and self._shift == 0.0
+            # Newton's residual falls quadratically; a chord step's by twice that share.
+            rate = 2 * new.size / point.size if full else np.inf
+            point = new
 
     def reference(self, state: Floats) -> float:
         """Norm of the applied load in N; without load, the force of a strain of 1e-4."""
@@ -125,6 +185,26 @@ class RegularisedNewton:
         fabric = self.model.composite.fabric
         area = float(self.model.skin.pattern.areas.sum())
         return 1e-4 * fabric.membrane_stiffness * float(np.sqrt(area))
+
+    def stable(self, state: Floats) -> bool:
+        """Whether the tangent at a state is positive definite; leaves it factorised."""
+        self._assemble(state)
+        return self.factor.factorise(0.0)
+
+    def _at(self, state: Floats, energy: float) -> _Point:
+        residual = self.model.residual(state)
+        return _Point(state, energy, residual, norm(self.comm, residual))
+
+    def _record(self, point: _Point, residual: float, step: float, *, chord: bool = False) -> None:
+        now = time.perf_counter()
+        shift = 0.0 if chord or not step else self._shift
+        row = NewtonStep(
+            self.pressure, residual, point.energy, shift, step, chord, now - self._clock
+        )
+        self._clock = now
+        self.history.append(row)
+        if self._log is not None:
+            self._log(row)
 
     def _floor(self, reference: float) -> float:
         """Norm that rounding of the positions alone gives the residual, once K is known.
@@ -138,17 +218,17 @@ class RegularisedNewton:
         self.factor.assemble(state)
         self._stiffness = norm(self.comm, self.factor.scale)
 
-    def stable(self, state: Floats) -> bool:
-        """Whether the tangent at a state is positive definite; leaves it factorised."""
-        self._assemble(state)
-        return self.factor.factorise(0.0)
-
     def _factorise(self, state: Floats) -> None:
         """Factorise with the smallest shift of the ladder that leaves no negative pivot."""
         self._assemble(state)
-        shift = self._shift / 8 if self._shift / 8 >= SMALLEST_SHIFT else 0.0
+        # A try with less is worth a factorisation only if the last one was not in vain.
+        shift = self._shift if self._refused else self._shift / 8
+        shift = shift if shift >= SMALLEST_SHIFT else 0.0
+        refused = False
         while not self.factor.factorise(shift) and shift < LARGEST_SHIFT:
             shift = max(FIRST_SHIFT, 4 * shift) if shift else max(FIRST_SHIFT, self._shift)
+            refused = True
+        self._refused = refused and not self._refused
         self._shift = shift
 
     def _softest(self, residual: Floats, seed: int) -> Floats:
@@ -166,38 +246,61 @@ class RegularisedNewton:
         mode *= -1.0 if dot(self.comm, mode, residual) > 0 else 1.0
         return 0.01 * self.model.skin.pattern.size * mode
 
-    def _search(
-        self,
-        state: Floats,
-        direction: Floats,
-        energy: float,
-        residual: Floats,
-        rounding: float,
-        *,
-        escaping: bool,
-    ) -> tuple[float, float, Floats | None]:
-        """Share of the step to take, the energy there, and the residual if it was needed."""
-        model = self.model
+    def _cap(self, state: Floats, direction: Floats) -> float:
+        """How much of a step the stretch bounds allow."""
+        corners = self.model.corners(state)
+        fraction = self.options.fraction_to_barrier
+        return self.model.bounds.largest_step(corners, self.model.corners(direction), fraction)
+
+    def _chord(self, point: _Point, rounding: float, *, first: bool) -> _Point | None:
+        """The point after a step with the factors at hand, if that is worth having."""
+        direction = -self.factor.solve(point.residual)
         if not np.isfinite(norm(self.comm, direction)):
-            return 0.0, energy, None
-        slope = dot(self.comm, residual, direction)
-        corners = model.corners(state)
-        share = model.bounds.largest_step(
-            corners, model.corners(direction), self.options.fraction_to_barrier
-        )
+            return None
+        share = self._cap(point.state, direction)
+        if share < 1 and not first:
+            return None
+        trial = point.state + share * direction
+        energy = self.model.energy(trial)
+        slope = share * dot(self.comm, point.residual, direction)
+        if not energy - point.energy <= (CHORD_GAIN / 2 * slope if first else rounding):
+            return None
+        new = self._at(trial, energy)
+        return new if first or new.size <= CHORD_RATE * point.size else None
+
+    def _bend(self, old: _Point, new: _Point, share: float) -> _Point:
+        """Correct a step by what its residual exceeds the linear prediction, while that pays."""
+        for _ in range(BENDS):
+            if new.size <= RELAXED * old.size:
+                break
+            state = new.state - self.factor.solve(new.residual - (1 - share) * old.residual)
+            energy = self.model.energy(state)
+            if not energy < new.energy:
+                break
+            new = self._at(state, energy)
+        return new
+
+    def _search(
+        self, point: _Point, direction: Floats, rounding: float, *, escaping: bool
+    ) -> tuple[float, _Point | None]:
+        """Share of the step to take and the point there; 0 and None if no step will do."""
+        if not np.isfinite(norm(self.comm, direction)):
+            return 0.0, None
+        slope = dot(self.comm, point.residual, direction)
+        share = self._cap(point.state, direction)
         while share > SMALLEST_STEP:
-            trial = state + share * direction
-            value = model.energy(trial)
-            change = value - energy
+            trial = point.state + share * direction
+            energy = self.model.energy(trial)
+            change = energy - point.energy
             if change <= ARMIJO * share * slope and (change < -rounding or not escaping):
-                return share, value, None
+                return share, self._at(trial, energy)
             if abs(change) <= rounding and not escaping:
-                there = model.residual(trial)
-                if abs(dot(self.comm, there, direction)) <= 0.9 * abs(slope):
-                    return share, value, there
-            if np.isfinite(value) and change > share * slope:
+                new = self._at(trial, energy)
+                if abs(dot(self.comm, new.residual, direction)) <= 0.9 * abs(slope):
+                    return share, new
+            if np.isfinite(energy) and change > share * slope:
                 quadratic = -slope * share**2 / (2 * (change - share * slope))
                 share = min(max(quadratic, 0.1 * share), 0.5 * share)
             else:
                 share *= 0.5
-        return 0.0, energy, None
+        return 0.0, None

@@ -120,8 +120,8 @@ class NewtonOptions:
     """
 
     tolerance: float = 1e-10
-    max_steps: int = 100
-    fraction_to_barrier: float = 0.9
+    max_steps: int = 60
+    fraction_to_barrier: float = 0.5
     min_increment: float = 1e-2
 
     def __post_init__(self) -> None:

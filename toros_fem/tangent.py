@@ -23,7 +23,6 @@ class UpperTangent:
 
     Attributes:
         indptr, columns: Compressed rows: columns are global, sorted, the diagonal comes first.
-        values: Their values, of the last `assemble`.
 
     Args:
         model: The scene.
@@ -63,28 +62,33 @@ class UpperTangent:
         begin, end = index_map.local_range
         self.indptr = np.searchsorted(merged, np.arange(begin, end + 1) * size).astype(np.int32)
         self.columns = (merged % size).astype(np.int32)
-        self.values: Floats = np.zeros(len(merged))
         self._entries: Floats = np.ones(len(keys))  # held dofs stand last and keep their 1
 
     @property
     def diagonal(self) -> npt.NDArray[np.int32]:
-        """Places of the diagonal in `values`."""
+        """Places of the diagonal among the entries."""
         return self.indptr[:-1]
 
-    def assemble(self, state: Floats) -> None:
-        """Assemble at owned position dofs (collective)."""
-        self._model.tangent_entries(state, self._entries)
+    def assemble(self, state: Floats, out: Floats, *, geometric: float = 1.0) -> None:
+        """Assemble at owned position dofs (collective).
+
+        Args:
+            state: Owned position dofs.
+            out: Receives the entries, in the order of `columns`.
+            geometric: 1 for K; 0 for its material part M, positive semidefinite.
+        """
+        self._model.tangent_entries(state, self._entries, geometric)
         sums = self._sum @ self._entries
         comm: MPI.Comm = self._model.skin.comm
         if comm.size == 1:
-            self.values[:] = sums
+            out[:] = sums
             return
         incoming = np.empty(self._receive.sum())
         comm.Alltoallv([sums[self._outgoing], self._send], [incoming, self._receive])
-        self.values[:] = np.bincount(
-            self._incoming_places, weights=incoming, minlength=len(self.values)
+        out[:] = np.bincount(
+            self._incoming_places, weights=incoming, minlength=len(out)
         )
-        self.values[self._own_places] += sums[self._own]
+        out[self._own_places] += sums[self._own]
 
 
 def _contributions(model: SkinModel) -> tuple[Ints, Floats]:
