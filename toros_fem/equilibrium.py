@@ -128,7 +128,7 @@ class EquilibriumSolver:
         Raises:
             ParameterError: The pressure is negative or not finite, or the start does not fit.
             DensityError: The density does not fit, or leaves [0, 1].
-            OpenSkinError: Pressure on a skin with free edges.
+            OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
             EquilibriumError: No equilibrium was found; the error holds the last good state.
         """
         self._check(density, pressure, start)
@@ -271,7 +271,7 @@ class EquilibriumSolver:
     def _check(self, density: Floats, pressure: float, start: Floats | None) -> None:
         if not (math.isfinite(pressure) and pressure >= 0):
             raise ParameterError(f"pressure = {pressure} Pa must be finite and at least 0.")
-        if pressure > 0:
+        if pressure > 0 and not self.model.closed:
             self.skin.pattern.require_closed()
         check_density(self.skin, density)
         error = None

@@ -34,7 +34,8 @@ class Factor:
     CHOLMOD (LLᵀ) stops at the first pivot that is not positive; MUMPS (LDLᵀ) counts them.
 
     Attributes:
-        matrix: What PETSc factorises: the upper triangle alone.
+        upper: The upper triangle as a compressed-row matrix.
+        matrix: What PETSc factorises: `upper` itself, or in CHOLMOD's format.
         count: Numeric factorisations so far, failed ones included.
         scale: Mean diagonal of each vertex in N/m, zero at held dofs, of the last `assemble`.
     """
@@ -51,19 +52,19 @@ class Factor:
         self._state, self._has_material = model.assembled, False
         tangent, size = self._tangent, model.size_local
         sizes = ((size, None), (size, None))
-        self._aij = PETSc.Mat().createAIJWithArrays(
+        self.upper = PETSc.Mat().createAIJWithArrays(
             sizes, (tangent.indptr, tangent.columns, self._data), comm=comm
         )
-        self._aij.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-        self._aij.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
-        self.matrix = self._aij
-        self._rhs, self._solution = self._aij.createVecRight(), self._aij.createVecLeft()
+        self.upper.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self.upper.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
+        self.matrix = self.upper
+        self._rhs, self._solution = self.upper.createVecRight(), self.upper.createVecLeft()
         default = "mumps" if comm.size > 1 else "cholmod"
         options = PETSc.Options(PREFIX)
         self.package = options.getString("pc_factor_mat_solver_type", default)
         if self.package == "cholmod":
             # It reads this format in place, AIJ by a copy that it loses when it fails.
-            self.matrix = self._aij.convert("sbaij", PETSc.Mat())
+            self.matrix = self.upper.convert("sbaij", PETSc.Mat())
             # Its other method, for small matrices, lets negative pivots pass.
             options["mat_cholmod_factor"] = "SUPERNODAL"
             if not options.hasName("mat_cholmod_print"):
@@ -131,12 +132,12 @@ class Factor:
 
     def _update(self) -> None:
         if self._model.skin.comm.size == 1:
-            self._aij.stateIncrease()  # its values are `_data` itself
+            self.upper.stateIncrease()  # its values are `_data` itself
         else:
-            self._aij.setValuesCSR(self._tangent.indptr, self._tangent.columns, self._data)
-            self._aij.assemble()
-        if self.matrix is not self._aij:
-            self._aij.convert("sbaij", self.matrix)
+            self.upper.setValuesCSR(self._tangent.indptr, self._tangent.columns, self._data)
+            self.upper.assemble()
+        if self.matrix is not self.upper:
+            self.upper.convert("sbaij", self.matrix)
 
     def _mumps_outcome(self, shift: float) -> bool:
         factor = self.ksp.getPC().getFactorMatrix()

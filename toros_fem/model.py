@@ -49,7 +49,7 @@ class SkinModel:
         supports.require_no_rigid_motion(skin.pattern)
         self.skin = skin
         self.composite = composite
-        self.closed = len(skin.pattern.free_edges) == 0
+        self.closed = supports.close(skin.pattern)
         self.space, self._has_flap = patch_space(skin, flaps=composite.bending)
         self.q = fem.Function(self.space, name="positions")
         self.adjoint = fem.Function(self.space, name="adjoint")

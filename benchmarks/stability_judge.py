@@ -1,0 +1,111 @@
+"""Checks of `stability.py` that take nothing from the solver but its state.
+
+Energy, force and tangent are the model's, whose derivatives the test suite holds against each
+other; what is made of them is computed here by other means than the solver's: stretches by a
+singular value decomposition, the sign of the tangent by a dense Cholesky factorisation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import LinAlgError, cholesky, eigvalsh
+from scipy.sparse import csr_array, triu
+from stability_scenes import SQUARE, STIFFNESS, Floats, Scene
+
+from toros_fem.model import SkinModel
+from toros_fem.parameters import Composite
+from toros_fem.tangent import UpperTangent
+
+# Residual over the applied load that an equilibrium may have.
+RESIDUAL = 1e-8
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a state is.
+
+    Attributes:
+        residual: Norm of the first variation over the applied load, if there is a state.
+        sign: 1 if the tangent is positive definite up to rounding, else -1.
+        faults: What contradicts a stable equilibrium inside the stretch bounds.
+    """
+
+    residual: float | None
+    sign: int | None
+    faults: list[str]
+
+
+class Judge:
+    """Checks the states of one scene."""
+
+    def __init__(self, scene: Scene, composite: Composite) -> None:
+        self._scene, self._composite = scene, composite
+        corner = scene.skin.pattern.corners
+        chart = np.stack([corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]], axis=2)
+        self._inverse = np.linalg.inv(chart)
+
+    def check(self, model: SkinModel, density: Floats, pressure: float, state: Floats) -> Finding:
+        """Whether a state is a stable equilibrium at a density and a pressure."""
+        if not np.isfinite(state).all():
+            return Finding(None, -1, [f"{np.sum(~np.isfinite(state))} positions are not finite"])
+        model.set_density(density)
+        model.set_pressure(pressure)
+        force = np.linalg.norm(model.residual(state))
+        residual = float(force / self._load(model, pressure, state))
+        lowest, noise = self._lowest(model, state)
+        faults = self._outside(state)
+        if not residual <= RESIDUAL:
+            faults.append(f"the residual is {residual:.2e} of the load")
+        if lowest < -noise:
+            faults.append(f"the tangent's lowest eigenvalue is {lowest:.2e}, noise {noise:.0e}")
+        return Finding(residual, -1 if lowest < -noise else 1, faults)
+
+    def _load(self, model: SkinModel, pressure: float, state: Floats) -> float:
+        if pressure > 0:
+            return pressure * float(np.linalg.norm(model.load(state)))
+        # A tile's load is the pull on its borders; else that of a strain of 1e-4.
+        return (self._scene.strain or 1e-4) * STIFFNESS * SQUARE
+
+    def _outside(self, state: Floats) -> list[str]:
+        skin = self._scene.skin
+        x = skin.gather_vertices(state.reshape(-1, 3))[skin.pattern.triangles]
+        edges = np.stack([x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]], axis=2)
+        stretch = np.linalg.svd(edges @ self._inverse, compute_uv=False)
+        single = np.abs(stretch - 1).max(axis=1)
+        both = np.abs(stretch.sum(axis=1) - 2)
+        c1, c2 = self._composite.c1, self._composite.c2
+        outside = ~((single < c1 - 1) & (both < c2 - 1))
+        if not outside.any():
+            return []
+        k = int(np.flatnonzero(outside)[0])
+        return [f"{outside.sum()} triangles leave the bounds, the first {k} by {stretch[k]}"]
+
+    def _lowest(self, model: SkinModel, state: Floats) -> tuple[float, float]:
+        """Lowest eigenvalue of the tangent, scaled to a unit diagonal, and what rounding does.
+
+        The scaling keeps the signs and takes contrast and thickness out of the eigenvalues. They
+        are computed only where the cheaper Cholesky factorisation does not settle the sign.
+
+        Returns:
+            The eigenvalue, or 0 where none is below the rounding, and the rounding.
+        """
+        tangent = UpperTangent(model)
+        values = np.zeros(len(tangent.columns))
+        tangent.assemble(state, values)
+        size = len(tangent.indptr) - 1
+        upper = csr_array((values, tangent.columns, tangent.indptr), shape=(size, size))
+        free = np.flatnonzero(model.free)
+        whole = (upper + triu(upper, k=1).T).tocsr()
+        dense = whole[free][:, free].toarray()
+        # One scale a vertex: a flat membrane has no stiffness of its own across its plane.
+        by_vertex = np.abs(whole.diagonal()).reshape(-1, 3).mean(axis=1)
+        scale = 1 / np.sqrt(np.repeat(by_vertex, 3)[free])
+        dense *= scale[:, None] * scale
+        noise = float(len(free) * np.finfo(float).eps * np.abs(dense).sum(axis=1).max())
+        try:
+            cholesky(dense + noise * np.eye(len(free)), check_finite=False, overwrite_a=True)
+        except LinAlgError:
+            return float(eigvalsh(dense, subset_by_index=(0, 0))[0]), noise
+        return 0.0, noise

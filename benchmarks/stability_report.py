@@ -1,0 +1,225 @@
+"""The report of `stability.py`: tables, a picture, JSON."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import dolfinx
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.colors import LogNorm
+from petsc4py import PETSc
+from stability_scenes import BUILDERS, DESIGNS, PRESSURES
+
+import toros_fem
+
+VERDICTS = ("converged", "error right", "failed", "wrong")
+MANY_STEPS = 60
+MARKERS = {"error right": ("o", "0.35"), "failed": ("X", "tab:red"), "wrong": ("D", "magenta")}
+
+
+@dataclass
+class Row:
+    """One case as it goes into the JSON file."""
+
+    scene: str
+    design: str
+    contrast: float
+    load: float
+    start: str
+    result: str
+    reason: str
+    newton_steps: int
+    residual: float | None
+    min_pivot_sign: int | None
+    seconds: float
+
+    def label(self) -> str:
+        """The case in one line."""
+        return f"{self.scene} {self.design} x{self.contrast:g} {self.load:g} Pa {self.start}"
+
+
+@dataclass
+class Outcome:
+    """A row and what is to be thought of it.
+
+    Attributes:
+        row: The row.
+        verdict: One of `VERDICTS`; until it is settled, "error".
+        why: What is wrong, or who solved what failed.
+        moved: After up and down, the distance of the shapes over the size.
+    """
+
+    row: Row
+    verdict: str
+    why: str
+    moved: float | None
+
+
+class Report:
+    """Gathers outcomes."""
+
+    def __init__(self) -> None:
+        self._outcomes: list[Outcome] = []
+
+    def add(self, outcomes: Sequence[Outcome]) -> None:
+        """Add outcomes."""
+        self._outcomes += outcomes
+
+    @staticmethod
+    def count(outcomes: Sequence[Outcome]) -> dict[str, int]:
+        """Number of outcomes of each verdict."""
+        counted = Counter(outcome.verdict for outcome in outcomes)
+        return {verdict: counted[verdict] for verdict in VERDICTS}
+
+    @property
+    def wrong(self) -> int:
+        """Number of cases whose result is wrong."""
+        return self.count(self._outcomes)["wrong"]
+
+    @property
+    def failed(self) -> int:
+        """Number of cases that failed although they have a solution."""
+        return self.count(self._outcomes)["failed"]
+
+    def print_tables(self) -> None:
+        """Counts by scene and design, then the cases that need a look."""
+        print(
+            "\nscene           design        cases  converged  right  failed  wrong"
+            "   steps: median  max   slowest"
+        )
+        for scene in BUILDERS:
+            for design in DESIGNS:
+                group = self._of(scene, design)
+                if not group:
+                    continue
+                counts = self.count(group)
+                steps = [outcome.row.newton_steps for outcome in group]
+                slowest = max(outcome.row.seconds for outcome in group)
+                print(
+                    f"{scene:15} {design:12} {len(group):6d} {counts['converged']:10d} "
+                    f"{counts['error right']:6d} {counts['failed']:7d} {counts['wrong']:6d} "
+                    f"{np.median(steps):15.0f} {max(steps):4d} {slowest:7.1f} s"
+                )
+        for verdict in ("wrong", "failed", "error right"):
+            for outcome in self._outcomes:
+                if outcome.verdict == verdict:
+                    row = outcome.row
+                    print(
+                        f"{verdict.upper()}: {row.label()}, {row.newton_steps} steps: {row.reason}"
+                    )
+                    if verdict == "wrong":
+                        print(f"    {outcome.why}")
+        many = [o for o in self._outcomes if o.row.newton_steps > MANY_STEPS]
+        for title, chosen in (
+            (f"most Newton steps ({len(many)} cases with more than {MANY_STEPS})",
+             sorted(many, key=lambda o: -o.row.newton_steps)[:15]),
+            ("slowest", self._slowest(10)),
+            ("furthest from where they were, after up and down", self._moved()[:10]),
+        ):  # fmt: skip
+            print(f"\n{title}:")
+            for outcome in chosen:
+                row, moved = outcome.row, outcome.moved
+                away = "" if moved is None else f", moved by {moved:.1e}"
+                print(f"    {row.label()}: {row.newton_steps} steps, {row.seconds:.1f} s{away}")
+        total = sum(outcome.row.seconds for outcome in self._outcomes)
+        counts = self.count(self._outcomes)
+        told = ", ".join(f"{number} {verdict}" for verdict, number in counts.items())
+        print(f"\n{len(self._outcomes)} cases in {total:.0f} s: {told}")
+
+    def write(self, path: Path) -> None:
+        """Write all rows and what was counted as JSON."""
+        content = {
+            "rows": [asdict(outcome.row) for outcome in self._outcomes],
+            "wrong": self.wrong,
+            "failed_although_solvable": self.failed,
+            "cases": len(self._outcomes),
+            "verdicts": self.count(self._outcomes),
+            "seconds": sum(outcome.row.seconds for outcome in self._outcomes),
+            "findings": [
+                {"row": index, "verdict": outcome.verdict, "why": outcome.why}
+                for index, outcome in enumerate(self._outcomes)
+                if outcome.verdict != "converged"
+            ],
+            "up_and_down": [
+                {"case": outcome.row.label(), "distance_over_size": outcome.moved}
+                for outcome in self._moved()
+            ],
+            "slowest": [
+                {"case": outcome.row.label(), "seconds": outcome.row.seconds}
+                for outcome in self._slowest(20)
+            ],
+            "versions": {
+                "toros_fem": toros_fem.__version__,
+                "dolfinx": dolfinx.__version__,
+                "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+                "python": platform.python_version(),
+            },
+        }
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+    def draw(self, path: Path) -> None:
+        """Heat map of the most Newton steps over contrasts and starts, by scene, design, load."""
+        present = {outcome.row.scene for outcome in self._outcomes}
+        scenes = [scene for scene in BUILDERS if scene in present]
+        columns = len(DESIGNS) * len(PRESSURES)
+        steps = np.full((len(scenes), columns), np.nan)
+        spots: dict[str, list[tuple[float, int]]] = {verdict: [] for verdict in MARKERS}
+        for row, scene in enumerate(scenes):
+            for number, design in enumerate(DESIGNS):
+                for place, load in enumerate((*PRESSURES, 0.0)):
+                    group = [o for o in self._of(scene, design) if o.row.load == load]
+                    if not group:
+                        continue
+                    first = number * len(PRESSURES)
+                    # A tile has no pressure: its one value fills the columns of the design.
+                    cells = [first + place] if load else range(first, first + len(PRESSURES))
+                    steps[row, cells] = max(1, *(o.row.newton_steps for o in group), 1)
+                    verdicts = {outcome.verdict for outcome in group}
+                    worst = [verdict for verdict in MARKERS if verdict in verdicts]
+                    if worst:
+                        spots[worst[-1]].append((float(np.mean(cells)), row))
+        figure, axes = plt.subplots(figsize=(15, 1.8 + 0.36 * len(scenes)), layout="constrained")
+        image = axes.imshow(
+            steps, aspect="auto", cmap="viridis", norm=LogNorm(1, 1000), interpolation="none"
+        )
+        axes.set_facecolor("0.93")
+        for verdict, (marker, colour) in MARKERS.items():
+            places = np.array(spots[verdict]).reshape(-1, 2)
+            axes.scatter(
+                places[:, 0], places[:, 1], marker=marker, s=55, color=colour, edgecolor="white",
+                linewidth=0.8, label=f"{verdict} ({self.count(self._outcomes)[verdict]})",
+            )  # fmt: skip
+        axes.set_yticks(range(len(scenes)), scenes)
+        names = [f"{pressure / 1e3:g}" for pressure in PRESSURES]
+        axes.set_xticks(range(columns), names * len(DESIGNS), fontsize=7)
+        axes.set_xlabel("pressure in kPa (a tile has none: one value a design)")
+        for number, design in enumerate(DESIGNS):
+            middle = (number + 0.5) * len(PRESSURES) - 0.5
+            axes.annotate(
+                design, (middle, 1), (0, 4), xycoords=("data", "axes fraction"),
+                textcoords="offset points", ha="center",
+            )  # fmt: skip
+            axes.axvline((number + 1) * len(PRESSURES) - 0.5, color="white", linewidth=2.5)
+        figure.colorbar(image, label="most Newton steps of a case", pad=0.01)
+        axes.legend(
+            loc="upper left", bbox_to_anchor=(0, -0.6 / len(scenes)), ncols=3, frameon=False
+        )
+        figure.savefig(path, dpi=130)
+        plt.close(figure)
+
+    def _of(self, scene: str, design: str) -> list[Outcome]:
+        return [o for o in self._outcomes if (o.row.scene, o.row.design) == (scene, design)]
+
+    def _slowest(self, count: int) -> list[Outcome]:
+        return sorted(self._outcomes, key=lambda o: -o.row.seconds)[:count]
+
+    def _moved(self) -> list[Outcome]:
+        returned = [outcome for outcome in self._outcomes if outcome.moved is not None]
+        return sorted(returned, key=lambda o: -(o.moved or 0.0))
