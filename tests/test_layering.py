@@ -14,7 +14,7 @@ LAYERS = [
     ["parameters"],
     ["meshes"],
     ["forms"],
-    ["patch", "feasibility", "supports", "density"],
+    ["patch", "feasibility", "supports", "density", "continuation"],
     ["model"],
     ["tangent"],
     ["factor"],

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from toros_fem._mpi import norm, raise_together
+from toros_fem.continuation import Climb, climb
 from toros_fem.density import check_density
 from toros_fem.errors import ParameterError, TorosError
 from toros_fem.meshes.skin import Skin
@@ -22,8 +23,8 @@ from toros_fem.supports import Supports
 
 Floats = npt.NDArray[np.float64]
 
-# A pressure level reached in so many steps lets the next increment be four times as large.
-EASY = 10
+# First step of a continuation from one design to another, as a share of the way.
+FIRST_SHARE = 1 / 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +105,7 @@ class EquilibriumSolver:
         snes.setFromOptions()
         self._snes = snes
         self._factorised_at: EquilibriumResult | None = None
+        self._density: Floats = np.zeros(0)  # of that equilibrium
 
     def solve(
         self,
@@ -120,8 +122,9 @@ class EquilibriumSolver:
             pressure: Pressure in Pa, ≥ 0.
             start: Owned position dofs to start from at the full pressure, a neighbouring
                 equilibrium say; held components are put where they belong. Without it the solve
-                starts from the assembled positions and raises the pressure from 0 in steps that
-                shrink where they fail.
+                starts from the assembled positions. Where the full pressure at once fails, it
+                is raised in steps that shrink where they fail; where that fails too, the plain
+                fabric is solved for and then stiffened.
             raise_on_failure: Whether to raise if no equilibrium is found, or to return the last
                 good state with `converged` False.
 
@@ -135,8 +138,9 @@ class EquilibriumSolver:
         self.model.set_density(density)
         newton = self._newton
         last, self._factorised_at = self._factorised_at, None
+        near = last if last is not None and start is last.state else None
         # The factors of the start's own equilibrium predict how it changes.
-        newton.held = last is not None and start is last.state
+        newton.held = near is not None
         newton.history = []
         before = self._factor.count
         held = ~self.model.free
@@ -149,14 +153,15 @@ class EquilibriumSolver:
                 f"the start leaves the stretch bounds: a triangle uses {use:.3g} of them, the "
                 "bound is 1. Start from the assembled positions, or raise c1 and c2."
             )
-        state, reached, outcome = self._continue(state, pressure, warm=start is not None)
+        end = self._continue(state, density, pressure, near, cold=start is None)
+        state, reached = end.state, end.reached
         converged = reached == pressure
         here = reached or 0.0
         self.model.set_pressure(here)
         newton.pressure = here
         result = EquilibriumResult(
             converged=converged,
-            reason=self._sentence(outcome, pressure, reached, state),
+            reason=self._sentence(end.outcome, pressure, reached, state),
             pressure=here,
             state=state,
             energy=self.model.energy(state),
@@ -169,7 +174,7 @@ class EquilibriumSolver:
             history=tuple(newton.history),
         )
         if converged:
-            self._factorised_at = result
+            self._factorised_at, self._density = result, density.copy()
         elif raise_on_failure:
             raise EquilibriumError(result.reason, result)
         return result
@@ -192,37 +197,76 @@ class EquilibriumSolver:
         return self._factor.solve(rhs * self.model.free)
 
     def _continue(
-        self, state: Floats, pressure: float, *, warm: bool
-    ) -> tuple[Floats, float | None, int]:
-        """Raise the pressure in steps that shrink where they fail.
+        self,
+        state: Floats,
+        density: Floats,
+        pressure: float,
+        near: EquilibriumResult | None,
+        *,
+        cold: bool,
+    ) -> Climb:
+        """At once; else from the near equilibrium; else by the pressure; else by the stiffness.
 
         Returns:
-            The last equilibrium and its pressure, or the start and None if there is none, and
-            how the last attempt ended.
+            How far the pressure came at the asked density.
         """
-        first = state
-        # Where the whole pressure at once fails, begin with one that strains by a few per cent.
-        small = 0.1 * self.model.composite.fabric.membrane_stiffness / self.skin.pattern.size
-        reached, increment = None, pressure
-        while True:
-            target = min(pressure, (reached or 0.0) + increment)
-            trial = state.copy()
-            before = len(self._newton.history)
-            outcome = self._newton_solve(trial, target)
+        found, outcome, _ = self._attempt(state, density, pressure)
+        if outcome > 0:
+            return Climb(found, pressure, outcome)
+        least = self.options.min_increment
+        if near is not None:
+            there, pressure_there = self._density, near.pressure
+
+            def walk(x: Floats, share: float) -> tuple[Floats, int, int]:
+                mixed = there + share * (density - there)
+                return self._attempt(x, mixed, pressure_there + share * (pressure - pressure_there))
+
+            begin = Climb(state, 0.0, outcome)
+            walked = climb(walk, begin, 1.0, FIRST_SHARE, least)
+            if walked.reached == 1.0:
+                return Climb(walked.state, pressure, walked.outcome)
+        if not cold:
+            found, outcome, _ = self._attempt(self.model.assembled, density, pressure)
             if outcome > 0:
-                state, reached = trial, target
-                if reached >= pressure:
-                    return state, reached, outcome
-                taken = len(self._newton.history) - before
-                increment *= 4 if taken <= EASY else 2
-            elif warm:  # once more, cold
-                warm, state = False, self.model.assembled
-                self._newton.held = False
-            else:
-                increment = min(increment / 4, small) if reached is None else increment / 4
-                least = self.options.min_increment * (reached or small)
-                if increment <= least:
-                    return (first if reached is None else state), reached, outcome
+                return Climb(found, pressure, outcome)
+        # One that strains by a few per cent.
+        small = 0.1 * self.model.composite.fabric.membrane_stiffness / self.skin.pattern.size
+
+        def raise_pressure(of: Floats) -> Climb:
+            begin = Climb(self.model.assembled, None, outcome)
+            increment = min(small, pressure / 4)
+            return climb(lambda x, p: self._attempt(x, of, p), begin, pressure, increment, least)
+
+        by_pressure = Climb(state, None, outcome)
+        if pressure > 0:
+            by_pressure = raise_pressure(density)
+            if by_pressure.reached == pressure:
+                return by_pressure
+            if by_pressure.reached is None:
+                by_pressure = Climb(state, None, by_pressure.outcome)
+        plain = np.zeros_like(density)
+        found, outcome, _ = self._attempt(self.model.assembled, plain, pressure)
+        soft = Climb(found, pressure, outcome)
+        if outcome <= 0 and pressure > 0:
+            soft = raise_pressure(plain)
+        if soft.outcome > 0:
+            stiffened = climb(
+                lambda x, share: self._attempt(x, share * density, pressure),
+                Climb(soft.state, 0.0, soft.outcome), 1.0, FIRST_SHARE, least,
+            )  # fmt: skip
+            if stiffened.reached == 1.0:
+                return Climb(stiffened.state, pressure, stiffened.outcome)
+        self.model.set_density(density)
+        return by_pressure
+
+    def _attempt(
+        self, start: Floats, density: Floats, pressure: float
+    ) -> tuple[Floats, int, int]:
+        """One solve of the SNES: the state, its converged reason, and how many steps it took."""
+        self.model.set_density(density)
+        state, rows = start.copy(), len(self._newton.history)
+        outcome = self._newton_solve(state, pressure)
+        return state, outcome, len(self._newton.history) - rows
 
     def _newton_solve(self, state: Floats, pressure: float) -> int:
         self.model.set_pressure(pressure)

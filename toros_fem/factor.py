@@ -100,9 +100,11 @@ class Factor:
         mean = diagonal.reshape(-1, 3).mean(axis=1)
         self.scale = np.repeat(mean, 3) * self._model.free
 
-    def fill(self, shift: float) -> None:
-        """Put K + shift · M into the matrix."""
+    def fill(self, shift: float = 0.0, diagonal: float = 0.0) -> None:
+        """Put K + shift · M + diagonal · D into the matrix, D the mean diagonal of a vertex."""
         self._data[:] = self._exact
+        if diagonal:
+            self._data[self._tangent.diagonal] += diagonal * self.scale
         if shift:
             if not self._has_material:
                 self._tangent.assemble(self._state, self._material, geometric=0.0)
@@ -111,9 +113,9 @@ class Factor:
             self._data += shift * self._material
         self._update()
 
-    def factorise(self, shift: float) -> bool:
-        """Factorise K + shift · M; whether it is positive definite, the same on all ranks."""
-        self.fill(shift)
+    def factorise(self, shift: float = 0.0, diagonal: float = 0.0) -> bool:
+        """Factorise what `fill` fills; whether it is positive definite, the same on all ranks."""
+        self.fill(shift, diagonal)
         self.ksp.setOperators(self.matrix)
         self.count += 1
         try:
@@ -122,7 +124,7 @@ class Factor:
             if error.ierr != NOT_POSITIVE:
                 raise
             return False
-        return self.package != "mumps" or self._mumps_outcome(shift)
+        return self.package != "mumps" or self._mumps_outcome(shift, diagonal)
 
     def solve(self, rhs: Floats) -> Floats:
         """Solve with the last factorisation, zero at held components."""
@@ -139,13 +141,13 @@ class Factor:
         if self.matrix is not self.upper:
             self.upper.convert("sbaij", self.matrix)
 
-    def _mumps_outcome(self, shift: float) -> bool:
+    def _mumps_outcome(self, shift: float, diagonal: float) -> bool:
         factor = self.ksp.getPC().getFactorMatrix()
         code = factor.getMumpsInfog(1)
         if code in MORE_SPACE and self._space < LARGEST_SPACE:
             self._space *= 4
             factor.setMumpsIcntl(14, self._space)
-            return self.factorise(shift)
+            return self.factorise(shift, diagonal)
         if code < 0 and code != SINGULAR:
             raise TorosError(
                 f"MUMPS could not factorise the tangent of {self.matrix.getSize()[0]} unknowns: "

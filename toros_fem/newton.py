@@ -21,6 +21,7 @@ ARMIJO = 1e-4
 SMALLEST_STEP = 1e-10
 FIRST_SHIFT = 0.03
 SMALLEST_SHIFT = 1e-4
+FIRST_DIAGONAL = 1e-8
 LARGEST_SHIFT = 1e6
 # A step that leaves more of the residual than this is bent back to where the stiff parts relax.
 RELAXED = 0.1
@@ -30,6 +31,8 @@ CHORDS = 3
 # What a chord step must leave of the residual, and the first one gain of its promised energy.
 CHORD_RATE = 0.2
 CHORD_GAIN = 0.2
+# How many saddles a solve leaves before it gives up.
+ESCAPES = 10
 # Where rounding lets no step lower the energy any more, this residual over the load will do.
 STAGNATED = 1e-8
 
@@ -154,6 +157,8 @@ class RegularisedNewton:
                     continue
             if steps == max_steps:
                 return point, int(reasons.DIVERGED_MAX_IT)
+            if escapes == ESCAPES:
+                return point, int(reasons.DIVERGED_INNER)
             steps += 1
             if done:
                 escapes += 1
@@ -232,15 +237,18 @@ class RegularisedNewton:
         self._shift = shift
 
     def _softest(self, residual: Floats, seed: int) -> Floats:
-        """The mode of smallest curvature, by inverse iteration, scaled to 1 % of the skin."""
-        self._shift = FIRST_SHIFT
-        while not self.factor.factorise(self._shift) and self._shift < LARGEST_SHIFT:
-            self._shift *= 4
+        """The mode of smallest curvature, by inverse iteration, scaled to 1 % of the skin.
+
+        Smallest over the diagonal: the material part would hide what buckles.
+        """
+        self._shift, diagonal = 0.0, FIRST_DIAGONAL
+        while not self.factor.factorise(diagonal=diagonal) and diagonal < LARGEST_SHIFT:
+            diagonal *= 4
         # A start that is the same on any number of ranks: drawn by assembled vertex.
         points = self.model.skin.pattern.points
         drawn = np.random.default_rng(seed).standard_normal(points.shape)
         mode = drawn[self.model.skin.owned_vertices].ravel() * self.model.free
-        for _ in range(8):
+        for _ in range(20):
             mode = self.factor.solve(self.factor.scale * mode)
             mode /= norm(self.comm, mode)
         mode *= -1.0 if dot(self.comm, mode, residual) > 0 else 1.0

@@ -115,14 +115,14 @@ class NewtonOptions:
         tolerance: Residual over the applied load at which a state counts as equilibrium.
         max_steps: Newton steps for one pressure level.
         fraction_to_barrier: Largest share of the way to the stretch bounds that one step takes.
-        min_increment: Smallest increment of the pressure, over the pressure reached, by which
-            continuation steps before it gives up.
+        min_increment: Smallest increment of a continuation, over the level reached, before it
+            gives up.
     """
 
     tolerance: float = 1e-10
     max_steps: int = 60
     fraction_to_barrier: float = 0.5
-    min_increment: float = 1e-2
+    min_increment: float = 0.05
 
     def __post_init__(self) -> None:
         require_positive(tolerance=self.tolerance, at_most=1e-2)
