@@ -85,6 +85,7 @@ class SkinModel:
         self._tangent = fem.form(self.ufl_forms.tangent)
         self._volume = fem.form(self.ufl_forms.volume) if self.closed else None
         self._load = fem.form(self.ufl_forms.load) if self.closed else None
+        self._force = _work_vector(self.space)
         self._sensitivity: Any = None  # compiled when a gradient is first asked for
 
         index_map = self.space.dofmap.index_map
@@ -133,14 +134,14 @@ class SkinModel:
     def residual(self, state: Floats) -> Floats:
         """First variation of E in N, zero at held components."""
         self.set_state(state)
-        return self._vector(self._residual) * self.free
+        return _assembled(self._residual, self._force) * self.free
 
     def load(self, state: Floats) -> Floats:
         """Force of a unit pressure in m², zero at held components."""
         self.set_state(state)
         if self._load is None:
             return np.zeros(self.size_local)
-        return self._vector(self._load) * self.free
+        return _assembled(self._load, self._force) * self.free
 
     def volume(self, state: Floats) -> float:
         """Enclosed volume in m³; 0 for an open skin."""
@@ -183,7 +184,7 @@ class SkinModel:
         self.set_state(state)
         self.adjoint.x.array[: self.size_local] = adjoint
         self.adjoint.x.scatter_forward()
-        return self._vector(self._sensitivity)
+        return _assembled(self._sensitivity, _work_vector(self.skin.density_space))
 
     def energy_rounding(self) -> float:
         """Bound in J on what rounding adds to the stretching energy.
@@ -196,10 +197,18 @@ class SkinModel:
         mixed = _membrane_modulus(self.composite, self.density.x.array[: len(self._areas)])
         return 1e-14 * widest * dot(self.skin.comm, mixed, self._areas)
 
-    def _vector(self, form: Any) -> Floats:
-        b = fem.assemble_vector(form)
-        b.scatter_reverse(la.InsertMode.add)
-        return b.array[: b.index_map.size_local * b.block_size].copy()
+
+def _work_vector(space: fem.FunctionSpace) -> Any:
+    """A vector to assemble into, made once: to plan its exchange between ranks is dear."""
+    return la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
+
+
+def _assembled(form: Any, vector: Any) -> Floats:
+    """Owned entries of an assembled linear form."""
+    vector.array[:] = 0
+    fem.assemble_vector(vector.array, form)
+    vector.scatter_reverse(la.InsertMode.add)
+    return np.array(vector.array[: vector.index_map.size_local * vector.block_size])
 
 
 def _section(domain: Any, material: Material) -> Section:

@@ -38,26 +38,34 @@ class UpperTangent:
 
         order = np.argsort(keys, kind="stable")
         order = order[np.searchsorted(keys[order], 0) :]
-        sorted_keys = keys[order]
-        first = np.flatnonzero(np.diff(sorted_keys, prepend=-1))
-        own_keys = sorted_keys[first]
-        self._sum = csr_matrix(
-            (weights[order], order, np.append(first, len(order))), shape=(len(first), len(keys))
-        )
+        first = np.flatnonzero(np.diff(keys[order], prepend=-1))
+        entry = keys[order][first]
 
         # Entries are sorted by row, so those of one owner are neighbours.
-        bounds = np.searchsorted(own_keys, starts * size)
-        self._send: Ints = np.diff(bounds)
-        self._send[comm.rank] = 0
-        self._own = slice(bounds[comm.rank], bounds[comm.rank + 1])
-        self._outgoing = np.r_[0 : self._own.start, self._own.stop : len(own_keys)]
-        self._receive: Ints = np.array(comm.alltoall(list(self._send)), dtype=np.int64)
-        incoming = np.empty(self._receive.sum(), dtype=np.int64)
-        comm.Alltoallv([own_keys[self._outgoing], self._send], [incoming, self._receive])
-        kept = own_keys[self._own]
-        merged = np.union1d(kept, incoming)
-        self._own_places = np.searchsorted(merged, kept)
-        self._incoming_places = np.searchsorted(merged, incoming)
+        bounds = np.searchsorted(entry, starts * size)
+        mine = np.zeros(len(entry), dtype=bool)
+        mine[bounds[comm.rank] : bounds[comm.rank + 1]] = True
+        send = np.diff(bounds)
+        send[comm.rank] = 0
+        receive = np.array(comm.alltoall(list(send)), dtype=np.int64)
+        incoming = np.empty(receive.sum(), dtype=np.int64)
+        comm.Alltoallv([entry[~mine], send], [incoming, receive])
+        merged = np.union1d(entry[mine], incoming)
+        self._send, self._receive = send, receive
+        places = np.searchsorted(merged, incoming)
+        self._places = np.split(places, np.cumsum(receive)[:-1])
+
+        counts = np.diff(np.append(first, len(order)))
+
+        def sums(rows: Ints, chosen: npt.NDArray[np.bool_], total: int) -> csr_matrix:
+            used = np.repeat(chosen, counts)
+            lengths: Ints = np.zeros(total, dtype=np.int64)
+            lengths[rows] = counts[chosen]
+            parts = (weights[order[used]], order[used], np.append(0, np.cumsum(lengths)))
+            return csr_matrix(parts, shape=(total, len(keys)))
+
+        self._sum = sums(np.searchsorted(merged, entry[mine]), mine, len(merged))
+        self._sum_out = sums(np.arange((~mine).sum()), ~mine, int((~mine).sum()))
 
         begin, end = index_map.local_range
         self.indptr = np.searchsorted(merged, np.arange(begin, end + 1) * size).astype(np.int32)
@@ -78,17 +86,14 @@ class UpperTangent:
             geometric: 1 for K; 0 for its material part M, positive semidefinite.
         """
         self._model.tangent_entries(state, self._entries, geometric)
-        sums = self._sum @ self._entries
+        out[:] = self._sum @ self._entries
         comm: MPI.Comm = self._model.skin.comm
-        if comm.size == 1:
-            out[:] = sums
-            return
-        incoming = np.empty(self._receive.sum())
-        comm.Alltoallv([sums[self._outgoing], self._send], [incoming, self._receive])
-        out[:] = np.bincount(
-            self._incoming_places, weights=incoming, minlength=len(out)
-        )
-        out[self._own_places] += sums[self._own]
+        if comm.size > 1:
+            incoming = np.empty(self._receive.sum())
+            comm.Alltoallv([self._sum_out @ self._entries, self._send], [incoming, self._receive])
+            ends = np.cumsum(self._receive)[:-1]
+            for places, part in zip(self._places, np.split(incoming, ends), strict=True):
+                out[places] += part  # those of one rank are distinct
 
 
 def _contributions(model: SkinModel) -> tuple[Ints, Floats]:
