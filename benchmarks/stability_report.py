@@ -180,7 +180,9 @@ class Report:
                     first = number * len(PRESSURES)
                     # A tile has no pressure: its one value fills the columns of the design.
                     cells = [first + place] if load else range(first, first + len(PRESSURES))
-                    steps[row, cells] = max(1, *(o.row.newton_steps for o in group), 1)
+                    played = [o.row.newton_steps for o in group if o.row.result != "exception"]
+                    if played:
+                        steps[row, cells] = max(1, *played)
                     verdicts = {outcome.verdict for outcome in group}
                     worst = [verdict for verdict in MARKERS if verdict in verdicts]
                     if worst:
@@ -207,7 +209,7 @@ class Report:
                 textcoords="offset points", ha="center",
             )  # fmt: skip
             axes.axvline((number + 1) * len(PRESSURES) - 0.5, color="white", linewidth=2.5)
-        figure.colorbar(image, label="most Newton steps of a case", pad=0.01)
+        figure.colorbar(image, label="most Newton steps of a case", pad=0.01, extend="max")
         axes.legend(
             loc="upper left", bbox_to_anchor=(0, -0.6 / len(scenes)), ncols=3, frameon=False
         )

@@ -32,7 +32,7 @@ from toros_fem.objective import ShapeObjective
 from toros_fem.optimise import DesignOptions, optimise
 from toros_fem.parameters import Composite, Material
 from toros_fem.projection import Projection
-from toros_fem.report import Reporter
+from toros_fem.report import Reporter, print_step
 from toros_fem.supports import clamp
 
 DEFAULTS: dict[str, Any] = {
@@ -59,12 +59,13 @@ DEFAULTS: dict[str, Any] = {
 COARSE = {"edge_length": 2.85e-3, "radius": 4.3e-3, "angle": 90.0, "iterations": 60}
 
 
-def run(comm: MPI.Comm, output: Path, **inputs: Any) -> dict[str, Any]:
+def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -> dict[str, Any]:
     """Design the tube; returns the summary that is also written to `output`.
 
     Args:
         comm: Communicator.
         output: Folder for summary, history, pattern, fields and pictures.
+        verbose: Whether to print every step of the equilibrium solver.
         inputs: What differs from `DEFAULTS`.
     """
     begin = time.perf_counter()
@@ -84,7 +85,9 @@ def run(comm: MPI.Comm, output: Path, **inputs: Any) -> dict[str, Any]:
     target = bend(np.radians(o["angle"]), o["length"], neutral=o["neutral"])(pattern.points)
     wall = pattern.panel_index("wall")
     problem = DesignProblem(
-        solver=EquilibriumSolver(skin, composite, clamp(pattern, ["base"])),
+        solver=EquilibriumSolver(
+            skin, composite, clamp(pattern, ["base"]), log=print_step(comm) if verbose else None
+        ),
         objective=ShapeObjective(skin, target),
         filter=ConeFilter(skin, o["radius"]),
         pressure=o["pressure"],
@@ -108,17 +111,18 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--coarse", action="store_true", help="about 3000 triangles, 90 degrees")
+    parser.add_argument("--verbose", action="store_true", help="show every Newton step")
     parser.add_argument("--output", type=Path, default=Path("output/bend"), help="output folder")
     for name, value in DEFAULTS.items():
         parser.add_argument(
             "--" + name.replace("_", "-"), type=type(value), help=f"default {value}"
         )
     options = vars(parser.parse_args())
-    output, coarse = options.pop("output"), options.pop("coarse")
+    output, coarse, verbose = (options.pop(name) for name in ("output", "coarse", "verbose"))
     given = {name: value for name, value in options.items() if value is not None}
     comm = MPI.COMM_WORLD
     try:
-        summary = run(comm, output, **({**COARSE, **given} if coarse else given))
+        summary = run(comm, output, verbose=verbose, **({**COARSE, **given} if coarse else given))
     except TorosError as error:
         if comm.rank == 0:
             print(f"{type(error).__name__}: {error}", file=sys.stderr)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
 
-# A level reached in so many steps lets the next increment be four times as large.
+# Until a level fails, one reached in so many steps lets the next increment be four times as large.
 EASY = 10
 
 
@@ -47,14 +47,15 @@ def climb(
         least: Smallest increment, over the level reached or the first increment if that is more.
     """
     state, reached, outcome = start.state, start.reached, start.outcome
-    first = increment
+    first, fastest = increment, 4
     while reached is None or reached < top:
         level = min(top, (reached or 0.0) + increment)
         found, outcome, steps = attempt(state, level)
         if outcome > 0:
             state, reached = found, level
-            increment *= 4 if steps <= EASY else 2
+            increment *= fastest if steps <= EASY else 2
             continue
+        fastest = 2
         increment = (level - (reached or 0.0)) / 4
         if increment <= least * max(reached or 0.0, first):
             break

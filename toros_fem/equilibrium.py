@@ -259,9 +259,7 @@ class EquilibriumSolver:
         self.model.set_density(density)
         return by_pressure
 
-    def _attempt(
-        self, start: Floats, density: Floats, pressure: float
-    ) -> tuple[Floats, int, int]:
+    def _attempt(self, start: Floats, density: Floats, pressure: float) -> tuple[Floats, int, int]:
         """One solve of the SNES: the state, its converged reason, and how many steps it took."""
         self.model.set_density(density)
         state, rows = start.copy(), len(self._newton.history)

@@ -136,6 +136,11 @@ class SkinModel:
         self.set_state(state)
         return _assembled(self._residual, self._force) * self.free
 
+    def reaction(self, state: Floats) -> Floats:
+        """Force in N by which the supports pull at the skin, zero at free components."""
+        self.set_state(state)
+        return _assembled(self._residual, self._force) * ~self.free
+
     def load(self, state: Floats) -> Floats:
         """Force of a unit pressure in m², zero at held components."""
         self.set_state(state)
@@ -194,8 +199,13 @@ class SkinModel:
         """
         c1, c2 = self.composite.c1, self.composite.c2
         widest = max(1.0, (c1 - 1) ** 2, (c2 - 1) ** 2)
+        return 1e-14 * widest * self.mean_modulus() * float(self.skin.pattern.areas.sum())
+
+    def mean_modulus(self) -> float:
+        """h (2μ + λ) in N/m, its mean over the flat area."""
         mixed = _membrane_modulus(self.composite, self.density.x.array[: len(self._areas)])
-        return 1e-14 * widest * dot(self.skin.comm, mixed, self._areas)
+        area = float(self.skin.pattern.areas.sum())
+        return dot(self.skin.comm, mixed, self._areas) / area
 
 
 def _work_vector(space: fem.FunctionSpace) -> Any:

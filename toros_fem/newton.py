@@ -20,7 +20,7 @@ Floats = npt.NDArray[np.float64]
 ARMIJO = 1e-4
 SMALLEST_STEP = 1e-10
 FIRST_SHIFT = 0.03
-SMALLEST_SHIFT = 1e-4
+SMALLEST_SHIFT = 2e-3
 FIRST_DIAGONAL = 1e-8
 LARGEST_SHIFT = 1e6
 # A step that leaves more of the residual than this is bent back to where the stiff parts relax.
@@ -184,12 +184,15 @@ class RegularisedNewton:
             point = new
 
     def reference(self, state: Floats) -> float:
-        """Norm of the applied load in N; without load, the force of a strain of 1e-4."""
+        """Norm of the applied load in N: of the pressure, or without any of the supports' pull.
+
+        A skin that nothing pulls at is measured by the force of a strain of 1e-4.
+        """
         if self.pressure > 0:
             return self.pressure * norm(self.comm, self.model.load(state))
-        fabric = self.model.composite.fabric
-        area = float(self.model.skin.pattern.areas.sum())
-        return 1e-4 * fabric.membrane_stiffness * float(np.sqrt(area))
+        pattern = self.model.skin.pattern
+        least = 1e-4 * self.model.mean_modulus() * float(np.sqrt(pattern.areas.sum()))
+        return max(least, norm(self.comm, self.model.reaction(state)))
 
     def stable(self, state: Floats) -> bool:
         """Whether the tangent at a state is positive definite; leaves it factorised."""

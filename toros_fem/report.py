@@ -10,15 +10,27 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from toros_fem._mpi import raise_together
 from toros_fem.design import Evaluation
 from toros_fem.errors import OutputError
 from toros_fem.io import HistoryFile, versions, write_fields, write_json
 from toros_fem.meshes.skin import Skin
+from toros_fem.newton import NewtonStep
 from toros_fem.optimise import DesignResult, Iteration
 
 Floats = npt.NDArray[np.float64]
+
+
+def print_step(comm: MPI.Comm) -> Callable[[NewtonStep], None]:
+    """A log for `EquilibriumSolver` that prints every step on the first rank."""
+
+    def show(row: NewtonStep) -> None:
+        if comm.rank == 0:
+            print(f"\r    {row}", flush=True)
+
+    return show
 
 
 class Reporter:

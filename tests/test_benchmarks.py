@@ -1,0 +1,75 @@
+"""The benchmarks run from the command line and write the rows they promise."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import ROOT
+from mpi4py import MPI
+
+# A process started from under mpirun would take itself for a rank of it.
+ALONE = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of its own")
+
+
+def run(name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = {
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith(("OMPI_COMM", "PMIX", "PRTE"))
+    }
+    return subprocess.run(
+        [sys.executable, str(ROOT / "benchmarks" / name), *arguments],
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+
+
+@ALONE
+@pytest.mark.parametrize("scene", ["half_tube", "tile_40", "pillow"])
+def test_stability_of_one_scene(tmp_path: Path, scene: str) -> None:
+    """Every case converges to what an independent check calls a stable equilibrium."""
+    file = tmp_path / "rows.json"
+    done = run(
+        "stability.py", "--quick", "--only", scene, "--json", str(file), "--output", str(tmp_path)
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = json.loads(file.read_text(encoding="utf-8"))
+    assert found["wrong"] == found["failed_although_solvable"] == 0
+    assert len(found["rows"]) == 4
+    for row in found["rows"]:
+        assert set(row) == {
+            "scene", "design", "contrast", "load", "start", "result", "reason",
+            "newton_steps", "residual", "min_pivot_sign", "seconds",
+        }  # fmt: skip
+        assert row["scene"] == scene
+        assert row["result"] == "converged"
+        assert row["residual"] <= 1e-8
+        assert row["min_pivot_sign"] == 1
+        assert row["newton_steps"] > 0
+    assert (tmp_path / "stability.png").stat().st_size > 10_000
+
+
+@ALONE
+def test_cost_of_a_newton_step(tmp_path: Path) -> None:
+    file = tmp_path / "rows.json"
+    done = run("newton_cost.py", "--triangles", "1000", "--rounds", "1", "--json", str(file))
+    assert done.returncode == 0, done.stdout + done.stderr
+    rows = json.loads(file.read_text(encoding="utf-8"))
+    assert [(row["bending"], row["ranks"]) for row in rows] == [
+        (True, 1), (True, 2), (False, 1), (False, 2),
+    ]  # fmt: skip
+    for row in rows:
+        assert set(row) == {
+            "triangles", "dofs", "ranks", "bending", "assembly_s", "force_s", "factor_s",
+            "solve_s", "step_s", "bare_factor_solve_s", "step_ratio", "assembly_ratio",
+        }  # fmt: skip
+        assert 800 < row["triangles"] < 1200
+        assert row["dofs"] == pytest.approx(1.5 * row["triangles"], rel=0.02)
+        assert all(row[key] > 0 for key in row if key.endswith(("_s", "_ratio")))
+    # A scene compiles what it has: energy, force, tangent; with pressure also volume and load.
+    assert "bending and pressure   5 forms" in done.stdout
+    assert "neither                3 forms" in done.stdout
