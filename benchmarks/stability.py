@@ -14,7 +14,7 @@ import argparse
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +23,7 @@ from types import FrameType
 import numpy as np
 from mpi4py import MPI
 from stability_judge import Finding, Judge
+from stability_oracle import patient
 from stability_report import Outcome, Report, Row
 from stability_scenes import BUILDERS, DESIGNS, Floats, Scene, build, loads_of, neighbour
 
@@ -32,10 +33,8 @@ from toros_fem.parameters import NewtonOptions
 
 CONTRASTS = (15.0, 300.0, 1e4)
 STARTS = ("cold", "continuation", "warm", "up_down")
-# Wall time in s after which a case counts as hung, and for which the oracle tries one way.
+# Wall time in s after which a case counts as hung.
 LONGEST = 300.0
-PATIENCE = 20.0
-ORACLE_LEVELS = 40
 # Up and down again: shapes that differ by more of the skin's size are two equilibria.
 SAME_SHAPE = 1e-5
 
@@ -138,45 +137,6 @@ def play(run: Run, scene: Scene, case: Case) -> tuple[EquilibriumResult, float |
     again = run.solve(start=half.state)
     moved = np.linalg.norm((again.state - up.state).reshape(-1, 3), axis=1).max()
     return again, float(moved / scene.skin.pattern.size)
-
-
-def patient(
-    judge: Judge, solver: EquilibriumSolver, density: Floats, load: float
-) -> tuple[bool, str]:
-    """Whether small steps along any of three ways find an equilibrium, and how far they came.
-
-    The barrier keeps the admissible shapes bounded, hence the volume too: an energy without jumps
-    has its lowest value inside, at any pressure. Only a fold by 180 degrees makes this one jump.
-    """
-    mean = density.mean()
-    routes: dict[str, Callable[[float], tuple[Floats, float]]] = {
-        "from the fabric": lambda share: (share * density, load),
-        "up": lambda share: (density if load else mean + share * (density - mean), share * load),
-        "down from ten times the load": lambda share: (density, load * 10 ** (1 - share)),
-    }
-    told = []
-    for name, route in routes.items():
-        begin = time.perf_counter()
-        state, reached, step, levels = None, 0.0, 1 / 16, 0
-        while reached < 1 and levels < ORACLE_LEVELS and step > 1e-3:
-            if time.perf_counter() - begin > PATIENCE:
-                break
-            levels += 1
-            share = min(1.0, reached + step)
-            try:
-                state = solver.solve(*route(share), start=state).state
-            except TorosError:
-                step /= 4
-                continue
-            reached = share
-            step *= 1.5
-        if reached == 1 and state is not None:
-            faults = judge.check(solver.model, density, load, state).faults
-            if not faults:
-                return True, f"the oracle came there {name} in {levels} levels"
-            told.append(f"{name} its end is wrong, {faults[0]}")
-        told.append(f"{name} {100 * reached:.0f} %")
-    return False, "the oracle came so far: " + ", ".join(told)
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, eigvalsh
 from scipy.sparse import csr_array, triu
-from stability_scenes import SQUARE, STIFFNESS, Floats, Scene
+from stability_scenes import Floats, Scene
 
 from toros_fem.model import SkinModel
 from toros_fem.parameters import Composite
@@ -35,6 +35,25 @@ class Finding:
     residual: float | None
     sign: int | None
     faults: list[str]
+
+
+def scaled_tangent(model: SkinModel, state: Floats) -> tuple[Floats, Floats]:
+    """Dense D K D at the free dofs and the diagonal D that scales it to about a unit diagonal.
+
+    The scaling keeps the signs and takes contrast and thickness out of the eigenvalues. There is
+    one scale a vertex: a flat membrane has no stiffness of its own across its plane.
+    """
+    tangent = UpperTangent(model)
+    value = np.zeros(len(tangent.columns))
+    tangent.assemble(state, value)
+    size = len(tangent.indptr) - 1
+    upper = csr_array((value, tangent.columns, tangent.indptr), shape=(size, size))
+    whole = (upper + triu(upper, k=1).T).tocsr()
+    free = np.flatnonzero(model.free)
+    dense = whole[free][:, free].toarray()
+    by_vertex = np.abs(whole.diagonal()).reshape(-1, 3).mean(axis=1)
+    scale = 1 / np.sqrt(np.repeat(by_vertex, 3)[free])
+    return dense * scale[:, None] * scale, scale
 
 
 class Judge:
@@ -63,10 +82,10 @@ class Judge:
         return Finding(residual, -1 if lowest < -noise else 1, faults)
 
     def _load(self, model: SkinModel, pressure: float, state: Floats) -> float:
+        """The pressure's force; a tile's load is the pull on its borders."""
         if pressure > 0:
             return pressure * float(np.linalg.norm(model.load(state)))
-        # A tile's load is the pull on its borders; else that of a strain of 1e-4.
-        return (self._scene.strain or 1e-4) * STIFFNESS * SQUARE
+        return float(np.linalg.norm(model.reaction(state)))
 
     def _outside(self, state: Floats) -> list[str]:
         skin = self._scene.skin
@@ -83,29 +102,17 @@ class Judge:
         return [f"{outside.sum()} triangles leave the bounds, the first {k} by {stretch[k]}"]
 
     def _lowest(self, model: SkinModel, state: Floats) -> tuple[float, float]:
-        """Lowest eigenvalue of the tangent, scaled to a unit diagonal, and what rounding does.
+        """Lowest eigenvalue of the scaled tangent, and what rounding does to it.
 
-        The scaling keeps the signs and takes contrast and thickness out of the eigenvalues. They
-        are computed only where the cheaper Cholesky factorisation does not settle the sign.
+        It is computed only where the cheaper Cholesky factorisation does not settle the sign.
 
         Returns:
             The eigenvalue, or 0 where none is below the rounding, and the rounding.
         """
-        tangent = UpperTangent(model)
-        values = np.zeros(len(tangent.columns))
-        tangent.assemble(state, values)
-        size = len(tangent.indptr) - 1
-        upper = csr_array((values, tangent.columns, tangent.indptr), shape=(size, size))
-        free = np.flatnonzero(model.free)
-        whole = (upper + triu(upper, k=1).T).tocsr()
-        dense = whole[free][:, free].toarray()
-        # One scale a vertex: a flat membrane has no stiffness of its own across its plane.
-        by_vertex = np.abs(whole.diagonal()).reshape(-1, 3).mean(axis=1)
-        scale = 1 / np.sqrt(np.repeat(by_vertex, 3)[free])
-        dense *= scale[:, None] * scale
-        noise = float(len(free) * np.finfo(float).eps * np.abs(dense).sum(axis=1).max())
+        dense, _ = scaled_tangent(model, state)
+        noise = float(len(dense) * np.finfo(float).eps * np.abs(dense).sum(axis=1).max())
         try:
-            cholesky(dense + noise * np.eye(len(free)), check_finite=False, overwrite_a=True)
+            cholesky(dense + noise * np.eye(len(dense)), check_finite=False, overwrite_a=True)
         except LinAlgError:
             return float(eigvalsh(dense, subset_by_index=(0, 0))[0]), noise
         return 0.0, noise

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-
 Vector = tuple[Any, Any, Any]
 
 
@@ -43,7 +42,7 @@ def components(vector: Any) -> Vector:
 
 
 def minus(a: Vector, b: Vector) -> Vector:
-    """a − b."""
+    """A − b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
@@ -53,12 +52,12 @@ def times(factor: Any, a: Vector) -> Vector:
 
 
 def dot(a: Vector, b: Vector) -> Any:
-    """a · b."""
+    """A · b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """a × b."""
+    """A × b."""
     return (
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],

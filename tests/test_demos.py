@@ -7,6 +7,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import meshio
 import numpy as np
@@ -18,7 +19,13 @@ from demos import bend as demo
 from toros_fem import errors
 from toros_fem.equilibrium import EquilibriumError
 
-SMALL = {"length": 0.08, "edge_length": 4.5e-3, "radius": 7e-3, "angle": 45.0, "iterations": 8}
+SMALL: dict[str, Any] = {
+    "length": 0.08,
+    "edge_length": 4.5e-3,
+    "radius": 7e-3,
+    "angle": 45.0,
+    "iterations": 8,
+}
 
 
 @pytest.fixture(scope="module")

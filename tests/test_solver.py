@@ -1,6 +1,7 @@
 """What makes the equilibrium solver fast and hard to break, piece by piece."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -84,7 +85,7 @@ def test_both_packages_agree(comm: MPI.Comm, mumps: None) -> None:
         assert factor.count == 5
         solutions.append(factor.solve(rhs))
     gap = np.linalg.norm(solutions[0] - solutions[1])
-    assert 0 < np.linalg.norm(solutions[0])
+    assert np.linalg.norm(solutions[0]) > 0
     assert gap < 1e-10 * np.linalg.norm(solutions[0])
 
 
@@ -177,7 +178,7 @@ def half_tube(*, mirrored: bool) -> Pattern:
     disc = np.concatenate([ring, np.zeros((1, 2))])
     first = np.arange(around - 1)
     fan = np.stack([first, first + 1, np.full(around - 1, around)], axis=1)
-    sheets = [("wall", flat, grid, wall)]
+    sheets: list[tuple[str, Any, Any, Any]] = [("wall", flat, grid, wall)]
     for name, height in (("base", 0.0), ("tip", length)):
         face = np.column_stack([disc, np.full(len(disc), height)])
         turned = (disc * [1, -1], fan[:, ::-1]) if name == "base" else (disc, fan)

@@ -14,9 +14,9 @@ from toros_fem._mpi import norm, raise_together
 from toros_fem.continuation import Climb, climb
 from toros_fem.density import check_density
 from toros_fem.errors import ParameterError, TorosError
+from toros_fem.factor import PREFIX, Factor
 from toros_fem.meshes.skin import Skin
 from toros_fem.model import SkinModel
-from toros_fem.factor import PREFIX, Factor
 from toros_fem.newton import NewtonStep, RegularisedNewton
 from toros_fem.parameters import Composite, NewtonOptions
 from toros_fem.supports import Supports
@@ -25,6 +25,8 @@ Floats = npt.NDArray[np.float64]
 
 # First step of a continuation from one design to another, as a share of the way.
 FIRST_SHARE = 1 / 16
+# A hinge folded by so much, in rad, is near the angle where its energy jumps.
+FOLDED = math.radians(170)
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,11 +299,20 @@ class EquilibriumSolver:
         }.get(outcome, "no step lowered the energy any more")
         bounds = f"c1 = {self.model.composite.c1:g}, c2 = {self.model.composite.c2:g}"
         begin = f"No equilibrium inside the stretch bounds ({bounds}) was found at pressure = "
-        begin += f"{pressure:g} Pa: {why}."
+        begin += f"{pressure:g} Pa, at once, by raising the pressure, or by stiffening the plain "
+        begin += f"fabric: {why}."
+        folds = self.model.folds(self._x.array_r.copy(), FOLDED)
+        if folds:  # each edge is seen from both sides
+            begin += (
+                f" Where the last attempt ended {folds // 2} edges are folded by more than "
+                f"{math.degrees(FOLDED):.0f} degrees: the skin collapses onto itself there, and "
+                "contact is not modelled."
+            )
         if reached is None:
             return (
                 f"{begin} Nor was there any at a lower one; the state is the one started from. "
-                "Check materials and supports, or refine the mesh."
+                "Check materials and supports, start from a neighbouring equilibrium, allow more "
+                "steps, or refine the mesh."
             )
         use = self.model.bounds.worst(self.model.corners(state))
         return (

@@ -125,6 +125,23 @@ class SkinModel:
         self.set_state(state)
         return self.q.x.array.reshape(-1, 3)[self._corner]
 
+    def folds(self, state: Floats, angle: float) -> int:
+        """How many hinges of triangles fold by more than an angle in rad; 0 without bending."""
+        self.set_state(state)
+        dofs = self.space.dofmap.list[: len(self._corner)]
+        patch = self.q.x.array[dofs].reshape(len(dofs), -1, 3)
+        count = 0
+        if patch.shape[1] == 6:
+            own = np.cross(patch[:, 1] - patch[:, 0], patch[:, 2] - patch[:, 0])
+            for i in range(3):
+                j, k = patch[:, (i + 1) % 3], patch[:, (i + 2) % 3]
+                other = np.cross(j - k, patch[:, 3 + i] - k)
+                cosine = np.einsum("ij,ij->i", own, other)
+                cosine /= np.linalg.norm(own, axis=1) * np.linalg.norm(other, axis=1)
+                folded = (cosine < np.cos(angle)) & (self._has_flap[: len(dofs), i] > 0)
+                count += int(folded.sum())
+        return int(total(self.skin.comm, count))
+
     def energy(self, state: Floats) -> float:
         """E of eq. (8) in J; infinite where eq. (1) does not admit the stretches."""
         if not self.bounds.worst(self.corners(state)) < 1:
@@ -202,7 +219,7 @@ class SkinModel:
         return 1e-14 * widest * self.mean_modulus() * float(self.skin.pattern.areas.sum())
 
     def mean_modulus(self) -> float:
-        """h (2μ + λ) in N/m, its mean over the flat area."""
+        """H (2μ + λ) in N/m, its mean over the flat area."""
         mixed = _membrane_modulus(self.composite, self.density.x.array[: len(self._areas)])
         area = float(self.skin.pattern.areas.sum())
         return dot(self.skin.comm, mixed, self._areas) / area

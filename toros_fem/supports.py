@@ -11,7 +11,6 @@ import numpy.typing as npt
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
 
-
 # How far from a symmetry plane a vertex may lie, over the size of the skin.
 FLAT = 1e-6
 
