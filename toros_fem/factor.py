@@ -59,7 +59,8 @@ class Factor:
         self.upper.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
         self.matrix = self.upper
         self._rhs, self._solution = self.upper.createVecRight(), self.upper.createVecLeft()
-        default = "mumps" if comm.size > 1 else "cholmod"
+        serial = comm.size == 1 and PETSc.Sys.hasExternalPackage("suitesparse")
+        default = "cholmod" if serial else "mumps"
         options = PETSc.Options(PREFIX)
         self.package = options.getString("pc_factor_mat_solver_type", default)
         if self.package == "cholmod":
