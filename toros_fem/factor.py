@@ -59,8 +59,7 @@ class Factor:
         self.upper.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
         self.matrix = self.upper
         self._rhs, self._solution = self.upper.createVecRight(), self.upper.createVecLeft()
-        serial = comm.size == 1 and PETSc.Sys.hasExternalPackage("suitesparse")
-        default = "cholmod" if serial else "mumps"
+        default = "cholmod" if comm.size == 1 and _has_cholmod() else "mumps"
         options = PETSc.Options(PREFIX)
         self.package = options.getString("pc_factor_mat_solver_type", default)
         if self.package == "cholmod":
@@ -156,3 +155,18 @@ class Factor:
                 "(-13), use a coarser mesh or more ranks on other machines."
             )
         return code != SINGULAR and factor.getMumpsInfog(12) == 0
+
+
+def _has_cholmod() -> bool:
+    """Whether PETSc is built with CHOLMOD: its list of packages does not always tell."""
+    matrix = PETSc.Mat().createSBAIJ((1, 1), 1, nnz=1, comm=PETSc.COMM_SELF)
+    matrix.setUp()
+    pc = PETSc.PC().create(PETSc.COMM_SELF)
+    pc.setOperators(matrix)
+    pc.setType(PETSc.PC.Type.CHOLESKY)
+    pc.setFactorSolverType("cholmod")
+    try:
+        pc.setFactorSetUpSolverType()
+    except PETSc.Error:
+        return False
+    return True
