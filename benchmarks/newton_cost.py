@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 SIZES = (3000, 11000, 45000, 180000)
-LENGTH, DIAMETER, PRESSURE = 0.15, 0.02, 1e3
+LENGTH, DIAMETER, PRESSURE = 0.15, 0.02, 5e3
 PHASES = ("assembly_s", "force_s", "factor_s", "solve_s")
 ROW = (
     "triangles", "dofs", "ranks", "bending", *PHASES, "step_s", "bare_factor_solve_s",
@@ -189,20 +189,25 @@ def run(arguments: list[str], ranks: int = 1, **environment: str) -> dict[str, A
     return row
 
 
-def show(rows: list[dict[str, Any]]) -> None:
-    """Print the table, and how times grow with the size."""
-    print(
-        "triangles    dofs ranks bending  assembly  force factor  solve  other |  step   bare  "
-        "step/bare assembly/bare  GiB  bare by"
+HEAD = (
+    "triangles    dofs ranks bending  assembly  force factor  solve  other |  step   bare  "
+    "step/bare assembly/bare  GiB  bare by"
+)
+
+
+def line(row: dict[str, Any]) -> str:
+    """One row of the table."""
+    return (
+        f"{row['triangles']:9d} {row['dofs']:7d} {row['ranks']:5d} {row['bending']!s:7s} "
+        f"{row['assembly_s']:9.3f} {row['force_s']:6.3f} {row['factor_s']:6.3f} "
+        f"{row['solve_s']:6.3f} {row['other_s']:6.3f} | {row['step_s']:6.3f} "
+        f"{row['bare_factor_solve_s']:6.3f} {row['step_ratio']:8.2f} "
+        f"{row['assembly_ratio']:11.2f} {row['peak_memory_gib']:7.2f}  {row['bare_solver']}"
     )
-    for row in rows:
-        print(
-            f"{row['triangles']:9d} {row['dofs']:7d} {row['ranks']:5d} {row['bending']!s:7s} "
-            f"{row['assembly_s']:9.3f} {row['force_s']:6.3f} {row['factor_s']:6.3f} "
-            f"{row['solve_s']:6.3f} {row['other_s']:6.3f} | {row['step_s']:6.3f} "
-            f"{row['bare_factor_solve_s']:6.3f} {row['step_ratio']:8.2f} "
-            f"{row['assembly_ratio']:11.2f} {row['peak_memory_gib']:7.2f}  {row['bare_solver']}"
-        )
+
+
+def compare(rows: list[dict[str, Any]]) -> None:
+    """Print how times grow with the size, and what a second rank gains."""
     for ranks in sorted({row["ranks"] for row in rows}):
         for bending in (True, False):
             part = [row for row in rows if (row["ranks"], row["bending"]) == (ranks, bending)]
@@ -245,12 +250,14 @@ def main() -> None:
         print(json.dumps(compiled(options.compile)), flush=True)
         return
     rows = []
+    print(HEAD)
     for triangles in [options.triangles] if options.triangles else SIZES:
         for bending in (True, False):
             for ranks in (1, 2):
                 worker = ["--worker", str(triangles), str(bending), "--rounds", str(options.rounds)]
                 rows.append(run(worker, ranks))
-    show(rows)
+                print(line(rows[-1]), flush=True)
+    compare(rows)
     scenes = []
     for scene in SCENES:
         with tempfile.TemporaryDirectory() as folder:

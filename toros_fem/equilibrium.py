@@ -25,6 +25,8 @@ Floats = npt.NDArray[np.float64]
 
 # First step of a continuation from one design to another, as a share of the way.
 FIRST_SHARE = 1 / 16
+# How many times `max_steps` the last attempt may take, from where the first cold one stopped.
+PATIENCE = 6
 # A hinge folded by so much, in rad, is near the angle where its energy jumps.
 FOLDED = math.radians(170)
 
@@ -207,7 +209,7 @@ class EquilibriumSolver:
         *,
         cold: bool,
     ) -> Climb:
-        """At once; else from the near equilibrium; else by the pressure; else by the stiffness.
+        """At once, from the near equilibrium, by the pressure, by the stiffness, patiently.
 
         Returns:
             How far the pressure came at the asked density.
@@ -231,6 +233,7 @@ class EquilibriumSolver:
             found, outcome, _ = self._attempt(self.model.assembled, density, pressure)
             if outcome > 0:
                 return Climb(found, pressure, outcome)
+        unfinished = found
         # One that strains by a few per cent.
         small = 0.1 * self.model.composite.fabric.membrane_stiffness / self.skin.pattern.size
 
@@ -258,7 +261,11 @@ class EquilibriumSolver:
             )  # fmt: skip
             if stiffened.reached == 1.0:
                 return Climb(stiffened.state, pressure, stiffened.outcome)
-        self.model.set_density(density)
+        self._snes.setTolerances(max_it=PATIENCE * self.options.max_steps)
+        found, outcome, _ = self._attempt(unfinished, density, pressure)
+        self._snes.setTolerances(max_it=self.options.max_steps)
+        if outcome > 0:
+            return Climb(found, pressure, outcome)
         return by_pressure
 
     def _attempt(self, start: Floats, density: Floats, pressure: float) -> tuple[Floats, int, int]:
