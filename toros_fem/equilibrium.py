@@ -261,9 +261,10 @@ class EquilibriumSolver:
             )  # fmt: skip
             if stiffened.reached == 1.0:
                 return Climb(stiffened.state, pressure, stiffened.outcome)
-        self._snes.setTolerances(max_it=PATIENCE * self.options.max_steps)
+        most = self._snes.getTolerances()[3]
+        self._snes.setTolerances(max_it=PATIENCE * most)
         found, outcome, _ = self._attempt(unfinished, density, pressure)
-        self._snes.setTolerances(max_it=self.options.max_steps)
+        self._snes.setTolerances(max_it=most)
         if outcome > 0:
             return Climb(found, pressure, outcome)
         return by_pressure

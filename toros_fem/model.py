@@ -203,10 +203,11 @@ class SkinModel:
         """∂(residual · adjoint)/∂ρ̄ at owned triangles, in J."""
         if self._sensitivity is None:
             self._sensitivity = fem.form(self.ufl_forms.sensitivity)
+            self._gradient = _work_vector(self.skin.density_space)
         self.set_state(state)
         self.adjoint.x.array[: self.size_local] = adjoint
         self.adjoint.x.scatter_forward()
-        return _assembled(self._sensitivity, _work_vector(self.skin.density_space))
+        return _assembled(self._sensitivity, self._gradient)
 
     def energy_rounding(self) -> float:
         """Bound in J on what rounding adds to the stretching energy.
@@ -219,7 +220,7 @@ class SkinModel:
         return 1e-14 * widest * self.mean_modulus() * float(self.skin.pattern.areas.sum())
 
     def mean_modulus(self) -> float:
-        """H (2μ + λ) in N/m, its mean over the flat area."""
+        """Mean over the flat area of h (2μ + λ), in N/m."""
         mixed = _membrane_modulus(self.composite, self.density.x.array[: len(self._areas)])
         area = float(self.skin.pattern.areas.sum())
         return dot(self.skin.comm, mixed, self._areas) / area
