@@ -13,11 +13,14 @@ from toros_fem._mpi import norm
 from toros_fem.density import random_density
 from toros_fem.design import DesignProblem
 from toros_fem.equilibrium import EquilibriumError, EquilibriumResult, EquilibriumSolver
-from toros_fem.filters import ConeFilter
+from toros_fem.cone import ConeFilter
 from toros_fem.objective import ShapeObjective
-from toros_fem.optimise import DesignOptions, optimise
+from toros_fem.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.optimise import optimise
 from toros_fem.parameters import Composite
-from toros_fem.projection import Continuation, Projection
+from toros_fem.perimeter import Perimeter
+from toros_fem.projection import Projection
+from toros_fem.stages import DesignOptions, Stage, doubling
 from toros_fem.supports import clamp
 
 RADIUS = 7e-3
@@ -69,6 +72,135 @@ def test_taylor_of_the_whole_chain(
     assert abs(slope) * 1e-2 > 10 * gaps[0]
 
 
+def full(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> DesignProblem:
+    """All that the chain has: pressure designed, perimeter penalised, widths constrained."""
+    plain = problem(skin, solver, beta)
+    return dataclasses.replace(
+        plain,
+        pressure_bounds=(1e3, 2e4),
+        perimeter=Perimeter(skin, RADIUS),
+        weight=1e-4,
+        length_scale=LengthScaleConstraints(skin, plain.filter, LengthScale(), plain.designed),
+    )
+
+
+def test_taylor_of_everything_by_density_and_pressure(
+    tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
+) -> None:
+    """T with its perimeter term, and both constraints, along a joint step of ρ and P."""
+    chain = full(tube, tube_solver)
+    density = random_density(tube, 2, spread=0.3)
+    base = chain.evaluate(density)
+    assert base.gradient is not None
+    assert base.pressure_gradient is not None
+    assert base.length_scale is not None
+    assert base.length_scale_gradients is not None
+    drawn = np.random.default_rng(9).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
+    direction, pressure = drawn * chain.designed, 4e3
+    along = lambda g: comm.allreduce(float(g @ direction))  # noqa: E731
+    by_pressure = base.pressure_gradient * pressure
+    slopes = [along(base.gradient) + by_pressure, *map(along, base.length_scale_gradients)]
+    assert abs(by_pressure) > 1e-2 * abs(slopes[0]), "the pressure must matter"
+    gaps = []
+    for step in 1e-2 * 0.5 ** np.arange(6):
+        there = chain.simulate(
+            density + step * direction, base.equilibrium.state, chain.pressure + step * pressure
+        )
+        assert there.length_scale is not None
+        values = np.array([there.objective - base.objective,
+                           *(there.length_scale - base.length_scale)])  # fmt: skip
+        gaps.append(np.abs(values - step * np.array(slopes)))
+    rates = np.log2(np.array(gaps[:-1]) / gaps[1:])
+    assert rates[-3:] == pytest.approx(2, abs=0.1)
+
+
+def test_pressure_gradient_alone(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    chain = full(tube, tube_solver)
+    density = random_density(tube, 2, spread=0.3)
+    base = chain.evaluate(density, pressure=3e3)
+    assert base.equilibrium.pressure == 3e3
+    state = base.equilibrium.state
+    there, back = (chain.simulate(density, state, 3e3 + s).objective for s in (1.0, -1.0))
+    assert base.pressure_gradient == pytest.approx((there - back) / 2, rel=1e-4)
+
+
+def test_what_is_not_asked_for_is_not_there(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    plain = problem(tube, tube_solver).evaluate(random_density(tube, 0))
+    assert plain.perimeter is None
+    assert plain.length_scale is None
+    assert plain.pressure_gradient is None
+    assert plain.objective == plain.shape
+    unweighted = dataclasses.replace(full(tube, tube_solver), weight=0.0)
+    assert unweighted.simulate(random_density(tube, 0)).perimeter is None
+    with_it = full(tube, tube_solver).simulate(random_density(tube, 0))
+    assert with_it.perimeter is not None
+    size = tube.pattern.size
+    expected = with_it.shape + 1e-4 * with_it.perimeter / size
+    assert with_it.objective == pytest.approx(expected, rel=1e-14)
+
+
+def test_stages_switch_constraints_on_and_pressure_moves(
+    tube: Skin, tube_solver: EquilibriumSolver
+) -> None:
+    chain = dataclasses.replace(full(tube, tube_solver, beta=20.0), weight=0.0)
+    stages = (Stage(6), Stage(12, constrained=True))
+    result = optimise(chain, random_density(tube, 3), DesignOptions(stages))
+    free, last = result.history[6], result.history[-1]
+    assert free.stage == 0
+    assert last.stage == 1
+    assert max(free.solid, free.void) > 10 * max(last.solid, last.void), "constraints act"
+    assert last.grey_level < 0.5 * free.grey_level
+    assert result.pressure == last.pressure == result.final.equilibrium.pressure
+    assert result.pressure != chain.pressure
+    assert 1e3 <= min(row.pressure for row in result.history)
+    steps = np.diff(np.log([row.pressure for row in result.history])) / np.log(20)
+    assert np.abs(steps).max() <= 0.1 + 1e-9
+
+
+def test_stop_rules(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    chain, start = problem(tube, tube_solver), random_density(tube, 3)
+    for options, reason in (
+        (DesignOptions((Stage(9),), change=0.5), "No variable changes by more than 0.5"),
+        (DesignOptions((Stage(9),), kkt=1e3), "The KKT residual is under 1000"),
+        (DesignOptions((Stage(9),), seconds=1e-3), "0.001 s have passed"),
+    ):
+        result = optimise(chain, start, options)
+        assert reason in result.reason
+        assert len(result.history) < 4
+    with pytest.raises(errors.ParameterError, match="stages is empty"):
+        DesignOptions(())
+    with pytest.raises(errors.ParameterError, match="descent = 'steep'"):
+        DesignOptions(descent="steep")
+
+
+def test_conservative_steps_descend(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    options = DesignOptions((Stage(6),), descent="conservative", retries=15)
+    result = optimise(problem(tube, tube_solver), random_density(tube, 3), options)
+    objectives = [row.objective for row in result.history]
+    assert objectives == sorted(objectives, reverse=True)
+    assert objectives[-1] < 0.5 * objectives[0]
+
+
+def test_binary_pattern_is_simulated_as_it_is(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    chain = problem(tube, tube_solver)
+    design = chain.simulate(random_density(tube, 3, spread=0.5))
+    printed = design.filtered > 0.5
+    binary = chain.simulate_binary(printed, design)
+    assert set(np.unique(binary.projected)) <= {0.0, 1.0}
+    assert np.array_equal(binary.projected[chain.designed] > 0.5, printed[chain.designed])
+    assert np.all(binary.projected[~chain.designed] == 1)
+    assert binary.equilibrium.pressure == design.equilibrium.pressure
+    assert binary.shape != design.shape
+
+
+def test_bad_pressure_bounds(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    chain = problem(tube, tube_solver)
+    with pytest.raises(errors.ParameterError, match=r"pressure = 5000.0 .* between 6000"):
+        dataclasses.replace(chain, pressure_bounds=(6e3, 2e4))
+    with pytest.raises(errors.ParameterError, match="least_pressure = 0"):
+        dataclasses.replace(chain, pressure_bounds=(0.0, 2e4))
+
+
 def test_bending_matters_in_the_taylor_state(
     tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
 ) -> None:
@@ -116,18 +248,20 @@ def test_ranks_agree_over_ten_iterations(
 ) -> None:
     if comm.size == 1:
         pytest.skip("needs two ranks to compare with one")
-    spread = problem(tube, tube_solver, beta=20.0)
-    options = DesignOptions(iterations=10)
+    spread = full(tube, tube_solver, beta=20.0)
+    options = DesignOptions((Stage(6), Stage(4, constrained=True)))
     one = optimise(spread, random_density(tube, 3), options)
     alone = sew(MPI.COMM_SELF, tube.pattern)
     solver = EquilibriumSolver(alone, Composite(), clamp(alone.pattern, ["base"]))
-    other = optimise(problem(alone, solver, beta=20.0), random_density(alone, 3), options)
+    other = optimise(full(alone, solver, beta=20.0), random_density(alone, 3), options)
     first, last = one.history[0], one.history[-1]
     first_alone, last_alone = other.history[0], other.history[-1]
     assert first.objective == pytest.approx(first_alone.objective, rel=1e-9)
     assert first.gradient_norm == pytest.approx(first_alone.gradient_norm, rel=1e-9)
     assert last.objective == pytest.approx(last_alone.objective, rel=1e-6)
     assert last.gradient_norm == pytest.approx(last_alone.gradient_norm, rel=1e-6)
+    assert last.pressure == pytest.approx(last_alone.pressure, rel=1e-6)
+    assert last.solid == pytest.approx(last_alone.solid, rel=1e-5)
 
 
 def test_loop_descends_and_is_reproducible(tube: Skin, tube_solver: EquilibriumSolver) -> None:
@@ -136,7 +270,7 @@ def test_loop_descends_and_is_reproducible(tube: Skin, tube_solver: EquilibriumS
         optimise(
             problem(tube, tube_solver),
             random_density(tube, 3),
-            DesignOptions(iterations=6),
+            DesignOptions((Stage(6),)),
             lambda row, _: seen.append(row.iteration),
         )
         for _ in range(2)
@@ -169,21 +303,24 @@ def test_a_design_without_equilibrium_is_stepped_back_from(
         return patched
 
     monkeypatch.setattr(tube_solver, "solve", failing(range(2, 4)))
-    result = optimise(chain, random_density(tube, 3), DesignOptions(iterations=3))
+    result = optimise(chain, random_density(tube, 3), DesignOptions((Stage(3),)))
     assert [row.iteration for row in result.history] == [0, 1, 2, 3]
     assert result.history[1].rejected >= 2
     count = 0
     monkeypatch.setattr(tube_solver, "solve", failing(range(3, 99)))
-    result = optimise(chain, random_density(tube, 3), DesignOptions(iterations=3))
+    result = optimise(chain, random_density(tube, 3), DesignOptions((Stage(3),)))
     assert [row.iteration for row in result.history] == [0, 1]
     assert "last one" in result.reason
     assert result.final.objective == result.history[-1].objective
 
 
 def test_continuation_raises_beta(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    options = DesignOptions(iterations=4, continuation=Continuation(2.0, 8.0, 2))
-    result = optimise(problem(tube, tube_solver), random_density(tube, 3), options)
-    assert [row.beta for row in result.history] == [2, 2, 4, 4, 8]
+    chain = problem(tube, tube_solver)
+    result = optimise(chain, random_density(tube, 3), DesignOptions(doubling(2.0, 8.0, 2)))
+    # A row for the start, and one for each step; what a change of β alone does is no step.
+    assert [row.beta for row in result.history] == [2, 2, 2, 4, 4, 8, 8]
+    assert [row.stage for row in result.history] == [0, 0, 0, 1, 1, 2, 2]
+    assert chain.projection.beta == 6.0, "the problem is left as it was"
 
 
 def test_gradient_of_a_state_that_is_gone(tube: Skin, tube_solver: EquilibriumSolver) -> None:
@@ -199,7 +336,7 @@ def test_bad_densities(tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Com
     density = random_density(tube, 0)
     short = density[:-1] if comm.rank == comm.size - 1 else density
     with pytest.raises(errors.DensityError, match="shape"):
-        optimise(chain, short, DesignOptions(iterations=1))
+        optimise(chain, short, DesignOptions((Stage(1),)))
     with pytest.raises(errors.DensityError, match="passive has shape"):
         dataclasses.replace(chain, passive=short)
     with pytest.raises(errors.DensityError, match="none is designed"):

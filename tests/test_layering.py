@@ -21,13 +21,22 @@ LAYERS = [
     ["newton"],
     ["equilibrium"],
     ["objective", "measure"],
-    ["filters", "projection"],
+    ["stencil", "strip", "projection"],
+    ["cone", "helmholtz"],
+    ["filters", "perimeter"],
+    ["length_scale"],
     ["design", "subproblem"],
     ["mma"],
+    ["stages"],
+    ["variables"],
     ["optimise"],
     ["contours", "io"],
     ["export", "plotting"],
+    ["manufacture"],
+    ["printed"],
     ["report"],
+    ["scene"],
+    ["cli", "tube"],
 ]
 RANK = {name: level for level, names in enumerate(LAYERS) for name in names}
 

@@ -1,4 +1,4 @@
-"""The chain from density to objective and back: one evaluation of a design, eqs. (11-19)."""
+"""The chain from design to objective and back: one evaluation of a design, eqs. (11-19)."""
 
 from __future__ import annotations
 
@@ -8,12 +8,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem._mpi import raise_together, total
+from toros_fem._mpi import dot, raise_together, total
 from toros_fem.density import check_density
 from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import DensityError
-from toros_fem.filters import ConeFilter
+from toros_fem.filters import Filter
+from toros_fem.length_scale import LengthScaleConstraints
 from toros_fem.objective import ShapeObjective
+from toros_fem.parameters import require_between, require_positive
+from toros_fem.perimeter import Perimeter
 from toros_fem.projection import Projection
 
 Floats = npt.NDArray[np.float64]
@@ -24,16 +27,28 @@ class Evaluation:
     """One pass through the chain ρ → ρ̃ → ρ̄ → x → T and back.
 
     Attributes:
-        objective: T.
+        objective: T, shape and penalty together.
+        shape: Its part that measures the distance from the target.
+        perimeter: Length in m of the border of the print; None where no term asks for it.
+        length_scale: (g_r, g_t) of eqs. (13, 14); None where they are not asked for.
         gradient: dT/dρ at owned triangles, zero where the density is not designed; None if it
             was not asked for.
+        pressure_gradient: dT/dP in 1/Pa; None if it was not asked for.
+        length_scale_gradients: dg_r/dρ and dg_t/dρ, as `gradient`; None if not asked for.
+        density: ρ at owned triangles.
         filtered, projected: ρ̃ and ρ̄ at owned triangles.
         equilibrium: The simulated shape.
         seconds: Wall time by phase, on this rank.
     """
 
     objective: float
+    shape: float
+    perimeter: float | None
+    length_scale: Floats | None
     gradient: Floats | None
+    pressure_gradient: float | None
+    length_scale_gradients: list[Floats] | None
+    density: Floats
     filtered: Floats
     projected: Floats
     equilibrium: EquilibriumResult
@@ -42,26 +57,40 @@ class Evaluation:
 
 @dataclass(eq=False)
 class DesignProblem:
-    """A scene and what is wanted of it.
+    """A scene and what is wanted of it. What is None is neither built nor computed.
 
     Attributes:
         solver: Equilibrium solver of the scene.
         objective: Distance from the target.
-        filter: Filter on the flat panels.
-        pressure: Pressure in Pa.
+        filter: Filter of the densities.
+        pressure: Pressure in Pa, the first guess if it is designed too.
         projection: Smoothed step; replaced by the loop when β is raised.
         passive: Projected density that is given, at owned triangles; NaN where it is designed.
             None designs every triangle.
+        pressure_bounds: Least and largest pressure in Pa; None keeps the pressure as given.
+        perimeter: Penalty on the length of the print's border, and its weight: T grows by
+            weight · perimeter/L, L the size of the skin. A weight of 0 leaves it out.
+        weight: That weight, a pure number.
+        length_scale: Constraints on the widths of lines and gaps.
     """
 
     solver: EquilibriumSolver
     objective: ShapeObjective
-    filter: ConeFilter
+    filter: Filter
     pressure: float
     projection: Projection = field(default_factory=Projection)
     passive: Floats | None = None
+    pressure_bounds: tuple[float, float] | None = None
+    perimeter: Perimeter | None = None
+    weight: float = 0.0
+    length_scale: LengthScaleConstraints | None = None
 
     def __post_init__(self) -> None:
+        require_between(0.0, np.inf, weight=self.weight)
+        if self.pressure_bounds is not None:
+            low, high = self.pressure_bounds
+            require_positive(least_pressure=low, largest_pressure=high)
+            require_between(low, high, pressure=self.pressure)
         if self.passive is None:
             return
         skin = self.solver.skin
@@ -88,20 +117,26 @@ class DesignProblem:
             return np.ones(len(self.solver.skin.owned_cells), dtype=bool)
         return np.isnan(self.passive)
 
+    def completed(self, density: Floats) -> Floats:
+        """A density with what is given put in, so that filters see it."""
+        if self.passive is None:
+            return density
+        return np.where(self.designed, density, self.passive)
+
     def fields(self, density: Floats) -> tuple[Floats, Floats]:
         """ρ̃ and ρ̄ of a density (collective)."""
         filtered = self.filter.forward(density)
-        projected = self.projection.forward(filtered)
-        if self.passive is not None:
-            projected = np.where(self.designed, projected, self.passive)
-        return filtered, projected
+        return filtered, self.completed(self.projection.forward(filtered))
 
-    def simulate(self, density: Floats, start: Floats | None = None) -> Evaluation:
+    def simulate(
+        self, density: Floats, start: Floats | None = None, pressure: float | None = None
+    ) -> Evaluation:
         """T without its gradient, by one equilibrium, eq. (17) (collective).
 
         Args:
             density: ρ at owned triangles, in [0, 1].
             start: Positions to start the equilibrium from, of a neighbouring design say.
+            pressure: In Pa; None takes `self.pressure`.
 
         Raises:
             DensityError: The density does not fit or leaves [0, 1].
@@ -109,28 +144,113 @@ class DesignProblem:
         """
         check_density(self.solver.skin, density)
         begin = time.perf_counter()
+        density = self.completed(density)
         filtered, projected = self.fields(density)
-        middle = time.perf_counter()
-        equilibrium = self.solver.solve(projected, self.pressure, start=start)
-        objective = self.objective.forward(equilibrium.state)
-        seconds = {"filter": middle - begin, "equilibrium": time.perf_counter() - middle}
-        return Evaluation(objective, None, filtered, projected, equilibrium, seconds)
+        found = self._evaluate(density, filtered, projected, start, pressure)
+        found.seconds["filter"] = time.perf_counter() - begin - found.seconds["equilibrium"]
+        return found
+
+    def simulate_binary(self, printed: npt.NDArray[np.bool_], like: Evaluation) -> Evaluation:
+        """The shape of a thresholded pattern, at the pressure of a design (collective).
+
+        Args:
+            printed: Which owned triangles are printed; what is given stays as given.
+            like: The design that it came from: pressure, and shape to start from.
+
+        Raises:
+            EquilibriumError: There is no equilibrium for this pattern.
+        """
+        projected = self.completed(printed.astype(np.float64))
+        equilibrium = like.equilibrium
+        return self._evaluate(
+            like.density, like.filtered, projected, equilibrium.state, equilibrium.pressure
+        )
+
+    def _evaluate(
+        self,
+        density: Floats,
+        filtered: Floats,
+        projected: Floats,
+        start: Floats | None,
+        pressure: float | None,
+    ) -> Evaluation:
+        perimeter = None
+        if self.perimeter is not None and self.weight > 0:
+            perimeter = self.perimeter.forward(projected)
+        widths = None
+        if self.length_scale is not None:
+            widths = self.length_scale.forward(density, filtered, projected)
+        begin = time.perf_counter()
+        equilibrium = self.solver.solve(
+            projected, self.pressure if pressure is None else pressure, start=start
+        )
+        seconds = {"equilibrium": time.perf_counter() - begin}
+        shape = self.objective.forward(equilibrium.state)
+        return Evaluation(
+            objective=shape + self._price * (perimeter or 0.0),
+            shape=shape,
+            perimeter=perimeter,
+            length_scale=widths,
+            gradient=None,
+            pressure_gradient=None,
+            length_scale_gradients=None,
+            density=density,
+            filtered=filtered,
+            projected=projected,
+            equilibrium=equilibrium,
+            seconds=seconds,
+        )
 
     def differentiate(self, evaluation: Evaluation) -> Evaluation:
-        """Add dT/dρ to the last simulation, by one adjoint solve, eqs. (18, 19) (collective).
+        """Add the gradients to the last simulation, by one adjoint solve, eqs. (18, 19) (collective).
 
         Raises:
             ParameterError: The solver has been used for another design since.
         """
         begin = time.perf_counter()
-        state = evaluation.equilibrium.state
-        adjoint = self.solver.solve_tangent(self.objective.backward(state), evaluation.equilibrium)
-        by_projected = -self.solver.model.density_sensitivity(state, adjoint) * self.designed
-        by_filtered = self.projection.backward(evaluation.filtered, by_projected)
-        gradient = self.filter.backward(by_filtered) * self.designed
-        seconds = {**evaluation.seconds, "adjoint": time.perf_counter() - begin}
-        return replace(evaluation, gradient=gradient, seconds=seconds)
+        e, state = evaluation, evaluation.equilibrium.state
+        adjoint = self.solver.solve_tangent(self.objective.backward(state), e.equilibrium)
+        by_projected = -self.solver.model.density_sensitivity(state, adjoint)
+        if self.perimeter is not None and self.weight > 0:
+            by_projected += self._price * self.perimeter.backward(e.projected)
+        pressure_gradient = None
+        if self.pressure_bounds is not None:
+            pressure_gradient = dot(
+                self.solver.skin.comm, adjoint, self.solver.model.load(state)
+            )
+        gradient = self._pull_back(e, None, by_projected)
+        widths = None
+        if self.length_scale is not None:
+            parts = self.length_scale.backward(e.density, e.filtered, e.projected)
+            widths = [
+                self._pull_back(e, by_filtered, by_projected) + by_density * self.designed
+                for by_density, by_filtered, by_projected in parts
+            ]
+        return replace(
+            e,
+            gradient=gradient,
+            pressure_gradient=pressure_gradient,
+            length_scale_gradients=widths,
+            seconds={**e.seconds, "adjoint": time.perf_counter() - begin},
+        )
 
-    def evaluate(self, density: Floats, start: Floats | None = None) -> Evaluation:
-        """T and dT/dρ: `simulate`, then `differentiate` (collective)."""
-        return self.differentiate(self.simulate(density, start))
+    def evaluate(
+        self, density: Floats, start: Floats | None = None, pressure: float | None = None
+    ) -> Evaluation:
+        """T and its gradients: `simulate`, then `differentiate` (collective)."""
+        return self.differentiate(self.simulate(density, start, pressure))
+
+    @property
+    def _price(self) -> float:
+        """What T grows by for a metre of border."""
+        return self.weight / self.solver.skin.pattern.size
+
+    def _pull_back(
+        self, evaluation: Evaluation, by_filtered: Floats | None, by_projected: Floats
+    ) -> Floats:
+        """Gradient by ρ from those by ρ̃ and ρ̄, through projection and filter (collective)."""
+        designed = self.designed
+        whole = self.projection.backward(evaluation.filtered, by_projected * designed)
+        if by_filtered is not None:
+            whole = whole + by_filtered
+        return np.asarray(self.filter.backward(whole) * designed)

@@ -19,7 +19,7 @@ import petsc4py
 
 import toros_fem
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.optimise import Iteration
+from toros_fem.stages import Iteration
 
 Floats = npt.NDArray[np.float64]
 

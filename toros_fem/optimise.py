@@ -1,10 +1,11 @@
-"""The design loop: MMA on the densities, steps that raise the objective tried again."""
+"""The design loop: MMA on densities and pressure, steps that are no progress tried again."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -14,41 +15,19 @@ from toros_fem._mpi import dot, largest, norm, total
 from toros_fem.density import check_density
 from toros_fem.design import DesignProblem, Evaluation
 from toros_fem.equilibrium import EquilibriumError
-from toros_fem.mma import MMA, MMAOptions
-from toros_fem.parameters import require_positive
-from toros_fem.projection import Continuation, Projection
+from toros_fem.mma import MMA
+from toros_fem.projection import Projection
+from toros_fem.stages import DesignOptions, Iteration, Stage
+from toros_fem.variables import Variables
 
 Floats = npt.NDArray[np.float64]
 
-
-@dataclass(frozen=True)
-class Iteration:
-    """One line of the design loop's history.
-
-    Attributes:
-        iteration: Counted from 0.
-        objective: T.
-        gradient_norm: Euclidean norm of dT/dρ over all triangles.
-        volume_fraction: Share of the designed area that is reinforced.
-        grey_level: Mean of 4 ρ̄ (1 − ρ̄) over the designed area: 0 for a binary design.
-        change: Largest change of a density by the step that led here.
-        beta: Steepness of the projection.
-        rejected: Designs tried and rejected on the way here, because T rose.
-        newton_steps, factorisations: Of the equilibrium solves, those of rejected designs too.
-        seconds: Wall time of the iteration.
-    """
-
-    iteration: int
-    objective: float
-    gradient_norm: float
-    volume_fraction: float
-    grey_level: float
-    change: float
-    beta: float
-    rejected: int
-    newton_steps: int
-    factorisations: int
-    seconds: float
+# MMA wants functions of O(1) to O(100).
+SCALE = 10.0
+# A constraint far from being met asks for this share of its value, step by step.
+TIGHTEN = 0.5
+# What a violated constraint costs at least when progress is judged, in MMA's scaled units.
+PRICE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +35,9 @@ class DesignResult:
     """What the design loop arrived at.
 
     Attributes:
-        density: Final ρ at owned triangles: the last design, which is the best one unless all
-            retries of a step failed to lower T, or β was raised.
-        final: Its evaluation.
+        density: Final ρ at owned triangles.
+        pressure: Final pressure in Pa.
+        final: Evaluation of the two.
         history: One row an iteration, the last one being the final design.
         reason: Why the loop ended, as a sentence.
         seconds: Wall time by phase.
@@ -66,33 +45,12 @@ class DesignResult:
     """
 
     density: Floats
+    pressure: float
     final: Evaluation
     history: tuple[Iteration, ...]
     reason: str
     seconds: dict[str, float]
     designed: npt.NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class DesignOptions:
-    """When the loop stops, and how it steps.
-
-    Attributes:
-        iterations: MMA steps.
-        retries: How often a step that raises T is tried again more cautiously; then it is taken.
-        change: Stop when no density changes by more than this.
-        mma: Parameters of MMA.
-        continuation: Schedule of β; None keeps the projection as it is.
-    """
-
-    iterations: int = 60
-    retries: int = 4
-    change: float = 1e-4
-    mma: MMAOptions = field(default_factory=MMAOptions)
-    continuation: Continuation | None = None
-
-    def __post_init__(self) -> None:
-        require_positive(iterations=self.iterations, change=self.change)
 
 
 Callback = Callable[[Iteration, Evaluation], None]
@@ -104,12 +62,12 @@ def optimise(
     options: DesignOptions | None = None,
     callback: Callback | None = None,
 ) -> DesignResult:
-    """Minimise T over the densities by MMA (collective).
+    """Minimise T over densities and pressure by MMA, stage by stage (collective).
 
     Args:
-        problem: What to design; its `projection` is replaced when β is raised.
+        problem: What to design. It is left as it is; the stages work on copies.
         density: Start ρ at owned triangles, in [0, 1].
-        options: When to stop.
+        options: Stages and stop rules.
         callback: Called after each iteration, on every rank.
 
     Raises:
@@ -118,95 +76,205 @@ def optimise(
             from.
     """
     options = options or DesignOptions()
-    skin = problem.solver.skin
-    comm = skin.comm
-    check_density(skin, density)
-    if options.continuation is not None:
-        problem.projection = Projection(options.continuation.beta(0), problem.projection.eta)
-    designed = problem.designed
-    areas = skin.pattern.areas[skin.owned_cells] * designed
-    designed_area = total(comm, areas.sum())
-    x = PETSc.Vec().createWithArray(density.copy(), comm=comm)
-    gradient = x.duplicate()
-    lower, upper = x.duplicate(), x.duplicate()
-    lower.array[:] = np.where(designed, 0.0, density)
-    upper.array[:] = np.where(designed, 1.0, density)
-    mma = MMA(lower, upper, options=options.mma)
-    history: list[Iteration] = []
-    work = _Work(problem)
-    rejected, change, scale = 0, 0.0, 1.0
-    begin = time.perf_counter()
-    evaluation = work.simulate(density, None)
-    reason = f"All {options.iterations} iterations are done."
-    for iteration in range(options.iterations + 1):
-        evaluation = problem.differentiate(evaluation)
-        work.phases["adjoint"] += evaluation.seconds["adjoint"]
-        grey = 4 * evaluation.projected * (1 - evaluation.projected)
-        assert evaluation.gradient is not None
-        row = Iteration(
-            iteration=iteration,
-            objective=evaluation.objective,
-            gradient_norm=norm(comm, evaluation.gradient),
-            volume_fraction=dot(comm, areas, evaluation.projected) / designed_area,
-            grey_level=dot(comm, areas, grey) / designed_area,
-            change=change,
-            beta=problem.projection.beta,
-            rejected=rejected,
-            newton_steps=work.steps,
-            factorisations=work.factorisations,
-            seconds=time.perf_counter() - begin,
-        )
-        history.append(row)
-        if callback is not None:
-            callback(row, evaluation)
-        if iteration == options.iterations:
+    check_density(problem.solver.skin, density)
+    loop = _Loop(problem, density, options, callback)
+    for number, stage in enumerate(options.stages):
+        loop.run(number, stage)
+        if loop.over:
             break
-        final_beta = options.continuation is None or row.beta >= options.continuation.last
-        if iteration > 0 and change < options.change and final_beta:
-            reason = f"No density changes by more than {options.change:g} any more."
-            break
-        begin = time.perf_counter()
-        work.steps = work.factorisations = rejected = 0
-        if iteration == 0:  # MMA wants an objective of O(1) to O(100)
-            scale = 10.0 / max(evaluation.objective, np.finfo(float).tiny)
-        before = x.array.copy()
-        gradient.array[:] = scale * evaluation.gradient
-        mma.step(x, scale * evaluation.objective, gradient)
-        work.phases["mma"] += time.perf_counter() - begin
-        projection = problem.projection
-        if options.continuation is not None:
-            beta = options.continuation.beta(iteration + 1)
-            problem.projection = Projection(beta, projection.eta)
-        # A step of β raises T by itself: then there is nothing to compare with.
-        bound = evaluation.objective if problem.projection == projection else np.inf
-        start = evaluation.equilibrium.state
-        trial = work.attempt(x.array.copy(), start)
-        while rejected < options.retries and (trial is None or trial.objective > bound):
-            rejected += 1
-            mma.retry(x, np.inf if trial is None else scale * trial.objective)
-            trial = work.attempt(x.array.copy(), start)
-        if trial is None:
-            x.array[:] = before
-            problem.projection = projection
-            reason = "No step led to a design that has an equilibrium; this is the last one."
-            break
-        change = largest(comm, np.max(np.abs(x.array - before), initial=0.0))
-        evaluation = trial
-    return DesignResult(x.array.copy(), evaluation, tuple(history), reason, work.phases, designed)
+    assert loop.evaluation is not None
+    return DesignResult(
+        density=loop.evaluation.density,
+        pressure=loop.evaluation.equilibrium.pressure,
+        final=loop.evaluation,
+        history=tuple(loop.history),
+        reason=loop.reason,
+        seconds=loop.phases,
+        designed=problem.designed,
+    )
 
 
-class _Work:
-    """Simulates designs and adds up what it costs, that of failures included."""
+class _Loop:
+    """The state of the design loop."""
 
-    def __init__(self, problem: DesignProblem) -> None:
-        self._problem = problem
-        self.steps = self.factorisations = 0
+    def __init__(
+        self,
+        problem: DesignProblem,
+        density: Floats,
+        options: DesignOptions,
+        callback: Callback | None,
+    ) -> None:
+        self.problem, self.options, self.callback = problem, options, callback
+        self.comm = problem.solver.skin.comm
+        self.variables = Variables(problem, options)
+        self.x = self.variables.vector(problem.completed(density), problem.pressure)
+        self.areas = problem.solver.skin.pattern.areas[problem.solver.skin.owned_cells]
+        self.areas = self.areas * problem.designed
+        self.evaluation: Evaluation | None = None
+        self.history: list[Iteration] = []
         self.phases = {"filter": 0.0, "equilibrium": 0.0, "adjoint": 0.0, "mma": 0.0}
+        self.steps = self.factorisations = self.rejected = 0
+        self.change = 0.0
+        self.begin = self.iteration_begin = time.perf_counter()
+        self.over, self.reason = False, ""
 
-    def simulate(self, density: Floats, start: Floats | None) -> Evaluation:
-        begin = time.perf_counter()
+    def run(self, number: int, stage: Stage) -> None:
+        """One stage, from the design at hand."""
+        given, options = self.problem, self.options
+        eta = given.projection.eta
+        self.problem = problem = replace(
+            given,
+            projection=given.projection if stage.beta is None else Projection(stage.beta, eta),
+            weight=given.weight if stage.perimeter else 0.0,
+        )
+        constrained = stage.constrained and problem.length_scale is not None
+        mma = MMA(
+            *self.variables.bounds,
+            constraints=2 if constrained else 0,
+            options=options.mma,
+            move=self.variables.move,
+        )
+        start = None if self.evaluation is None else self.evaluation.equilibrium.state
         try:
-            found = self._problem.simulate(density, start)
+            evaluation = self.simulate(start)
+        except EquilibriumError:
+            if self.evaluation is None:
+                raise
+            self.over, self.reason = True, f"Stage {number} has no equilibrium to start from."
+            self.problem = given
+            return
+        scale = SCALE / max(evaluation.objective, np.finfo(float).tiny)
+        kkt = math.inf
+        for count in range(stage.iterations + 1):
+            begin = time.perf_counter()
+            self.evaluation = evaluation = problem.differentiate(evaluation)
+            self.phases["adjoint"] += time.perf_counter() - begin
+            begin = time.perf_counter()
+            gradient = self.variables.gradient(evaluation, scale)
+            targets, values, jacobian = self.constraints(evaluation, constrained)
+            if count > 0:
+                kkt = mma.kkt(self.x, gradient, values, jacobian)
+            self.phases["mma"] += time.perf_counter() - begin
+            if count > 0 or number == 0:
+                self.record(number, evaluation, kkt)
+            if self.finished(number, stage, count, kkt):
+                break
+            begin = time.perf_counter()
+            self.steps = self.factorisations = self.rejected = 0
+            before = self.x.array.copy()
+            value = scale * evaluation.objective
+            mma.step(self.x, value, gradient, values, jacobian)
+            self.phases["mma"] += time.perf_counter() - begin
+            prices = np.maximum(PRICE, 2 * np.asarray(mma.state.multipliers))
+            worst = value + float(prices @ np.maximum(values, 0.0)) if constrained else value
+            while True:
+                trial = self.attempt(evaluation)
+                if trial is None:
+                    there, others = math.inf, [math.inf] * len(values)
+                else:
+                    there = scale * trial.objective
+                    others = self.measured(trial, targets)
+                if self.rejected == options.retries and trial is not None:
+                    break
+                if options.descent == "conservative":
+                    good = trial is not None and mma.conservative(self.x, there, others)
+                else:
+                    merit = there
+                    if constrained:
+                        merit += float(prices @ np.maximum(others, 0.0))
+                    good = merit <= worst
+                if good or self.rejected > options.retries:
+                    break
+                self.rejected += 1
+                mma.retry(self.x, there, others)
+            if trial is None:
+                self.x.array[:] = before
+                self.over = True
+                self.reason = "No step led to a design that has an equilibrium; this is the last one."
+                break
+            self.change = largest(
+                self.comm, np.max(np.abs(self.x.array - before), initial=0.0)
+            )
+            evaluation = trial
+        self.problem = given
+
+    def constraints(
+        self, evaluation: Evaluation, constrained: bool
+    ) -> tuple[list[float], list[float], list[PETSc.Vec]]:
+        """Targets, values g/target − 1 and their gradients."""
+        if not constrained:
+            return [], [], []
+        limits = self.problem.length_scale
+        assert limits is not None
+        assert evaluation.length_scale is not None
+        assert evaluation.length_scale_gradients is not None
+        targets = [max(limits.epsilon, TIGHTEN * float(g)) for g in evaluation.length_scale]
+        rows = []
+        for target, part in zip(targets, evaluation.length_scale_gradients, strict=True):
+            rows.append(self.variables.vector(part / target, None))
+        return targets, self.measured(evaluation, targets), rows
+
+    def measured(self, evaluation: Evaluation, targets: list[float]) -> list[float]:
+        """g/target − 1 at a design."""
+        if not targets:
+            return []
+        assert evaluation.length_scale is not None
+        return [float(g) / t - 1 for g, t in zip(evaluation.length_scale, targets, strict=True)]
+
+    def finished(self, number: int, stage: Stage, count: int, kkt: float) -> bool:
+        """Whether the stage ends here, and with it perhaps the loop; alike on all ranks."""
+        o, last = self.options, number == len(self.options.stages) - 1
+        if o.seconds is not None:
+            spent = largest(self.comm, time.perf_counter() - self.begin)
+            if spent > o.seconds:
+                self.over, self.reason = True, f"{o.seconds:g} s have passed."
+                return True
+        if count > 0 and kkt < o.kkt:
+            self.reason = f"The KKT residual is under {o.kkt:g}."
+        elif count > 0 and self.change < o.change:
+            self.reason = f"No variable changes by more than {o.change:g} any more."
+        elif count == stage.iterations:
+            self.reason = f"All {o.iterations} iterations are done."
+        else:
+            return False
+        self.over = last
+        return True
+
+    def record(self, number: int, evaluation: Evaluation, kkt: float) -> None:
+        e, whole = evaluation, total(self.comm, self.areas.sum())
+        assert e.gradient is not None
+        solid, void = (0.0, 0.0) if e.length_scale is None else map(float, e.length_scale)
+        row = Iteration(
+            iteration=len(self.history),
+            stage=number,
+            objective=e.objective,
+            shape=e.shape,
+            perimeter=e.perimeter or 0.0,
+            solid=solid,
+            void=void,
+            pressure=e.equilibrium.pressure,
+            gradient_norm=norm(self.comm, e.gradient),
+            kkt=kkt,
+            volume_fraction=dot(self.comm, self.areas, e.projected) / whole,
+            grey_level=dot(self.comm, self.areas, 4 * e.projected * (1 - e.projected)) / whole,
+            change=self.change,
+            beta=self.problem.projection.beta,
+            rejected=self.rejected,
+            newton_steps=self.steps,
+            factorisations=self.factorisations,
+            seconds=time.perf_counter() - self.iteration_begin,
+        )
+        self.iteration_begin = time.perf_counter()
+        self.history.append(row)
+        if self.callback is not None:
+            self.callback(row, e)
+
+    def simulate(self, start: Floats | None) -> Evaluation:
+        """The design that the variables stand for; what it costs is added up."""
+        begin = time.perf_counter()
+        density, pressure = self.variables.design(self.x)
+        try:
+            found = self.problem.simulate(density, start, pressure)
         except EquilibriumError as error:
             self.steps += error.result.steps
             self.factorisations += error.result.factorisations
@@ -218,8 +286,8 @@ class _Work:
             self.phases[phase] += seconds
         return found
 
-    def attempt(self, density: Floats, start: Floats) -> Evaluation | None:
+    def attempt(self, near: Evaluation) -> Evaluation | None:
         try:
-            return self.simulate(density, start)
+            return self.simulate(near.equilibrium.state)
         except EquilibriumError:  # raised by all ranks or by none
             return None

@@ -18,7 +18,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.contours import layout, panel_outline, reinforcement
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.optimise import Iteration
+from toros_fem.stages import Iteration
 
 Floats = npt.NDArray[np.float64]
 

@@ -42,26 +42,3 @@ class Projection:
         """∂T/∂ρ̃ from ∂T/∂ρ̄."""
         slope = self.beta / np.cosh(self.beta * (filtered - self.eta)) ** 2 / self._scale
         return np.asarray(slope * gradient)
-
-
-@dataclass(frozen=True)
-class Continuation:
-    """β doubled in steps, from a soft start to the final value.
-
-    Attributes:
-        first: β of the first iterations.
-        last: Largest β.
-        every: Iterations between two doublings.
-    """
-
-    first: float = 4.0
-    last: float = 20.0
-    every: int = 15
-
-    def __post_init__(self) -> None:
-        require_positive(first=self.first, every=self.every)
-        require_between(self.first, np.inf, last=self.last)
-
-    def beta(self, iteration: int) -> float:
-        """β at an iteration, counted from 0."""
-        return float(min(self.last, self.first * 2.0 ** (iteration // self.every)))

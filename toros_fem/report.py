@@ -13,12 +13,14 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem._mpi import raise_together
-from toros_fem.design import Evaluation
+from toros_fem.design import DesignProblem, Evaluation
 from toros_fem.errors import OutputError
 from toros_fem.io import HistoryFile, versions, write_fields, write_json
 from toros_fem.meshes.skin import Skin
 from toros_fem.newton import NewtonStep
-from toros_fem.optimise import DesignResult, Iteration
+from toros_fem.optimise import DesignResult
+from toros_fem.printed import PrintedDesign
+from toros_fem.stages import Iteration
 
 Floats = npt.NDArray[np.float64]
 
@@ -63,22 +65,23 @@ class Reporter:
         self._on_first_rank(lambda: folder.mkdir(parents=True, exist_ok=True))
         if skin.comm.rank == 0:
             print(
-                "  it   objective  angle/deg  volume   grey  rejected  newton  seconds", flush=True
+                "  it   objective  angle/deg  kPa     volume   grey   g_r      g_t     rejected"
+                "  newton  seconds",
+                flush=True,
             )
 
     def __call__(self, row: Iteration, evaluation: Evaluation) -> None:
         """Callback of the design loop (collective)."""
-        positions = self._skin.gather_vertices(evaluation.equilibrium.state.reshape(-1, 3))
-        angle = self._measure(positions)
+        angle = self._angle(evaluation)
         self.angles.append(angle)
 
         def show() -> None:
             self._history.write(row, angle_deg=angle)
             self._clear()
             print(
-                f"{row.iteration:4d}  {row.objective:10.4e}  {angle:9.2f}"
-                f"  {row.volume_fraction:6.3f}  {row.grey_level:5.3f}  {row.rejected:8d}"
-                f"  {row.newton_steps:6d}  {row.seconds:7.2f}",
+                f"{row.iteration:4d}  {row.objective:10.4e}  {angle:9.2f}  {row.pressure / 1e3:6.3f}"
+                f"  {row.volume_fraction:6.3f}  {row.grey_level:5.3f}  {row.solid:7.1e}"
+                f"  {row.void:7.1e}  {row.rejected:8d}  {row.newton_steps:6d}  {row.seconds:7.2f}",
                 flush=True,
             )
             self._bar(row.iteration)
@@ -87,50 +90,76 @@ class Reporter:
 
     def finish(
         self,
+        problem: DesignProblem,
         result: DesignResult,
+        printed: PrintedDesign,
         target: Floats,
-        threshold: float,
         inputs: dict[str, Any],
         figures: dict[str, Any],
     ) -> dict[str, Any]:
         """Write summary, pattern, fields and pictures (collective); the summary is returned.
 
+        Angle, volume and shape are those of the printed pattern, simulated as it is; what the
+        optimiser saw, with its grey borders, stands beside it under "design".
+
         Args:
+            problem: What was designed.
             result: What the design loop arrived at.
+            printed: What is printed of it.
             target: Target positions of all vertices, (n, 3), in m.
-            threshold: η, the filtered density from which on cloth is printed.
             inputs: Everything that went in.
             figures: Figures of this demo to add to the summary: `angle_target_deg` and others.
         """
         skin, pattern, final = self._skin, self._skin.pattern, result.final
-        positions = skin.gather_vertices(final.equilibrium.state.reshape(-1, 3))
+        shown = printed.evaluation or final
+        positions = skin.gather_vertices(shown.equilibrium.state.reshape(-1, 3))
         fields = {
             "rho": skin.gather_cells(result.density),
             "rho_filtered": skin.gather_cells(final.filtered),
             "rho_projected": skin.gather_cells(final.projected),
+            "printed": printed.cells.astype(np.float64),
         }
-        # A given panel is shown as it is built, not as the filter sees it.
-        designed = skin.gather_cells(result.designed.astype(np.float64)) > 0
-        shown = np.where(designed, fields["rho_filtered"], fields["rho_projected"])
         first, last = result.history[0], result.history[-1]
-        now = time.perf_counter()
-        seconds = {
-            "setup": self._begin - self._whole_begin,
-            **result.seconds,
-            "total": now - self._whole_begin,
-        }
+        limits = problem.length_scale
+        seconds = {"setup": self._begin - self._whole_begin, **result.seconds}
         summary = {
-            "objective_first": first.objective,
-            "objective_last": last.objective,
-            "gradient_norm_first": first.gradient_norm,
-            "gradient_norm_last": last.gradient_norm,
-            "angle_deg": self.angles[-1],
+            "angle_deg": self._angle(shown),
             **figures,
             "pressure_pa": final.equilibrium.pressure,
-            "volume_m3": final.equilibrium.volume,
-            "stretch_use": final.equilibrium.stretch_use,
+            "volume_m3": shown.equilibrium.volume,
+            "stretch_use": shown.equilibrium.stretch_use,
+            "printed_objective": shown.shape,
+            "printed_failure": printed.failure or None,
+            "objective_first": first.objective,
+            "objective_last": last.objective,
+            "design": {
+                "angle_deg": self.angles[-1],
+                "shape": last.shape,
+                "perimeter_m": final.perimeter,
+                "volume_m3": final.equilibrium.volume,
+                "kkt_residual": last.kkt if np.isfinite(last.kkt) else None,
+            },
+            "gradient_norm_first": first.gradient_norm,
+            "gradient_norm_last": last.gradient_norm,
             "volume_fraction": last.volume_fraction,
             "grey_level": last.grey_level,
+            "length_scale": limits
+            and {
+                "g_r": last.solid,
+                "g_t": last.void,
+                "epsilon": limits.epsilon,
+                "eta_r": limits.solid,
+                "eta_t": limits.void,
+                "c_m2": limits.decay,
+                "satisfied": bool(max(last.solid, last.void) <= limits.epsilon),
+            },
+            "manufacture": printed.after.summary(),
+            "dropped": {
+                "islands": len(printed.cleaned.dropped),
+                "islands_mm2": 1e6 * sum(piece.area for piece in printed.cleaned.dropped),
+                "holes_filled": len(printed.cleaned.filled),
+                "before": printed.before.summary(),
+            },
             "iterations": last.iteration,
             "rejected": sum(row.rejected for row in result.history),
             "newton_steps": sum(row.newton_steps for row in result.history),
@@ -146,44 +175,50 @@ class Reporter:
 
         def write() -> None:
             self._clear()
+            seconds["total"] = time.perf_counter() - self._whole_begin
             write_json(self._folder / "summary.json", summary)
             write_fields(self._folder / "skin.vtu", pattern, positions, fields)
-            self._draw(
-                result, positions, target, shown, fields["rho_projected"], threshold, summary
-            )
+            self._draw(result, printed, positions, target, summary)
 
         self._on_first_rank(write)
+        seconds["total"] = time.perf_counter() - self._whole_begin
         return summary
+
+    def _angle(self, evaluation: Evaluation) -> float:
+        state = evaluation.equilibrium.state
+        return self._measure(self._skin.gather_vertices(state.reshape(-1, 3)))
 
     def _draw(
         self,
         result: DesignResult,
+        printed: PrintedDesign,
         positions: Floats,
         target: Floats,
-        shown: Floats,
-        projected: Floats,
-        threshold: float,
         summary: dict[str, Any],
     ) -> None:
+        from toros_fem.export import write_svg
+
         pattern, folder = self._skin.pattern, self._folder
+        write_svg(folder / "pattern.svg", pattern, printed.regions)
         try:
-            from toros_fem.export import write_svg
-        except ImportError as missing:
-            print(f"no SVG: {missing}; pip install toros_fem[export]", file=sys.stderr)
-            return
-        write_svg(folder / "pattern.svg", pattern, shown, threshold)
-        try:
-            from toros_fem.plotting import plot_convergence, plot_pattern, plot_shape
+            from toros_fem.plotting import (
+                plot_convergence,
+                plot_manufacture,
+                plot_pattern,
+                plot_shape,
+            )
         except ImportError as missing:
             print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
             return
-        plot_pattern(folder / "pattern.png", pattern, shown, threshold)
+        plot_pattern(folder / "pattern.png", pattern, printed.regions)
+        plot_manufacture(folder / "manufacture.png", pattern, printed.regions, printed.after)
         wanted = float(summary["angle_target_deg"])
         title = (
             f"{summary['angle_deg']:.0f}° reached of {wanted:.0f}° at "
-            f"{summary['pressure_pa'] / 1e3:g} kPa"
+            f"{summary['pressure_pa'] / 1e3:.3g} kPa"
         )
-        plot_shape(folder / "shape.png", pattern, positions, target, projected, title)
+        cells = printed.cells.astype(np.float64)
+        plot_shape(folder / "shape.png", pattern, positions, target, cells, title)
         plot_convergence(folder / "convergence.png", result.history, self.angles, wanted)
 
     def _on_first_rank(self, action: Callable[[], None]) -> None:
@@ -207,7 +242,7 @@ class Reporter:
         done = iteration / self._planned
         elapsed = time.perf_counter() - self._begin
         left = f"{elapsed / done * (1 - done):.0f} s left" if done > 0 else ""
-        filled = round(30 * done)
+        filled = round(30 * min(done, 1.0))
         bar = "█" * filled + "·" * (30 - filled)
         print(f"\r{bar} {iteration}/{self._planned} {left}", end="", file=sys.stderr, flush=True)
 

@@ -1,0 +1,109 @@
+"""A design as it is printed: thresholded, cleaned, measured, and simulated again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem._mpi import raise_together
+from toros_fem.contours import printed_regions
+from toros_fem.design import DesignProblem, Evaluation
+from toros_fem.equilibrium import EquilibriumError
+from toros_fem.manufacture import PrintLimits, Printability, printability, printed_cells
+from toros_fem.optimise import DesignResult
+from toros_fem.pieces import Cleaned, clean
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PrintedDesign:
+    """What leaves the printer, and what it does.
+
+    Attributes:
+        cleaned: The same, with what was dropped and filled on the way.
+        before: Printability of the bare contours.
+        after: Printability of what is printed.
+        cells: Which triangles of the pattern are printed, (t,).
+        evaluation: The binary pattern simulated at the design's pressure; None if it has no
+            equilibrium there.
+        failure: Why it has none.
+    """
+
+    cleaned: Cleaned
+    before: Printability
+    after: Printability
+    cells: npt.NDArray[np.bool_]
+    evaluation: Evaluation | None
+    failure: str
+
+    @property
+    def regions(self) -> list[BaseGeometry]:
+        """What is printed on each panel, in m."""
+        return self.cleaned.regions
+
+
+def drawn(problem: DesignProblem, density: Floats) -> tuple[Floats, Floats]:
+    """ρ̃ at all flat points and at all centroids, what is given as it is given (collective).
+
+    Args:
+        problem: The design problem.
+        density: ρ at owned triangles.
+    """
+    skin = problem.solver.skin
+    pattern = skin.pattern
+    density = problem.completed(density)
+    at_points = problem.filter.at_points(density)
+    at_centroids = skin.gather_cells(problem.filter.forward(density))
+    designed = skin.gather_cells(problem.designed.astype(np.float64)) > 0
+    given = skin.gather_cells(density)
+    at_centroids = np.where(designed, at_centroids, given)
+    # A point all of whose triangles are given is given too.
+    corner = pattern.flat_triangles
+    free = np.bincount(corner.ravel(), np.repeat(designed, 3), minlength=len(at_points)) > 0
+    fixed = corner[~designed]
+    at_points[fixed] = np.where(free[fixed], at_points[fixed], given[~designed][:, None])
+    return at_points, at_centroids
+
+
+def print_design(
+    problem: DesignProblem,
+    result: DesignResult,
+    limits: PrintLimits,
+    island_area: float = 0.0,
+    hole_area: float = 0.0,
+) -> PrintedDesign:
+    """Threshold a design at η, clean it, measure it, simulate it as binary pattern (collective).
+
+    Args:
+        problem: The design problem.
+        result: What the design loop arrived at.
+        limits: Below which widths and gaps count as offences.
+        island_area: Islands that hang on nothing and are smaller than this, in m², are dropped.
+        hole_area: Holes smaller than this, in m², are filled.
+    """
+    skin = problem.solver.skin
+    pattern, comm = skin.pattern, skin.comm
+    at_points, at_centroids = drawn(problem, result.density)
+    found, error = None, None
+    if comm.rank == 0:
+        try:
+            regions = printed_regions(pattern, at_points, at_centroids, problem.projection.eta)
+            before = printability(pattern, regions, limits)
+            cleaned = clean(pattern, regions, island_area, hole_area)
+            touched = cleaned.dropped or cleaned.filled
+            after = printability(pattern, cleaned.regions, limits) if touched else before
+            found = (cleaned, before, after, printed_cells(pattern, cleaned.regions))
+        except Exception as caught:  # handed to all ranks, none may be left waiting
+            error = caught
+    raise_together(comm, error)
+    cleaned, before, after, cells = comm.bcast(found, root=0)
+    evaluation, failure = None, ""
+    try:
+        evaluation = problem.simulate_binary(cells[skin.owned_cells], result.final)
+    except EquilibriumError as caught:  # raised by all ranks or by none
+        failure = str(caught)
+    return PrintedDesign(cleaned, before, after, cells, evaluation, failure)

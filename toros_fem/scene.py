@@ -1,0 +1,233 @@
+"""A scene and the numbers to design it with: from panels and target to files on disk."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from toros_fem.density import random_density
+from toros_fem.design import DesignProblem
+from toros_fem.equilibrium import EquilibriumSolver
+from toros_fem.errors import ParameterError
+from toros_fem.filters import make_filter
+from toros_fem.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.manufacture import PrintLimits
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.skin import sew
+from toros_fem.mma import MMAOptions
+from toros_fem.objective import ShapeObjective
+from toros_fem.optimise import DesignResult, optimise
+from toros_fem.parameters import Composite, Material, require_positive
+from toros_fem.perimeter import Perimeter
+from toros_fem.printed import PrintedDesign, print_design
+from toros_fem.projection import Projection
+from toros_fem.report import Reporter, print_step
+from toros_fem.stages import DesignOptions, Stage
+from toros_fem.supports import Supports
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """What is to be designed.
+
+    Attributes:
+        pattern: Panels and seams.
+        target: Target positions of all assembled vertices, (n, 3), in m.
+        supports: What is held.
+        angle: Measures the angle reached, in degrees, from all vertices' positions.
+        angle_target: Angle asked for, in degrees.
+        passive: Density that is given, of all triangles, (t,); NaN where it is designed.
+        weights: Further factor on each vertex in the objective, (n,); None: 1.
+    """
+
+    pattern: Pattern
+    target: Floats
+    supports: Supports
+    angle: Callable[[Floats], float]
+    angle_target: float
+    passive: Floats | None = None
+    weights: Floats | None = None
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The numbers that every design needs; SI units.
+
+    Attributes:
+        pressure: First guess in Pa.
+        pressure_min, pressure_max: Bounds on the pressure in Pa; 0 for both keeps it as it is.
+        fabric_young, reinforcement_young: Young's moduli in Pa.
+        poisson, thickness: Of both sheets; the thickness in m.
+        c1, c2: Stretch bounds.
+        filter: "cone" or "helmholtz".
+        radius: R of the filter in m.
+        beta, eta: Of the projection.
+        line, gap: Widths in m that the constraints ask for; 0 takes R.
+        perimeter: Weight of the perimeter term; 0 leaves it out.
+        window, sharpness: Its window's radius over R, and w.
+        move: MMA's move limit.
+        iterations: Steps before the width constraints are switched on.
+        constrained: Steps with them; 0 leaves them out.
+        island_area: Free islands smaller than this, in m², are not printed.
+        seed: Of the random start.
+    """
+
+    pressure: float = 5e3
+    pressure_min: float = 1e3
+    pressure_max: float = 20e3
+    fabric_young: float = 0.1e6
+    reinforcement_young: float = 26e6
+    poisson: float = 0.3
+    thickness: float = 0.5e-3
+    c1: float = 1.9
+    c2: float = 2.6
+    filter: str = "cone"
+    radius: float = 2.15e-3
+    beta: float = 20.0
+    eta: float = 0.5
+    line: float = 0.0
+    gap: float = 0.0
+    perimeter: float = 0.0
+    window: float = 1.0
+    sharpness: float = 0.5
+    move: float = 0.2
+    iterations: int = 80
+    constrained: int = 60
+    island_area: float = 20e-6
+    seed: int = 2
+
+    @property
+    def composite(self) -> Composite:
+        """Fabric and reinforcement."""
+        sheet = {"poisson": self.poisson, "thickness": self.thickness}
+        return Composite(
+            fabric=Material(young=self.fabric_young, **sheet),
+            reinforcement=Material(young=self.reinforcement_young, **sheet),
+            c1=self.c1,
+            c2=self.c2,
+        )
+
+    @property
+    def pressure_bounds(self) -> tuple[float, float] | None:
+        """Bounds on the pressure in Pa; None if it is given."""
+        if self.pressure_min == self.pressure_max == 0:
+            return None
+        return self.pressure_min, self.pressure_max
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """Free first, then with constraints on the widths."""
+        require_positive(iterations=self.iterations)
+        free = (Stage(self.iterations),)
+        return free + (Stage(self.constrained, constrained=True),) if self.constrained else free
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What designing a scene came to.
+
+    Attributes:
+        summary: The figures, as written to summary.json.
+        result: What the design loop arrived at.
+        printed: What is printed of it.
+    """
+
+    summary: dict[str, Any]
+    result: DesignResult
+    printed: PrintedDesign
+
+
+def settings_of(inputs: dict[str, Any]) -> Settings:
+    """Those of some inputs that are settings."""
+    return Settings(**{k: v for k, v in inputs.items() if k in Settings.__dataclass_fields__})
+
+
+def make_problem(
+    comm: MPI.Comm, scene: Scene, settings: Settings, *, verbose: bool = False
+) -> DesignProblem:
+    """The design problem of a scene (collective).
+
+    Raises:
+        TorosError: A number or the scene itself is out of bounds.
+    """
+    s = settings
+    skin = sew(comm, scene.pattern)
+    passive = None if scene.passive is None else scene.passive[skin.owned_cells]
+    problem = DesignProblem(
+        solver=EquilibriumSolver(
+            skin, s.composite, scene.supports, log=print_step(comm) if verbose else None
+        ),
+        objective=ShapeObjective(skin, scene.target, scene.weights),
+        filter=make_filter(s.filter, skin, s.radius),
+        pressure=s.pressure,
+        projection=Projection(s.beta, s.eta),
+        passive=passive,
+        pressure_bounds=s.pressure_bounds,
+        weight=s.perimeter,
+    )
+    if s.perimeter > 0:
+        problem.perimeter = Perimeter(skin, s.window * s.radius, s.sharpness)
+    if s.constrained > 0:
+        wanted = LengthScale(line=s.line or None, gap=s.gap or None)
+        problem.length_scale = LengthScaleConstraints(
+            skin, problem.filter, wanted, problem.designed
+        )
+    return problem
+
+
+def design(
+    comm: MPI.Comm,
+    output: Path,
+    scene: Scene,
+    inputs: dict[str, Any],
+    *,
+    begin: float,
+    verbose: bool = False,
+    stages: tuple[Stage, ...] | None = None,
+) -> Outcome:
+    """Design a scene and write what comes of it (collective).
+
+    Args:
+        comm: Communicator.
+        output: Folder for summary, history, pattern, fields and pictures.
+        scene: What is to be designed.
+        inputs: All numbers that went in, those of `Settings` among them.
+        begin: `time.perf_counter()` at the start of the whole run.
+        verbose: Whether to print every step of the equilibrium solver.
+        stages: What is done one after the other; None: as the settings say.
+    """
+    settings = settings_of(inputs)
+    stages = stages or settings.stages
+    problem = make_problem(comm, scene, settings, verbose=verbose)
+    skin = problem.solver.skin
+    options = DesignOptions(stages, mma=MMAOptions(move=settings.move))
+    reporter = Reporter(skin, output, options.iterations, scene.angle, begin)
+    result = optimise(problem, random_density(skin, settings.seed), options, reporter)
+    width = min(settings.line or settings.radius, settings.gap or settings.radius)
+    limits = PrintLimits(width=width, gap=width)
+    printed = print_design(problem, result, limits, settings.island_area)
+    figures = {"angle_target_deg": scene.angle_target, "seed": settings.seed}
+    summary = reporter.finish(problem, result, printed, scene.target, inputs, figures)
+    return Outcome(summary, result, printed)
+
+
+def merged(defaults: dict[str, Any], inputs: dict[str, Any]) -> dict[str, Any]:
+    """Defaults with what differs from them put in, and all settings.
+
+    Raises:
+        ParameterError: An input is none of them.
+    """
+    known = {**asdict(Settings()), **defaults}
+    unknown = sorted(set(inputs) - set(known))
+    if unknown:
+        raise ParameterError(f"{unknown[0]!r} is no parameter; there are {', '.join(known)}.")
+    return {**known, **inputs}
