@@ -25,7 +25,9 @@ LAYERS = [
     ["design", "subproblem"],
     ["mma"],
     ["optimise"],
-    ["contours", "io"],
+    ["contours", "widths", "io"],
+    ["pieces"],
+    ["manufacture"],
     ["export", "plotting"],
     ["report"],
 ]

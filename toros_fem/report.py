@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,11 @@ from toros_fem.io import HistoryFile, versions, write_fields, write_json
 from toros_fem.meshes.skin import Skin
 from toros_fem.newton import NewtonStep
 from toros_fem.optimise import DesignResult, Iteration
+
+if TYPE_CHECKING:  # shapely is not installed everywhere
+    from shapely.geometry.base import BaseGeometry
+
+    from toros_fem.manufacture import Printability
 
 Floats = npt.NDArray[np.float64]
 
@@ -143,41 +148,66 @@ class Reporter:
             "versions": versions(),
             "inputs": inputs,
         }
+        printed = self._inspect(shown, threshold)
+        summary["manufacture"] = skin.comm.bcast(printed and printed[1].summary(), root=0)
 
         def write() -> None:
             self._clear()
             write_json(self._folder / "summary.json", summary)
             write_fields(self._folder / "skin.vtu", pattern, positions, fields)
-            self._draw(
-                result, positions, target, shown, fields["rho_projected"], threshold, summary
-            )
+            if printed:
+                self._draw(result, positions, target, fields["rho_projected"], printed, summary)
 
         self._on_first_rank(write)
         return summary
+
+    def _inspect(
+        self, shown: Floats, threshold: float
+    ) -> tuple[list[BaseGeometry], Printability] | None:
+        """What is printed on each panel, and whether it can be; on the first rank (collective)."""
+        found: list[tuple[list[BaseGeometry], Printability]] = []
+
+        def measure() -> None:
+            try:
+                from toros_fem.contours import averaged, printed_regions
+                from toros_fem.manufacture import printability
+            except ImportError as missing:
+                print(f"no SVG: {missing}; pip install toros_fem[export]", file=sys.stderr)
+                return
+            pattern = self._skin.pattern
+            regions = printed_regions(pattern, averaged(pattern, shown), shown, threshold)
+            found.append((regions, printability(pattern, regions)))
+
+        self._on_first_rank(measure)
+        return found[0] if found else None
 
     def _draw(
         self,
         result: DesignResult,
         positions: Floats,
         target: Floats,
-        shown: Floats,
         projected: Floats,
-        threshold: float,
+        printed: tuple[list[BaseGeometry], Printability],
         summary: dict[str, Any],
     ) -> None:
+        from toros_fem.export import write_svg
+        from toros_fem.manufacture import PrintLimits
+
         pattern, folder = self._skin.pattern, self._folder
+        regions, measured = printed
+        write_svg(folder / "pattern.svg", pattern, regions)
         try:
-            from toros_fem.export import write_svg
-        except ImportError as missing:
-            print(f"no SVG: {missing}; pip install toros_fem[export]", file=sys.stderr)
-            return
-        write_svg(folder / "pattern.svg", pattern, shown, threshold)
-        try:
-            from toros_fem.plotting import plot_convergence, plot_pattern, plot_shape
+            from toros_fem.plotting import (
+                plot_convergence,
+                plot_manufacture,
+                plot_pattern,
+                plot_shape,
+            )
         except ImportError as missing:
             print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
             return
-        plot_pattern(folder / "pattern.png", pattern, shown, threshold)
+        plot_pattern(folder / "pattern.png", pattern, regions)
+        plot_manufacture(folder / "manufacture.png", pattern, regions, measured, PrintLimits())
         wanted = float(summary["angle_target_deg"])
         title = (
             f"{summary['angle_deg']:.0f}° reached of {wanted:.0f}° at "
