@@ -138,6 +138,13 @@ def test_values_must_fit() -> None:
 # Widths and gaps
 
 
+def test_noise_about_the_limit_is_one_place() -> None:
+    x = np.linspace(-10, 10, 100)
+    above = 0.3 + 0.02 * (-1.0) ** np.arange(100)
+    strip = Polygon([*np.column_stack([x, above]), (10, -0.3), (-10, -0.3)])
+    assert len(measured(strip)[0].under) == 1
+
+
 @pytest.mark.parametrize("angle", [0.0, 17.0, 45.0, 73.3])
 @pytest.mark.parametrize("width", [0.05, 0.3, 0.6, 1.0, 2.5])
 def test_strips(width: float, angle: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -17,6 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as Outline
 from matplotlib.patheffects import withStroke
+from matplotlib.transforms import Bbox
 from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
@@ -63,6 +65,7 @@ def plot_manufacture(
 
     Free islands are red, with their area; narrow lines and gaps are circled, the thinnest with
     their width, as is the thinnest of all even if it keeps the limit; small holes are outlined.
+    Where labels would cover one another only the first is written.
 
     Args:
         path: PNG file to write.
@@ -75,11 +78,12 @@ def plot_manufacture(
     offsets = _panels(axes, pattern, regions)
     islands = printability.free_islands
     holes = [hole for hole in printability.holes if hole.area < limits.hole_area]
+    labels = []
     for island in islands:
         shape = translate(island.polygon, *offsets[island.panel])
         _fill(axes, shape, np.array(to_rgb(ISLAND)), edge=ISLAND)
-        top = 1e3 * np.array([shape.centroid.x, shape.bounds[3]])
-        _label(axes, f"{1e6 * island.area:.2f} mm²", top, (0, 4), ISLAND)
+        middle = 1e3 * shapely.get_coordinates(shape.point_on_surface())[0]
+        labels.append((f"{1e6 * island.area:.2g} mm²", middle, ISLAND))
     for hole in holes:
         ring = translate(hole.polygon.exterior, *offsets[hole.panel])
         axes.plot(*(1e3 * shapely.get_coordinates(ring).T), color=HOLE, lw=2)
@@ -98,7 +102,7 @@ def plot_manufacture(
             _mark(axes, place, offsets[place.panel], colour)
         for place in marked[:LABELS]:
             at = 1e3 * (np.array(place.middle) + offsets[place.panel])
-            _label(axes, f"{1e3 * place.width:.2f} mm", at, (9, 5), colour)
+            labels.append((f"{1e3 * place.width:.2f} mm", at, colour))
         thinnest = f"{1e3 * smallest.width:.2f} mm" if smallest else "none"
         text = f"{what} under {1e3 * limit:.2g} mm: {len(under)}; thinnest {thinnest}"
         handles.append(Line2D([], [], color=colour, marker="o", ms=10, mfc="none", label=text))
@@ -109,6 +113,8 @@ def plot_manufacture(
     figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False)
     found = len(islands) + len(printability.narrow) + len(printability.tight) + len(holes)
     verdict = f"{found} places to mend" if found else "nothing to mend"
+    figure.draw_without_rendering()  # lays the axes out
+    _write_labels(axes, labels)
     figure.suptitle(f"printing the flat pattern: {verdict}", fontsize=14)
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
@@ -141,18 +147,27 @@ def _mark(axes: Axes, place: Place, offset: Floats, colour: str) -> None:
     axes.plot(*middle, "o", ms=14, mfc="none", mec=colour, mew=1.8)
 
 
-def _label(axes: Axes, text: str, at: Floats, shift: tuple[int, int], colour: str) -> None:
-    axes.annotate(
-        text,
-        (at[0], at[1]),
-        shift,
-        textcoords="offset points",
-        ha="left" if shift[0] else "center",
-        color=colour,
-        fontweight="bold",
-        zorder=5,
-        path_effects=[withStroke(linewidth=3, foreground="white")],
-    )
+def _write_labels(axes: Axes, labels: Sequence[tuple[str, Floats, str]]) -> None:
+    """Write (text, point, colour) beside the points wherever a label covers no other one."""
+    written: list[Bbox] = []
+    for text, at, colour in labels:
+        for right, up in product((10, -10), (5, -13)):
+            label = axes.annotate(
+                text,
+                (at[0], at[1]),
+                (right, up),
+                textcoords="offset points",
+                ha="left" if right > 0 else "right",
+                color=colour,
+                fontweight="bold",
+                zorder=5,
+                path_effects=[withStroke(linewidth=3, foreground="white")],
+            )
+            box = label.get_window_extent()
+            if not any(box.overlaps(other) for other in written):
+                written.append(box)
+                break
+            label.remove()
 
 
 def plot_shape(
