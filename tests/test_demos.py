@@ -52,6 +52,7 @@ def test_summary(comm: MPI.Comm, output: Path) -> None:
     assert 0 <= summary["grey_level"] <= 1
     assert summary["newton_steps"] > 8
     assert set(summary["seconds"]) >= {"filter", "equilibrium", "adjoint", "mma", "total"}
+    assert summary["manufacture"]["pieces"] >= 3, "the wall's and both caps"
     assert summary["inputs"] == {**demo.DEFAULTS, **SMALL}
     assert {"dolfinx", "toros_fem", "petsc4py"} <= set(summary["versions"])
 
@@ -95,7 +96,7 @@ def test_svg_is_true_to_scale(output: Path) -> None:
 
 
 def test_pictures(output: Path) -> None:
-    for name in ("pattern.png", "shape.png", "convergence.png"):
+    for name in ("pattern.png", "manufacture.png", "shape.png", "convergence.png"):
         assert (output / name).read_bytes().startswith(b"\x89PNG")
 
 

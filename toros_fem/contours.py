@@ -7,9 +7,15 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem.errors import DensityError
 from toros_fem.meshes.pattern import Pattern
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+# A contour that passes a vertex closer than this share of an edge is led through the vertex:
+# otherwise there would be polygons whose corners rounding merges.
+SNAP = 1e-9
 
 
 def panel_outline(pattern: Pattern, panel: int) -> BaseGeometry:
@@ -18,46 +24,87 @@ def panel_outline(pattern: Pattern, panel: int) -> BaseGeometry:
     return shapely.coverage_union_all(shapely.polygons(corners))
 
 
-def reinforcement(pattern: Pattern, density: Floats, panel: int, threshold: float) -> BaseGeometry:
+def averaged(pattern: Pattern, at_centroids: Floats) -> Floats:
+    """Values of the triangles averaged by area to the panels' flat points, (m,)."""
+    corner, count = pattern.flat_triangles.ravel(), len(pattern.flat_points)
+    area = np.repeat(pattern.areas, 3)
+    sums = np.bincount(corner, area * np.repeat(at_centroids, 3), minlength=count)
+    return (sums / np.bincount(corner, area, minlength=count)).astype(np.float64)
+
+
+def printed_regions(
+    pattern: Pattern, at_points: Floats, at_centroids: Floats, threshold: float
+) -> list[BaseGeometry]:
+    """The reinforced region of every panel; arguments as of `reinforcement`."""
+    return [
+        reinforcement(pattern, at_points, at_centroids, panel, threshold)
+        for panel in range(len(pattern.panel_names))
+    ]
+
+
+def reinforcement(
+    pattern: Pattern, at_points: Floats, at_centroids: Floats, panel: int, threshold: float
+) -> BaseGeometry:
     """Where a panel is reinforced: the region density > threshold, in m.
 
-    The density of the triangles is averaged to the panel's flat vertices by area and
-    interpolated linearly, so that lines have smooth borders instead of the mesh's teeth.
+    Each triangle is split in three at its centroid and the density is linear on every third, so
+    that both given values are met exactly.
 
     Args:
         pattern: The pattern.
-        density: Filtered density ρ̃ of all triangles, (t,). Its contour at η is the design's.
+        at_points: Filtered density ρ̃ at the pattern's flat points, (m,).
+        at_centroids: ρ̃ at the triangles' centroids, (t,).
         panel: Number of the panel.
-        threshold: η.
+        threshold: η. The contour of ρ̃ at η is the design's.
+
+    Raises:
+        DensityError: The values do not fit the pattern, or are not finite.
     """
-    cells = np.flatnonzero(pattern.panel == panel)
-    nodes = pattern.flat_triangles[cells]
     count = len(pattern.flat_points)
-    area = np.repeat(pattern.areas[cells], 3)
-    weight = np.bincount(nodes.ravel(), area, minlength=count)
-    sums = np.bincount(nodes.ravel(), area * np.repeat(density[cells], 3), minlength=count)
-    value: Floats = sums / np.maximum(weight, np.finfo(float).tiny) - threshold
-    # Values of exactly 0 would make polygons of no area.
-    value = np.where(value == 0, np.finfo(float).eps, value)
-    inside = value[nodes] > 0
-    pieces = list(shapely.polygons(pattern.flat_points[nodes[inside.all(axis=1)]]))
-    for triangle, within in zip(nodes, inside, strict=True):
-        if within.any() and not within.all():
-            pieces.append(shapely.Polygon(_clip(pattern.flat_points, value, triangle)))
-    return shapely.coverage_union_all(pieces)
+    for name, array, size in (
+        ("at_points", at_points, count),
+        ("at_centroids", at_centroids, len(pattern.panel)),
+    ):
+        if np.shape(array) != (size,) or not np.all(np.isfinite(array)):
+            raise DensityError(f"{name} must hold {size} finite values, one for each.")
+    cells = np.flatnonzero(pattern.panel == panel)
+    points = np.concatenate([pattern.flat_points, pattern.centroids])
+    value = np.concatenate([at_points, at_centroids]) - threshold
+    value[np.abs(value) < SNAP] = 0
+    corner, centre = pattern.flat_triangles[cells], (count + cells)[:, None]
+    whole = np.all(value[corner] > 0, axis=1) & (value[centre[:, 0]] > 0)
+    thirds = np.stack([corner, np.roll(corner, -1, axis=1), np.repeat(centre, 3, axis=1)], axis=2)
+    third = thirds[~whole].reshape(-1, 3)
+    inside = value[third] > 0
+    below = np.any(value[third] < 0, axis=1)
+    pieces = [
+        points[corner[whole]],
+        points[third[inside.any(axis=1) & ~below]],
+        *_cut(points, value, third[inside.any(axis=1) & below]),
+    ]
+    polygons = np.concatenate(
+        [shapely.polygons(p) for p in pieces if len(p)] or [np.empty(0, object)]
+    )
+    return shapely.coverage_union_all(polygons)
 
 
-def _clip(points: Floats, value: Floats, triangle: npt.NDArray[np.int64]) -> list[Floats]:
-    """Corners of the part of a triangle where the linear interpolant is positive."""
-    ring = []
-    for a, b in zip(triangle, np.roll(triangle, -1), strict=True):
-        if value[a] > 0:
-            ring.append(points[a])
-        if (value[a] > 0) != (value[b] > 0):
-            low, high = min(a, b), max(a, b)  # the same rounding from both sides of the edge
-            share = value[low] / (value[low] - value[high])
-            ring.append(points[low] + share * (points[high] - points[low]))
-    return ring
+def _cut(points: Floats, value: Floats, triangles: Ints) -> tuple[Floats, Floats]:
+    """Positive parts of triangles with values of both signs: triangles and quadrilaterals."""
+    inside = value[triangles] > 0
+    lone = inside.sum(axis=1) == 1
+    apart = np.argmax(inside == lone[:, None], axis=1)  # the corner on a side of its own
+    order = (apart[:, None] + np.arange(3)) % 3
+    a, b, c = np.take_along_axis(triangles, order, axis=1).T
+    ab, ac = _crossing(points, value, a, b), _crossing(points, value, a, c)
+    tips = np.stack([points[a], ab, ac], axis=1)[lone]
+    return tips, np.stack([ab, points[b], points[c], ac], axis=1)[~lone]
+
+
+def _crossing(points: Floats, value: Floats, a: Ints, b: Ints) -> Floats:
+    """Where edges cross 0, rounded alike from both sides, and at the vertex itself if it is 0."""
+    outer, inner = np.where(value[a] > 0, [b, a], [a, b])
+    share = value[outer] / (value[outer] - value[inner])
+    return points[outer] + share[:, None] * (points[inner] - points[outer])
 
 
 def layout(pattern: Pattern, gap: float) -> list[Floats]:

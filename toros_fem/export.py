@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import shapely
 from shapely.affinity import affine_transform
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.contours import layout, panel_outline, reinforcement
+from toros_fem.contours import layout, panel_outline
 from toros_fem.meshes.pattern import Pattern
 
 Floats = npt.NDArray[np.float64]
@@ -20,7 +21,7 @@ GAP = 10e-3
 MARGIN = 5.0
 
 
-def write_svg(path: Path, pattern: Pattern, density: Floats, threshold: float) -> None:
+def write_svg(path: Path, pattern: Pattern, regions: Sequence[BaseGeometry]) -> None:
     """Write the panels and their reinforcement as an SVG in true scale.
 
     One user unit is 1 mm. Each panel is a group with the path "cut" (its border, red, unfilled)
@@ -30,15 +31,13 @@ def write_svg(path: Path, pattern: Pattern, density: Floats, threshold: float) -
     Args:
         path: The file to write.
         pattern: The pattern.
-        density: Filtered density ρ̃ of all triangles, (t,).
-        threshold: Density from which on cloth counts as reinforced, η.
+        regions: What is printed on each panel, in m.
     """
     offsets = layout(pattern, GAP)
     groups = []
     high: Floats = np.zeros(2)
-    for panel, offset in enumerate(offsets):
+    for panel, (offset, printed) in enumerate(zip(offsets, regions, strict=True)):
         outline = panel_outline(pattern, panel)
-        printed = reinforcement(pattern, density, panel, threshold)
         high = np.maximum(high, np.array(outline.bounds[2:]) + offset)
         groups.append((pattern.panel_names[panel], outline, printed, offset))
     width, height = 1e3 * high + 2 * MARGIN

@@ -1,24 +1,32 @@
-"""Pictures: the flat pattern, the skin beside its target, the convergence."""
+"""Pictures: the flat pattern and its flaws, the skin beside its target, the convergence."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 import shapely
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.patches import PathPatch
+from matplotlib.colors import to_rgb
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path as Outline
+from matplotlib.patheffects import withStroke
+from matplotlib.transforms import Bbox
 from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.contours import layout, panel_outline, reinforcement
+from toros_fem.contours import layout, panel_outline
+from toros_fem.manufacture import Printability, PrintLimits
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.stages import Iteration
+from toros_fem.widths import Place
 
 Floats = npt.NDArray[np.float64]
 
@@ -26,25 +34,99 @@ FABRIC = np.array([0.93, 0.86, 0.72])
 PRINTED = np.array([0.13, 0.20, 0.33])
 TARGET = np.array([0.62, 0.76, 0.62])
 LIGHT = np.array([-0.35, 0.45, 0.82])
+ISLAND, NARROW, TIGHT, HOLE = "#d1242f", "#e0148c", "#0a7fc2", "#2c8f35"
+LABELS = 12
 DPI = 150
 
 
-def plot_pattern(path: Path, pattern: Pattern, density: Floats, threshold: float) -> None:
+def plot_pattern(path: Path, pattern: Pattern, regions: Sequence[BaseGeometry]) -> None:
     """Picture of the flat panels with their reinforcement, in mm.
 
     Args:
         path: PNG file to write.
         pattern: The pattern.
-        density: Filtered density ρ̃ of all triangles, (t,).
-        threshold: η.
+        regions: What is printed on each panel, in m.
     """
-    gap = 0.1 * pattern.size
     figure, axes = plt.subplots(figsize=(9, 9), layout="constrained")
-    for panel, offset in enumerate(layout(pattern, gap)):
+    _panels(axes, pattern, regions)
+    axes.set_title("flat pattern: fabric (light), printed reinforcement (dark)", pad=18)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def plot_manufacture(
+    path: Path,
+    pattern: Pattern,
+    regions: Sequence[BaseGeometry],
+    printability: Printability,
+    limits: PrintLimits,
+) -> None:
+    """Picture of the flat panels that marks what a printer would stumble over, in mm.
+
+    Free islands are red, with their area; narrow lines and gaps are circled, the thinnest with
+    their width, as is the thinnest of all even if it keeps the limit; small holes are outlined.
+    Where labels would cover one another only the first is written.
+
+    Args:
+        path: PNG file to write.
+        pattern: The pattern.
+        regions: What is printed on each panel, in m.
+        printability: What was measured on them.
+        limits: What counts as narrow or small.
+    """
+    figure, axes = plt.subplots(figsize=(11, 11), layout="constrained")
+    offsets = _panels(axes, pattern, regions)
+    islands = printability.free_islands
+    holes = [hole for hole in printability.holes if hole.area < limits.hole_area]
+    labels = []
+    for island in islands:
+        shape = translate(island.polygon, *offsets[island.panel])
+        _fill(axes, shape, np.array(to_rgb(ISLAND)), edge=ISLAND)
+        middle = 1e3 * shapely.get_coordinates(shape.point_on_surface())[0]
+        labels.append((f"{1e6 * island.area:.2g} mm²", middle, ISLAND))
+    for hole in holes:
+        ring = translate(hole.polygon.exterior, *offsets[hole.panel])
+        axes.plot(*(1e3 * shapely.get_coordinates(ring).T), color=HOLE, lw=2)
+        middle = 1e3 * shapely.get_coordinates(ring.centroid).T
+        axes.plot(*middle, "s", ms=13, mfc="none", mec=HOLE, mew=2)
+    handles: list[Artist] = [
+        Patch(color=PRINTED, label=f"printed: {printability.pieces} pieces"),
+        Patch(color=ISLAND, label=f"free islands: {len(islands)}"),
+    ]
+    for smallest, under, limit, colour, what in (
+        (printability.smallest_width, printability.narrow, limits.width, NARROW, "lines"),
+        (printability.smallest_gap, printability.tight, limits.gap, TIGHT, "gaps"),
+    ):
+        marked = under or ((smallest,) if smallest else ())
+        for place in reversed(marked):  # the thinnest on top
+            _mark(axes, place, offsets[place.panel], colour)
+        for place in marked[:LABELS]:
+            at = 1e3 * (np.array(place.middle) + offsets[place.panel])
+            labels.append((f"{1e3 * place.width:.2f} mm", at, colour))
+        thinnest = f"{1e3 * smallest.width:.2f} mm" if smallest else "none"
+        text = f"{what} under {1e3 * limit:.2g} mm: {len(under)}; thinnest {thinnest}"
+        handles.append(Line2D([], [], color=colour, marker="o", ms=10, mfc="none", label=text))
+    text = (
+        f"holes under {1e6 * limits.hole_area:.2g} mm²: {len(holes)} of {len(printability.holes)}"
+    )
+    handles.append(Line2D([], [], color=HOLE, marker="s", ms=10, mfc="none", label=text))
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False)
+    found = len(islands) + len(printability.narrow) + len(printability.tight) + len(holes)
+    verdict = f"{found} places to mend" if found else "nothing to mend"
+    figure.draw_without_rendering()  # lays the axes out
+    _write_labels(axes, labels)
+    figure.suptitle(f"printing the flat pattern: {verdict}", fontsize=14)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def _panels(axes: Axes, pattern: Pattern, regions: Sequence[BaseGeometry]) -> list[Floats]:
+    """Draw the panels in a row; returns the offset of each in m."""
+    offsets = layout(pattern, 0.1 * pattern.size)
+    for panel, (offset, region) in enumerate(zip(offsets, regions, strict=True)):
         outline = translate(panel_outline(pattern, panel), *offset)
-        printed = translate(reinforcement(pattern, density, panel, threshold), *offset)
         _fill(axes, outline, FABRIC, edge="0.25")
-        _fill(axes, printed, PRINTED)
+        _fill(axes, translate(region, *offset), PRINTED)
         left, _, right, top = np.array(outline.bounds) * 1e3
         label = pattern.panel_names[panel]
         axes.annotate(label, ((left + right) / 2, top), (0, 4), ha="center",
@@ -53,10 +135,39 @@ def plot_pattern(path: Path, pattern: Pattern, density: Floats, threshold: float
     axes.autoscale_view()
     axes.set_xlabel("mm")
     axes.set_ylabel("mm")
-    axes.set_title("flat pattern: fabric (light), printed reinforcement (dark)", pad=18)
     axes.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, dpi=DPI)
-    plt.close(figure)
+    return offsets
+
+
+def _mark(axes: Axes, place: Place, offset: Floats, colour: str) -> None:
+    ends = 1e3 * (np.array(place.ends) + offset)
+    middle = ends.mean(axis=0)
+    axes.plot(*ends.T, color=colour, lw=1.5, solid_capstyle="butt")
+    axes.plot(*middle, "o", ms=14, mfc="none", mec="white", mew=3.5)
+    axes.plot(*middle, "o", ms=14, mfc="none", mec=colour, mew=1.8)
+
+
+def _write_labels(axes: Axes, labels: Sequence[tuple[str, Floats, str]]) -> None:
+    """Write (text, point, colour) beside the points wherever a label covers no other one."""
+    written: list[Bbox] = []
+    for text, at, colour in labels:
+        for right, up in product((10, -10), (5, -13)):
+            label = axes.annotate(
+                text,
+                (at[0], at[1]),
+                (right, up),
+                textcoords="offset points",
+                ha="left" if right > 0 else "right",
+                color=colour,
+                fontweight="bold",
+                zorder=5,
+                path_effects=[withStroke(linewidth=3, foreground="white")],
+            )
+            box = label.get_window_extent()
+            if not any(box.overlaps(other) for other in written):
+                written.append(box)
+                break
+            label.remove()
 
 
 def plot_shape(

@@ -24,7 +24,9 @@ class PrintedDesign:
     """What leaves the printer, and what it does.
 
     Attributes:
-        cleaned: The same, with what was dropped and filled on the way.
+        bare: The contours of ρ̃ at η on each panel, in m.
+        cleaned: What is printed on each panel, with what was dropped and filled on the way.
+        limits: Below which widths and gaps count as offences.
         before: Printability of the bare contours.
         after: Printability of what is printed.
         cells: Which triangles of the pattern are printed, (t,).
@@ -33,7 +35,9 @@ class PrintedDesign:
         failure: Why it has none.
     """
 
+    bare: list[BaseGeometry]
     cleaned: Cleaned
+    limits: PrintLimits
     before: Printability
     after: Printability
     cells: npt.NDArray[np.bool_]
@@ -96,14 +100,16 @@ def print_design(
             cleaned = clean(pattern, regions, island_area, hole_area)
             touched = cleaned.dropped or cleaned.filled
             after = printability(pattern, cleaned.regions, limits) if touched else before
-            found = (cleaned, before, after, printed_cells(pattern, cleaned.regions))
+            found = (regions, cleaned, before, after, printed_cells(pattern, cleaned.regions))
         except Exception as caught:  # handed to all ranks, none may be left waiting
             error = caught
     raise_together(comm, error)
-    cleaned, before, after, cells = comm.bcast(found, root=0)
+    regions, cleaned, before, after, cells = comm.bcast(found, root=0)
     evaluation, failure = None, ""
     try:
         evaluation = problem.simulate_binary(cells[skin.owned_cells], result.final)
     except EquilibriumError as caught:  # raised by all ranks or by none
         failure = str(caught)
-    return PrintedDesign(cleaned, before, after, cells, evaluation, failure)
+    return PrintedDesign(
+        regions, cleaned, limits, before, after, cells, evaluation, failure
+    )

@@ -211,7 +211,9 @@ class Reporter:
             print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
             return
         plot_pattern(folder / "pattern.png", pattern, printed.regions)
-        plot_manufacture(folder / "manufacture.png", pattern, printed.regions, printed.after)
+        plot_manufacture(
+            folder / "manufacture.png", pattern, printed.regions, printed.after, printed.limits
+        )
         wanted = float(summary["angle_target_deg"])
         title = (
             f"{summary['angle_deg']:.0f}° reached of {wanted:.0f}° at "
