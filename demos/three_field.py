@@ -72,8 +72,7 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
         folder = output / name.replace(" ", "_")
         done = design(comm, folder, scene, o, begin=begin, verbose=verbose)
         pattern, summary = scene.pattern, done.summary
-        made = summary["manufacture"]
-        border = sum(region.boundary.length for region in done.printed.bare[:1])
+        made = summary["dropped"]["before"]
         rows.append(
             {
                 "variant": name,
@@ -83,11 +82,11 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
                 "angle_printed_deg": summary["angle_deg"],
                 "pressure_pa": summary["pressure_pa"],
                 "grey_level": summary["grey_level"],
-                "islands": summary["dropped"]["before"]["islands"],
+                "islands": made["islands"],
                 "holes": made["holes"],
-                "smallest_width_mm": summary["dropped"]["before"]["smallest_width_mm"],
-                "smallest_gap_mm": summary["dropped"]["before"]["smallest_gap_mm"],
-                "perimeter_mm": 1e3 * border,
+                "smallest_width_mm": made["smallest_width_mm"],
+                "smallest_gap_mm": made["smallest_gap_mm"],
+                "perimeter_mm": made["border_mm"],
                 "seconds": summary["seconds"]["total"],
             }
         )

@@ -14,7 +14,7 @@ from shapely.geometry import LineString, Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 from toros_fem.meshes import Pattern, cylinder
 
-from toros_fem.contours import averaged, panel_outline, printed_regions, reinforcement
+from toros_fem.contours import panel_outline, printed_regions, reinforcement
 from toros_fem.errors import DensityError, ParameterError
 from toros_fem.manufacture import PrintLimits, printability, printed_cells
 from toros_fem.pieces import clean, find_holes, find_pieces
@@ -116,15 +116,6 @@ def test_noise_and_values_at_the_threshold(seed: int) -> None:
     below = reinforcement(pattern, 1 - points, 1 - centroids, 0, 0.5)
     assert below.is_valid
     assert region.intersection(below).area < 1e-9 * region.area
-
-
-def test_averages_are_by_area() -> None:
-    pattern = square()
-    assert averaged(pattern, np.full(32, 0.7)) == pytest.approx(np.full(25, 0.7))
-    one = np.zeros(32)
-    one[0] = 1.0
-    assert averaged(pattern, one)[0] == pytest.approx(1.0), "the corner has this triangle alone"
-    assert averaged(pattern, one)[1] == pytest.approx(1 / 3)
 
 
 def test_values_must_fit() -> None:
@@ -371,7 +362,8 @@ def test_cut_outs_are_no_holes() -> None:
 def test_printed_cells(comm: MPI.Comm) -> None:
     pattern = cylinder(comm, 0.04, 0.02, 3e-3)
     values = np.random.default_rng(4).uniform(0, 1, len(pattern.panel))
-    regions = printed_regions(pattern, averaged(pattern, values), values, 0.5)
+    at_points = np.random.default_rng(5).uniform(0, 1, len(pattern.flat_points))
+    regions = printed_regions(pattern, at_points, values, 0.5)
     assert np.array_equal(printed_cells(pattern, regions), values > 0.5)
 
 

@@ -24,14 +24,6 @@ def panel_outline(pattern: Pattern, panel: int) -> BaseGeometry:
     return shapely.coverage_union_all(shapely.polygons(corners))
 
 
-def averaged(pattern: Pattern, at_centroids: Floats) -> Floats:
-    """Values of the triangles averaged by area to the panels' flat points, (m,)."""
-    corner, count = pattern.flat_triangles.ravel(), len(pattern.flat_points)
-    area = np.repeat(pattern.areas, 3)
-    sums = np.bincount(corner, area * np.repeat(at_centroids, 3), minlength=count)
-    return (sums / np.bincount(corner, area, minlength=count)).astype(np.float64)
-
-
 def printed_regions(
     pattern: Pattern, at_points: Floats, at_centroids: Floats, threshold: float
 ) -> list[BaseGeometry]:

@@ -57,6 +57,7 @@ class Printability:
         islands: All other pieces, the largest first.
         holes: The smallest first.
         smallest_width, smallest_gap: None where no line or gap has two sides.
+        border: Length of the print's border in m, without where the panel itself is cut.
         narrow, tight: Places where lines, or gaps, are thinner than the limit.
     """
 
@@ -65,6 +66,7 @@ class Printability:
     holes: tuple[Hole, ...]
     smallest_width: Place | None
     smallest_gap: Place | None
+    border: float
     narrow: tuple[Place, ...]
     tight: tuple[Place, ...]
 
@@ -91,6 +93,7 @@ class Printability:
             "islands_attached_by_seam": len(self.islands) - len(self.free_islands),
             "holes": len(self.holes),
             "smallest_hole_mm2": 1e6 * self.holes[0].area if self.holes else None,
+            "border_mm": 1e3 * self.border,
             "smallest_width_mm": self.smallest_width and 1e3 * self.smallest_width.width,
             "smallest_width_panel": self.smallest_width and self.smallest_width.panel,
             "smallest_width_ends_mm": ends(self.smallest_width),
@@ -134,9 +137,16 @@ def printability(
         holes=find_holes(pattern, regions),
         smallest_width=least(0),
         smallest_gap=least(1),
+        border=sum(map(_inner_border, regions, outlines)),
         narrow=under(0),
         tight=under(1),
     )
+
+
+def _inner_border(region: BaseGeometry, outline: BaseGeometry) -> float:
+    """Length in m of a region's border that is not the panel's."""
+    size = np.hypot(*np.ptp(np.reshape(outline.bounds, (2, 2)), axis=0))
+    return float(region.boundary.difference(outline.boundary.buffer(1e-7 * size)).length)
 
 
 def printed_cells(pattern: Pattern, regions: Sequence[BaseGeometry]) -> Bools:

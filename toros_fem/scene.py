@@ -78,6 +78,7 @@ class Settings:
         iterations: Steps before the width constraints are switched on.
         constrained: Steps with them; 0 leaves them out.
         island_area: Free islands smaller than this, in m², are not printed.
+        print_width: Thinnest line and gap in m that the printer makes: below, they are marked.
         seed: Of the random start.
     """
 
@@ -103,6 +104,7 @@ class Settings:
     iterations: int = 80
     constrained: int = 60
     island_area: float = 20e-6
+    print_width: float = 0.6e-3
     seed: int = 2
 
     @property
@@ -212,8 +214,7 @@ def design(
     options = DesignOptions(stages, mma=MMAOptions(move=settings.move))
     reporter = Reporter(skin, output, options.iterations, scene.angle, begin)
     result = optimise(problem, random_density(skin, settings.seed), options, reporter)
-    width = min(settings.line or settings.radius, settings.gap or settings.radius)
-    limits = PrintLimits(width=width, gap=width)
+    limits = PrintLimits(width=settings.print_width, gap=settings.print_width)
     printed = print_design(problem, result, limits, settings.island_area)
     figures = {"angle_target_deg": scene.angle_target, "seed": settings.seed}
     summary = reporter.finish(problem, result, printed, scene.target, inputs, figures)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
 from toros_fem.errors import ParameterError
@@ -87,15 +88,23 @@ class Neighbourhood:
             near = cKDTree(part).sparse_distance_matrix(
                 self._tree, self.radius, output_type="ndarray"
             )
-            order = np.lexsort((near["j"], near["i"]))
-            row, target = near["i"][order].astype(np.int64), near["j"][order]
+            ordered = _by_rows(near["i"], near["j"], (len(part), len(self._points)))
+            row = np.repeat(np.arange(len(part)), np.diff(ordered.indptr))
+            target = ordered.indices
             offset = self._points[target, :2] - part[row, :2]
-            yield Pairs(row, len(part), self._cells[target], offset, near["v"][order])
+            yield Pairs(row, len(part), self._cells[target], offset, near["v"][ordered.data])
 
     def nearest(self, points: Floats, panel: Ints) -> Ints:
         """The triangle whose centroid lies nearest to each point of the same panel."""
         _, found = self._tree.query(np.column_stack([points, self._floor * panel]))
         return self._cells[found]
+
+
+def _by_rows(row: Ints, column: Ints, shape: tuple[int, int]) -> csr_array:
+    """Which pair stands where when pairs are ordered by row and column."""
+    ordered = coo_array((np.arange(len(row)), (row, column)), shape=shape).tocsr()
+    ordered.sort_indices()
+    return ordered
 
 
 def _repeated(points: Floats, lattice: Floats, radius: float) -> tuple[Floats, Ints]:
