@@ -73,3 +73,25 @@ def test_cost_of_a_newton_step(tmp_path: Path) -> None:
     # A scene compiles what it has: energy, force, tangent; with pressure also volume and load.
     assert "bending and pressure   5 forms" in done.stdout
     assert "neither                3 forms" in done.stdout
+
+
+@ALONE
+def test_mma_beside_other_codes(tmp_path: Path) -> None:
+    """Ours, mmapy and pyMOTO take the same step to the same point."""
+    file = tmp_path / "rows.json"
+    done = run("mma.py", "--quick", "--rounds", "1", "--json", str(file))
+    assert done.returncode == 0, done.stdout + done.stderr
+    rows = json.loads(file.read_text(encoding="utf-8"))
+    assert [(row["constraints"], row["code"]) for row in rows] == [
+        (m, code) for m in (1, 2, 5) for code in ("toros_fem", "mmapy", "pymoto")
+    ]
+    for row in rows:
+        assert set(row) == {
+            "variables", "constraints", "code", "seconds", "ratio_to_fastest_peer",
+        }  # fmt: skip
+        assert row["variables"] == 2000
+        assert row["seconds"] > 0
+    for m in (1, 2, 5):
+        peers = [row["ratio_to_fastest_peer"] for row in rows
+                 if row["constraints"] == m and row["code"] != "toros_fem"]  # fmt: skip
+        assert min(peers) == 1

@@ -10,15 +10,17 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from toros_fem._mpi import smallest, sum_over_ranks
+from toros_fem._mpi import largest, smallest, total
+from toros_fem.approximation import TINY, Approximation, pieces
 from toros_fem.errors import ParameterError
 from toros_fem.parameters import require_between, require_positive
-from toros_fem.subproblem import Subproblem, solve_subproblem
+from toros_fem.subproblem import solve_subproblem
 
 Floats = npt.NDArray[np.float64]
 
-SMALL = 1e-5  # Svanberg's raa0, which keeps the approximation strictly convex
+SMALL = 1e-5  # Svanberg's raa0, which keeps the approximations strictly convex
 CURVATURE_DECAY = 0.5  # what a retry has learnt is forgotten at this rate
+ROUNDING = 1e-10  # of what a function can change by: nothing less makes it not conservative
 
 
 @dataclass(frozen=True)
@@ -51,32 +53,43 @@ class MMAOptions:
 
 @dataclass
 class MMAState:
-    """All that the next iteration depends on; plain arrays, so that a run resumes exactly."""
+    """All that the next iteration depends on; plain arrays, so that a run resumes exactly.
+
+    Attributes:
+        previous, before_previous: xᵏ of the last two steps.
+        distance: Of the asymptotes from `previous`, to both sides.
+        multipliers: λᵢ of the last subproblem.
+        curvature: ρᵢ that retries have added, the objective's first.
+    """
 
     previous: Floats | None = None
     before_previous: Floats | None = None
-    low: Floats | None = None
-    upp: Floats | None = None
+    distance: Floats | None = None
     multipliers: Floats | None = None
-    curvature: float = 0.0
+    curvature: Floats | None = None
 
 
 class MMA:
-    """Svanberg's MMA for min f₀(x), fᵢ(x) ≤ 0, x̲ ≤ x ≤ x̄ with distributed variables.
+    """Svanberg's MMA and GCMMA for min f₀(x), fᵢ(x) ≤ 0, x̲ ≤ x ≤ x̄ with distributed variables.
 
-    `step` proposes; whoever finds the objective risen there may call `retry`, which raises the
-    curvature of the approximation as GCMMA does until the proposal descends (eqs. 4.5, 4.7).
-    Only numbers of the size of the constraints are reduced over the ranks (Aage & Lazarov 2013).
-    Equations and default parameters: K. Svanberg, "MMA and GCMMA – two methods for nonlinear
-    optimization", 2007, sections 2, 3 and 5.
+    `step` proposes. For plain MMA the proposal is the next iterate. For GCMMA it is so once
+    `conservative` finds that no function exceeds its approximation there; until then `retry`
+    raises the curvatures of those that do, and proposes anew: then the iterates stay feasible and
+    f₀ falls monotonically. A caller with a test of its own may call `retry` without asking.
+    Only numbers of the size of the constraints are reduced over the ranks (Aage & Lazarov,
+    Struct. Multidiscip. Optim. 47, 2013). Equations and default parameters: K. Svanberg, "MMA and
+    GCMMA – two methods for nonlinear optimization", 2007; GCMMA's convergence: K. Svanberg, SIAM
+    J. Optim. 12(2), 2002.
 
     Args:
-        lower, upper: Bounds; a variable whose bounds are equal stays there.
+        lower, upper: Finite bounds; a variable whose bounds are equal stays there.
         constraints: Number m of constraints, which should be scaled to O(1).
         options: Svanberg's parameters.
+        move: Move limit of each variable over its range, in place of the options' one for all.
 
     Raises:
-        ParameterError: An upper bound lies below its lower bound.
+        ParameterError: An upper bound lies below its lower bound, a bound is not finite, or a
+            move limit lies outside of (0, 1].
     """
 
     def __init__(
@@ -85,14 +98,30 @@ class MMA:
         upper: PETSc.Vec,
         constraints: int = 0,
         options: MMAOptions | None = None,
+        move: PETSc.Vec | None = None,
     ) -> None:
         self._comm: MPI.Comm = lower.comm.tompi4py()
+        # PETSc frees this communicator with the last vector on it: that must not be the caller's.
+        self._anchor = PETSc.Vec().createMPI(0, comm=lower.comm)
         self._lower, self._upper = lower.array.copy(), upper.array.copy()
         worst = smallest(self._comm, np.min(self._upper - self._lower, initial=np.inf))
         if not worst >= 0:
             raise ParameterError(f"an upper bound lies {-worst:g} below its lower bound.")
-        self._m = constraints
+        if not np.isfinite(largest(self._comm, np.max(self._upper - self._lower, initial=0.0))):
+            raise ParameterError("MMA needs finite bounds of every variable.")
         self.options = options or MMAOptions()
+        self._move: float | Floats = self.options.move
+        if move is not None:
+            self._move = move.array.copy()
+            for end in (
+                smallest(self._comm, np.min(self._move, initial=1.0)),
+                largest(self._comm, np.max(self._move, initial=0.5)),
+            ):
+                require_positive(move=end, at_most=1.0)
+        self._m = constraints
+        self._model = Approximation(self._comm, len(self._lower), constraints)
+        self._values: Floats = np.zeros(constraints + 1)
+        self._start_curvature: Floats = np.zeros(constraints + 1)
         self.state = MMAState()
 
     def step(
@@ -103,7 +132,7 @@ class MMA:
         values: Sequence[float] = (),
         jacobian: Sequence[PETSc.Vec] = (),
     ) -> None:
-        """Replace x by the next iterate (collective).
+        """Replace x by the next proposal (collective).
 
         Args:
             x: Current variables, overwritten.
@@ -112,88 +141,150 @@ class MMA:
             values: fᵢ(x), the same on all ranks.
             jacobian: ∇fᵢ(x).
         """
+        self._check(values, jacobian)
+        state, here = self.state, x.array.copy()
+        distance = self._distance(here)
+        state.before_previous, state.previous, state.distance = state.previous, here, distance
+        if state.curvature is None:
+            state.curvature = np.zeros(self._m + 1)
+        state.curvature = CURVATURE_DECAY * state.curvature
+        gradients = [gradient.array, *(row.array for row in jacobian)]
+        bounds = (self._lower, self._upper)
+        self._model.expand(here, distance, bounds, self._move, gradients)
+        self._values = np.array([value, *values], dtype=np.float64)
+        # What GCMMA starts from: a tenth of the mean |∂fᵢ/∂xⱼ| (x̄ⱼ − x̲ⱼ), weighted by dⱼ here.
+        weight = max(self._model.total_weight, TINY)
+        self._start_curvature = np.maximum(0.2 * self._model.size / weight, 1e-6)
+        self._propose(x)
+
+    def conservative(self, x: PETSc.Vec, value: float, values: Sequence[float] = ()) -> bool:
+        """Whether no function exceeds its approximation at the proposal (collective).
+
+        Args:
+            x: The proposal.
+            value: f₀ there, the same on all ranks; infinite where it does not exist.
+            values: fᵢ there.
+        """
+        missing, _ = self._missing(x, value, values)
+        return bool(np.all(missing <= 0))
+
+    def retry(self, x: PETSc.Vec, value: float, values: Sequence[float] = ()) -> None:
+        """Replace a rejected proposal by a more cautious one (collective).
+
+        A function that exceeds its approximation by δᵢ d(x) there gets the curvature
+        min(1.1 (ρᵢ + δᵢ), 10 ρᵢ) (section 4). Where a value is infinite, or all approximations
+        are conservative and the caller rejects x nevertheless, all curvatures rise tenfold.
+
+        Args:
+            x: The proposal, overwritten.
+            value: f₀ there, the same on all ranks; infinite where it does not exist.
+            values: fᵢ there. Without them the constraints count as conservative.
+        """
+        state = self.state
+        assert state.curvature is not None
+        missing, distance = self._missing(x, value, values)
+        limit = 10 * np.maximum(state.curvature, self._start_curvature)
+        if np.all(np.isfinite(missing)) and np.any(missing > 0):
+            rise = 1.1 * (state.curvature + np.maximum(missing, 0.0) / max(distance, TINY))
+            raised = np.minimum(rise, limit)
+            state.curvature = np.where(missing > 0, raised, state.curvature)
+        else:
+            state.curvature = limit
+        self._propose(x)
+
+    def restart(self) -> None:
+        """Forget asymptotes, curvatures and multipliers: the problem is another one now."""
+        self.state = MMAState()
+
+    def kkt(
+        self,
+        x: PETSc.Vec,
+        gradient: PETSc.Vec,
+        values: Sequence[float] = (),
+        jacobian: Sequence[PETSc.Vec] = (),
+    ) -> float:
+        """How far x is from satisfying the optimality conditions (collective).
+
+        The largest entry of the natural residual, which is zero at KKT points and there alone.
+        With ξⱼ = (xⱼ − x̲ⱼ)/(x̄ⱼ − x̲ⱼ), the last subproblem's λ, L = f₀ + Σ λᵢfᵢ and N variables
+        that have a range it is
+
+            |ξⱼ − clip(ξⱼ − N ∂L/∂ξⱼ, 0, 1)|  for each of these, and  |min(λᵢ, −fᵢ)|.
+
+        N makes it independent of the mesh: N ∂L/∂ξⱼ is the density of a derivative whose single
+        entries shrink as the mesh is refined.
+
+        Args:
+            x: Variables.
+            gradient: ∇f₀(x).
+            values: fᵢ(x), the same on all ranks.
+            jacobian: ∇fᵢ(x).
+        """
+        self._check(values, jacobian)
+        lam = self.state.multipliers
+        if lam is None:
+            lam = np.zeros(self._m)
+        span = self._upper - self._lower
+        ranged = span > 0
+        slope = gradient.array.copy()
+        for weight, row in zip(lam, jacobian, strict=True):
+            slope += weight * row.array
+        slope *= total(self._comm, np.count_nonzero(ranged)) * span
+        place = (x.array - self._lower) / np.where(ranged, span, 1.0)
+        gap = np.abs(place - np.clip(place - slope, 0.0, 1.0))[ranged]
+        shared = np.abs(np.minimum(lam, -np.asarray(values, dtype=np.float64)))
+        return max(largest(self._comm, np.max(gap, initial=0.0)), float(np.max(shared, initial=0)))
+
+    def _check(self, values: Sequence[float], jacobian: Sequence[PETSc.Vec]) -> None:
         if len(values) != self._m or len(jacobian) != self._m:
             raise ParameterError(
                 f"{len(values)} values and {len(jacobian)} gradients for {self._m} constraints."
             )
-        here = x.array.copy()
-        rows = np.array([g.array for g in jacobian]).reshape(self._m, len(here))
+
+    def _distance(self, x: Floats) -> Floats:
+        """Distance of the asymptotes from x (Svanberg 2007, eqs. 3.11-3.14)."""
+        state, o = self.state, self.options
+        out = self._upper - self._lower
+        if state.before_previous is None:
+            out *= o.asymptote_start
+            return out
+        assert state.previous is not None
+        assert state.distance is not None
+        for part in pieces(len(x)):
+            span = out[part]
+            turn = x[part] - state.previous[part]
+            turn *= state.previous[part] - state.before_previous[part]
+            distance = np.where(turn > 0, o.asymptote_grow, 1.0)
+            np.copyto(distance, o.asymptote_shrink, where=turn < 0)
+            distance *= state.distance[part]
+            np.maximum(distance, 0.01 * span, out=distance)
+            np.minimum(distance, 10 * span, out=span)
+        return out
+
+    def _missing(self, x: PETSc.Vec, value: float, values: Sequence[float]) -> tuple[Floats, float]:
+        """By how much each function exceeds its approximation, and d(x) of `retry`."""
         state = self.state
-        low, upp = self._asymptotes(here)
-        state.before_previous, state.previous = state.previous, here
-        state.low, state.upp = low, upp
-        state.curvature *= CURVATURE_DECAY
-        self._value = value
-        self._data = (gradient.array.copy(), np.asarray(values, dtype=float), rows)
-        self._propose(x)
-
-    def retry(self, x: PETSc.Vec, value: float) -> None:
-        """Replace a rejected x by a more cautious one (collective).
-
-        Args:
-            x: The rejected variables, overwritten.
-            value: f₀ there; infinite where it does not exist.
-        """
-        state, sub = self.state, self._sub
-        here, trial = state.previous, x.array
-        assert here is not None
-        up, lo = sub.upp - trial, trial - sub.low
-        model = sub.p0 / up + sub.q0 / lo - sub.p0 / (sub.upp - here) - sub.q0 / (here - sub.low)
-        span = np.maximum(self._upper - self._lower, 1e-5)
-        unit = (sub.upp - sub.low) * (trial - here) ** 2 / (up * lo * span)
-        predicted, distance = sum_over_ranks(self._comm, np.array([model.sum(), unit.sum()]))
-        missing = (value - self._value - predicted) / max(distance, np.finfo(float).tiny)
-        if np.isfinite(missing):
-            state.curvature = 1.1 * (state.curvature + max(missing, 0.0))
-        else:
-            state.curvature = max(10 * state.curvature, 1e-3)
-        self._propose(x)
+        if state.previous is None or state.distance is None:
+            raise ParameterError("there is no proposal yet: call step first.")
+        change, distance = self._model.change_at(state.previous, state.distance, x.array)
+        there = np.array([value, *values], dtype=np.float64)
+        there[~np.isfinite(there)] = np.inf
+        if len(there) not in (1, self._m + 1):
+            raise ParameterError(f"{len(values)} values for {self._m} constraints.")
+        count = len(there)
+        missing = np.zeros(self._m + 1)
+        missing[:count] = there - self._values[:count] - change[:count]
+        noise = ROUNDING * (np.abs(self._values) + self._model.size)
+        return np.where(missing > noise, missing, 0.0), distance
 
     def _propose(self, x: PETSc.Vec) -> None:
-        self._sub = sub = self._approximate(*self._data)
-        solution = solve_subproblem(self._comm, sub, self.options.tolerance)
-        x.array[:], self.state.multipliers = solution
-
-    def _asymptotes(self, x: Floats) -> tuple[Floats, Floats]:
-        """Asymptotes of the next approximation (Svanberg 2007, eqs. 3.11-3.14)."""
-        state, o = self.state, self.options
-        span = self._upper - self._lower
-        if state.before_previous is None or state.previous is None:
-            low, upp = x - o.asymptote_start * span, x + o.asymptote_start * span
-        else:
-            assert state.low is not None
-            assert state.upp is not None
-            turn = (x - state.previous) * (state.previous - state.before_previous)
-            factor = np.ones(len(x))
-            factor[turn > 0], factor[turn < 0] = o.asymptote_grow, o.asymptote_shrink
-            low = x - factor * (state.previous - state.low)
-            upp = x + factor * (state.upp - state.previous)
-            low = np.clip(low, x - 10 * span, x - 0.01 * span)
-            upp = np.clip(upp, x + 0.01 * span, x + 10 * span)
-        # A fixed variable has no range: any asymptotes around it do.
-        still = np.where(span > 0, 0.0, 1.0)
-        return low - still, upp + still
-
-    def _approximate(self, df0: Floats, f: Floats, df: Floats) -> Subproblem:
-        """The convex separable approximation (Svanberg 2007, eqs. 3.2-3.8)."""
-        state, o = self.state, self.options
-        x, low, upp = state.previous, state.low, state.upp
-        assert x is not None
-        assert low is not None
-        assert upp is not None
-        span = self._upper - self._lower
-        alpha = np.maximum.reduce([self._lower, low + 0.1 * (x - low), x - o.move * span])
-        beta = np.minimum.reduce([self._upper, upp - 0.1 * (upp - x), x + o.move * span])
-
-        def split(g: Floats, curvature: float = 0.0) -> tuple[Floats, Floats]:
-            rise, fall = np.maximum(g, 0), np.maximum(-g, 0)
-            small = (SMALL + curvature) / np.maximum(span, 1e-5)
-            p = (upp - x) ** 2 * (1.001 * rise + 0.001 * fall + small)
-            q = (x - low) ** 2 * (0.001 * rise + 1.001 * fall + small)
-            return p, q
-
-        p0, q0 = split(df0, state.curvature)
-        p, q = split(df)
-        local = (p / (upp - x) + q / (x - low)).sum(axis=1)
-        b = sum_over_ranks(self._comm, local) - f
-        return Subproblem(p0, q0, p, q, b, low, upp, alpha, beta, np.full(self._m, o.penalty))
+        state, model = self.state, self._model
+        assert state.curvature is not None
+        assert state.previous is not None
+        assert state.distance is not None
+        model.curvature = SMALL + state.curvature
+        penalty, tolerance = self.options.penalty, self.options.tolerance
+        found = solve_subproblem(model, self._values[1:], penalty, state.multipliers, tolerance)
+        state.multipliers = found.multipliers
+        bounds = (self._lower, self._upper)
+        model.minimiser(found.multipliers, state.previous, state.distance, bounds, x.array)

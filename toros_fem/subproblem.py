@@ -1,4 +1,4 @@
-"""MMA's subproblem: convex, separable, solved by an interior point over all ranks."""
+"""MMA's subproblem by its dual: as many unknowns as there are constraints."""
 
 from __future__ import annotations
 
@@ -6,179 +6,182 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 
-from toros_fem._mpi import largest, sum_over_ranks
+from toros_fem.approximation import TINY, Approximation
 
 Floats = npt.NDArray[np.float64]
 
+STEPS = 100  # far more than ever seen: a bound on what unforeseen input can cost
+GROWTH = 10.0  # of a multiplier in one step, where the curvature tells nothing about its size
+EPSILON = np.finfo(np.float64).eps
+SHIFT = 1e-3  # of the Hessian, times the residual: it keeps the convergence superlinear
+
 
 @dataclass(frozen=True)
-class Subproblem:
-    """The convex separable problem that stands for the true one (Svanberg 2007, eqs. 3.1, 5.1).
+class Solution:
+    """Solution of a subproblem.
 
-    min Σⱼ p₀ⱼ/(Uⱼ−xⱼ) + q₀ⱼ/(xⱼ−Lⱼ) + Σᵢ cᵢyᵢ + ½yᵢ² subject to
-    Σⱼ pᵢⱼ/(Uⱼ−xⱼ) + qᵢⱼ/(xⱼ−Lⱼ) − yᵢ ≤ bᵢ, α ≤ x ≤ β, y ≥ 0: a₀ = 1, aᵢ = 0, dᵢ = 1, so z = 0.
+    Attributes:
+        multipliers: λᵢ.
+        residual: Of the optimality conditions, each constraint over what it can change by.
+        evaluations: Passes over all variables.
     """
 
-    p0: Floats
-    q0: Floats
-    p: Floats
-    q: Floats
-    b: Floats
-    low: Floats
-    upp: Floats
-    alpha: Floats
-    beta: Floats
-    c: Floats
-
-
-def solve_subproblem(comm: MPI.Comm, sub: Subproblem, tolerance: float) -> tuple[Floats, Floats]:
-    """Variables and multipliers of the subproblem's solution (collective).
-
-    By a primal-dual interior point (Svanberg 2007, section 5.4); without constraints each
-    variable stands alone and has a closed form.
-
-    Args:
-        comm: Communicator that the variables are spread over.
-        sub: The subproblem: its variables' entries owned, its constraints' the same on all ranks.
-        tolerance: Residual of the optimality conditions to reach.
-    """
-    if len(sub.b) == 0:
-        return _unconstrained(sub), np.zeros(0)
-    point = _start(sub)
-    barrier = 1.0
-    while barrier > 0.1 * tolerance:
-        barrier *= 0.1
-        for _ in range(200):
-            size = _residual(comm, sub, point, barrier)
-            if size[1] < 0.9 * barrier:
-                break
-            direction = _direction(comm, sub, point, barrier)
-            share = _longest(comm, sub, point, direction)
-            while share > 1e-12:
-                trial = point.moved(direction, share)
-                if _residual(comm, sub, trial, barrier)[0] < size[0]:
-                    break
-                share /= 2
-            else:
-                break  # rounding: no step lowers the residual any more
-            point = trial
-    return np.clip(point.x, sub.alpha, sub.beta), point.lam
-
-
-def _residual(comm: MPI.Comm, sub: Subproblem, v: _Point, barrier: float) -> tuple[float, float]:
-    """Euclidean and maximum norm of the relaxed optimality conditions."""
-    up, lo = sub.upp - v.x, v.x - sub.low
-    g = sum_over_ranks(comm, (sub.p / up + sub.q / lo).sum(axis=1))
-    slope = (sub.p0 + v.lam @ sub.p) / up**2 - (sub.q0 + v.lam @ sub.q) / lo**2
-    local = [
-        slope - v.xsi + v.eta,
-        v.xsi * (v.x - sub.alpha + v.slack) - barrier,
-        v.eta * (sub.beta - v.x + v.slack) - barrier,
-    ]
-    shared = np.concatenate(
-        [
-            sub.c + v.y - v.mu - v.lam,
-            g - v.y + v.s - sub.b,
-            v.mu * v.y - barrier,
-            v.lam * v.s - barrier,
-        ]
-    )
-    squares = sum_over_ranks(comm, np.array([sum(float(r @ r) for r in local)]))[0]
-    top = max((float(np.abs(r).max(initial=0)) for r in local), default=0.0)
-    return (
-        float(np.sqrt(squares + shared @ shared)),
-        max(largest(comm, top), float(np.abs(shared).max(initial=0))),
-    )
-
-
-def _direction(comm: MPI.Comm, sub: Subproblem, v: _Point, barrier: float) -> _Point:
-    up, lo = sub.upp - v.x, v.x - sub.low
-    at_alpha, at_beta = v.x - sub.alpha + v.slack, sub.beta - v.x + v.slack
-    plam, qlam = sub.p0 + v.lam @ sub.p, sub.q0 + v.lam @ sub.q
-    G = sub.p / up**2 - sub.q / lo**2
-    g = sum_over_ranks(comm, (sub.p / up + sub.q / lo).sum(axis=1))
-    curve = 2 * (plam / up**3 + qlam / lo**3) + v.xsi / at_alpha + v.eta / at_beta
-    dx_rhs = plam / up**2 - qlam / lo**2 - barrier / at_alpha + barrier / at_beta
-    dy_rhs = sub.c + v.y - v.lam - barrier / v.y
-    y_curve = 1 + v.mu / v.y
-    lam_rhs = g - v.y - sub.b + barrier / v.lam
-    m = len(v.lam)
-    scaled = G / curve
-    sums = sum_over_ranks(comm, np.concatenate([(scaled @ G.T).ravel(), scaled @ dx_rhs]))
-    system = sums[: m * m].reshape(m, m) + np.diag(v.s / v.lam + 1 / y_curve)
-    dlam = np.asarray(
-        np.linalg.solve(system, lam_rhs + dy_rhs / y_curve - sums[m * m :]), dtype=np.float64
-    )
-    dx = -(dx_rhs + dlam @ G) / curve
-    dy = (dlam - dy_rhs) / y_curve
-    return _Point(
-        x=dx,
-        y=dy,
-        lam=dlam,
-        xsi=-v.xsi + (barrier - v.xsi * dx) / at_alpha,
-        eta=-v.eta + (barrier + v.eta * dx) / at_beta,
-        mu=-v.mu + (barrier - v.mu * dy) / v.y,
-        s=-v.s + (barrier - v.s * dlam) / v.lam,
-        slack=v.slack,
-    )
-
-
-def _longest(comm: MPI.Comm, sub: Subproblem, v: _Point, d: _Point) -> float:
-    """Longest step ≤ 1 that keeps everything positive, with 1 % to spare."""
-    worst = 1 / 1.01
-    pairs = [
-        (v.x - sub.alpha + v.slack, d.x),
-        (sub.beta - v.x + v.slack, -d.x),
-        (v.y, d.y),
-        (v.lam, d.lam),
-        (v.xsi, d.xsi),
-        (v.eta, d.eta),
-        (v.mu, d.mu),
-        (v.s, d.s),
-    ]
-    for value, change in pairs:
-        worst = max(worst, float(np.max(-change / value, initial=0.0)))
-    return 1 / (1.01 * largest(comm, worst))
+    multipliers: Floats
+    residual: float
+    evaluations: int
 
 
 @dataclass(frozen=True)
 class _Point:
-    x: Floats
-    y: Floats
-    lam: Floats
-    xsi: Floats
-    eta: Floats
-    mu: Floats
-    s: Floats
-    slack: Floats  # widens the box of fixed variables, whose α = β leaves no interior
+    """The dual function at some multipliers: W, its slope, and its negative Hessian but for y's."""
 
-    def moved(self, d: _Point, share: float) -> _Point:
-        names = ("x", "y", "lam", "xsi", "eta", "mu", "s")
-        return _Point(
-            **{name: getattr(self, name) + share * getattr(d, name) for name in names},
-            slack=self.slack,
-        )
+    multipliers: Floats
+    value: float
+    magnitude: float
+    slope: Floats
+    hessian: Floats
 
 
-def _start(sub: Subproblem) -> _Point:
-    x = (sub.alpha + sub.beta) / 2
-    ones = np.ones(len(sub.b))
-    slack = np.where(sub.beta - sub.alpha > 1e-12, 0.0, 1.0)
+def solve_subproblem(
+    model: Approximation, values: Floats, penalty: float, start: Floats | None, tolerance: float
+) -> Solution:
+    """Find the multipliers of the subproblem (Svanberg 2007, eqs. 3.1, 5.1; collective).
+
+    min f̃₀(x) + Σᵢ cyᵢ + ½yᵢ² subject to f̃ᵢ(x) − yᵢ ≤ 0, x in its box, y ≥ 0: the artificial
+    variables y make it solvable whatever the constraints are. For given multipliers x and
+    yᵢ = max(λᵢ − c, 0) have closed forms, and what is left is to maximise the concave dual W(λ)
+    over λ ≥ 0. Its slope f̃(x(λ)) − y is continuous and piecewise smooth: Newton steps, each one
+    the solution of a quadratic problem with the same bounds, and a line search converge from
+    everywhere and fast (Pang & Qi, J. Optim. Theory Appl. 85, 1995). All decisions are made on
+    reduced numbers, so the ranks agree.
+
+    Args:
+        model: The approximations.
+        values: fᵢ(xᵏ).
+        penalty: c.
+        start: Multipliers to start from; None for a guess.
+        tolerance: Residual to reach: maxᵢ |min(λᵢ/uᵢ, −∂W/∂λᵢ / sᵢ)| with sᵢ = |fᵢ| + Σⱼ|hᵢⱼ|,
+            uᵢ the multiplier that would balance objective and constraint.
+    """
+    count = 1
+    if len(values) == 0:
+        return Solution(np.zeros(0), 0.0, 0)
+    bend = model.size + model.curvature * model.total_weight
+    unit = np.maximum(bend[0], TINY) / np.maximum(bend[1:], TINY)
+    unit = np.clip(unit, TINY, penalty)
+    size = np.abs(values) + model.size[1:]
+    size[size == 0] = 1.0
+    point = _evaluate(model, values, penalty, unit if start is None else start)
+    residual = _residual(point, penalty, unit, size)
+    for _ in range(STEPS):
+        if residual <= tolerance:
+            break
+        ceiling = np.maximum(point.multipliers, unit)
+        damping = SHIFT * min(1.0, residual)
+        step = _newton(point, penalty, damping * (np.diag(point.hessian) + size / ceiling))
+        share = 1 / max(1.0, float((step / (GROWTH * ceiling)).max()))
+        before, shortest = float(point.slope @ step), 1e-10 * share
+        while share > shortest and before > 0:
+            trial = _evaluate(
+                model, values, penalty, np.maximum(point.multipliers + share * step, 0.0)
+            )
+            count += 1
+            after = float(trial.slope @ step)
+            if _better(point, trial, share, before, after):
+                break
+            share *= min(max(before / (before - after), 0.1), 0.5)
+        else:
+            break  # rounding: no step makes it better any more
+        point = trial
+        residual = _residual(point, penalty, unit, size)
+    return Solution(point.multipliers, residual, count)
+
+
+def _evaluate(model: Approximation, values: Floats, penalty: float, multipliers: Floats) -> _Point:
+    response = model.respond(multipliers)
+    y = np.maximum(multipliers - penalty, 0.0)
+    there = values + response.change[1:]
+    terms = np.concatenate([response.change[:1], multipliers * there, -0.5 * y * y])
     return _Point(
-        x=x,
-        y=ones.copy(),
-        lam=ones.copy(),
-        xsi=np.maximum(1, 1 / (x - sub.alpha + slack)),
-        eta=np.maximum(1, 1 / (sub.beta - x + slack)),
-        mu=np.maximum(1, sub.c / 2),
-        s=ones.copy(),
-        slack=slack,
+        multipliers,
+        float(terms.sum()),
+        float(np.abs(terms).sum() + multipliers @ (np.abs(values) + model.size[1:])),
+        there - y,
+        response.hessian,
     )
 
 
-def _unconstrained(sub: Subproblem) -> Floats:
-    """Without constraints each variable stands alone and has a closed form."""
-    p, q = np.sqrt(sub.p0), np.sqrt(sub.q0)
-    return np.asarray(np.clip((sub.low * p + sub.upp * q) / (p + q), sub.alpha, sub.beta))
+def _residual(point: _Point, penalty: float, unit: Floats, size: Floats) -> float:
+    # y = λ − c is known to the rounding of λ only.
+    rounding = np.where(point.multipliers >= penalty, 4 * EPSILON * point.multipliers, 0.0)
+    slope = point.slope - np.clip(point.slope, -rounding, rounding)
+    return float(np.abs(np.minimum(point.multipliers / unit, -slope / size)).max())
+
+
+def _newton(point: _Point, penalty: float, shift: Floats) -> Floats:
+    """Step to the maximum of W's model over λ ≥ 0: quadratic, and y(λ) as it is."""
+    lam = point.multipliers
+    excess = lam - penalty
+    paid = excess > 0
+    step: Floats = np.zeros(len(lam))
+    for attempt in range(2 * len(lam) + 10):  # which yᵢ are above 0 settles in a few rounds
+        # Where all variables sit at bounds, or constraints say the same, W's Hessian is singular.
+        hessian = point.hessian + np.diag(shift + paid)
+        # The slope without y's part, as if yᵢ went on being λᵢ − c or 0.
+        slope = point.slope + np.maximum(excess, 0.0) - np.where(paid, excess, 0.0)
+        step = _above(hessian, slope, -lam)
+        again = excess + step > 0
+        if np.array_equal(again, paid):
+            break
+        paid = again | paid if attempt > len(lam) else again  # no endless to and fro
+    return step
+
+
+def _above(hessian: Floats, slope: Floats, floor: Floats) -> Floats:
+    """Maximum of slope·z − ½ z·H z over z ≥ floor ≤ 0."""
+    scale = 1 / np.sqrt(np.diag(hessian))
+    scaled = scale[:, None] * hessian * scale + 1e-12 * np.eye(len(slope))
+    step = scale * np.linalg.solve(scaled, scale * slope)
+    if np.all(step >= floor):
+        return np.asarray(step)
+    target = scale * slope - scaled @ (floor / scale)
+    return np.asarray(scale * _nonnegative(scaled, target) + floor)
+
+
+def _nonnegative(hessian: Floats, slope: Floats) -> Floats:
+    """Maximum of slope·u − ½ u·H u over u ≥ 0, by Lawson and Hanson's active sets.
+
+    scipy.optimize.nnls has this algorithm too, but stops at wrong sets in some versions.
+    """
+    u, free = np.zeros(len(slope)), np.zeros(len(slope), dtype=bool)
+    for _ in range(10 * len(slope)):
+        pull = np.where(free, -np.inf, slope - hessian @ u)
+        new = int(np.argmax(pull))
+        if pull[new] <= 0:
+            break
+        free[new] = True
+        while free.any():
+            trial = np.zeros(len(slope))
+            trial[free] = np.linalg.solve(hessian[np.ix_(free, free)], slope[free])
+            out = np.flatnonzero(free & (trial <= 0))
+            if len(out) == 0:
+                u = trial
+                break
+            gap = u[out] - trial[out]
+            share = np.divide(u[out], gap, out=np.zeros(len(out)), where=gap > 0)
+            u += share.min() * (trial - u)
+            free[out[share <= share.min()]] = False
+            u[~free] = 0.0
+        if not free[new]:  # it came in by rounding
+            break
+    return u
+
+
+def _better(old: _Point, new: _Point, share: float, before: float, after: float) -> bool:
+    """Whether the step, along which W's slope went from `before` to `after`, is good enough."""
+    if after >= 0:  # W is concave: it has risen all the way
+        return True
+    if share * max(before, -after) <= 1e-12 * (old.magnitude + new.magnitude):
+        return -after <= 0.5 * before  # W itself is below rounding
+    return new.value - old.value >= 1e-4 * share * before
