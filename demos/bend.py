@@ -70,7 +70,5 @@ def last_line(summary: dict[str, Any]) -> str:
 
 if __name__ == "__main__":
     sys.exit(
-        command_line(
-            MPI.COMM_WORLD, __doc__, run, DEFAULTS, COARSE, Path("output/bend"), last_line
-        )
+        command_line(MPI.COMM_WORLD, __doc__, run, DEFAULTS, COARSE, Path("output/bend"), last_line)
     )

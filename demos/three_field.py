@@ -20,6 +20,7 @@ from mpi4py import MPI
 from toros_fem.meshes import bend
 
 from toros_fem.cli import command_line
+from toros_fem.comparison import plot_variants
 from toros_fem.io import write_json
 from toros_fem.measure import bend_angle
 from toros_fem.scene import design, merged
@@ -60,8 +61,8 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
         inputs: What differs from `DEFAULTS` and `toros_fem.scene.Settings`.
     """
     whole = merged(DEFAULTS, inputs)
-    rows, pictures = [], []
-    pattern = None
+    rows: list[dict[str, Any]] = []
+    pictures = []
     for name, changes in variants(whole).items():
         begin = time.perf_counter()
         if comm.rank == 0:
@@ -71,30 +72,79 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
         scene = tube_scene(comm, o, target, bend_angle, o["angle"])
         folder = output / name.replace(" ", "_")
         done = design(comm, folder, scene, o, begin=begin, verbose=verbose)
-        pattern, summary = scene.pattern, done.summary
-        made = summary["dropped"]["before"]
-        rows.append(
-            {
-                "variant": name,
-                "shape_designed": summary["design"]["shape"],
-                "shape_printed": summary["printed_objective"],
-                "angle_designed_deg": summary["design"]["angle_deg"],
-                "angle_printed_deg": summary["angle_deg"],
-                "pressure_pa": summary["pressure_pa"],
-                "grey_level": summary["grey_level"],
-                "islands": made["islands"],
-                "holes": made["holes"],
-                "smallest_width_mm": made["smallest_width_mm"],
-                "smallest_gap_mm": made["smallest_gap_mm"],
-                "perimeter_mm": made["border_mm"],
-                "seconds": summary["seconds"]["total"],
-            }
-        )
-        pictures.append((name, done.printed.bare, rows[-1]))
+        rows.append(row(name, done.summary))
+        wall = done.printed.bare[scene.pattern.panel_index("wall")]
+        pictures.append((name, wall, caption(rows[-1])))
     if comm.rank == 0:
-        show(rows)
+        print("\n" + table(rows))
         write_json(output / "three_field.json", {"rows": rows, "inputs": whole})
-        from toros_fem.comparison import plot_variants
-
-        plot_variants(output / "three_field.png", pattern, "wall", pictures)
+        plot_variants(output / "three_field.png", scene.pattern, "wall", pictures)
     return {"rows": rows}
+
+
+def row(name: str, summary: dict[str, Any]) -> dict[str, Any]:
+    """The figures of one variant; widths, islands and border are those of the bare contours."""
+    made = summary["dropped"]["before"]
+    return {
+        "variant": name,
+        "shape_designed": summary["design"]["shape"],
+        "shape_printed": summary["printed_objective"],
+        "angle_designed_deg": summary["design"]["angle_deg"],
+        "angle_printed_deg": summary["angle_deg"],
+        "pressure_pa": summary["pressure_pa"],
+        "grey_level": summary["grey_level"],
+        "islands": made["islands"],
+        "pieces": made["pieces"],
+        "holes": made["holes"],
+        "smallest_width_mm": made["smallest_width_mm"],
+        "smallest_gap_mm": made["smallest_gap_mm"],
+        "border_mm": made["border_mm"],
+        "iterations": summary["iterations"],
+        "seconds": summary["seconds"]["total"],
+    }
+
+
+def length(value: float | None) -> str:
+    """A length in mm that there may not be."""
+    return "-" if value is None else f"{value:.2f}"
+
+
+def caption(r: dict[str, Any]) -> str:
+    """What stands below a picture."""
+    return (
+        f"T {r['shape_designed']:.1e} → {r['shape_printed']:.1e}\n"
+        f"{r['angle_designed_deg']:.0f}° → {r['angle_printed_deg']:.0f}° printed\n"
+        f"grey {r['grey_level']:.3f}, islands {r['islands']}\n"
+        f"line ≥ {length(r['smallest_width_mm'])} mm, border {r['border_mm'] / 1e3:.2f} m"
+    )
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """All variants as lines of text."""
+    lines = [
+        "variant                T designed  T printed  angle  printed  grey   islands  line/mm"
+        "  gap/mm  border/m  kPa"
+    ]
+    lines += [
+        f"{r['variant']:21s}  {r['shape_designed']:10.2e}  {r['shape_printed']:9.2e}"
+        f"  {r['angle_designed_deg']:5.1f}  {r['angle_printed_deg']:7.1f}  {r['grey_level']:5.3f}"
+        f"  {r['islands']:7d}  {length(r['smallest_width_mm']):>7s}"
+        f"  {length(r['smallest_gap_mm']):>6s}  {r['border_mm'] / 1e3:8.2f}"
+        f"  {r['pressure_pa'] / 1e3:4.1f}"
+        for r in rows
+    ]
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    sys.exit(
+        command_line(
+            MPI.COMM_WORLD,
+            __doc__,
+            run,
+            DEFAULTS,
+            COARSE,
+            Path("output/three_field"),
+            lambda summary: f"{len(summary['rows'])} variants designed",
+        )
+    )

@@ -7,8 +7,8 @@ from mpi4py import MPI
 from toros_fem.meshes import Skin, cylinder, sew
 
 from toros_fem import errors
-from toros_fem.density import check_density, random_density
 from toros_fem.cone import ConeFilter
+from toros_fem.density import check_density, random_density
 from toros_fem.filters import make_filter
 from toros_fem.helmholtz import HelmholtzFilter
 from toros_fem.projection import Projection
@@ -123,9 +123,7 @@ def test_cone_on_a_torus(comm: MPI.Comm) -> None:
     cone = ConeFilter(tile, radius, lattice=size * np.eye(2))
     found = tile.gather_cells(cone.forward(density[tile.owned_cells]))
     pattern = tile.pattern
-    every = [
-        pattern.centroids + [i * size, j * size] for i in (-1, 0, 1) for j in (-1, 0, 1)
-    ]
+    every = [pattern.centroids + [i * size, j * size] for i in (-1, 0, 1) for j in (-1, 0, 1)]
     distance = np.linalg.norm(pattern.centroids[:, None] - np.concatenate(every)[None], axis=2)
     weight = np.maximum(radius - distance, 0) * np.tile(pattern.areas, 9)
     expected = weight @ np.tile(density, 9) / weight.sum(axis=1)

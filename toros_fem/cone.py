@@ -80,7 +80,7 @@ class ConeFilter:
     def slope(self, density: Floats) -> Floats:
         """∇ρ̃ at the centroids of owned triangles, (2, k), in 1/m (collective)."""
         if not self._slopes:
-            self._slopes = stencil_matrices(self._skin, self._near, self._share_slopes)
+            self._slopes = stencil_matrices(self._skin, self._near, self._share_slopes, 2)
         return np.array([multiply(matrix, density) for matrix in self._slopes])
 
     def slope_backward(self, gradient: Floats) -> Floats:

@@ -202,7 +202,7 @@ class DesignProblem:
         )
 
     def differentiate(self, evaluation: Evaluation) -> Evaluation:
-        """Add the gradients to the last simulation, by one adjoint solve, eqs. (18, 19) (collective).
+        """Add the gradients to the last simulation, by one adjoint solve, eqs. 18, 19 (collective).
 
         Raises:
             ParameterError: The solver has been used for another design since.
@@ -215,9 +215,7 @@ class DesignProblem:
             by_projected += self._price * self.perimeter.backward(e.projected)
         pressure_gradient = None
         if self.pressure_bounds is not None:
-            pressure_gradient = dot(
-                self.solver.skin.comm, adjoint, self.solver.model.load(state)
-            )
+            pressure_gradient = dot(self.solver.skin.comm, adjoint, self.solver.model.load(state))
         gradient = self._pull_back(e, None, by_projected)
         widths = None
         if self.length_scale is not None:

@@ -190,11 +190,9 @@ class _Loop:
             if trial is None:
                 self.x.array[:] = before
                 self.over = True
-                self.reason = "No step led to a design that has an equilibrium; this is the last one."
+                self.reason = "No step led to a design with an equilibrium; this is the last one."
                 break
-            self.change = largest(
-                self.comm, np.max(np.abs(self.x.array - before), initial=0.0)
-            )
+            self.change = largest(self.comm, np.max(np.abs(self.x.array - before), initial=0.0))
             evaluation = trial
         self.problem = given
 

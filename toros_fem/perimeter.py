@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.integrate import quad
 
-from toros_fem._mpi import total
+from toros_fem._mpi import dot
 from toros_fem.meshes.skin import Skin
 from toros_fem.parameters import require_positive
 from toros_fem.stencil import (
@@ -63,9 +63,10 @@ class Perimeter:
         near = Neighbourhood(skin.pattern, window, lattice)
         (self._matrix,) = stencil_matrices(skin, near, shares)
         if plain:
-            self._weight = np.ones(len(skin.owned_cells))
+            self._weight: Floats = np.ones(len(skin.owned_cells))
         else:
-            self._weight = areas[skin.owned_cells] / (edge_response(sharpness) * window)
+            length = edge_response(sharpness) * window
+            self._weight = np.asarray(areas[skin.owned_cells] / length)
 
     def forward(self, projected: Floats) -> float:
         """Perimeter in m from ρ̄ at owned triangles (collective)."""
@@ -73,7 +74,7 @@ class Perimeter:
         # Taken relative to its largest possible value, e^w cannot overflow.
         mean = multiply(self._matrix, np.exp(-w * projected))
         eroded = -np.log(mean) / w
-        return total(self._comm, self._weight @ (projected - eroded))
+        return dot(self._comm, self._weight, projected - eroded)
 
     def backward(self, projected: Floats) -> Floats:
         """∂(perimeter)/∂ρ̄ at owned triangles (collective)."""

@@ -81,7 +81,7 @@ def plot_manufacture(
     labels = []
     for island in islands:
         shape = translate(island.polygon, *offsets[island.panel])
-        _fill(axes, shape, np.array(to_rgb(ISLAND)), edge=ISLAND)
+        fill(axes, shape, np.array(to_rgb(ISLAND)), edge=ISLAND)
         middle = 1e3 * shapely.get_coordinates(shape.point_on_surface())[0]
         labels.append((f"{1e6 * island.area:.2g} mm²", middle, ISLAND))
     for hole in holes:
@@ -125,8 +125,8 @@ def _panels(axes: Axes, pattern: Pattern, regions: Sequence[BaseGeometry]) -> li
     offsets = layout(pattern, 0.1 * pattern.size)
     for panel, (offset, region) in enumerate(zip(offsets, regions, strict=True)):
         outline = translate(panel_outline(pattern, panel), *offset)
-        _fill(axes, outline, FABRIC, edge="0.25")
-        _fill(axes, translate(region, *offset), PRINTED)
+        fill(axes, outline, FABRIC, edge="0.25")
+        fill(axes, translate(region, *offset), PRINTED)
         left, _, right, top = np.array(outline.bounds) * 1e3
         label = pattern.panel_names[panel]
         axes.annotate(label, ((left + right) / 2, top), (0, 4), ha="center",
@@ -274,7 +274,8 @@ def _draw(
     )
 
 
-def _fill(axes: Axes, shape: BaseGeometry, colour: Floats, edge: str = "none") -> None:
+def fill(axes: Axes, shape: BaseGeometry, colour: Floats, edge: str = "none") -> None:
+    """Fill a region given in m on axes in mm."""
     for polygon in shapely.get_parts(shape):
         rings = [shapely.get_coordinates(r) * 1e3 for r in (polygon.exterior, *polygon.interiors)]
         codes = [

@@ -12,7 +12,7 @@ from toros_fem._mpi import raise_together
 from toros_fem.contours import printed_regions
 from toros_fem.design import DesignProblem, Evaluation
 from toros_fem.equilibrium import EquilibriumError
-from toros_fem.manufacture import PrintLimits, Printability, printability, printed_cells
+from toros_fem.manufacture import Printability, PrintLimits, printability, printed_cells
 from toros_fem.optimise import DesignResult
 from toros_fem.pieces import Cleaned, clean
 
@@ -110,6 +110,4 @@ def print_design(
         evaluation = problem.simulate_binary(cells[skin.owned_cells], result.final)
     except EquilibriumError as caught:  # raised by all ranks or by none
         failure = str(caught)
-    return PrintedDesign(
-        regions, cleaned, limits, before, after, cells, evaluation, failure
-    )
+    return PrintedDesign(regions, cleaned, limits, before, after, cells, evaluation, failure)

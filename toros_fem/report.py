@@ -79,9 +79,10 @@ class Reporter:
             self._history.write(row, angle_deg=angle)
             self._clear()
             print(
-                f"{row.iteration:4d}  {row.objective:10.4e}  {angle:9.2f}  {row.pressure / 1e3:6.3f}"
-                f"  {row.volume_fraction:6.3f}  {row.grey_level:5.3f}  {row.solid:7.1e}"
-                f"  {row.void:7.1e}  {row.rejected:8d}  {row.newton_steps:6d}  {row.seconds:7.2f}",
+                f"{row.iteration:4d}  {row.objective:10.4e}  {angle:9.2f}"
+                f"  {row.pressure / 1e3:6.3f}  {row.volume_fraction:6.3f}  {row.grey_level:5.3f}"
+                f"  {row.solid:7.1e}  {row.void:7.1e}  {row.rejected:8d}  {row.newton_steps:6d}"
+                f"  {row.seconds:7.2f}",
                 flush=True,
             )
             self._bar(row.iteration)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
@@ -47,7 +46,7 @@ class Pairs:
 
     def sums(self, weight: Floats) -> Floats:
         """Sum of a weight over the pairs of each point, (rows,)."""
-        return np.bincount(self.row, weight, minlength=self.rows)
+        return np.bincount(self.row, weight, minlength=self.rows).astype(np.float64)
 
 
 class Neighbourhood:
@@ -70,7 +69,7 @@ class Neighbourhood:
         self.radius = radius
         # Panels are told apart by a third coordinate that no radius bridges.
         self._floor = 3 * radius
-        cells = np.arange(len(pattern.panel))
+        cells: Ints = np.arange(len(pattern.panel), dtype=np.int64)
         points = pattern.centroids
         if lattice is not None:
             points, cells = _repeated(points, np.asarray(lattice, dtype=np.float64), radius)
@@ -93,6 +92,11 @@ class Neighbourhood:
             target = ordered.indices
             offset = self._points[target, :2] - part[row, :2]
             yield Pairs(row, len(part), self._cells[target], offset, near["v"][ordered.data])
+
+    def counts(self, points: Floats, panel: Ints) -> Ints:
+        """How many neighbours points (k, 2) of given panels (k,) have."""
+        lifted = np.column_stack([points, self._floor * panel])
+        return self._tree.query_ball_point(lifted, self.radius, return_length=True)
 
     def nearest(self, points: Floats, panel: Ints) -> Ints:
         """The triangle whose centroid lies nearest to each point of the same panel."""
@@ -119,7 +123,7 @@ def _repeated(points: Floats, lattice: Floats, radius: float) -> tuple[Floats, I
             "be wider than twice the radius. Repeat the tile, or reduce the radius."
         )
     low, high = points.min(axis=0) - radius, points.max(axis=0) + radius
-    cells = np.arange(len(points))
+    cells: Ints = np.arange(len(points), dtype=np.int64)
     copies, owners = [points], [cells]
     for i in (-1, 0, 1):
         for j in (-1, 0, 1):
@@ -135,6 +139,7 @@ def stencil_matrices(
     skin: Skin,
     near: Neighbourhood,
     weigh: Callable[[Pairs], Sequence[Floats]],
+    number: int = 1,
 ) -> list[PETSc.Mat]:
     """Matrices over the triangles of a skin, one for each weight, with the stencil in common.
 
@@ -144,32 +149,33 @@ def stencil_matrices(
         skin: The sewn skin.
         near: Its neighbourhoods.
         weigh: Weights of some pairs, one array for each matrix.
+        number: How many matrices.
     """
     pattern, owned = skin.pattern, skin.owned_cells
     first = skin.density_space.dofmap.index_map.local_range[0]
     column = skin.gather_cells(first + np.arange(len(owned), dtype=np.float64))
     column = column.astype(PETSc.IntType)
-    counts: list[Ints] = []
-    columns: list[npt.NDArray] = []
-    weights: list[list[Floats]] = []
-    for pairs in near.pairs(pattern.centroids[owned], pattern.panel[owned]):
-        counts.append(np.bincount(pairs.row, minlength=pairs.rows))
-        columns.append(column[pairs.cell])
-        weights.append([np.asarray(weight) for weight in weigh(pairs)])
-    start = np.cumsum(np.concatenate([[0], *counts])).astype(PETSc.IntType)
-    joined = np.concatenate(columns) if columns else np.zeros(0, dtype=PETSc.IntType)
-    columns.clear()
+    points, panel = pattern.centroids[owned], pattern.panel[owned]
+    counts = near.counts(points, panel).astype(PETSc.IntType)
     size = (len(owned), len(column))
-    matrices = []
-    # A rank without triangles must make as many matrices as the others.
-    number = int(skin.comm.allreduce(len(weights[0]) if weights else 0, op=MPI.MAX))
-    for k in range(number):
-        values = np.concatenate([part[k] for part in weights]) if weights else np.zeros(0)
-        for part in weights:
-            part[k] = np.zeros(0)
-        matrices.append(
-            PETSc.Mat().createAIJ((size, size), csr=(start, joined, values), comm=skin.comm)
-        )
+    # What is not owned is not known before: room that is never touched costs no memory.
+    room = counts if skin.comm.size == 1 else (np.minimum(counts, len(owned)), counts)
+    matrices = [
+        PETSc.Mat().createAIJ((size, size), nnz=room, comm=skin.comm) for _ in range(number)
+    ]
+    for (
+        matrix
+    ) in matrices:  # a pair just at the radius may be counted in one way and found in another
+        matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+    begin = 0
+    for pairs in near.pairs(points, panel):
+        rows = np.arange(begin, begin + pairs.rows, dtype=PETSc.IntType) + first
+        start = np.searchsorted(pairs.row, np.arange(pairs.rows + 1)).astype(PETSc.IntType)
+        for matrix, weight in zip(matrices, weigh(pairs), strict=True):
+            matrix.setValuesIJV(start, column[pairs.cell], weight, rowmap=rows)
+        begin += pairs.rows
+    for matrix in matrices:
+        matrix.assemble()
     return matrices
 
 
@@ -195,6 +201,7 @@ def mean_edge(skin: Skin) -> float:
 
 
 def warn_if_unresolved(skin: Skin, radius: float) -> None:
+    """Say loudly that a filter's radius in m is too small for the mesh."""
     edge = mean_edge(skin)
     if radius < RESOLVED * edge:
         warnings.warn(
