@@ -26,6 +26,8 @@ Floats = npt.NDArray[np.float64]
 SCALE = 10.0
 # A constraint far from being met asks for this share of its value, step by step.
 TIGHTEN = 0.5
+# What is asked for in the end, over the limit: MMA meets a constraint up to a small residual.
+MARGIN = 0.95
 # What a violated constraint costs at least when progress is judged, in MMA's scaled units.
 PRICE = 1.0
 
@@ -162,31 +164,9 @@ class _Loop:
             begin = time.perf_counter()
             self.steps = self.factorisations = self.rejected = 0
             before = self.x.array.copy()
-            value = scale * evaluation.objective
-            mma.step(self.x, value, gradient, values, jacobian)
+            mma.step(self.x, scale * evaluation.objective, gradient, values, jacobian)
             self.phases["mma"] += time.perf_counter() - begin
-            prices = np.maximum(PRICE, 2 * np.asarray(mma.state.multipliers))
-            worst = value + float(prices @ np.maximum(values, 0.0)) if constrained else value
-            while True:
-                trial = self.attempt(evaluation)
-                if trial is None:
-                    there, others = math.inf, [math.inf] * len(values)
-                else:
-                    there = scale * trial.objective
-                    others = self.measured(trial, targets)
-                if self.rejected == options.retries and trial is not None:
-                    break
-                if options.descent == "conservative":
-                    good = trial is not None and mma.conservative(self.x, there, others)
-                else:
-                    merit = there
-                    if constrained:
-                        merit += float(prices @ np.maximum(others, 0.0))
-                    good = merit <= worst
-                if good or self.rejected > options.retries:
-                    break
-                self.rejected += 1
-                mma.retry(self.x, there, others)
+            trial = self.descend(mma, evaluation, scale, targets, values)
             if trial is None:
                 self.x.array[:] = before
                 self.over = True
@@ -195,6 +175,38 @@ class _Loop:
             self.change = largest(self.comm, np.max(np.abs(self.x.array - before), initial=0.0))
             evaluation = trial
         self.problem = given
+
+    def descend(
+        self,
+        mma: MMA,
+        near: Evaluation,
+        scale: float,
+        targets: list[float],
+        values: list[float],
+    ) -> Evaluation | None:
+        """The design MMA proposes, or a more cautious one; None if none has an equilibrium."""
+        o = self.options
+        prices = np.maximum(PRICE, 2 * np.asarray(mma.state.multipliers))
+
+        def merit(objective: float, others: list[float]) -> float:
+            return objective + float(prices @ np.maximum(others, 0.0))
+
+        bound = merit(scale * near.objective, values)
+        while True:
+            trial = self.attempt(near)
+            if trial is None:
+                there, others = math.inf, [math.inf] * len(values)
+                good = False
+            else:
+                there, others = scale * trial.objective, self.measured(trial, targets)
+                if o.descent == "conservative":
+                    good = mma.conservative(self.x, there, others)
+                else:
+                    good = merit(there, others) <= bound
+            if good or self.rejected == o.retries:
+                return trial
+            self.rejected += 1
+            mma.retry(self.x, there, others)
 
     def constraints(
         self, evaluation: Evaluation, constrained: bool
@@ -206,7 +218,8 @@ class _Loop:
         assert limits is not None
         assert evaluation.length_scale is not None
         assert evaluation.length_scale_gradients is not None
-        targets = [max(limits.epsilon, TIGHTEN * float(g)) for g in evaluation.length_scale]
+        least = MARGIN * limits.epsilon
+        targets = [max(least, TIGHTEN * float(g)) for g in evaluation.length_scale]
         rows = []
         for target, part in zip(targets, evaluation.length_scale_gradients, strict=True):
             rows.append(self.variables.vector(part / target, None))

@@ -12,6 +12,7 @@ from mpi4py import MPI
 from toros_fem.meshes.cylinder import BASE, TIP, WALL, cylinder
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
+from toros_fem.parameters import require_between
 from toros_fem.scene import Scene
 from toros_fem.supports import clamp
 
@@ -41,8 +42,12 @@ def tube_scene(
         target: What the assembled tube is to become.
         measure: Angle reached, in rad, from pattern and positions.
         angle_target: Angle asked for, in degrees.
+
+    Raises:
+        ParameterError: A number is out of bounds.
     """
     o = inputs
+    require_between(0.0, np.inf, tip_weight=o["tip_weight"])
     pattern = cylinder(comm, o["length"], o["diameter"], o["edge_length"], mesh=o["mesh"])
     plate, area = pattern.vertices_of(TIP), pattern.vertex_areas
     weights = np.ones(len(pattern.points))
