@@ -130,8 +130,11 @@ def test_pictures(output: Path) -> None:
     ("changes", "error", "message"),
     [
         ({"pressure": -1.0}, errors.ParameterError, "pressure = -1"),
-        ({"pressure": -1.0, "pressure_min": 0.0, "pressure_max": 0.0}, errors.ParameterError,
-         "pressure = -1.0 Pa"),
+        (
+            {"pressure": -1.0, "pressure_min": 0.0, "pressure_max": 0.0},
+            errors.ParameterError,
+            "pressure = -1.0 Pa",
+        ),
         ({"diameter": float("nan")}, errors.ParameterError, "diameter = nan"),
         ({"c1": 0.9}, errors.ParameterError, "c1 = 0.9"),
         ({"fabric_young": 0.0}, errors.ParameterError, "young = 0"),

@@ -294,6 +294,14 @@ def test_islands_and_holes() -> None:
     assert len(find_pieces(pattern, clean(pattern, regions, math.inf, 0).regions)) == 1
 
 
+def test_border_without_the_cut() -> None:
+    """Half of a sheet printed: its border is the line across, not the panel's own."""
+    pattern = square(size=0.02)
+    half = shapely.box(0, 0, 0.012, 0.02)
+    assert printability(pattern, [half]).summary()["border_mm"] == pytest.approx(20)
+    assert printability(pattern, [shapely.box(0, 0, 0.02, 0.02)]).border == 0
+
+
 def test_nothing_printed() -> None:
     pattern = square()
     found = printability(pattern, regions_of(pattern, lambda points: 0 * points[:, 0]))
@@ -301,6 +309,7 @@ def test_nothing_printed() -> None:
     assert summary["pieces"] == summary["islands"] == summary["holes"] == 0
     assert summary["smallest_width_mm"] is None
     assert summary["smallest_gap_mm"] is None
+    assert summary["border_mm"] == 0
     assert not printed_cells(pattern, regions_of(pattern, lambda p: 0 * p[:, 0])).any()
 
 

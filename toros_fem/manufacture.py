@@ -145,6 +145,8 @@ def printability(
 
 def _inner_border(region: BaseGeometry, outline: BaseGeometry) -> float:
     """Length in m of a region's border that is not the panel's."""
+    if region.is_empty:
+        return 0.0
     size = np.hypot(*np.ptp(np.reshape(outline.bounds, (2, 2)), axis=0))
     return float(region.boundary.difference(outline.boundary.buffer(1e-7 * size)).length)
 
