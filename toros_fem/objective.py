@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem._mpi import dot
+from toros_fem._mpi import dot, sum_over_ranks
 from toros_fem.errors import ParameterError, TargetError
 from toros_fem.meshes.skin import Skin
 
@@ -13,23 +13,34 @@ Floats = npt.NDArray[np.float64]
 
 
 class ShapeObjective:
-    """T = ½ Σᵥ wᵥ ‖xᵥ − xᵥ*‖² / (L² Σᵥ wᵥ), eq. (17): ½ (root mean square distance over size)².
+    """T = ½ (Σᵥ wᵥ ‖eᵥ‖² + Σᵥ rᵥ ‖eᵥ − ē‖²) / (L² Σᵥ wᵥ), eᵥ = xᵥ − xᵥ*, eq. (17).
 
     The paper sums over vertices unweighted and in its own units. Here each vertex counts by its
     flat area, so that T does not depend on the mesh, and lengths are measured in L, the diagonal
-    of the assembled skin's bounding box.
+    of the assembled skin's bounding box: without r, T is ½ (root mean square distance over L)².
+
+    ē is the mean of eᵥ weighted by rᵥ: r speaks about shape and orientation of a part of the
+    skin, wherever it is. By places alone an end plate's orientation hardly counts, since its
+    turning moves its own border by little and what is far away by none.
 
     Args:
         skin: The sewn skin.
         target: Target positions of all assembled vertices, shape (n, 3), in m.
-        weights: Further factor on each vertex, shape (n,), ≥ 0: 0 leaves a vertex free.
+        weights: Factor on each vertex's area in w, shape (n,), ≥ 0: 0 leaves a vertex free.
+        relative: Factor on each vertex's area in r, shape (n,), ≥ 0; None: 0.
 
     Raises:
         TargetError: The target has another number of vertices or is not finite.
-        ParameterError: The weights do not fit, are negative, or are all zero.
+        ParameterError: Factors do not fit or are negative, or all weights are zero.
     """
 
-    def __init__(self, skin: Skin, target: Floats, weights: Floats | None = None) -> None:
+    def __init__(
+        self,
+        skin: Skin,
+        target: Floats,
+        weights: Floats | None = None,
+        relative: Floats | None = None,
+    ) -> None:
         n = len(skin.pattern.points)
         target = np.asarray(target, dtype=np.float64)
         if target.shape != (n, 3):
@@ -40,22 +51,46 @@ class ShapeObjective:
         if not np.isfinite(target).all():
             vertex = int(np.flatnonzero(~np.isfinite(target).all(axis=1))[0])
             raise TargetError(f"target vertex {vertex} = {target[vertex]} is not finite.")
-        factor = np.ones(n) if weights is None else np.asarray(weights, dtype=np.float64)
-        if factor.shape != (n,):
-            raise ParameterError(f"weights have shape {factor.shape}; they must be ({n},).")
-        if not (np.isfinite(factor).all() and factor.min() >= 0 and factor.max() > 0):
-            raise ParameterError("weights must be finite, not negative, and not all zero.")
-        area = factor * skin.pattern.vertex_areas
-        area /= area.sum() * skin.pattern.size**2
+        areas = skin.pattern.vertex_areas
+        place = areas * _factors("weights", weights, n, 1.0)
+        if not place.max() > 0:
+            raise ParameterError("weights must not all be zero.")
+        turn = areas * _factors("relative", relative, n, 0.0)
+        unit = place.sum() * skin.pattern.size**2
+        owned = skin.owned_vertices
         self._comm = skin.comm
-        self._target = target[skin.owned_vertices].ravel()
-        self._weight = np.repeat(area[skin.owned_vertices], 3)
+        self._target = target[owned].ravel()
+        self._weight = np.repeat(place[owned] / unit, 3)
+        self._relative = turn[owned, None] / unit if turn.max() > 0 else None
+        self._relative_sum = float(turn.sum() / unit)
 
     def forward(self, state: Floats) -> float:
         """T at owned position dofs (collective)."""
         gap = state - self._target
-        return 0.5 * dot(self._comm, self._weight, gap**2)
+        value = 0.5 * dot(self._comm, self._weight, gap**2)
+        if self._relative is not None:
+            value += 0.5 * dot(self._comm, gap, self._turned(gap))
+        return value
 
     def backward(self, state: Floats) -> Floats:
-        """∂T/∂x at owned position dofs, in 1/m."""
-        return self._weight * (state - self._target)
+        """∂T/∂x at owned position dofs, in 1/m (collective)."""
+        gap = state - self._target
+        if self._relative is None:
+            return self._weight * gap
+        return self._weight * gap + self._turned(gap)
+
+    def _turned(self, gap: Floats) -> Floats:
+        """rᵥ (eᵥ − ē) in units of T (collective)."""
+        assert self._relative is not None
+        e = gap.reshape(-1, 3)
+        mean = sum_over_ranks(self._comm, (self._relative * e).sum(axis=0)) / self._relative_sum
+        return np.asarray(self._relative * (e - mean)).ravel()
+
+
+def _factors(name: str, given: Floats | None, count: int, default: float) -> Floats:
+    factors = np.full(count, default) if given is None else np.asarray(given, dtype=np.float64)
+    if factors.shape != (count,):
+        raise ParameterError(f"{name} have shape {factors.shape}; they must be ({count},).")
+    if not (np.isfinite(factors).all() and factors.min() >= 0):
+        raise ParameterError(f"{name} must be finite and not negative.")
+    return factors

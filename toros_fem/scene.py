@@ -45,7 +45,7 @@ class Scene:
         angle: Measures the angle reached, in degrees, from all vertices' positions.
         angle_target: Angle asked for, in degrees.
         passive: Density that is given, of all triangles, (t,); NaN where it is designed.
-        weights: Further factor on each vertex in the objective, (n,); None: 1.
+        weights, relative: Factors on each vertex in the objective, (n,), as `ShapeObjective` has.
     """
 
     pattern: Pattern
@@ -55,6 +55,7 @@ class Scene:
     angle_target: float
     passive: Floats | None = None
     weights: Floats | None = None
+    relative: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -167,7 +168,7 @@ def make_problem(
         solver=EquilibriumSolver(
             skin, s.composite, scene.supports, log=print_step(comm) if verbose else None
         ),
-        objective=ShapeObjective(skin, scene.target, scene.weights),
+        objective=ShapeObjective(skin, scene.target, scene.weights, scene.relative),
         filter=make_filter(s.filter, skin, s.radius),
         pressure=s.pressure,
         projection=Projection(s.beta, s.eta),

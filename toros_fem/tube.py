@@ -23,7 +23,8 @@ TUBE: dict[str, Any] = {
     "diameter": 0.02,  # m
     "edge_length": 1.4e-3,  # m
     "mesh": "unstructured",
-    "tip_weight": 1.0,  # of the end plate in the objective, over that of all the rest
+    "tip_weight": 1.0,  # of the end plate's place in the objective, over that of all the rest
+    "lever": 0.05,  # m; turning the plate by 0.1 rad counts as if the whole skin were off by 5 mm
 }
 
 
@@ -47,11 +48,17 @@ def tube_scene(
         ParameterError: A number is out of bounds.
     """
     o = inputs
-    require_between(0.0, np.inf, tip_weight=o["tip_weight"])
+    require_between(0.0, np.inf, tip_weight=o["tip_weight"], lever=o["lever"])
     pattern = cylinder(comm, o["length"], o["diameter"], o["edge_length"], mesh=o["mesh"])
     plate, area = pattern.vertices_of(TIP), pattern.vertex_areas
     weights = np.ones(len(pattern.points))
     weights[plate] += o["tip_weight"] * area.sum() / area[plate].sum()
+    # The ring, not the plate, which bulges. Turned by a small angle about a diameter it moves by
+    # angle · radius/√2 in root mean square.
+    ring = np.intersect1d(plate, pattern.vertices_of(WALL))
+    relative = np.zeros(len(pattern.points))
+    ratio = np.sqrt(2) * o["lever"] / (o["diameter"] / 2)
+    relative[ring] = ratio**2 * (area @ weights) / area[ring].sum()
     return Scene(
         pattern=pattern,
         target=target(pattern.points),
@@ -60,4 +67,5 @@ def tube_scene(
         angle_target=angle_target,
         passive=np.where(pattern.panel == pattern.panel_index(WALL), np.nan, 1.0),
         weights=weights,
+        relative=relative,
     )
