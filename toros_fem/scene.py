@@ -101,8 +101,8 @@ class Settings:
     window: float = 1.0
     sharpness: float = 0.5
     move: float = 0.2
-    iterations: int = 80
-    constrained: int = 60
+    iterations: int = 60
+    constrained: int = 40
     island_area: float = 20e-6
     print_width: float = 0.6e-3
     seed: int = 2
