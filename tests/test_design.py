@@ -178,6 +178,17 @@ def test_stages_switch_constraints_on_and_pressure_moves(
     assert np.abs(steps).max() <= 0.1 + 1e-9
 
 
+def test_a_run_goes_on_from_a_result(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    chain = full(tube, tube_solver, beta=20.0)
+    first = optimise(chain, random_density(tube, 3), DesignOptions((Stage(4),)))
+    more = optimise(chain, first.density, DesignOptions((Stage(3),)), after=first)
+    assert [row.iteration for row in more.history] == [*range(8)]
+    assert [row.stage for row in more.history] == [0] * 5 + [1] * 3
+    assert more.history[:5] == first.history
+    assert more.final.objective < first.final.objective
+    assert more.seconds["equilibrium"] > first.seconds["equilibrium"]
+
+
 def test_stop_rules(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     chain, start = problem(tube, tube_solver), random_density(tube, 3)
     for options, reason in (

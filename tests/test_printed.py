@@ -1,4 +1,4 @@
-"""From a design to what is printed: contours of the filter's own field, cleaned, simulated again."""
+"""From a design to what is printed: exact contours, cleaned, simulated again."""
 
 import dataclasses
 import math
@@ -14,7 +14,7 @@ from toros_fem.density import random_density
 from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
 from toros_fem.manufacture import PrintLimits
 from toros_fem.optimise import DesignResult, optimise
-from toros_fem.printed import drawn, print_design
+from toros_fem.printed import drawn, print_design, without_islands
 from toros_fem.scene import Settings, merged, settings_of
 from toros_fem.stages import DesignOptions, Stage
 from toros_fem.tube import TUBE, tube_scene
@@ -67,6 +67,29 @@ def test_printed_design(tube: Skin, tube_solver: EquilibriumSolver, result: Desi
     bare = print_design(chain, result, PrintLimits())
     rounded = result.final.filtered > 0.5
     assert np.array_equal(bare.cells[tube.owned_cells][chain.designed], rounded[chain.designed])
+
+
+def test_islands_are_taken_out_of_the_density(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """A body, a spot near it and one far from it: the body alone stays, as it was."""
+    chain = full(tube, tube_solver, beta=20.0)
+    pattern, radius = tube.pattern, chain.filter.radius
+    u, v = pattern.centroids.T
+    width = pattern.corners[pattern.cells_of("wall")][..., 0].max()
+    spots = [(0.2 * width, 0.047), (0.8 * width, 0.042)]
+    whole = (v < 0.03) & (v > 0.01)
+    for x, y in spots:
+        whole |= np.hypot(u - x, v - y) < 0.8 * radius
+    density = whole.astype(float)[tube.owned_cells]
+    chosen = DesignResult(density, 5e3, chain.simulate(density), (), "", {}, chain.designed)
+    printed = print_design(chain, chosen, PrintLimits())
+    assert len(printed.before.free_islands) == 2
+    start = without_islands(chain, chosen, printed)
+    again = DesignResult(start, 5e3, chain.simulate(start), (), "", {}, chain.designed)
+    bare = print_design(chain, again, PrintLimits())
+    assert not bare.before.free_islands
+    wall = pattern.panel_index("wall")
+    body = max(printed.bare[wall].geoms, key=lambda part: part.area)
+    assert bare.bare[wall].symmetric_difference(body).area < 0.01 * body.area
 
 
 def test_pattern_without_equilibrium_is_said(

@@ -63,6 +63,8 @@ def optimise(
     density: Floats,
     options: DesignOptions | None = None,
     callback: Callback | None = None,
+    *,
+    after: DesignResult | None = None,
 ) -> DesignResult:
     """Minimise T over densities and pressure by MMA, stage by stage (collective).
 
@@ -71,6 +73,8 @@ def optimise(
         density: Start ρ at owned triangles, in [0, 1].
         options: Stages and stop rules.
         callback: Called after each iteration, on every rank.
+        after: A result to go on from: its pressure, shape and history are continued, and only
+            the density is the one given.
 
     Raises:
         DensityError: The density does not fit or leaves [0, 1].
@@ -80,8 +84,11 @@ def optimise(
     options = options or DesignOptions()
     check_density(problem.solver.skin, density)
     loop = _Loop(problem, density, options, callback)
-    for number, stage in enumerate(options.stages):
-        loop.run(number, stage)
+    if after is not None:
+        loop.go_on(after, density)
+    first = loop.history[-1].stage + 1 if loop.history else 0
+    for number, stage in enumerate(options.stages, first):
+        loop.run(number, stage, last=stage is options.stages[-1])
         if loop.over:
             break
     assert loop.evaluation is not None
@@ -120,7 +127,13 @@ class _Loop:
         self.begin = self.iteration_begin = time.perf_counter()
         self.over, self.reason = False, ""
 
-    def run(self, number: int, stage: Stage) -> None:
+    def go_on(self, result: DesignResult, density: Floats) -> None:
+        """Take over what a loop before arrived at, but for the density."""
+        self.evaluation, self.history = result.final, list(result.history)
+        self.phases = dict(result.seconds)
+        self.x = self.variables.vector(self.problem.completed(density), result.pressure)
+
+    def run(self, number: int, stage: Stage, *, last: bool) -> None:
         """One stage, from the design at hand."""
         given, options = self.problem, self.options
         eta = given.projection.eta
@@ -159,7 +172,7 @@ class _Loop:
             self.phases["mma"] += time.perf_counter() - begin
             if count > 0 or number == 0:
                 self.record(number, evaluation, kkt)
-            if self.finished(number, stage, count, kkt):
+            if self.finished(stage, count, kkt, last=last):
                 break
             begin = time.perf_counter()
             self.steps = self.factorisations = self.rejected = 0
@@ -232,9 +245,9 @@ class _Loop:
         assert evaluation.length_scale is not None
         return [float(g) / t - 1 for g, t in zip(evaluation.length_scale, targets, strict=True)]
 
-    def finished(self, number: int, stage: Stage, count: int, kkt: float) -> bool:
+    def finished(self, stage: Stage, count: int, kkt: float, *, last: bool) -> bool:
         """Whether the stage ends here, and with it perhaps the loop; alike on all ranks."""
-        o, last = self.options, number == len(self.options.stages) - 1
+        o = self.options
         if o.seconds is not None:
             spent = largest(self.comm, time.perf_counter() - self.begin)
             if spent > o.seconds:

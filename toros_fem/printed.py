@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._mpi import raise_together
@@ -71,6 +72,31 @@ def drawn(problem: DesignProblem, density: Floats) -> tuple[Floats, Floats]:
     fixed = corner[~designed]
     at_points[fixed] = np.where(free[fixed], at_points[fixed], given[~designed][:, None])
     return at_points, at_centroids
+
+
+def without_islands(problem: DesignProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
+    """ρ at owned triangles without what makes free islands of its contours (collective).
+
+    Args:
+        problem: The design problem.
+        result: What the design loop arrived at.
+        printed: What is printed of it.
+    """
+    skin = problem.solver.skin
+    pattern, comm = skin.pattern, skin.comm
+    clear = None
+    if comm.rank == 0:
+        clear = np.zeros(len(pattern.panel), dtype=bool)
+        for island in printed.before.free_islands:
+            # What feeds an island lies up to R beyond its border; what lies closer to the rest of
+            # the print than half of that feeds this too.
+            cells = np.flatnonzero(pattern.panel == island.panel)
+            at = shapely.points(pattern.centroids[cells])
+            rest = shapely.difference(printed.bare[island.panel], island.polygon)
+            near = shapely.dwithin(at, island.polygon, problem.filter.radius)
+            clear[cells] |= near & ~shapely.dwithin(at, rest, problem.filter.radius / 2)
+    clear = comm.bcast(clear, root=0)
+    return np.where(clear[skin.owned_cells], 0.0, result.density)
 
 
 def print_design(

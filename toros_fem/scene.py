@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from toros_fem.objective import ShapeObjective
 from toros_fem.optimise import DesignResult, optimise
 from toros_fem.parameters import Composite, Material, require_positive
 from toros_fem.perimeter import Perimeter
-from toros_fem.printed import PrintedDesign, print_design
+from toros_fem.printed import PrintedDesign, print_design, without_islands
 from toros_fem.projection import Projection
 from toros_fem.report import Reporter, print_step
 from toros_fem.stages import DesignOptions, Stage
@@ -77,6 +77,8 @@ class Settings:
         move: MMA's move limit.
         iterations: Steps before the width constraints are switched on.
         constrained: Steps with them; 0 leaves them out.
+        polish: Steps after all free islands have been taken out, so that the design makes up for
+            them; 0 leaves them in.
         island_area: Free islands smaller than this, in m², are not printed.
         print_width: Thinnest line and gap in m that the printer makes: below, they are marked.
         seed: Of the random start.
@@ -103,6 +105,7 @@ class Settings:
     move: float = 0.2
     iterations: int = 60
     constrained: int = 40
+    polish: int = 20
     island_area: float = 20e-6
     print_width: float = 0.6e-3
     seed: int = 2
@@ -216,6 +219,11 @@ def design(
     result = optimise(problem, random_density(skin, settings.seed), options, reporter)
     limits = PrintLimits(width=settings.print_width, gap=settings.print_width)
     printed = print_design(problem, result, limits, settings.island_area)
+    if settings.polish and printed.before.free_islands:
+        last = replace(options, stages=(replace(stages[-1], iterations=settings.polish),))
+        start = without_islands(problem, result, printed)
+        result = optimise(problem, start, last, reporter, after=result)
+        printed = print_design(problem, result, limits, settings.island_area)
     figures = {"angle_target_deg": scene.angle_target, "seed": settings.seed}
     summary = reporter.finish(problem, result, printed, scene.target, inputs, figures)
     return Outcome(summary, result, printed)
