@@ -95,3 +95,27 @@ def test_mma_beside_other_codes(tmp_path: Path) -> None:
         peers = [row["ratio_to_fastest_peer"] for row in rows
                  if row["constraints"] == m and row["code"] != "toros_fem"]  # fmt: skip
         assert min(peers) == 1
+
+
+@ALONE
+def test_length_scale_of_lines(tmp_path: Path) -> None:
+    """With the default c thin lines stand far above wide ones, at any alignment."""
+    file = tmp_path / "rows.json"
+    done = run("length_scale.py", "--quick", "--json", str(file))
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(file.read_text(encoding="utf-8"))
+    assert {row["filter"] for row in rows} == {"cone", "helmholtz"}
+    checked = 0
+    for row in rows:
+        if row["filter"] == "cone" and row["c_over_R2"] > 16 and row["width_over_asked"] == 0.85:
+            (wide,) = (
+                other
+                for other in rows
+                if other["width_over_asked"] == 1.15
+                and all(
+                    other[key] == row[key] for key in ("filter", "radius_over_edge", "c_over_R2")
+                )
+            )
+            assert row["least"] > 20 * wide["largest"]
+            checked += 1
+    assert checked == 6
