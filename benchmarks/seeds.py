@@ -21,6 +21,7 @@ from mpi4py import MPI
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from demos import bend
+from toros_fem.parameters import require_count
 
 COLUMNS = {
     "angle_deg": "printed/deg",
@@ -62,6 +63,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=5, help="how many, from 0 on")
     parser.add_argument("--json", type=Path, help="file for the rows")
     options = parser.parse_args()
+    require_count(1, seeds=options.seeds)
     inputs = dict(bend.COARSE) if options.coarse else {}
     rows = []
     with tempfile.TemporaryDirectory() as folder:
@@ -74,7 +76,8 @@ def main() -> None:
         cells = (line[name] for name in COLUMNS)
         print(f"{line['seed']:<8d}" + "  ".join(_number(value) for value in cells))
     for what, reduce in (("least", np.min), ("median", np.median), ("largest", np.max)):
-        values = (reduce([r[name] for r in rows if r[name] is not None]) for name in COLUMNS)
+        known = ([r[name] for r in rows if r[name] is not None] for name in COLUMNS)
+        values = (float(reduce(column)) if column else None for column in known)
         print(f"{what:8s}" + "  ".join(_number(value) for value in values))
     print(f"constraints satisfied by {sum(r['satisfied'] for r in rows)} of {len(rows)}")
 

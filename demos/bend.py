@@ -59,9 +59,11 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
 
 def last_line(summary: dict[str, Any]) -> str:
     """The result in a sentence."""
+    angle = summary["angle_deg"]
+    printed = "no equilibrium" if angle is None else f"{angle:.1f}"
     drop = summary["objective_first"] / summary["objective_last"]
     return (
-        f"{summary['angle_deg']:.1f} of {summary['angle_target_deg']:g} degrees as printed "
+        f"{printed} of {summary['angle_target_deg']:g} degrees as printed "
         f"({summary['design']['angle_deg']:.1f} as designed) at "
         f"{summary['pressure_pa'] / 1e3:.2f} kPa, objective down {drop:.0f} times, "
         f"{summary['manufacture']['islands']} islands, {summary['seconds']['total']:.0f} s"

@@ -20,9 +20,8 @@ from mpi4py import MPI
 from toros_fem.meshes import bend
 
 from toros_fem.cli import command_line
-from toros_fem.comparison import plot_variants
-from toros_fem.io import write_json
 from toros_fem.measure import bend_angle
+from toros_fem.report import write_comparison
 from toros_fem.scene import design, merged
 from toros_fem.tube import TUBE, tube_scene
 
@@ -30,7 +29,8 @@ DEFAULTS: dict[str, Any] = {
     **TUBE,
     "angle": 180.0,  # degrees
     "neutral": 0.01,  # m; the inner side of the bend keeps its length
-    "perimeter": 2e-5,  # weight of the perimeter term in the variants that have it
+    "polish": 0,  # the bare variants are compared
+    "perimeter": 2e-4,  # weight of the perimeter term in the variants that have it
 }
 COARSE = {"edge_length": 2.85e-3, "radius": 4.4e-3, "iterations": 40, "constrained": 30}
 # β of almost 0 makes the projection the identity.
@@ -77,9 +77,9 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
         pictures.append((name, wall, caption(rows[-1])))
     if comm.rank == 0:
         print("\n" + table(rows))
-        write_json(output / "three_field.json", {"rows": rows, "inputs": whole})
-        plot_variants(output / "three_field.png", scene.pattern, "wall", pictures)
-    return {"rows": rows}
+    content = {"rows": rows, "inputs": whole}
+    write_comparison(comm, output, "three_field", content, scene.pattern, "wall", pictures)
+    return content
 
 
 def row(name: str, summary: dict[str, Any]) -> dict[str, Any]:
@@ -104,18 +104,18 @@ def row(name: str, summary: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def length(value: float | None) -> str:
-    """A length in mm that there may not be."""
-    return "-" if value is None else f"{value:.2f}"
+def number(value: float | None, form: str = ".2f") -> str:
+    """A number that there may not be."""
+    return "-" if value is None else f"{value:{form}}"
 
 
 def caption(r: dict[str, Any]) -> str:
     """What stands below a picture."""
     return (
-        f"T {r['shape_designed']:.1e} → {r['shape_printed']:.1e}\n"
-        f"{r['angle_designed_deg']:.0f}° → {r['angle_printed_deg']:.0f}° printed\n"
+        f"T {r['shape_designed']:.1e} → {number(r['shape_printed'], '.1e')}\n"
+        f"{r['angle_designed_deg']:.0f}° → {number(r['angle_printed_deg'], '.0f')}° printed\n"
         f"grey {r['grey_level']:.3f}, islands {r['islands']}\n"
-        f"line ≥ {length(r['smallest_width_mm'])} mm, border {r['border_mm'] / 1e3:.2f} m"
+        f"line ≥ {number(r['smallest_width_mm'])} mm, border {r['border_mm'] / 1e3:.2f} m"
     )
 
 
@@ -126,10 +126,11 @@ def table(rows: list[dict[str, Any]]) -> str:
         "  gap/mm  border/m  kPa"
     ]
     lines += [
-        f"{r['variant']:21s}  {r['shape_designed']:10.2e}  {r['shape_printed']:9.2e}"
-        f"  {r['angle_designed_deg']:5.1f}  {r['angle_printed_deg']:7.1f}  {r['grey_level']:5.3f}"
-        f"  {r['islands']:7d}  {length(r['smallest_width_mm']):>7s}"
-        f"  {length(r['smallest_gap_mm']):>6s}  {r['border_mm'] / 1e3:8.2f}"
+        f"{r['variant']:21s}  {r['shape_designed']:10.2e}  {number(r['shape_printed'], '.2e'):>9s}"
+        f"  {r['angle_designed_deg']:5.1f}  {number(r['angle_printed_deg'], '.1f'):>7s}"
+        f"  {r['grey_level']:5.3f}"
+        f"  {r['islands']:7d}  {number(r['smallest_width_mm']):>7s}"
+        f"  {number(r['smallest_gap_mm']):>6s}  {r['border_mm'] / 1e3:8.2f}"
         f"  {r['pressure_pa'] / 1e3:4.1f}"
         for r in rows
     ]

@@ -15,10 +15,12 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from mpi4py import MPI
+from toros_fem.meshes import Skin
 
 from demos import bend as demo
 from demos import three_field
-from toros_fem import errors
+from toros_fem import errors, scene
+from toros_fem.design import DesignProblem
 from toros_fem.equilibrium import EquilibriumError
 from toros_fem.scene import Settings
 
@@ -71,7 +73,7 @@ def test_summary_of_what_is_printed(output: Path) -> None:
     assert summary["printed_failure"] is None
     assert summary["angle_deg"] != summary["design"]["angle_deg"]
     assert summary["printed_objective"] > 0
-    assert set(summary["length_scale"]) >= {"g_r", "g_t", "epsilon", "satisfied"}
+    assert set(summary["length_scale"]) >= {"g_r", "g_t", "epsilon_r", "epsilon_t", "satisfied"}
     made = summary["manufacture"]
     assert made["pieces"] >= 3, "the wall's and the two caps"
     assert made["smallest_width_mm"] > 0
@@ -83,8 +85,8 @@ def test_summary_of_what_is_printed(output: Path) -> None:
 def test_history(output: Path) -> None:
     with (output / "history.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert [int(row["iteration"]) for row in rows] == list(range(15))
-    assert [int(row["stage"]) for row in rows] == [0] * 9 + [1] * 6
+    assert [int(row["iteration"]) for row in rows] == [*range(9), *range(8, 15)]
+    assert [int(row["stage"]) for row in rows] == [0] * 9 + [1] * 7
     assert float(rows[-1]["angle_deg"]) > float(rows[0]["angle_deg"])
     assert float(rows[-1]["solid"]) < 0.5 * float(rows[8]["solid"]), "constraints act"
 
@@ -144,6 +146,11 @@ def test_pictures(output: Path) -> None:
         ({"pressure": 5e4}, errors.ParameterError, "pressure = 50000"),
         ({"filter": "gauss"}, errors.ParameterError, "filter = 'gauss'"),
         ({"line": 0.1}, errors.ParameterError, "out of control"),
+        ({"seed": -1}, errors.ParameterError, "seed = -1"),
+        ({"print_width": 0.0}, errors.ParameterError, "print_width = 0"),
+        ({"polish": -5}, errors.ParameterError, "polish = -5"),
+        ({"island_area": float("nan")}, errors.ParameterError, "island_area = nan"),
+        ({"pressure_min": 5e3, "pressure_max": 5e3}, errors.ParameterError, "no room"),
         ({"tip_weight": -9.0}, errors.ParameterError, "tip_weight = -9"),
         ({"presure": 1e4}, errors.ParameterError, "'presure' is no parameter"),
     ],
@@ -183,6 +190,47 @@ def test_three_field_table_and_strip(comm: MPI.Comm, tmp_path: Path) -> None:
     assert (tmp_path / "out" / "three_field.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_polish_takes_islands_out(
+    comm: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From a start with a lone spot in a corner that the few steps cannot remove."""
+    tmp_path = comm.bcast(tmp_path, root=0)
+
+    def spotted(skin: Skin, seed: int) -> np.ndarray:
+        wall = skin.pattern.cells_of("wall")
+        u, v = skin.pattern.centroids.T
+        width = u[wall].max()
+        spot = np.hypot(u - 0.2 * width, v - 0.04) < 6e-3
+        return np.where((np.abs(u - width / 2) < 8e-3) | spot, 1.0, 0.0)[skin.owned_cells]
+
+    monkeypatch.setattr(scene, "random_density", spotted)
+    inputs = {**SMALL, "iterations": 1, "constrained": 0, "move": 0.01}
+    left = demo.run(comm, tmp_path / "left", **inputs, polish=0, island_area=0.0)
+    assert left["manufacture"]["islands"] == 1
+    gone = demo.run(comm, tmp_path / "gone", **inputs, polish=2, island_area=0.0)
+    assert gone["iterations"] == left["iterations"] + 2
+    assert gone["dropped"]["before"]["islands"] == 0
+    assert gone["manufacture"]["islands"] == 0
+
+
+def test_print_without_equilibrium(
+    comm: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing of the design's is passed off as the print's."""
+    tmp_path = comm.bcast(tmp_path, root=0)
+
+    def fails(*_: object) -> None:
+        raise EquilibriumError("made to fail", None)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(DesignProblem, "simulate_binary", fails)
+    inputs = {**SMALL, "iterations": 1, "constrained": 0, "polish": 0}
+    summary = demo.run(comm, tmp_path / "out", **inputs)
+    assert summary["printed_failure"] == "made to fail"
+    assert summary["angle_deg"] is summary["printed_objective"] is summary["volume_m3"] is None
+    assert summary["design"]["angle_deg"] is not None
+    assert "no equilibrium of 45 degrees as printed" in demo.last_line(summary)
+
+
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
     return subprocess.run(
@@ -209,7 +257,7 @@ def test_command_line_reaches_the_coarse_figures(tmp_path: Path) -> None:
     assert summary["manufacture"]["smallest_width_mm"] > 0.8 * 4.4
     assert summary["iterations"] == 70
     assert f"see {tmp_path / 'out'}/" in done.stdout
-    assert done.stdout.count("\n") == 73
+    assert done.stdout.count("\n") == 74
 
 
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreter")

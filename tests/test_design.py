@@ -182,11 +182,22 @@ def test_a_run_goes_on_from_a_result(tube: Skin, tube_solver: EquilibriumSolver)
     chain = full(tube, tube_solver, beta=20.0)
     first = optimise(chain, random_density(tube, 3), DesignOptions((Stage(4),)))
     more = optimise(chain, first.density, DesignOptions((Stage(3),)), after=first)
-    assert [row.iteration for row in more.history] == [*range(8)]
-    assert [row.stage for row in more.history] == [0] * 5 + [1] * 3
+    assert [row.iteration for row in more.history] == [0, 1, 2, 3, 4, 4, 5, 6, 7]
+    assert [row.stage for row in more.history] == [0] * 5 + [1] * 4
+    assert more.history[5].objective == pytest.approx(first.final.objective, rel=1e-9)
     assert more.history[:5] == first.history
     assert more.final.objective < first.final.objective
     assert more.seconds["equilibrium"] > first.seconds["equilibrium"]
+
+
+def test_stages_that_are_alike_all_run(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """And what is reported last is the design returned, also when a stage ends at its start."""
+    chain, start = problem(tube, tube_solver), random_density(tube, 3)
+    result = optimise(chain, start, DesignOptions((Stage(2),) * 3))
+    assert [row.stage for row in result.history] == [0] * 3 + [1] * 3 + [2] * 3
+    plain = 0 * start + 0.5
+    late = optimise(chain, plain, DesignOptions((Stage(2),), seconds=1e-3), after=result)
+    assert late.history[-1].objective == late.final.objective != result.final.objective
 
 
 def test_stop_rules(tube: Skin, tube_solver: EquilibriumSolver) -> None:
@@ -229,6 +240,15 @@ def test_bad_pressure_bounds(tube: Skin, tube_solver: EquilibriumSolver) -> None
     chain = problem(tube, tube_solver)
     with pytest.raises(errors.ParameterError, match=r"pressure = 5000.0 .* between 6000"):
         dataclasses.replace(chain, pressure_bounds=(6e3, 2e4))
+    with pytest.raises(errors.ParameterError, match="leave it no room"):
+        dataclasses.replace(chain, pressure_bounds=(5e3, 5e3))
+    constrained = DesignOptions((Stage(1, constrained=True),))
+    with pytest.raises(errors.ParameterError, match="problem has no length_scale"):
+        optimise(problem(tube, tube_solver), random_density(tube, 0), constrained)
+    with pytest.raises(errors.ParameterError, match="iterations = 2.5"):
+        Stage(2.5)  # type: ignore[arg-type]
+    with pytest.raises(errors.ParameterError, match="retries = -1"):
+        DesignOptions(retries=-1)
     with pytest.raises(errors.ParameterError, match="least_pressure = 0"):
         dataclasses.replace(chain, pressure_bounds=(0.0, 2e4))
 
@@ -342,16 +362,17 @@ def test_a_design_without_equilibrium_is_stepped_back_from(
     monkeypatch.setattr(tube_solver, "solve", failing(range(3, 99)))
     result = optimise(chain, random_density(tube, 3), DesignOptions((Stage(3),)))
     assert [row.iteration for row in result.history] == [0, 1]
-    assert "last one" in result.reason
+    assert "the last design with one" in result.reason
     assert result.final.objective == result.history[-1].objective
 
 
 def test_continuation_raises_beta(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     chain = problem(tube, tube_solver)
     result = optimise(chain, random_density(tube, 3), DesignOptions(doubling(2.0, 8.0, 2)))
-    # A row for the start, and one for each step; what a change of β alone does is no step.
-    assert [row.beta for row in result.history] == [2, 2, 2, 4, 4, 8, 8]
-    assert [row.stage for row in result.history] == [0, 0, 0, 1, 1, 2, 2]
+    # A row for the start of each stage, and one for each step.
+    assert [row.beta for row in result.history] == [2, 2, 2, 4, 4, 4, 8, 8, 8]
+    assert [row.stage for row in result.history] == [0, 0, 0, 1, 1, 1, 2, 2, 2]
+    assert [row.iteration for row in result.history] == [0, 1, 2, 2, 3, 4, 4, 5, 6]
     assert chain.projection.beta == 6.0, "the problem is left as it was"
 
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
 Array = npt.NDArray[np.float64]
+T = TypeVar("T")
 
 
 def total(comm: MPI.Comm, value: float) -> float:
@@ -47,6 +51,19 @@ def raise_together(comm: MPI.Comm, error: Exception | None) -> None:
     for found in errors:
         if found is not None:
             raise found
+
+
+def on_first_rank(comm: MPI.Comm, action: Callable[[], T]) -> T:
+    """Do something on the first rank; its result, or its error, on all of them (collective)."""
+    result, error = None, None
+    if comm.rank == 0:
+        try:
+            result = action()
+        except Exception as caught:  # handed to all ranks, none may be left waiting
+            error = caught
+    raise_together(comm, error)
+    found: T = comm.bcast(result, root=0)
+    return found
 
 
 def gather_by_index(

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from toros_fem._mpi import raise_together
 from toros_fem.errors import DensityError
 from toros_fem.meshes.skin import Skin
+from toros_fem.parameters import require_count
 
 Floats = npt.NDArray[np.float64]
 
@@ -19,11 +20,13 @@ def random_density(skin: Skin, seed: int, mean: float = 0.5, spread: float = 0.1
 
     Raises:
         DensityError: mean ± spread leaves [0, 1].
+        ParameterError: The seed is negative.
     """
     if not (spread >= 0 and mean - spread >= 0 and mean + spread <= 1):
         raise DensityError(
             f"mean ± spread = {mean} ± {spread} must lie in [0, 1]; reduce the spread."
         )
+    require_count(0, seed=seed)
     drawn = np.random.default_rng(seed).uniform(-1, 1, len(skin.pattern.panel))
     return np.asarray(mean + spread * drawn[skin.owned_cells])
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from toros_fem._mpi import dot, raise_together, total
 from toros_fem.density import check_density
 from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
-from toros_fem.errors import DensityError
+from toros_fem.errors import DensityError, ParameterError
 from toros_fem.filters import Filter
 from toros_fem.length_scale import LengthScaleConstraints
 from toros_fem.objective import ShapeObjective
@@ -90,6 +90,11 @@ class DesignProblem:
         if self.pressure_bounds is not None:
             low, high = self.pressure_bounds
             require_positive(least_pressure=low, largest_pressure=high)
+            if not low < high:
+                raise ParameterError(
+                    f"the pressure's bounds {low:g} and {high:g} Pa leave it no room; the second "
+                    "must be larger. To keep the pressure as it is, give no bounds."
+                )
             require_between(low, high, pressure=self.pressure)
         if self.passive is None:
             return

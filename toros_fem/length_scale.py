@@ -12,8 +12,9 @@ from toros_fem.errors import ParameterError
 from toros_fem.filters import Filter
 from toros_fem.meshes.skin import Skin
 from toros_fem.parameters import require_between, require_positive
+from toros_fem.projection import Projection
 from toros_fem.stencil import mean_edge
-from toros_fem.strip import threshold_for_width, violation
+from toros_fem.strip import threshold_for_width, violation, width_of_threshold
 
 Floats = npt.NDArray[np.float64]
 
@@ -37,10 +38,10 @@ class LengthScale:
         decay: c in m²: where ‖∇ρ̃‖ exceeds 1/√c a place counts as a border and not as a ridge.
             None: R⁴/h² for edge length h, but at least 25 R². With less, borders of wide lines
             count too; with much more, whether a thin line is seen depends on how the mesh lies
-            under its ridge (docs/design.md has the measured table).
+            under its ridge (docs/optimisation.md has the measured table).
         epsilon: ε, largest value allowed for either; 1e-3 in the paper, by which any number of
-            thin lines pass. None: what lines of 0.85 times the width asked for add up to that
-            are 10 R long in all.
+            thin lines pass. None: for each of the two, what lines or gaps of 0.85 times the
+            width asked for add up to that are 10 R long in all.
     """
 
     line: float | None = None
@@ -79,10 +80,11 @@ class LengthScaleConstraints:
         filter: The filter that makes ρ̃.
         parameters: What is asked for.
         designed: Which owned triangles are designed.
+        projection: The one that holds in the end; None: β = 20, η = 0.5.
 
     Attributes:
         solid, void, decay: η_r, η_t and c as used.
-        epsilon: ε.
+        epsilon: ε of g_r and of g_t, (2,).
 
     Raises:
         ParameterError: A width is beyond what a threshold in (0.5, 1) controls.
@@ -94,13 +96,18 @@ class LengthScaleConstraints:
         filter: Filter,
         parameters: LengthScale,
         designed: npt.NDArray[np.bool_],
+        projection: Projection | None = None,
     ) -> None:
+        projection = projection or Projection()
         p, radius = parameters, filter.radius
         self._comm, self._filter = skin.comm, filter
-        line, gap = (p.line or radius) / radius, (p.gap or radius) / radius
-        name = filter.name
-        self.solid = threshold_for_width(name, line) if p.solid is None else p.solid
-        self.void = 1 - threshold_for_width(name, gap) if p.void is None else p.void
+        name, levels = filter.name, (projection.eta, 1 - projection.eta)
+        solid, empty = p.solid, None if p.void is None else 1 - p.void
+        if solid is None:
+            solid = threshold_for_width(name, (p.line or radius) / radius, levels[0])
+        if empty is None:
+            empty = threshold_for_width(name, (p.gap or radius) / radius, levels[1])
+        self.solid, self.void = solid, 1 - empty
         steepest = max(LEAST_DECAY, (radius / mean_edge(skin)) ** 2) * radius**2
         self.decay = steepest if p.decay is None else p.decay
         areas = skin.pattern.areas[skin.owned_cells] * designed
@@ -108,11 +115,14 @@ class LengthScaleConstraints:
         if not whole > 0:
             raise ParameterError("no triangle is designed: there is no width to constrain.")
         self._weight = areas / whole
+        self.epsilon = np.full(2, p.epsilon or 0.0)
         if p.epsilon is None:
-            share = violation(name, THIN * line, self.solid, self.decay / radius**2)
-            self.epsilon = share * radius * ALLOWED * radius / whole
-        else:
-            self.epsilon = p.epsilon
+            # A gap is the line of the opposite design.
+            for k, (level, threshold) in enumerate(zip(levels, (solid, empty), strict=True)):
+                width = THIN * width_of_threshold(name, threshold, level)
+                step = Projection(projection.beta, level)
+                share = violation(name, width, threshold, self.decay / radius**2, step)
+                self.epsilon[k] = share * ALLOWED * radius**2 / whole
 
     def forward(self, density: Floats, filtered: Floats, projected: Floats) -> Floats:
         """(g_r, g_t) of owned ρ, ρ̃, ρ̄, the same on all ranks (collective)."""

@@ -211,8 +211,8 @@ class MMA:
 
             |ξⱼ − clip(ξⱼ − N ∂L/∂ξⱼ, 0, 1)|  for each of these, and  |min(λᵢ, −fᵢ)|.
 
-        N makes it independent of the mesh: N ∂L/∂ξⱼ is the density of a derivative whose single
-        entries shrink as the mesh is refined.
+        For densities N makes it independent of the mesh: N ∂L/∂ξⱼ is the density of a derivative
+        whose single entries shrink as the mesh is refined. Other variables count N times.
 
         Args:
             x: Variables.

@@ -15,6 +15,7 @@ from toros_fem._mpi import dot, largest, norm, total
 from toros_fem.density import check_density
 from toros_fem.design import DesignProblem, Evaluation
 from toros_fem.equilibrium import EquilibriumError
+from toros_fem.errors import ParameterError
 from toros_fem.mma import MMA
 from toros_fem.projection import Projection
 from toros_fem.stages import DesignOptions, Iteration, Stage
@@ -40,7 +41,8 @@ class DesignResult:
         density: Final ρ at owned triangles.
         pressure: Final pressure in Pa.
         final: Evaluation of the two.
-        history: One row an iteration, the last one being the final design.
+        history: One row for the start of each stage and one for each step, the last one being
+            the final design.
         reason: Why the loop ended, as a sentence.
         seconds: Wall time by phase.
         designed: Which owned triangles were designed, not given.
@@ -78,17 +80,22 @@ def optimise(
 
     Raises:
         DensityError: The density does not fit or leaves [0, 1].
+        ParameterError: A stage is constrained, the problem has no constraints.
         EquilibriumError: There is no equilibrium for the start. Later failures are stepped back
             from.
     """
     options = options or DesignOptions()
     check_density(problem.solver.skin, density)
+    if problem.length_scale is None and any(stage.constrained for stage in options.stages):
+        raise ParameterError(
+            "a stage asks for constraints on widths, but the problem has no length_scale."
+        )
     loop = _Loop(problem, density, options, callback)
     if after is not None:
         loop.go_on(after, density)
     first = loop.history[-1].stage + 1 if loop.history else 0
     for number, stage in enumerate(options.stages, first):
-        loop.run(number, stage, last=stage is options.stages[-1])
+        loop.run(number, stage, last=number - first == len(options.stages) - 1)
         if loop.over:
             break
     assert loop.evaluation is not None
@@ -123,14 +130,14 @@ class _Loop:
         self.history: list[Iteration] = []
         self.phases = {"filter": 0.0, "equilibrium": 0.0, "adjoint": 0.0, "mma": 0.0}
         self.steps = self.factorisations = self.rejected = 0
-        self.change = 0.0
+        self.change, self.steps_done = 0.0, 0
         self.begin = self.iteration_begin = time.perf_counter()
         self.over, self.reason = False, ""
 
     def go_on(self, result: DesignResult, density: Floats) -> None:
         """Take over what a loop before arrived at, but for the density."""
         self.evaluation, self.history = result.final, list(result.history)
-        self.phases = dict(result.seconds)
+        self.phases, self.steps_done = dict(result.seconds), result.history[-1].iteration
         self.x = self.variables.vector(self.problem.completed(density), result.pressure)
 
     def run(self, number: int, stage: Stage, *, last: bool) -> None:
@@ -142,7 +149,7 @@ class _Loop:
             projection=given.projection if stage.beta is None else Projection(stage.beta, eta),
             weight=given.weight if stage.perimeter else 0.0,
         )
-        constrained = stage.constrained and problem.length_scale is not None
+        constrained = stage.constrained
         mma = MMA(
             *self.variables.bounds,
             constraints=2 if constrained else 0,
@@ -170,12 +177,12 @@ class _Loop:
             if count > 0:
                 kkt = mma.kkt(self.x, gradient, values, jacobian)
             self.phases["mma"] += time.perf_counter() - begin
-            if count > 0 or number == 0:
-                self.record(number, evaluation, kkt)
+            self.steps_done += count > 0
+            self.record(number, evaluation, kkt)
+            self.steps = self.factorisations = self.rejected = 0
             if self.finished(stage, count, kkt, last=last):
                 break
             begin = time.perf_counter()
-            self.steps = self.factorisations = self.rejected = 0
             before = self.x.array.copy()
             mma.step(self.x, scale * evaluation.objective, gradient, values, jacobian)
             self.phases["mma"] += time.perf_counter() - begin
@@ -183,7 +190,7 @@ class _Loop:
             if trial is None:
                 self.x.array[:] = before
                 self.over = True
-                self.reason = "No step led to a design with an equilibrium; this is the last one."
+                self.reason = "The last step has no equilibrium; this is the last design with one."
                 break
             self.change = largest(self.comm, np.max(np.abs(self.x.array - before), initial=0.0))
             evaluation = trial
@@ -197,7 +204,7 @@ class _Loop:
         targets: list[float],
         values: list[float],
     ) -> Evaluation | None:
-        """The design MMA proposes, or a more cautious one; None if none has an equilibrium."""
+        """The design MMA proposes or a more cautious one; None if the last has no equilibrium."""
         o = self.options
         prices = np.maximum(PRICE, 2 * np.asarray(mma.state.multipliers))
 
@@ -216,7 +223,7 @@ class _Loop:
                     good = mma.conservative(self.x, there, others)
                 else:
                     good = merit(there, others) <= bound
-            if good or self.rejected == o.retries:
+            if good or self.rejected >= o.retries:
                 return trial
             self.rejected += 1
             mma.retry(self.x, there, others)
@@ -231,11 +238,13 @@ class _Loop:
         assert limits is not None
         assert evaluation.length_scale is not None
         assert evaluation.length_scale_gradients is not None
-        least = MARGIN * limits.epsilon
-        targets = [max(least, TIGHTEN * float(g)) for g in evaluation.length_scale]
+        targets = [
+            max(MARGIN * float(epsilon), TIGHTEN * float(g))
+            for epsilon, g in zip(limits.epsilon, evaluation.length_scale, strict=True)
+        ]
         rows = []
         for target, part in zip(targets, evaluation.length_scale_gradients, strict=True):
-            rows.append(self.variables.vector(part / target, None))
+            rows.append(self.variables.vector(np.asarray(part / target), None))
         return targets, self.measured(evaluation, targets), rows
 
     def measured(self, evaluation: Evaluation, targets: list[float]) -> list[float]:
@@ -269,7 +278,7 @@ class _Loop:
         assert e.gradient is not None
         solid, void = (0.0, 0.0) if e.length_scale is None else map(float, e.length_scale)
         row = Iteration(
-            iteration=len(self.history),
+            iteration=self.steps_done,
             stage=number,
             objective=e.objective,
             shape=e.shape,

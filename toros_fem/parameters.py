@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from toros_fem.errors import ParameterError
 
 
@@ -31,6 +33,17 @@ def require_between(low: float, high: float, **values: float) -> None:
         if not (math.isfinite(value) and low <= value <= high):
             bound = f"at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
             raise ParameterError(f"{name} = {value} must be a finite number, {bound}.")
+
+
+def require_count(least: int, **values: int) -> None:
+    """Check that each value is a whole number, at least so large.
+
+    Raises:
+        ParameterError: Naming the value and the bound.
+    """
+    for name, value in values.items():
+        if not (isinstance(value, (int, np.integer)) and value >= least):
+            raise ParameterError(f"{name} = {value} must be a whole number, at least {least}.")
 
 
 def require_choice(name: str, value: str, choices: Sequence[str]) -> None:

@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.contours import panel_outline
+from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
 
 Ints = npt.NDArray[np.int64]
@@ -127,7 +128,13 @@ def clean(
         regions: What is printed on each panel, in m.
         island_area: Free islands smaller than this are dropped, in m²; infinity drops all.
         hole_area: Holes smaller than this are filled, in m².
+
+    Raises:
+        ParameterError: An area is negative.
     """
+    for name, area in (("island_area", island_area), ("hole_area", hole_area)):
+        if not area >= 0:
+            raise ParameterError(f"{name} = {area} m² must not be negative; 0 keeps all.")
     pieces = find_pieces(pattern, regions)
     small = [not piece.attached and piece.area < island_area for piece in pieces]
     dropped = tuple(piece for piece, gone in zip(pieces, small, strict=True) if gone)

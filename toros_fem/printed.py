@@ -9,7 +9,7 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem._mpi import raise_together
+from toros_fem._mpi import on_first_rank
 from toros_fem.contours import printed_regions
 from toros_fem.design import DesignProblem, Evaluation
 from toros_fem.equilibrium import EquilibriumError
@@ -84,18 +84,23 @@ def without_islands(problem: DesignProblem, result: DesignResult, printed: Print
     """
     skin = problem.solver.skin
     pattern, comm = skin.pattern, skin.comm
-    clear = None
-    if comm.rank == 0:
+
+    def find() -> npt.NDArray[np.bool_]:
         clear = np.zeros(len(pattern.panel), dtype=bool)
-        for island in printed.before.free_islands:
+        radius = problem.filter.radius
+        for panel in {island.panel for island in printed.before.free_islands}:
+            islands = [i.polygon for i in printed.before.free_islands if i.panel == panel]
+            together = shapely.union_all(islands)
+            rest = shapely.difference(printed.bare[panel], together)
             # What feeds an island lies up to R beyond its border; what lies closer to the rest of
             # the print than half of that feeds this too.
-            cells = np.flatnonzero(pattern.panel == island.panel)
+            cells = np.flatnonzero(pattern.panel == panel)
             at = shapely.points(pattern.centroids[cells])
-            rest = shapely.difference(printed.bare[island.panel], island.polygon)
-            near = shapely.dwithin(at, island.polygon, problem.filter.radius)
-            clear[cells] |= near & ~shapely.dwithin(at, rest, problem.filter.radius / 2)
-    clear = comm.bcast(clear, root=0)
+            near = shapely.dwithin(at, together, radius)
+            clear[cells] |= near & ~shapely.dwithin(at, rest, radius / 2)
+        return clear
+
+    clear = on_first_rank(comm, find)
     return np.where(clear[skin.owned_cells], 0.0, result.density)
 
 
@@ -118,19 +123,18 @@ def print_design(
     skin = problem.solver.skin
     pattern, comm = skin.pattern, skin.comm
     at_points, at_centroids = drawn(problem, result.density)
-    found, error = None, None
-    if comm.rank == 0:
-        try:
-            regions = printed_regions(pattern, at_points, at_centroids, problem.projection.eta)
-            before = printability(pattern, regions, limits)
-            cleaned = clean(pattern, regions, island_area, hole_area)
-            touched = cleaned.dropped or cleaned.filled
-            after = printability(pattern, cleaned.regions, limits) if touched else before
-            found = (regions, cleaned, before, after, printed_cells(pattern, cleaned.regions))
-        except Exception as caught:  # handed to all ranks, none may be left waiting
-            error = caught
-    raise_together(comm, error)
-    regions, cleaned, before, after, cells = comm.bcast(found, root=0)
+
+    def inspect() -> tuple[
+        list[BaseGeometry], Cleaned, Printability, Printability, npt.NDArray[np.bool_]
+    ]:
+        regions = printed_regions(pattern, at_points, at_centroids, problem.projection.eta)
+        before = printability(pattern, regions, limits)
+        cleaned = clean(pattern, regions, island_area, hole_area)
+        touched = cleaned.dropped or cleaned.filled
+        after = printability(pattern, cleaned.regions, limits) if touched else before
+        return regions, cleaned, before, after, printed_cells(pattern, cleaned.regions)
+
+    regions, cleaned, before, after, cells = on_first_rank(comm, inspect)
     evaluation, failure = None, ""
     try:
         evaluation = problem.simulate_binary(cells[skin.owned_cells], result.final)

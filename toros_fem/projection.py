@@ -40,5 +40,7 @@ class Projection:
 
     def backward(self, filtered: Floats, gradient: Floats) -> Floats:
         """∂T/∂ρ̃ from ∂T/∂ρ̄."""
-        slope = self.beta / np.cosh(self.beta * (filtered - self.eta)) ** 2 / self._scale
+        # Where `forward` clips (an obtuse mesh may overshoot) nothing changes; rounding is no clip.
+        inside = (filtered > -1e-9) & (filtered < 1 + 1e-9)
+        slope = inside * self.beta / np.cosh(self.beta * (filtered - self.eta)) ** 2 / self._scale
         return np.asarray(slope * gradient)

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
 
-from toros_fem._mpi import raise_together
+from toros_fem._mpi import on_first_rank
 from toros_fem.design import DesignProblem, Evaluation
 from toros_fem.errors import OutputError
 from toros_fem.io import HistoryFile, versions, write_fields, write_json
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 from toros_fem.newton import NewtonStep
 from toros_fem.optimise import DesignResult
@@ -100,8 +102,9 @@ class Reporter:
     ) -> dict[str, Any]:
         """Write summary, pattern, fields and pictures (collective); the summary is returned.
 
-        Angle, volume and shape are those of the printed pattern, simulated as it is; what the
-        optimiser saw, with its grey borders, stands beside it under "design".
+        Angle, volume and shape are those of the printed pattern, simulated as it is, None if it
+        has no equilibrium; what the optimiser saw, with its grey borders, stands beside them
+        under "design". Without a printed shape the pictures show the design's.
 
         Args:
             problem: What was designed.
@@ -112,7 +115,8 @@ class Reporter:
             figures: Figures of this demo to add to the summary: `angle_target_deg` and others.
         """
         skin, pattern, final = self._skin, self._skin.pattern, result.final
-        shown = printed.evaluation or final
+        made = printed.evaluation
+        shown = made or final
         positions = skin.gather_vertices(shown.equilibrium.state.reshape(-1, 3))
         fields = {
             "rho": skin.gather_cells(result.density),
@@ -121,15 +125,15 @@ class Reporter:
             "printed": printed.cells.astype(np.float64),
         }
         first, last = result.history[0], result.history[-1]
-        limits = problem.length_scale
+        limits, widths = problem.length_scale, final.length_scale
         seconds = {"setup": self._begin - self._whole_begin, **result.seconds}
         summary = {
-            "angle_deg": self._angle(shown),
+            "angle_deg": made and self._angle(made),
             **figures,
             "pressure_pa": final.equilibrium.pressure,
-            "volume_m3": shown.equilibrium.volume,
-            "stretch_use": shown.equilibrium.stretch_use,
-            "printed_objective": shown.shape,
+            "volume_m3": made and made.equilibrium.volume,
+            "stretch_use": made and made.equilibrium.stretch_use,
+            "printed_objective": made and made.shape,
             "printed_failure": printed.failure or None,
             "objective_first": first.objective,
             "objective_last": last.objective,
@@ -148,11 +152,12 @@ class Reporter:
             and {
                 "g_r": last.solid,
                 "g_t": last.void,
-                "epsilon": limits.epsilon,
+                "epsilon_r": float(limits.epsilon[0]),
+                "epsilon_t": float(limits.epsilon[1]),
                 "eta_r": limits.solid,
                 "eta_t": limits.void,
                 "c_m2": limits.decay,
-                "satisfied": bool(max(last.solid, last.void) <= limits.epsilon),
+                "satisfied": bool(np.all(widths <= limits.epsilon)),
             },
             "manufacture": printed.after.summary(),
             "dropped": {
@@ -216,39 +221,77 @@ class Reporter:
             folder / "manufacture.png", pattern, printed.regions, printed.after, printed.limits
         )
         wanted = float(summary["angle_target_deg"])
-        title = (
-            f"{summary['angle_deg']:.0f}° reached of {wanted:.0f}° at "
-            f"{summary['pressure_pa'] / 1e3:.3g} kPa"
-        )
+        what = "as printed" if printed.evaluation else "as designed, not as printed,"
+        reached = summary["angle_deg"] if printed.evaluation else self.angles[-1]
+        title = f"{reached:.0f}° {what} of {wanted:.0f}° at {summary['pressure_pa'] / 1e3:.3g} kPa"
         cells = printed.cells.astype(np.float64)
         plot_shape(folder / "shape.png", pattern, positions, target, cells, title)
         plot_convergence(folder / "convergence.png", result.history, self.angles, wanted)
 
     def _on_first_rank(self, action: Callable[[], None]) -> None:
-        """Do something with files on one rank; all ranks raise if it fails (collective)."""
-        error: Exception | None = None
-        if self._skin.comm.rank == 0:
-            try:
-                action()
-            except OSError as caught:
-                error = OutputError(
-                    f"{self._folder} could not be written: {caught}. Take another folder, or "
-                    "make room; what was written before stays."
-                )
-            except Exception as caught:  # the other ranks wait to hear of it
-                error = caught
-        raise_together(self._skin.comm, error)
+        _write(self._skin.comm, self._folder, action)
 
     def _bar(self, iteration: int) -> None:
         if not sys.stderr.isatty():
             return
-        done = iteration / self._planned
+        done = min(iteration / self._planned, 1.0)  # polishing comes on top
         elapsed = time.perf_counter() - self._begin
         left = f"{elapsed / done * (1 - done):.0f} s left" if done > 0 else ""
-        filled = round(30 * min(done, 1.0))
+        filled = round(30 * done)
         bar = "█" * filled + "·" * (30 - filled)
         print(f"\r{bar} {iteration}/{self._planned} {left}", end="", file=sys.stderr, flush=True)
 
     def _clear(self) -> None:
         if sys.stderr.isatty():
             print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+
+def write_comparison(
+    comm: MPI.Comm,
+    folder: Path,
+    name: str,
+    content: dict[str, Any],
+    pattern: Pattern,
+    panel: str,
+    variants: Sequence[tuple[str, BaseGeometry, str]],
+) -> None:
+    """Write the table and the picture strip of several designs (collective).
+
+    Args:
+        comm: Communicator.
+        folder: Output folder, which exists.
+        name: Of the two files, without ending.
+        content: What goes into the JSON file.
+        pattern: The pattern.
+        panel: Name of the panel to show.
+        variants: For each its title, what it prints on that panel, in m, and a caption.
+
+    Raises:
+        OutputError: A file cannot be written.
+    """
+
+    def write() -> None:
+        write_json(folder / f"{name}.json", content)
+        try:
+            from toros_fem.comparison import plot_variants
+        except ImportError as missing:
+            print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
+            return
+        plot_variants(folder / f"{name}.png", pattern, panel, variants)
+
+    _write(comm, folder, write)
+
+
+def _write(comm: MPI.Comm, folder: Path, action: Callable[[], None]) -> None:
+    """Do something with files on the first rank; all ranks raise if it fails (collective)."""
+
+    def guarded() -> None:
+        try:
+            action()
+        except OSError as caught:
+            raise OutputError(
+                f"{folder} could not be written: {caught}. Take another folder, or make room; "
+                "what was written before stays."
+            ) from None
+
+    on_first_rank(comm, guarded)

@@ -23,7 +23,13 @@ from toros_fem.meshes.skin import sew
 from toros_fem.mma import MMAOptions
 from toros_fem.objective import ShapeObjective
 from toros_fem.optimise import DesignResult, optimise
-from toros_fem.parameters import Composite, Material, require_positive
+from toros_fem.parameters import (
+    Composite,
+    Material,
+    require_between,
+    require_count,
+    require_positive,
+)
 from toros_fem.perimeter import Perimeter
 from toros_fem.printed import PrintedDesign, print_design, without_islands
 from toros_fem.projection import Projection
@@ -110,6 +116,13 @@ class Settings:
     print_width: float = 0.6e-3
     seed: int = 2
 
+    def __post_init__(self) -> None:
+        require_count(1, iterations=self.iterations)
+        require_count(0, constrained=self.constrained, polish=self.polish, seed=self.seed)
+        require_positive(print_width=self.print_width, window=self.window)
+        require_between(0.0, np.inf, line=self.line, gap=self.gap, perimeter=self.perimeter)
+        require_between(0.0, np.inf, island_area=self.island_area)
+
     @property
     def composite(self) -> Composite:
         """Fabric and reinforcement."""
@@ -131,7 +144,6 @@ class Settings:
     @property
     def stages(self) -> tuple[Stage, ...]:
         """Free first, then with constraints on the widths."""
-        require_positive(iterations=self.iterations)
         free = (Stage(self.iterations),)
         return free + (Stage(self.constrained, constrained=True),) if self.constrained else free
 
@@ -184,7 +196,7 @@ def make_problem(
     if s.constrained > 0:
         wanted = LengthScale(line=s.line or None, gap=s.gap or None)
         problem.length_scale = LengthScaleConstraints(
-            skin, problem.filter, wanted, problem.designed
+            skin, problem.filter, wanted, problem.designed, problem.projection
         )
     return problem
 

@@ -6,7 +6,12 @@ from dataclasses import dataclass, field
 
 from toros_fem.errors import ParameterError
 from toros_fem.mma import MMAOptions
-from toros_fem.parameters import require_between, require_choice, require_positive
+from toros_fem.parameters import (
+    require_between,
+    require_choice,
+    require_count,
+    require_positive,
+)
 
 DESCENTS = ("merit", "conservative")
 
@@ -32,7 +37,7 @@ class Stage:
     perimeter: bool = True
 
     def __post_init__(self) -> None:
-        require_positive(iterations=self.iterations)
+        require_count(1, iterations=self.iterations)
         if self.beta is not None:
             require_positive(beta=self.beta)
 
@@ -66,7 +71,8 @@ class DesignOptions:
         seconds: The loop ends after so much wall time; None: never.
         descent: What counts as progress. "merit": T plus the price of violated constraints does
             not rise. "conservative": GCMMA's own rule, by which every approximation bounds what
-            it stands for (Svanberg 2002): descent is guaranteed, steps are shorter.
+            it stands for (Svanberg 2002): given retries enough (15, say) descent is guaranteed,
+            steps are shorter.
         pressure_move: Largest change of the pressure in one iteration, as a share of the
             logarithm of its bounds' ratio.
         mma: Parameters of MMA.
@@ -84,6 +90,7 @@ class DesignOptions:
     def __post_init__(self) -> None:
         if not self.stages:
             raise ParameterError("stages is empty: there is nothing to do.")
+        require_count(0, retries=self.retries)
         require_positive(change=self.change, kkt=self.kkt)
         require_positive(pressure_move=self.pressure_move, at_most=1.0)
         require_choice("descent", self.descent, DESCENTS)
@@ -101,7 +108,7 @@ class Iteration:
     """One line of the design loop's history.
 
     Attributes:
-        iteration: Counted from 0, through all stages.
+        iteration: Steps taken so far, through all stages; the start of a stage repeats a number.
         stage: Counted from 0.
         objective: T.
         shape: Its part that measures the distance from the target.

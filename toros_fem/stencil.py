@@ -67,8 +67,8 @@ class Neighbourhood:
     def __init__(self, pattern: Pattern, radius: float, lattice: Floats | None = None) -> None:
         require_positive(radius=radius)
         self.radius = radius
-        # Panels are told apart by a third coordinate that no radius bridges.
-        self._floor = 3 * radius
+        # Panels are told apart by a third coordinate that neither radius nor panel bridges.
+        self._floor = 3 * radius + 2 * float(np.ptp(pattern.flat_points, axis=0).max())
         cells: Ints = np.arange(len(pattern.panel), dtype=np.int64)
         points = pattern.centroids
         if lattice is not None:
@@ -125,11 +125,13 @@ def _repeated(points: Floats, lattice: Floats, radius: float) -> tuple[Floats, I
     low, high = points.min(axis=0) - radius, points.max(axis=0) + radius
     cells: Ints = np.arange(len(points), dtype=np.int64)
     copies, owners = [points], [cells]
-    for i in (-1, 0, 1):
-        for j in (-1, 0, 1):
+    # However slanted the vectors are: a copy further off than this lies beyond reach.
+    most = int(np.ceil(np.linalg.norm(high - low) / width))
+    for i in range(-most, most + 1):
+        for j in range(-most, most + 1):
             moved = points + i * lattice[0] + j * lattice[1]
             near = np.all((moved >= low) & (moved <= high), axis=1)
-            if (i, j) != (0, 0):
+            if (i, j) != (0, 0) and near.any():
                 copies.append(moved[near])
                 owners.append(cells[near])
     return np.concatenate(copies), np.concatenate(owners)

@@ -28,38 +28,41 @@ def strip_response(name: str, width: float, at: float) -> float:
     return _helmholtz_share(high) - _helmholtz_share(low)
 
 
-def threshold_for_width(name: str, width: float) -> float:
-    """η_r at which a straight line of a projected width (at η = 0.5) is just allowed.
+def threshold_for_width(name: str, width: float, level: float = 0.5) -> float:
+    """η_r at which a straight line of a projected width is just allowed.
 
     The line is as thin as eq. (13) allows when ρ̃ on its ridge is η_r. By the symmetry of (14),
-    1 − η_r is the η_t of a gap of that width.
+    1 − η_r is the η_t of a gap of that width if `level` is 1 − η.
 
     Args:
         name: "cone" or "helmholtz".
         width: Width of the projected line over the filter's R.
+        level: η of the projection.
 
     Raises:
         ParameterError: No threshold up to 0.98 controls this width.
     """
     require_choice("filter", name, ("cone", "helmholtz"))
-    widest = _projected_width(name, HIGHEST)
+    widest = width_of_threshold(name, HIGHEST, level)
     require_between(0.0, np.inf, width=width)
     if not 0 < width <= widest:
         raise ParameterError(
             f"a width of {width:.3g} filter radii is out of control: with this filter the "
             f"constraints guarantee up to {widest:.3g} radii. Enlarge the filter's radius."
         )
-    found = brentq(lambda eta: _projected_width(name, eta) - width, 0.5, HIGHEST, xtol=1e-10)
-    return float(found)
+    missing = lambda eta: width_of_threshold(name, eta, level) - width  # noqa: E731
+    return float(brentq(missing, level, HIGHEST, xtol=1e-10))
 
 
-def raw_width(name: str, projected: float) -> float:
-    """Width of the line of ρ = 1 of which a given width is left at ρ̃ > 0.5, both over R."""
-    left = lambda b: strip_response(name, b, projected / 2) - 0.5  # noqa: E731
-    return float(brentq(left, projected / 2, 20.0 + projected, xtol=1e-12))
+def raw_width(name: str, projected: float, level: float = 0.5) -> float:
+    """Width of the line of ρ = 1 of which a given width is left at ρ̃ > level, both over R."""
+    left = lambda b: strip_response(name, b, projected / 2) - level  # noqa: E731
+    return float(brentq(left, 1e-6, 20.0 + projected, xtol=1e-12))
 
 
-def violation(name: str, width: float, threshold: float, decay: float, beta: float = 20.0) -> float:
+def violation(
+    name: str, width: float, threshold: float, decay: float, projection: Projection
+) -> float:
     """∫ ρ̄ e^{−c ρ̃′²} min(ρ̃ − η_r, 0)² across a straight line: what g_r A is per length and R.
 
     Args:
@@ -67,10 +70,9 @@ def violation(name: str, width: float, threshold: float, decay: float, beta: flo
         width: Width of the projected line over R.
         threshold: η_r.
         decay: c over R².
-        beta: Steepness of the projection.
+        projection: What makes ρ̄ of ρ̃.
     """
-    raw, step = raw_width(name, width), 1e-4
-    projection = Projection(beta)
+    raw, step = raw_width(name, width, projection.eta), 1e-4
 
     def part(x: float) -> float:
         filtered = strip_response(name, raw, x)
@@ -81,12 +83,12 @@ def violation(name: str, width: float, threshold: float, decay: float, beta: flo
     return float(2 * quad(part, 0.0, width / 2 + 0.5, limit=200, epsabs=1e-9)[0])
 
 
-def _projected_width(name: str, threshold: float) -> float:
-    """Width of the region ρ̃ > 0.5 of the line whose ridge reaches a threshold."""
-    if threshold <= 0.5:
+def width_of_threshold(name: str, threshold: float, level: float = 0.5) -> float:
+    """Width over R of the region ρ̃ > level of the line whose ridge just reaches a threshold."""
+    if threshold <= level:
         return 0.0
     raw = brentq(lambda b: strip_response(name, b, 0.0) - threshold, 0.0, 20.0, xtol=1e-12)
-    edge = brentq(lambda x: strip_response(name, raw, x) - 0.5, 0.0, 20.0, xtol=1e-12)
+    edge = brentq(lambda x: strip_response(name, raw, x) - level, 0.0, 20.0, xtol=1e-12)
     return float(2 * edge)
 
 

@@ -24,7 +24,7 @@ TUBE: dict[str, Any] = {
     "edge_length": 1.4e-3,  # m
     "mesh": "unstructured",
     "tip_weight": 1.0,  # of the end plate's place in the objective, over that of all the rest
-    "lever": 0.05,  # m; turning the plate by 0.1 rad counts as if the whole skin were off by 5 mm
+    "lever": 0.03,  # m; turning the plate by 0.1 rad counts as if the whole skin were off by 3 mm
 }
 
 
