@@ -22,8 +22,8 @@ Floats = npt.NDArray[np.float64]
 LEAST_DECAY = 25.0
 # The default ε is used up by lines of this share of the width asked for …
 THIN = 0.85
-# … that are so many R long in all.
-ALLOWED = 10.0
+# … that are so many R long in all. With 10, necks much thinner than asked pass here and there.
+ALLOWED = 1.0
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class LengthScale:
             under its ridge (docs/optimisation.md has the measured table).
         epsilon: ε, largest value allowed for either; 1e-3 in the paper, by which any number of
             thin lines pass. None: for each of the two, what lines or gaps of 0.85 times the
-            width asked for add up to that are 10 R long in all.
+            width asked for add up to that are 1 R long in all.
     """
 
     line: float | None = None
