@@ -132,8 +132,8 @@ def test_cone_on_a_torus(comm: MPI.Comm) -> None:
     weight = np.maximum(radius - distance, 0) * np.tile(pattern.areas, 9)
     expected = weight @ np.tile(density, 9) / weight.sum(axis=1)
     assert found == pytest.approx(expected, rel=1e-12)
-    slanted = ConeFilter(tile, radius / 2, lattice=size * np.array([[1.0, 0.0], [1.0, 1.0]]))
-    straight = ConeFilter(tile, radius / 2, lattice=size * np.eye(2))
+    slanted = ConeFilter(tile, 6e-3, lattice=size * np.array([[1.0, 0.0], [1.0, 1.0]]))
+    straight = ConeFilter(tile, 6e-3, lattice=size * np.eye(2))
     mine = density[tile.owned_cells]
     assert slanted.forward(mine) == pytest.approx(straight.forward(mine), rel=1e-12)
     with pytest.raises(errors.ParameterError, match="meets itself"):
