@@ -7,7 +7,7 @@ from mpi4py import MPI
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Floats, Ints, Panel, Pattern
 
-from toros_fem._mpi import raise_together
+from toros_fem._mpi import on_first_rank
 from toros_fem.parameters import require_choice, require_positive
 
 WALL, BASE, TIP = "wall", "base", "tip"
@@ -52,29 +52,24 @@ def cylinder(
     chord = 2 * radius * np.sin(np.pi / around)
     width = around * chord
 
-    pattern, error = None, None
-    if comm.rank == 0:
-        try:
-            if mesh == "structured":
-                wall = _grid(around, rows, width, length)
-                cap = _disc(around, radius) if caps else None
-            else:
-                ring = _circle(around, radius)
-                corner = np.array([[0, 0], [width, 0], [width, length], [0, length]])
-                outlines = [(corner, [around, rows, around, rows])]
-                if caps:
-                    outlines.append((ring, [1] * around))
-                meshes = polygon_meshes(outlines, edge_length)
-                wall, cap = meshes[0], (meshes[1] if caps else None)
-            panels = [_wall_panel(*wall, radius, width)]
-            if cap is not None:
-                panels += [_cap_panel(BASE, *cap, 0.0), _cap_panel(TIP, *cap, length)]
-            pattern = Pattern.from_panels(panels, tolerance=1e-3 * min(chord, length / rows))
-        except Exception as caught:  # handed to all ranks, none may be left waiting
-            error = caught
-    raise_together(comm, error)
-    made: Pattern = comm.bcast(pattern, root=0)
-    return made
+    def build() -> Pattern:
+        if mesh == "structured":
+            wall = _grid(around, rows, width, length)
+            cap = _disc(around, radius) if caps else None
+        else:
+            ring = _circle(around, radius)
+            corner = np.array([[0, 0], [width, 0], [width, length], [0, length]])
+            outlines = [(corner, [around, rows, around, rows])]
+            if caps:
+                outlines.append((ring, [1] * around))
+            meshes = polygon_meshes(outlines, edge_length)
+            wall, cap = meshes[0], (meshes[1] if caps else None)
+        panels = [_wall_panel(*wall, radius, width)]
+        if cap is not None:
+            panels += [_cap_panel(BASE, *cap, 0.0), _cap_panel(TIP, *cap, length)]
+        return Pattern.from_panels(panels, tolerance=1e-3 * min(chord, length / rows))
+
+    return on_first_rank(comm, build)
 
 
 def _wall_panel(flat: Floats, triangles: Ints, radius: float, width: float) -> Panel:

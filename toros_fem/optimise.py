@@ -143,13 +143,10 @@ class _Loop:
     def run(self, number: int, stage: Stage, *, last: bool) -> None:
         """One stage, from the design at hand."""
         given, options = self.problem, self.options
-        eta = given.projection.eta
-        self.problem = problem = replace(
-            given,
-            projection=given.projection if stage.beta is None else Projection(stage.beta, eta),
-            weight=given.weight if stage.perimeter else 0.0,
-        )
-        constrained = stage.constrained
+        projection, constrained = given.projection, stage.constrained
+        if stage.beta is not None:
+            projection = Projection(stage.beta, projection.eta)
+        self.problem = problem = replace(given, projection=projection)
         mma = MMA(
             *self.variables.bounds,
             constraints=2 if constrained else 0,

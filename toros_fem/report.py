@@ -16,6 +16,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem._mpi import on_first_rank
 from toros_fem.design import DesignProblem, Evaluation
 from toros_fem.errors import OutputError
+from toros_fem.export import write_svg
 from toros_fem.io import HistoryFile, versions, write_fields, write_json
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
@@ -202,8 +203,6 @@ class Reporter:
         target: Floats,
         summary: dict[str, Any],
     ) -> None:
-        from toros_fem.export import write_svg
-
         pattern, folder = self._skin.pattern, self._folder
         write_svg(folder / "pattern.svg", pattern, printed.regions)
         try:

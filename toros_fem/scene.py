@@ -209,7 +209,6 @@ def design(
     *,
     begin: float,
     verbose: bool = False,
-    stages: tuple[Stage, ...] | None = None,
 ) -> Outcome:
     """Design a scene and write what comes of it (collective).
 
@@ -220,21 +219,20 @@ def design(
         inputs: All numbers that went in, those of `Settings` among them.
         begin: `time.perf_counter()` at the start of the whole run.
         verbose: Whether to print every step of the equilibrium solver.
-        stages: What is done one after the other; None: as the settings say.
     """
     settings = settings_of(inputs)
-    stages = stages or settings.stages
     problem = make_problem(comm, scene, settings, verbose=verbose)
     skin = problem.solver.skin
-    options = DesignOptions(stages, mma=MMAOptions(move=settings.move))
+    options = DesignOptions(settings.stages, mma=MMAOptions(move=settings.move))
     reporter = Reporter(skin, output, options.iterations, scene.angle, begin)
     result = optimise(problem, random_density(skin, settings.seed), options, reporter)
     limits = PrintLimits(width=settings.print_width, gap=settings.print_width)
     printed = print_design(problem, result, limits, settings.island_area)
     if settings.polish and printed.before.free_islands:
-        last = replace(options, stages=(replace(stages[-1], iterations=settings.polish),))
+        stage = replace(options.stages[-1], iterations=settings.polish)
         start = without_islands(problem, result, printed)
-        result = optimise(problem, start, last, reporter, after=result)
+        polishing = replace(options, stages=(stage,))
+        result = optimise(problem, start, polishing, reporter, after=result)
         printed = print_design(problem, result, limits, settings.island_area)
     figures = {"angle_target_deg": scene.angle_target, "seed": settings.seed}
     summary = reporter.finish(problem, result, printed, scene.target, inputs, figures)

@@ -20,21 +20,19 @@ DESCENTS = ("merit", "conservative")
 class Stage:
     """A part of the design loop throughout which the problem is one and the same.
 
-    MMA starts afresh with each stage: where β is raised, or constraints or penalties are
-    switched on, T jumps, and what MMA knew of the old problem would mislead it.
+    MMA starts afresh with each stage: where β is raised or constraints are switched on, T
+    jumps, and what MMA knew of the old problem would mislead it.
 
     Attributes:
         iterations: MMA steps at most.
         beta: Steepness β of the projection; None keeps that of the problem.
         constrained: Whether the problem's length-scale constraints hold; they are reported
             either way.
-        perimeter: Whether the problem's perimeter term counts.
     """
 
     iterations: int
     beta: float | None = None
     constrained: bool = False
-    perimeter: bool = True
 
     def __post_init__(self) -> None:
         require_count(1, iterations=self.iterations)
