@@ -2,6 +2,7 @@
 
 from toros_fem.meshes.cylinder import cylinder
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.sheet import disc, rectangle
 from toros_fem.meshes.skin import Skin, sew
 from toros_fem.meshes.targets import Deformer, bend, compose, contract, twist
 
@@ -13,6 +14,8 @@ __all__ = [
     "compose",
     "contract",
     "cylinder",
+    "disc",
+    "rectangle",
     "sew",
     "twist",
 ]

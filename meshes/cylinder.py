@@ -6,6 +6,7 @@ import numpy as np
 from mpi4py import MPI
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Floats, Ints, Panel, Pattern
+from toros_fem.meshes.sheet import circle, ringed_disc
 
 from toros_fem._mpi import on_first_rank
 from toros_fem.parameters import require_choice, require_positive
@@ -55,9 +56,9 @@ def cylinder(
     def build() -> Pattern:
         if mesh == "structured":
             wall = _grid(around, rows, width, length)
-            cap = _disc(around, radius) if caps else None
+            cap = ringed_disc(around, radius) if caps else None
         else:
-            ring = _circle(around, radius)
+            ring = circle(around, radius)
             corner = np.array([[0, 0], [width, 0], [width, length], [0, length]])
             outlines = [(corner, [around, rows, around, rows])]
             if caps:
@@ -85,11 +86,6 @@ def _cap_panel(name: str, flat: Floats, triangles: Ints, height: float) -> Panel
     return Panel(name, flat, triangles, points)
 
 
-def _circle(count: int, radius: float) -> Floats:
-    angle = np.pi + 2 * np.pi * np.arange(count) / count
-    return radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-
 def _grid(around: int, rows: int, width: float, length: float) -> tuple[Floats, Ints]:
     u, v = np.meshgrid(np.linspace(0, width, around + 1), np.linspace(0, length, rows + 1))
     node = np.arange((rows + 1) * (around + 1)).reshape(rows + 1, around + 1)
@@ -97,29 +93,3 @@ def _grid(around: int, rows: int, width: float, length: float) -> tuple[Floats, 
     lower, upper = np.stack([a, b, c], axis=2), np.stack([b, d, c], axis=2)
     triangles = np.stack([lower, upper], axis=2).reshape(-1, 3)
     return np.column_stack([u.ravel(), v.ravel()]), triangles
-
-
-def _disc(around: int, radius: float) -> tuple[Floats, Ints]:
-    """Rings of vertices around a centre, neighbouring rings zipped together by angle."""
-    rings = max(1, round(around / (2 * np.pi)))
-    counts = [max(3, round(around * k / rings)) for k in range(rings, 0, -1)]
-    points = np.concatenate(
-        [_circle(n, radius * (rings - k) / rings) for k, n in enumerate(counts)]
-        + [np.zeros((1, 2))]
-    )
-    start = np.cumsum([0, *counts])
-    triangles = []
-    for k in range(rings - 1):  # all rings start at the same angle
-        outer, inner = counts[k], counts[k + 1]
-        i = j = 0
-        while i < outer or j < inner:
-            o, p = start[k] + i % outer, start[k + 1] + j % inner
-            if (i + 0.5) / outer <= (j + 0.5) / inner:
-                triangles.append([o, start[k] + (i + 1) % outer, p])
-                i += 1
-            else:
-                triangles.append([o, start[k + 1] + (j + 1) % inner, p])
-                j += 1
-    last, n = start[rings - 1], counts[-1]
-    triangles += [[last + i, last + (i + 1) % n, start[rings]] for i in range(n)]
-    return points, np.array(triangles, dtype=np.int64)

@@ -1,0 +1,123 @@
+"""What `accuracy.py` verifies: a case is a quantity with a reference, on meshes to be refined."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+GROUPS = ("membrane", "bending", "patterns", "gradients")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What one run found.
+
+    Attributes:
+        value: The quantity, in the unit of the reference.
+        triangles: Of the mesh.
+        seconds: Wall time of the solve: what a user waits for once the forms are compiled.
+    """
+
+    value: float
+    triangles: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Case:
+    """A quantity that is known by other means.
+
+    Attributes:
+        name: On the command line and in tables; words joined by hyphens.
+        group: One of `GROUPS`.
+        about: What is computed and compared, for the report: one or two sentences.
+        quantity: Of the value, with its unit.
+        reference: The known value.
+        source: Where the reference comes from.
+        formulations: Names handed to `run`: of the bending terms, or "membrane".
+        meshes: Names handed to `run`.
+        sizes: Refinements handed to `run`, coarse to fine, at least four; `--quick` takes the
+            first two.
+        run: `run(formulation, mesh, size)`.
+        within: Relative error that the finest mesh must reach, by formulations that converge;
+            None where the reference is no limit of refinement (a bound, a trend).
+        note: What explains the observed order, or what to beware of.
+    """
+
+    name: str
+    group: str
+    about: str
+    quantity: str
+    reference: float
+    source: str
+    formulations: tuple[str, ...]
+    meshes: tuple[str, ...]
+    sizes: tuple[int, ...]
+    run: Callable[[str, str, int], Measured]
+    within: float | None = None
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        if self.group not in GROUPS or len(self.sizes) < 4:
+            raise ValueError(f"{self.name}: group {self.group}, sizes {self.sizes}")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of the results."""
+
+    case: str
+    formulation: str
+    mesh: str
+    triangles: int
+    value: float
+    reference: float
+    relative_error: float
+    observed_order: float | None
+    seconds: float
+
+
+def rows_of(case: Case, *, quick: bool = False) -> Iterator[Row]:
+    """Run a case over its formulations, meshes and refinements."""
+    sizes = case.sizes[:2] if quick else case.sizes
+    for formulation in case.formulations:
+        for mesh in case.meshes:
+            last: Row | None = None
+            for size in sizes:
+                found = case.run(formulation, mesh, size)
+                error = abs(found.value - case.reference) / (abs(case.reference) or 1.0)
+                last = Row(
+                    case=case.name,
+                    formulation=formulation,
+                    mesh=mesh,
+                    triangles=found.triangles,
+                    value=found.value,
+                    reference=case.reference,
+                    relative_error=error,
+                    observed_order=_order(last, error, found.triangles),
+                    seconds=found.seconds,
+                )
+                yield last
+
+
+def _order(last: Row | None, error: float, triangles: int) -> float | None:
+    """Order in the edge length, which goes with triangles^(-1/2); None below rounding."""
+    if last is None or min(error, last.relative_error) < 1e-12 or triangles == last.triangles:
+        return None
+    return float(2 * np.log(last.relative_error / error) / np.log(triangles / last.triangles))
+
+
+def timed[T](work: Callable[[], T]) -> tuple[T, float]:
+    """What a call returns and how long it took, in s."""
+    begin = time.perf_counter()
+    result = work()
+    return result, time.perf_counter() - begin
+
+
+def as_dicts(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """Rows for a JSON file."""
+    return [asdict(row) for row in rows]

@@ -1,0 +1,183 @@
+"""Open sheets of one panel: rectangles and discs, on meshes of several kinds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from mpi4py import MPI
+from toros_fem.meshes.gmsh_panels import polygon_meshes
+from toros_fem.meshes.pattern import Floats, Ints, Pattern
+
+from toros_fem._mpi import on_first_rank
+from toros_fem.parameters import require_choice, require_positive
+
+SHEET = "sheet"
+KINDS = ("right", "equilateral", "crossed", "union-jack", "unstructured")
+
+Place = Callable[[Floats], Floats]
+
+
+def one_panel(flat: Floats, triangles: Ints, place: Place | None = None) -> Pattern:
+    """A pattern of one flat panel, `sheet`, that is not sewn to anything.
+
+    Args:
+        flat: Flat positions, (m, 2), in m.
+        triangles: Corners among them, (t, 3), counter-clockwise.
+        place: Assembled positions (m, 3) from flat ones; None lays the sheet in the plane z = 0.
+    """
+    points = np.column_stack([flat, np.zeros(len(flat))]) if place is None else place(flat)
+    return Pattern(
+        flat_points=flat,
+        flat_triangles=triangles,
+        panel=np.zeros(len(triangles), dtype=np.int64),
+        sewn=np.arange(len(flat)),
+        points=points,
+        panel_names=(SHEET,),
+    )
+
+
+def rectangle(
+    comm: MPI.Comm,
+    length: float,
+    width: float,
+    edge_length: float,
+    mesh: str = "right",
+    place: Place | None = None,
+) -> Pattern:
+    """A rectangle [0, length] × [0, width] (collective).
+
+    Args:
+        comm: Communicator.
+        length, width: In m.
+        edge_length: Wanted edge length in m; the sides are divided evenly.
+        mesh: "right" triangles with one diagonal direction, "equilateral" ones (halved at two
+            borders), "crossed" (four around each square's centre), "union-jack" (diagonals that
+            alternate), or "unstructured" (gmsh).
+        place: As in `one_panel`.
+
+    Raises:
+        ParameterError: A length is not positive or the kind of mesh is unknown.
+    """
+    require_positive(length=length, width=width)
+    require_positive(edge_length=edge_length, at_most=min(length, width))
+    require_choice("mesh", mesh, KINDS)
+
+    def build() -> Pattern:
+        along = max(1, round(length / edge_length))
+        row = edge_length * np.sqrt(0.75) if mesh == "equilateral" else edge_length
+        across = max(1, round(width / row))
+        if mesh == "unstructured":
+            corner = np.array([[0, 0], [length, 0], [length, width], [0, width]])
+            sides = [along, across, along, across]
+            return one_panel(*polygon_meshes([(corner, sides)], edge_length)[0], place)
+        if mesh == "equilateral":
+            unit, triangles = _staggered(along, across)
+        else:
+            unit, triangles = _grid(along, across, mesh)
+        return one_panel(unit * [length / along, width / across], triangles, place)
+
+    return on_first_rank(comm, build)
+
+
+def disc(
+    comm: MPI.Comm,
+    radius: float,
+    edge_length: float,
+    mesh: str = "structured",
+    place: Place | None = None,
+) -> Pattern:
+    """A disc around the origin, its border a regular polygon on the circle (collective).
+
+    Args:
+        comm: Communicator.
+        radius: In m.
+        edge_length: Wanted edge length in m.
+        mesh: "structured" (rings around the centre) or "unstructured" (gmsh).
+        place: As in `one_panel`.
+
+    Raises:
+        ParameterError: A length is not positive or the kind of mesh is unknown.
+    """
+    require_positive(radius=radius)
+    require_positive(edge_length=edge_length, at_most=radius)
+    require_choice("mesh", mesh, ("structured", "unstructured"))
+
+    def build() -> Pattern:
+        around = max(6, round(2 * np.pi * radius / edge_length))
+        if mesh == "structured":
+            return one_panel(*ringed_disc(around, radius), place)
+        outline = (circle(around, radius), [1] * around)
+        return one_panel(*polygon_meshes([outline], edge_length)[0], place)
+
+    return on_first_rank(comm, build)
+
+
+def circle(count: int, radius: float) -> Floats:
+    """Corners of a regular polygon on a circle, (count, 2), from the angle π on."""
+    angle = np.pi + 2 * np.pi * np.arange(count) / count
+    return radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def ringed_disc(around: int, radius: float) -> tuple[Floats, Ints]:
+    """Rings of vertices around a centre, neighbouring rings zipped together by angle."""
+    rings = max(1, round(around / (2 * np.pi)))
+    counts = [max(3, round(around * k / rings)) for k in range(rings, 0, -1)]
+    points = np.concatenate(
+        [circle(n, radius * (rings - k) / rings) for k, n in enumerate(counts)] + [np.zeros((1, 2))]
+    )
+    start = np.cumsum([0, *counts])
+    triangles = []
+    for k in range(rings - 1):  # all rings start at the same angle
+        outer, inner = counts[k], counts[k + 1]
+        i = j = 0
+        while i < outer or j < inner:
+            o, p = start[k] + i % outer, start[k + 1] + j % inner
+            if (i + 0.5) / outer <= (j + 0.5) / inner:
+                triangles.append([o, start[k] + (i + 1) % outer, p])
+                i += 1
+            else:
+                triangles.append([o, start[k + 1] + (j + 1) % inner, p])
+                j += 1
+    last, n = start[rings - 1], counts[-1]
+    triangles += [[last + i, last + (i + 1) % n, start[rings]] for i in range(n)]
+    return points, np.array(triangles, dtype=np.int64)
+
+
+def _grid(along: int, across: int, kind: str) -> tuple[Floats, Ints]:
+    """Unit squares, each cut in two or, if crossed, in four."""
+    u, v = np.meshgrid(np.arange(along + 1.0), np.arange(across + 1.0))
+    points = np.column_stack([u.ravel(), v.ravel()])
+    node = np.arange(len(points)).reshape(across + 1, along + 1)
+    a, b, d, c = (part.ravel() for part in
+                  (node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]))  # fmt: skip
+    if kind == "crossed":
+        middle = len(points) + np.arange(len(a))
+        points = np.concatenate([points, (points[a] + points[c]) / 2])
+        corners = [(a, b), (b, c), (c, d), (d, a)]
+        parts = [np.stack([one, two, middle], axis=1) for one, two in corners]
+    else:
+        i, j = np.divmod(np.arange(len(a)), along)
+        rising = ((i + j) % 2 == 1) if kind == "union-jack" else np.zeros(len(a), dtype=bool)
+        parts = [
+            np.stack([a, b, np.where(rising, c, d)], axis=1),
+            np.stack([c, d, np.where(rising, a, b)], axis=1),
+        ]
+    return points, np.stack(parts, axis=1).reshape(-1, 3)
+
+
+def _staggered(along: int, across: int) -> tuple[Floats, Ints]:
+    """Rows of unit height, every other one shifted by half an edge and closed by half edges."""
+    rows, points, triangles = [], [], []
+    for j in range(across + 1):
+        inner = np.arange(along + 1.0) if j % 2 == 0 else np.arange(along) + 0.5
+        u = inner if j % 2 == 0 else np.concatenate([[0], inner, [along]])
+        rows.append(len(points) + np.arange(len(u)))
+        points += [(x, float(j)) for x in u]
+    for j in range(across):
+        even, odd = (rows[j], rows[j + 1]) if j % 2 == 0 else (rows[j + 1], rows[j])
+        up = j % 2 == 0  # whether the even row lies below
+        strip = [(even[i], even[i + 1], odd[i + 1]) for i in range(along)]
+        strip += [(odd[i + 1], odd[i], even[i]) for i in range(along + 1)]
+        triangles += strip if up else [corners[::-1] for corners in strip]
+    return np.array(points), np.array(triangles, dtype=np.int64)
