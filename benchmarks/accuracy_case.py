@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+T = TypeVar("T")
 GROUPS = ("membrane", "bending", "patterns", "gradients")
 
 
@@ -111,7 +112,7 @@ def _order(last: Row | None, error: float, triangles: int) -> float | None:
     return float(2 * np.log(last.relative_error / error) / np.log(triangles / last.triangles))
 
 
-def timed[T](work: Callable[[], T]) -> tuple[T, float]:
+def timed(work: Callable[[], T]) -> tuple[T, float]:
     """What a call returns and how long it took, in s."""
     begin = time.perf_counter()
     result = work()
