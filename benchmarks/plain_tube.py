@@ -47,7 +47,7 @@ def main() -> None:
     for pressure in PRESSURES:
         result = solver.solve(density, pressure, start=state)
         state = result.state
-        x = skin.gather_vertices(state.reshape(-1, 3))
+        x = skin.gather_vertices(result.positions)
         radius = np.linalg.norm(x[middle, :2] - x[middle, :2].mean(axis=0), axis=1).mean()
         axial = np.polyfit(height[middle], x[middle, 2], 1)[0]
         rows.append(

@@ -46,6 +46,11 @@ def minus(a: Vector, b: Vector) -> Vector:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
+def plus(a: Vector, b: Vector) -> Vector:
+    """A + b."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
 def times(factor: Any, a: Vector) -> Vector:
     """A multiple of a vector."""
     return factor * a[0], factor * a[1], factor * a[2]
@@ -63,6 +68,11 @@ def cross(a: Vector, b: Vector) -> Vector:
         a[2] * b[0] - a[0] * b[2],
         a[0] * b[1] - a[1] * b[0],
     )
+
+
+def matrix_product(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> list[list[Any]]:
+    """Product of two 3×3 matrices."""
+    return [[sum(a[k][n] * b[n][j] for n in range(3)) for j in range(3)] for k in range(3)]
 
 
 def skew(a: Vector) -> list[list[Any]]:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import ufl
-from toros_fem.forms.bending import bending_blocks, bending_energy, curvature, moment
+from toros_fem.forms.bending import Edges, bending_blocks, bending_energy, curvature, moment
 from toros_fem.forms.blocks import Blocks, components
 from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.kinematics import (
@@ -68,12 +67,13 @@ def skin_forms(
     bounds: tuple[Any, Any],
     pressure: Any | None,
     geometric: Any,
-    has_flap: Sequence[Any],
+    edges: Edges | None,
 ) -> SkinForms:
     """Energy, first variation and tangent of a skin, eqs. (8-10).
 
     Args:
-        q: Patch positions: a function of three corners, or of three corners and three flaps.
+        q: Patch positions: a function of three corners; with bending of three flaps too, and of
+            the rotation unknowns as a seventh vector, if there are any.
         adjoint: A function of the same space, for the density sensitivity.
         entries: Test function of the tangent's entries: n(n + 1)/2 piecewise constants for a
             patch of n components.
@@ -81,8 +81,7 @@ def skin_forms(
         fabric, reinforcement: Section stiffness of the two materials.
         bounds: c₁ and c₂ of eq. (1).
         pressure: Pressure in Pa, or None for a skin that no pressure acts on.
-        has_flap: Whether each edge has a neighbour, three indicators a triangle; empty for a
-            skin without bending.
+        edges: Constants of each triangle's edges; None for a skin without bending.
     """
     space = q.ufl_function_space()
     mesh = space.ufl_domain()
@@ -103,12 +102,12 @@ def skin_forms(
     blocks = Blocks(len(nodes))
     membrane_blocks(blocks, nodes[:3], jacobian, sheet, bounds, geometric)
 
-    if has_flap:
-        Lambda, variation = curvature(patch, ufl.split(test), jacobian, has_flap)
+    if edges is not None:
+        Lambda, variation = curvature(patch, ufl.split(test), edges)
         stiffness = mixed("mu_bend"), mixed("lam_bend")
         energy += bending_energy(Lambda, *stiffness) * dx
         residual += ufl.inner(moment(Lambda, *stiffness), variation) * dx
-        bending_blocks(blocks, nodes, jacobian, has_flap, stiffness, geometric)
+        bending_blocks(blocks, patch, edges, stiffness, geometric)
 
     # What depends on the density is what carries stiffness: the pressure is left out here.
     parts = ufl.replace(residual, {test: adjoint})

@@ -41,9 +41,3 @@ def stretch_invariants(C: Any) -> tuple[Any, Any]:
     """
     p = ufl.sqrt(ufl.det(C))
     return ufl.sqrt(ufl.tr(C) + 2 * p), p
-
-
-def edges_of(jacobian: Any) -> list[Any]:
-    """Flat edge vectors in m; edge i lies opposite corner i and runs from corner i+1 to i+2."""
-    corner = [ufl.as_vector(v) for v in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))]
-    return [ufl.dot(jacobian, corner[(i + 2) % 3] - corner[(i + 1) % 3]) for i in range(3)]

@@ -216,6 +216,20 @@ class Pattern:
         one, two = flat[order[start[double]]], flat[order[start[double] + 1]][:, ::-1]
         return np.stack([one, two], axis=1)[np.any(one != two, axis=1)]
 
+    @cached_property
+    def seam_edges(self) -> npt.NDArray[np.bool_]:
+        """Whether a triangle is sewn to another piece, or to itself, at edge i, shape (t, 3).
+
+        Edge i lies opposite corner i.
+        """
+        edge, *_ = self._edges
+        ends = np.sort(self.sewn[self.seams[:, 0]], axis=1)
+        known = ends[:, 0] * np.int64(len(self.points)) + ends[:, 1]
+        low, high = edge.min(axis=1), edge.max(axis=1)
+        found = np.isin(low * np.int64(len(self.points)) + high, known)
+        # Directed edge k of a triangle runs from corner k to k + 1.
+        return np.roll(found.reshape(-1, 3), -1, axis=1)
+
     def require_closed(self) -> None:
         """Check that the skin encloses a volume.
 

@@ -168,7 +168,9 @@ def _grid(along: int, across: int, kind: str) -> tuple[Floats, Ints]:
 
 def _staggered(along: int, across: int) -> tuple[Floats, Ints]:
     """Rows of unit height, every other one shifted by half an edge and closed by half edges."""
-    rows, points, triangles = [], [], []
+    rows: list[Ints] = []
+    points: list[tuple[float, float]] = []
+    triangles: list[tuple[int, int, int]] = []
     for j in range(across + 1):
         inner = np.arange(along + 1.0) if j % 2 == 0 else np.arange(along) + 0.5
         u = inner if j % 2 == 0 else np.concatenate([[0], inner, [along]])

@@ -258,7 +258,7 @@ def test_bending_matters_in_the_taylor_state(
 ) -> None:
     """Bending is active there: without it the gradient is another one."""
     plain = EquilibriumSolver(
-        tube, dataclasses.replace(Composite(), bending=False), clamp(tube.pattern, ["base"])
+        tube, dataclasses.replace(Composite(), bending=None), clamp(tube.pattern, ["base"])
     )
     density = random_density(tube, 2, spread=0.3)
     with_it = problem(tube, tube_solver).evaluate(density).gradient

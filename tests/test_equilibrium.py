@@ -40,7 +40,7 @@ def test_uniaxial_tension_finds_the_lateral_stretch(comm: MPI.Comm, stretch: str
     ends = (flat[:, 0] < 1e-9) | (flat[:, 0] > size - 1e-9)
     held[ends, 0] = True
     held[0, 1] = True
-    composite = Composite(fabric=TABLE_A, c1=float(row["c1"]), c2=float(row["c2"]), bending=False)
+    composite = Composite(fabric=TABLE_A, c1=float(row["c1"]), c2=float(row["c2"]), bending=None)
     skin = sew(comm, pattern)
     result = EquilibriumSolver(skin, composite, Supports(held)).solve(fabric(skin), 0.0)
     assert result.converged
@@ -59,7 +59,7 @@ def test_exact_polygonal_tube(comm: MPI.Comm, row: dict[str, str]) -> None:
     factor = 1.0 if row["mat"] == "A" else 100.0
     cloth = Material(TABLE_A.young * factor, TABLE_A.poisson, TABLE_A.thickness)
     skin = sew(comm, pattern)
-    composite = Composite(fabric=cloth, c1=1.8, c2=2.0, bending=False)
+    composite = Composite(fabric=cloth, c1=1.8, c2=2.0, bending=None)
     model = SkinModel(skin, composite, clamp(pattern, ["base"]))
     model.set_density(fabric(skin))
     model.set_pressure(pressure)
@@ -80,7 +80,7 @@ def test_capped_cylinder_away_from_its_ends(comm: MPI.Comm) -> None:
     edge = 2 * np.pi * RADIUS / sides
     pattern = cylinder(comm, 0.12, 2 * RADIUS, edge, mesh="structured")
     skin = sew(comm, pattern)
-    composite = Composite(fabric=TABLE_A, c1=1.8, c2=2.0, bending=False)
+    composite = Composite(fabric=TABLE_A, c1=1.8, c2=2.0, bending=None)
     solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
     result = solver.solve(fabric(skin), 5e3)
     x = skin.gather_vertices(result.state.reshape(-1, 3))
@@ -253,11 +253,11 @@ def test_beyond_the_limit_point(comm: MPI.Comm) -> None:
     assert limit == pytest.approx(2.28856)
     pattern = cylinder(comm, 0.04, 2 * RADIUS, 5e-3, mesh="structured")
     skin = sew(comm, pattern)
-    far = Composite(fabric=TABLE_A, c1=1e3, c2=1e3, bending=False)
+    far = Composite(fabric=TABLE_A, c1=1e3, c2=1e3, bending=None)
     stopped = EquilibriumSolver(skin, far, clamp(pattern, ["base"])).solve(fabric(skin), 2.5e3)
     assert stopped.converged
     assert stopped.stretch_use > 0.99
-    composite = Composite(fabric=TABLE_A, c1=1e5, c2=1e5, bending=False)
+    composite = Composite(fabric=TABLE_A, c1=1e5, c2=1e5, bending=None)
     solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
     below = solver.solve(fabric(skin), 1.2e3)
     assert below.converged

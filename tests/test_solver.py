@@ -1,6 +1,7 @@
 """What makes the equilibrium solver fast and hard to break, piece by piece."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from toros_fem.equilibrium import EquilibriumSolver
 from toros_fem.factor import Factor
 from toros_fem.model import SkinModel
 from toros_fem.newton import NewtonStep
-from toros_fem.parameters import Composite, Material
+from toros_fem.parameters import CURVATURES, Bending, Composite, Material
 from toros_fem.supports import clamp, symmetry_plane
 from toros_fem.tangent import UpperTangent
 
@@ -115,9 +116,13 @@ def test_log_shows_the_quadratic_tail(tube: Skin) -> None:
     solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), log=rows.append)
     result = solver.solve(np.full(len(tube.owned_cells), 0.4), 2e3)
     assert tuple(rows) == result.history
-    pure = [row.residual for row in rows if not row.chord and row.shift == 0 and row.step]
-    assert pure[-1] < 1e-3
-    assert rows[-1].residual < 10 * max(pure[-1] ** 1.5, 1e-11)
+    tail = [
+        (row.residual, after.residual)
+        for row, after in pairwise(rows)
+        if not row.chord and row.shift == 0 and row.step == 1 and row.residual < 1e-2
+    ]
+    assert tail
+    assert all(after < 10 * max(before**1.5, 1e-11) for before, after in tail)
     assert "newton" in str(rows[0])
     assert "end" in str(rows[-1])
 
@@ -192,9 +197,10 @@ def half_tube(*, mirrored: bool) -> Pattern:
     return Pattern.from_panels(panels, tolerance=1e-6)
 
 
-def test_half_a_tube_equals_the_whole(comm: MPI.Comm) -> None:
-    """Without bending, which is hinged at the plane: positions, energy and volume."""
-    composite = Composite(bending=False)
+@pytest.mark.parametrize("curvature", [None, *CURVATURES])
+def test_half_a_tube_equals_the_whole(comm: MPI.Comm, curvature: str | None) -> None:
+    """Positions, energy and volume."""
+    composite = Composite(bending=Bending(curvature) if curvature else None)
     half, whole = half_tube(mirrored=False), half_tube(mirrored=True)
     held = clamp(half, ["base"]) | symmetry_plane(half, 1)
     results, places = [], []
@@ -203,7 +209,7 @@ def test_half_a_tube_equals_the_whole(comm: MPI.Comm) -> None:
         solver = EquilibriumSolver(skin, composite, supports)
         density = (pattern.points[pattern.triangles].mean(axis=1)[:, 0] > 5e-3).astype(float)
         results.append(solver.solve(density[skin.owned_cells], 2e3))
-        places.append(skin.gather_vertices(results[-1].state.reshape(-1, 3)))
+        places.append(skin.gather_vertices(results[-1].positions))
     one, two = results
     assert 2 * one.volume == pytest.approx(two.volume, rel=1e-8)
     assert 2 * one.energy == pytest.approx(two.energy, rel=1e-8)
@@ -220,7 +226,7 @@ def test_bad_symmetry_planes(comm: MPI.Comm) -> None:
         symmetry_plane(half, 0)
     # Held at its base alone, half a tube is open.
     skin = sew(comm, half)
-    solver = EquilibriumSolver(skin, Composite(bending=False), clamp(half, ["base"]))
+    solver = EquilibriumSolver(skin, Composite(bending=None), clamp(half, ["base"]))
     with pytest.raises(errors.OpenSkinError, match="edges are free"):
         solver.solve(np.zeros(len(skin.owned_cells)), 1e3)
 

@@ -15,6 +15,29 @@ EASY = 10
 
 
 @dataclass(frozen=True, eq=False)
+class Load:
+    """A pressure in Pa, and dead forces in N on all assembled vertices."""
+
+    pressure: float
+    force: Floats | None
+
+    def __bool__(self) -> bool:
+        return self.pressure > 0 or self.force is not None
+
+    def share(self, share: float) -> Load:
+        """A share of it."""
+        return Load(0.0, None).towards(self, share)
+
+    def towards(self, other: Load, share: float) -> Load:
+        """What lies between, share of the way to another."""
+        pressure = self.pressure + share * (other.pressure - self.pressure)
+        if self.force is None and other.force is None:
+            return Load(pressure, None)
+        mine, theirs = (0.0 if load.force is None else load.force for load in (self, other))
+        return Load(pressure, np.asarray(mine + share * (theirs - mine)))
+
+
+@dataclass(frozen=True, eq=False)
 class Climb:
     """How far a climb came.
 

@@ -190,7 +190,7 @@ class DesignProblem:
             projected, self.pressure if pressure is None else pressure, start=start
         )
         seconds = {"equilibrium": time.perf_counter() - begin}
-        shape = self.objective.forward(equilibrium.state)
+        shape = self.objective.forward(equilibrium.positions)
         return Evaluation(
             objective=shape + self._price * (perimeter or 0.0),
             shape=shape,
@@ -214,7 +214,9 @@ class DesignProblem:
         """
         begin = time.perf_counter()
         e, state = evaluation, evaluation.equilibrium.state
-        adjoint = self.solver.solve_tangent(self.objective.backward(state), e.equilibrium)
+        rhs = np.zeros_like(state)
+        self.solver.model.positions(rhs)[:] = self.objective.backward(e.equilibrium.positions)
+        adjoint = self.solver.solve_tangent(rhs, e.equilibrium)
         by_projected = -self.solver.model.density_sensitivity(state, adjoint)
         if self.perimeter is not None and self.weight > 0:
             by_projected += self._price * self.perimeter.backward(e.projected)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from toros_fem._mpi import norm, raise_together
-from toros_fem.continuation import Climb, climb
+from toros_fem.continuation import Climb, Load, climb
 from toros_fem.density import check_density
 from toros_fem.errors import ParameterError, TorosError
 from toros_fem.factor import PREFIX, Factor
@@ -39,7 +39,8 @@ class EquilibriumResult:
         converged: Whether `state` is a stable equilibrium at the asked pressure.
         reason: Why the solve ended, as a sentence.
         pressure: Pressure of `state` in Pa.
-        state: Owned position dofs in m, a flat array.
+        state: Owned unknowns in m, a flat array, as `SkinModel` has them.
+        positions: Positions of the owned nodes in m, (n, 3), a view of `state`.
         energy: Energy of eq. (8) in J.
         volume: Enclosed volume in m³.
         stretch_use: Largest share of the stretch bounds that a triangle uses, < 1.
@@ -54,6 +55,7 @@ class EquilibriumResult:
     reason: str
     pressure: float
     state: Floats
+    positions: Floats
     energy: float
     volume: float
     stretch_use: float
@@ -110,35 +112,39 @@ class EquilibriumSolver:
         self._snes = snes
         self._factorised_at: EquilibriumResult | None = None
         self._density: Floats = np.zeros(0)  # of that equilibrium
+        self._load = Load(0.0, None)  # of that equilibrium
 
     def solve(
         self,
         density: Floats,
         pressure: float,
         *,
+        force: Floats | None = None,
         start: Floats | None = None,
         raise_on_failure: bool = True,
     ) -> EquilibriumResult:
-        """The stable equilibrium at a density and a pressure (collective).
+        """The stable equilibrium at a density, a pressure and dead forces (collective).
 
         Args:
             density: Projected density of the owned triangles, in [0, 1].
             pressure: Pressure in Pa, ≥ 0.
-            start: Owned position dofs to start from at the full pressure, a neighbouring
-                equilibrium say; held components are put where they belong. Without it the solve
-                starts from the assembled positions. Where the full pressure at once fails, it
-                is raised in steps that shrink where they fail; where that fails too, the plain
-                fabric is solved for and then stiffened.
+            force: Dead forces in N on all assembled vertices, (n, 3).
+            start: Owned unknowns to start from at the full load, a neighbouring equilibrium
+                say; held components are put where they belong. Without it the solve starts from
+                the assembled positions. Where the full load at once fails, it is raised in steps
+                that shrink where they fail; where that fails too, the plain fabric is solved for
+                and then stiffened.
             raise_on_failure: Whether to raise if no equilibrium is found, or to return the last
                 good state with `converged` False.
 
         Raises:
-            ParameterError: The pressure is negative or not finite, or the start does not fit.
+            ParameterError: The pressure is negative or not finite, or force or start do not fit.
             DensityError: The density does not fit, or leaves [0, 1].
             OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
             EquilibriumError: No equilibrium was found; the error holds the last good state.
         """
-        self._check(density, pressure, start)
+        self._check(density, pressure, force, start)
+        load = Load(pressure, force)
         self.model.set_density(density)
         newton = self._newton
         last, self._factorised_at = self._factorised_at, None
@@ -157,17 +163,16 @@ class EquilibriumSolver:
                 f"the start leaves the stretch bounds: a triangle uses {use:.3g} of them, the "
                 "bound is 1. Start from the assembled positions, or raise c1 and c2."
             )
-        end = self._continue(state, density, pressure, near, cold=start is None)
+        end = self._continue(state, density, load, near, cold=start is None)
         state, reached = end.state, end.reached
-        converged = reached == pressure
-        here = reached or 0.0
-        self.model.set_pressure(here)
-        newton.pressure = here
+        converged = reached == 1.0
+        self._apply(load.share(reached or 0.0))
         result = EquilibriumResult(
             converged=converged,
-            reason=self._sentence(end.outcome, pressure, reached, state),
-            pressure=here,
+            reason=self._sentence(end.outcome, load, reached, state),
+            pressure=newton.pressure,
             state=state,
+            positions=self.model.positions(state),
             energy=self.model.energy(state),
             volume=self.model.volume(state),
             stretch_use=self.model.bounds.worst(self.model.corners(state)),
@@ -178,7 +183,7 @@ class EquilibriumSolver:
             history=tuple(newton.history),
         )
         if converged:
-            self._factorised_at, self._density = result, density.copy()
+            self._factorised_at, self._density, self._load = result, density.copy(), load
         elif raise_on_failure:
             raise EquilibriumError(result.reason, result)
         return result
@@ -187,7 +192,7 @@ class EquilibriumSolver:
         """Solve K y = rhs with the tangent at an equilibrium, zero at held components.
 
         Args:
-            rhs: Owned dofs.
+            rhs: Owned unknowns.
             at: The last equilibrium this solver found: its tangent is still factorised.
 
         Raises:
@@ -204,90 +209,93 @@ class EquilibriumSolver:
         self,
         state: Floats,
         density: Floats,
-        pressure: float,
+        load: Load,
         near: EquilibriumResult | None,
         *,
         cold: bool,
     ) -> Climb:
-        """At once, from the near equilibrium, by the pressure, by the stiffness, patiently.
+        """At once, from the near equilibrium, by the load, by the stiffness, patiently.
 
         Returns:
-            How far the pressure came at the asked density.
+            Which share of the load was reached at the asked density.
         """
-        found, outcome, _ = self._attempt(state, density, pressure)
+        found, outcome, _ = self._attempt(state, density, load)
         if outcome > 0:
-            return Climb(found, pressure, outcome)
+            return Climb(found, 1.0, outcome)
         least = self.options.min_increment
         if near is not None:
-            there, pressure_there = self._density, near.pressure
+            there, load_there = self._density, self._load
 
             def walk(x: Floats, share: float) -> tuple[Floats, int, int]:
                 mixed = there + share * (density - there)
-                return self._attempt(x, mixed, pressure_there + share * (pressure - pressure_there))
+                return self._attempt(x, mixed, load_there.towards(load, share))
 
             begin = Climb(state, 0.0, outcome)
             walked = climb(walk, begin, 1.0, FIRST_SHARE, least)
             if walked.reached == 1.0:
-                return Climb(walked.state, pressure, walked.outcome)
+                return walked
         if not cold:
-            found, outcome, _ = self._attempt(self.model.assembled, density, pressure)
+            found, outcome, _ = self._attempt(self.model.assembled, density, load)
             if outcome > 0:
-                return Climb(found, pressure, outcome)
+                return Climb(found, 1.0, outcome)
         unfinished = found
-        # One that strains by a few per cent.
+        # A pressure that strains by a few per cent.
         small = 0.1 * self.model.composite.fabric.membrane_stiffness / self.skin.pattern.size
+        increment = min(small / load.pressure, 1 / 4) if load.pressure else FIRST_SHARE
 
-        def raise_pressure(of: Floats) -> Climb:
+        def raise_load(of: Floats) -> Climb:
             begin = Climb(self.model.assembled, None, outcome)
-            increment = min(small, pressure / 4)
-            return climb(lambda x, p: self._attempt(x, of, p), begin, pressure, increment, least)
+            return climb(
+                lambda x, share: self._attempt(x, of, load.share(share)), begin, 1.0, increment,
+                least,
+            )  # fmt: skip
 
-        by_pressure = Climb(state, None, outcome)
-        if pressure > 0:
-            by_pressure = raise_pressure(density)
-            if by_pressure.reached == pressure:
-                return by_pressure
-            if by_pressure.reached is None:
-                by_pressure = Climb(state, None, by_pressure.outcome)
+        by_load = Climb(state, None, outcome)
+        if load:
+            by_load = raise_load(density)
+            if by_load.reached == 1.0:
+                return by_load
+            if by_load.reached is None:
+                by_load = Climb(state, None, by_load.outcome)
         plain = np.zeros_like(density)
-        found, outcome, _ = self._attempt(self.model.assembled, plain, pressure)
-        soft = Climb(found, pressure, outcome)
-        if outcome <= 0 and pressure > 0:
-            soft = raise_pressure(plain)
+        found, outcome, _ = self._attempt(self.model.assembled, plain, load)
+        soft = Climb(found, 1.0, outcome)
+        if outcome <= 0 and load:
+            soft = raise_load(plain)
         if soft.outcome > 0:
             stiffened = climb(
-                lambda x, share: self._attempt(x, share * density, pressure),
+                lambda x, share: self._attempt(x, share * density, load),
                 Climb(soft.state, 0.0, soft.outcome), 1.0, FIRST_SHARE, least,
             )  # fmt: skip
             if stiffened.reached == 1.0:
-                return Climb(stiffened.state, pressure, stiffened.outcome)
+                return stiffened
         most = self._snes.getTolerances()[3]
         self._snes.setTolerances(max_it=PATIENCE * most)
-        found, outcome, _ = self._attempt(unfinished, density, pressure)
+        found, outcome, _ = self._attempt(unfinished, density, load)
         self._snes.setTolerances(max_it=most)
         if outcome > 0:
-            return Climb(found, pressure, outcome)
-        return by_pressure
+            return Climb(found, 1.0, outcome)
+        return by_load
 
-    def _attempt(self, start: Floats, density: Floats, pressure: float) -> tuple[Floats, int, int]:
+    def _attempt(self, start: Floats, density: Floats, load: Load) -> tuple[Floats, int, int]:
         """One solve of the SNES: the state, its converged reason, and how many steps it took."""
         self.model.set_density(density)
-        state, rows = start.copy(), len(self._newton.history)
-        outcome = self._newton_solve(state, pressure)
-        return state, outcome, len(self._newton.history) - rows
-
-    def _newton_solve(self, state: Floats, pressure: float) -> int:
-        self.model.set_pressure(pressure)
-        self._newton.pressure = pressure
-        self._x.array[:] = state
+        self._apply(load)
+        self._x.array[:] = start
         rows = len(self._newton.history)
         self._snes.solve(None, self._x)
-        state[:] = self._x.array
+        state = self._x.array.copy()
         outcome = int(self._snes.getConvergedReason())
-        if outcome > 0 and len(self._newton.history) == rows and not self._newton.stable(state):
+        steps = len(self._newton.history) - rows
+        if outcome > 0 and steps == 0 and not self._newton.stable(state):
             # Another type of SNES, chosen by an option, may have stopped at a saddle.
-            return int(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
-        return outcome
+            outcome = int(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
+        return state, outcome, steps
+
+    def _apply(self, load: Load) -> None:
+        self.model.set_pressure(load.pressure)
+        self.model.set_force(load.force)
+        self._newton.pressure = load.pressure
 
     def _residual(self, _: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         f.array_w[:] = self.model.residual(x.array_r)
@@ -296,8 +304,9 @@ class EquilibriumSolver:
         self._factor.assemble(x.array_r)
         self._factor.fill(0.0)
 
-    def _sentence(self, outcome: int, pressure: float, reached: float | None, state: Floats) -> str:
-        if reached == pressure:
+    def _sentence(self, outcome: int, load: Load, reached: float | None, state: Floats) -> str:
+        pressure = load.pressure
+        if reached == 1.0:
             return f"A stable equilibrium was found at {pressure:g} Pa."
         why = {
             int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT): (
@@ -307,7 +316,7 @@ class EquilibriumSolver:
         }.get(outcome, "no step lowered the energy any more")
         bounds = f"c1 = {self.model.composite.c1:g}, c2 = {self.model.composite.c2:g}"
         begin = f"No equilibrium inside the stretch bounds ({bounds}) was found at pressure = "
-        begin += f"{pressure:g} Pa, at once, by raising the pressure, or by stiffening the plain "
+        begin += f"{pressure:g} Pa, at once, by raising the load, or by stiffening the plain "
         begin += f"fabric: {why}."
         folds = self.model.folds(self._x.array_r.copy(), FOLDED)
         if folds:  # each edge is seen from both sides
@@ -323,19 +332,27 @@ class EquilibriumSolver:
                 "steps, or refine the mesh."
             )
         use = self.model.bounds.worst(self.model.corners(state))
+        there = f"{reached * pressure:g} Pa" if pressure else f"{100 * reached:.3g} % of the forces"
         return (
-            f"{begin} The last equilibrium is at {reached:g} Pa, where the most stretched "
-            f"triangle uses {100 * use:.1f} % of the bounds. Lower the pressure to about "
-            f"{reached:.3g} Pa, stiffen the skin, or refine the mesh where it is most stretched."
+            f"{begin} The last equilibrium is at {there}, where the most stretched triangle uses "
+            f"{100 * use:.1f} % of the bounds. Lower the {'pressure' if pressure else 'load'} to "
+            f"about that, stiffen the skin, or refine the mesh where it is most stretched."
         )
 
-    def _check(self, density: Floats, pressure: float, start: Floats | None) -> None:
+    def _check(
+        self, density: Floats, pressure: float, force: Floats | None, start: Floats | None
+    ) -> None:
         if not (math.isfinite(pressure) and pressure >= 0):
             raise ParameterError(f"pressure = {pressure} Pa must be finite and at least 0.")
         if pressure > 0 and not self.model.closed:
             self.skin.pattern.require_closed()
         check_density(self.skin, density)
         error = None
+        points = self.skin.pattern.points.shape
+        if force is not None and not (force.shape == points and np.isfinite(force).all()):
+            error = ParameterError(
+                f"force has shape {force.shape}; it must be finite and of shape {points}, in N."
+            )
         if start is not None and start.shape != (self.model.size_local,):
             error = ParameterError(
                 f"start has shape {start.shape}; this rank owns {self.model.size_local} dofs."

@@ -37,7 +37,8 @@ class Factor:
         upper: The upper triangle as a compressed-row matrix.
         matrix: What PETSc factorises: `upper` itself, or in CHOLMOD's format.
         count: Numeric factorisations so far, failed ones included.
-        scale: Mean diagonal of each vertex in N/m, zero at held dofs, of the last `assemble`.
+        scale: Mean diagonal of each vertex, and that of each rotation, in N/m, zero where held,
+            of the last `assemble`.
     """
 
     def __init__(self, model: SkinModel) -> None:
@@ -97,8 +98,9 @@ class Factor:
         self._state, self._has_material = state, False
         # One value a vertex: a flat membrane has no stiffness of its own across its plane.
         diagonal = np.abs(self._exact[self._tangent.diagonal])
-        mean = diagonal.reshape(-1, 3).mean(axis=1)
-        self.scale = np.repeat(mean, 3) * self._model.free
+        by_vertex = self._model.positions(diagonal)
+        by_vertex[:] = by_vertex.mean(axis=1)[:, None]
+        self.scale = diagonal * self._model.free
 
     def fill(self, shift: float = 0.0, diagonal: float = 0.0) -> None:
         """Put K + shift · M + diagonal · D into the matrix, D the mean diagonal of a vertex."""

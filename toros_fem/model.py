@@ -9,14 +9,17 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
+from mpi4py import MPI
 
 from toros_fem._mpi import dot, total
 from toros_fem.feasibility import StretchBounds
+from toros_fem.forms.bending import Edges
 from toros_fem.forms.energy import Section, SkinForms, skin_forms
 from toros_fem.forms.interpolation import interpolate
+from toros_fem.hinges import Hinges, find_hinges
 from toros_fem.meshes.skin import Skin
 from toros_fem.parameters import Composite, Material
-from toros_fem.patch import patch_space
+from toros_fem.patch import make_patch
 from toros_fem.supports import Supports
 
 Floats = npt.NDArray[np.float64]
@@ -27,19 +30,21 @@ class SkinModel:
     """Energy, first variation, tangent and density sensitivity of one scene.
 
     Only what the scene needs is compiled: no pressure term on an open skin, three instead of six
-    points a triangle without bending.
+    points a triangle without bending, rotations only for the curvature that has them.
 
-    States are owned position dofs, a flat array (x, y, z of each owned node); densities are owned
-    values of the projected density. All methods are collective.
+    States are owned unknowns, a flat array: x, y, z of each owned node, then the rotation of each
+    owned edge, a length, if the edges have any. Densities are owned values of the projected
+    density. All methods are collective.
 
     Attributes:
-        held: Held dofs among the local ones, ghosts included.
-        free: Those owned dofs that are not held.
+        held: Held unknowns among the local ones, ghosts included.
+        free: Those owned unknowns that are not held.
+        loaded: Whether there are dead forces.
 
     Args:
         skin: The sewn skin.
         composite: The two materials and the stretch bounds.
-        supports: Held components.
+        supports: Held components and directions.
 
     Raises:
         ParameterError: The supports leave a rigid motion, or are made for another pattern.
@@ -50,18 +55,17 @@ class SkinModel:
         self.skin = skin
         self.composite = composite
         self.closed = supports.close(skin.pattern)
-        self.space, self._has_flap = patch_space(skin, flaps=composite.bending)
+        self._hinges, rotations = None, False
+        if composite.bending is not None:
+            poisson = composite.reinforcement.poisson
+            self._hinges = find_hinges(skin, composite.bending, supports, poisson)
+            rotations = composite.bending.curvature == "midedge"
+        self._patch = make_patch(skin, self._hinges, rotations=rotations)
+        self.space = self._patch.space
         self.q = fem.Function(self.space, name="positions")
         self.adjoint = fem.Function(self.space, name="adjoint")
         self.density = fem.Function(skin.density_space, name="projected density")
 
-        cells = skin.density_space.dofmap.list[:, 0]
-        flap_indicator = []
-        if composite.bending:
-            for i in range(3):
-                indicator = fem.Function(skin.density_space)
-                indicator.x.array[cells] = self._has_flap[:, i]
-                flap_indicator.append(indicator)
         domain = skin.mesh
         size = self.space.element.space_dimension
         entry = basix.ufl.element("DG", "triangle", 0, shape=(size * (size + 1) // 2,))
@@ -78,37 +82,65 @@ class SkinModel:
             (fem.Constant(domain, composite.c1), fem.Constant(domain, composite.c2)),
             self._pressure if self.closed else None,
             self._geometric,
-            flap_indicator,
+            None if self._hinges is None else _edges(skin, self._hinges, rotations=rotations),
         )
         self._energy = fem.form(self.ufl_forms.energy)
         self._residual = fem.form(self.ufl_forms.residual)
         self._tangent = fem.form(self.ufl_forms.tangent)
         self._volume = fem.form(self.ufl_forms.volume) if self.closed else None
         self._load = fem.form(self.ufl_forms.load) if self.closed else None
-        self._force = _work_vector(self.space)
+        self._work = _work_vector(self.space)
         self._sensitivity: Any = None  # compiled when a gradient is first asked for
 
         index_map = self.space.dofmap.index_map
         self.size_local: int = index_map.size_local
-        self.held = supports.held[skin.vertex].ravel()
+        self.loaded, self._force = False, np.zeros(self.size_local)
+        self.held = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
+        self.held[self._patch.position_dofs] = supports.held[skin.vertex]
+        if self._hinges is not None and rotations:
+            self.held[self._patch.rotation_dofs] = self._without_rotation()
         self.free = ~self.held[: self.size_local]
 
         # Owned triangles come first in the mesh, each with flat corners of its own.
         owned = domain.topology.index_map(2).size_local
-        self._corner = skin.position_space.dofmap.list[:owned]
+        self._dofs = self.space.dofmap.list[:owned].reshape(owned, -1, 3)
         flat = domain.geometry.x[: 3 * owned].reshape(owned, 3, 3)[:, :, :2]
         chart = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
         self.bounds = StretchBounds(skin.comm, np.linalg.inv(chart), composite.c1, composite.c2)
         self._areas = skin.pattern.areas[skin.owned_cells]
 
+    def _without_rotation(self) -> npt.NDArray[np.bool_]:
+        """Local edges that have no rotation: free, hinged or mirrored, told by their owners."""
+        assert self._hinges is not None
+        turns = la.vector(self.space.dofmap.index_map, 1)
+        owned = self.skin.mesh.topology.index_map(2).size_local
+        dofs = self.space.dofmap.list[:owned, -3:]
+        np.maximum.at(turns.array, dofs, np.abs(self._hinges.turn[:owned]))
+        turns.scatter_reverse(la.InsertMode.add)
+        turns.scatter_forward()
+        return np.asarray(turns.array[self._patch.rotation_dofs] == 0)
+
     @property
     def assembled(self) -> Floats:
-        """The assembled positions of the pattern as a state."""
-        return self.skin.pattern.points[self.skin.owned_vertices].ravel().copy()
+        """The assembled positions of the pattern as a state, without rotations."""
+        state = np.zeros(self.size_local)
+        self.positions(state)[:] = self.skin.pattern.points[self.skin.owned_vertices]
+        return state
+
+    def positions(self, state: Floats) -> Floats:
+        """Positions (n, 3) of the owned nodes in a state, as a view; also of forces."""
+        return state[: self._patch.positions].reshape(-1, 3)
 
     def set_pressure(self, pressure: float) -> None:
         """Set the pressure in Pa."""
         self._pressure.value = pressure
+
+    def set_force(self, force: Floats | None) -> None:
+        """Set dead forces in N on all assembled vertices, (n, 3); None for none."""
+        self.loaded = force is not None
+        self._force[:] = 0
+        if force is not None:
+            self.positions(self._force)[:] = force[self.skin.owned_vertices]
 
     def set_density(self, density: Floats) -> None:
         """Set the projected density from owned values."""
@@ -123,47 +155,56 @@ class SkinModel:
     def corners(self, state: Floats) -> Floats:
         """Corner positions (n, 3, 3) of the owned triangles; also sets the state."""
         self.set_state(state)
-        return self.q.x.array.reshape(-1, 3)[self._corner]
+        return self.q.x.array[self._dofs[:, :3]]
 
     def folds(self, state: Floats, angle: float) -> int:
         """How many hinges of triangles fold by more than an angle in rad; 0 without bending."""
         self.set_state(state)
-        dofs = self.space.dofmap.list[: len(self._corner)]
-        patch = self.q.x.array[dofs].reshape(len(dofs), -1, 3)
         count = 0
-        if patch.shape[1] == 6:
+        if self._hinges is not None:
+            patch = self.q.x.array[self._dofs[:, :6]]
+            inside = self._hinges.turning & ~self._hinges.mirror.any(axis=2)
             own = np.cross(patch[:, 1] - patch[:, 0], patch[:, 2] - patch[:, 0])
             for i in range(3):
                 j, k = patch[:, (i + 1) % 3], patch[:, (i + 2) % 3]
                 other = np.cross(j - k, patch[:, 3 + i] - k)
                 cosine = np.einsum("ij,ij->i", own, other)
                 cosine /= np.linalg.norm(own, axis=1) * np.linalg.norm(other, axis=1)
-                folded = (cosine < np.cos(angle)) & (self._has_flap[: len(dofs), i] > 0)
-                count += int(folded.sum())
+                count += int(((cosine < np.cos(angle)) & inside[: len(patch), i]).sum())
         return int(total(self.skin.comm, count))
 
     def energy(self, state: Floats) -> float:
         """E of eq. (8) in J; infinite where eq. (1) does not admit the stretches."""
         if not self.bounds.worst(self.corners(state)) < 1:
             return np.inf
-        return total(self.skin.comm, fem.assemble_scalar(self._energy))
+        work = self._force @ (state - self.assembled) if self.loaded else 0.0
+        return total(self.skin.comm, fem.assemble_scalar(self._energy) - work)
 
     def residual(self, state: Floats) -> Floats:
         """First variation of E in N, zero at held components."""
         self.set_state(state)
-        return _assembled(self._residual, self._force) * self.free
+        return (_assembled(self._residual, self._work) - self._force) * self.free
 
     def reaction(self, state: Floats) -> Floats:
         """Force in N by which the supports pull at the skin, zero at free components."""
         self.set_state(state)
-        return _assembled(self._residual, self._force) * ~self.free
+        return (_assembled(self._residual, self._work) - self._force) * ~self.free
 
     def load(self, state: Floats) -> Floats:
         """Force of a unit pressure in m², zero at held components."""
         self.set_state(state)
         if self._load is None:
             return np.zeros(self.size_local)
-        return _assembled(self._load, self._force) * self.free
+        return _assembled(self._load, self._work) * self.free
+
+    def applied_load(self, state: Floats) -> Floats:
+        """Force of pressure and dead forces in N, zero at held components."""
+        return self._pressure.value * self.load(state) + self._force * self.free
+
+    def work(self, state: Floats) -> float:
+        """Size in J of what pressure and dead forces add to the energy, for its rounding."""
+        by_force = dot(self.skin.comm, np.abs(self._force), np.abs(state - self.assembled))
+        return abs(float(self._pressure.value) * self.volume(state)) + by_force
 
     def volume(self, state: Floats) -> float:
         """Enclosed volume in m³; 0 for an open skin."""
@@ -177,26 +218,26 @@ class SkinModel:
         """Where `tangent_entries` puts what.
 
         Returns:
-            For each owned triangle its row among the entries; its local dofs, shape (n, 9) or
-            (n, 18); and which of these there are (a flap may be missing).
+            For each owned triangle its row among the entries; its local dofs, shape (n, 9),
+            (n, 18) or (n, 21); and which of these there are (a flap may be missing).
         """
-        owned = len(self._corner)
+        owned = len(self._dofs)
         dofs = self.space.dofmap.list[:owned]
         present = np.ones(dofs.shape, dtype=bool)
-        if self._has_flap.any():
-            present[:, 9:] = np.repeat(self._has_flap[:owned] > 0, 3, axis=1)
+        if self._hinges is not None:
+            present[:, 9:18] = np.repeat(self._hinges.turning[:owned], 3, axis=1)
         return self._entry_space.dofmap.list[:owned, 0], dofs, present
 
     def tangent_entries(self, state: Floats, out: Floats, geometric: float = 1.0) -> None:
         """Upper triangles of the element matrices of the second variation of E, in N/m.
 
         Args:
-            state: Owned position dofs.
-            out: Its first entries receive them, a row of 45 or 171 for each owned triangle.
+            state: Owned unknowns.
+            out: Its first entries receive them, a row of 45, 171 or 231 for each owned triangle.
         """
         self.set_state(state)
         self._geometric.value = geometric
-        out[: len(self._corner) * self._entry_space.dofmap.bs] = 0
+        out[: len(self._dofs) * self._entry_space.dofmap.bs] = 0
         fem.assemble_vector(out, self._tangent)
 
     def density_sensitivity(self, state: Floats, adjoint: Floats) -> Floats:
@@ -237,6 +278,24 @@ def _assembled(form: Any, vector: Any) -> Floats:
     fem.assemble_vector(vector.array, form)
     vector.scatter_reverse(la.InsertMode.add)
     return np.array(vector.array[: vector.index_map.size_local * vector.block_size])
+
+
+def _edges(skin: Skin, hinges: Hinges, *, rotations: bool) -> Edges:
+    """Constants of the triangles' edges as coefficients, compiled only where there are any."""
+
+    def coefficient(values: Floats) -> Any:
+        element = basix.ufl.element("DG", "triangle", 0, shape=values.shape[1:])
+        function = fem.Function(fem.functionspace(skin.mesh, element))
+        dofs = function.function_space.dofmap.list[:, 0]
+        function.x.array.reshape(-1, values.shape[1])[dofs] = values
+        return function
+
+    mirrored = skin.comm.allreduce(bool(hinges.mirror.any()), op=MPI.LOR)
+    return Edges(
+        tensors=[coefficient(hinges.tensors[:, i]) for i in range(3)],
+        turns=coefficient(hinges.turn) if rotations else None,
+        mirrors=[coefficient(hinges.mirror[:, i]) for i in range(3)] if mirrored else None,
+    )
 
 
 def _section(domain: Any, material: Material) -> Section:

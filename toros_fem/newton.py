@@ -131,7 +131,7 @@ class RegularisedNewton:
         point = self._at(state, model.energy(state))
         if not np.isfinite(point.energy):
             return point, int(reasons.DIVERGED_FUNCTION_DOMAIN)
-        rounding = model.energy_rounding() + 1e-14 * abs(self.pressure * model.volume(state))
+        rounding = model.energy_rounding() + 1e-14 * model.work(state)
         reference = self.reference(state)
         steps = escapes = 0
         rate = np.inf  # what the next chord step would leave of the residual
@@ -184,12 +184,13 @@ class RegularisedNewton:
             point = new
 
     def reference(self, state: Floats) -> float:
-        """Norm of the applied load in N: of the pressure, or without any of the supports' pull.
+        """Norm of the applied load in N; without any, of the supports' pull.
 
         A skin that nothing pulls at is measured by the force of a strain of 1e-4.
         """
-        if self.pressure > 0:
-            return self.pressure * norm(self.comm, self.model.load(state))
+        load = self.model.applied_load(state)
+        if self.pressure > 0 or self.model.loaded:
+            return norm(self.comm, load)
         pattern = self.model.skin.pattern
         least = 1e-4 * self.model.mean_modulus() * float(np.sqrt(pattern.areas.sum()))
         return max(least, norm(self.comm, self.model.reaction(state)))
@@ -250,7 +251,9 @@ class RegularisedNewton:
         # A start that is the same on any number of ranks: drawn by assembled vertex.
         points = self.model.skin.pattern.points
         drawn = np.random.default_rng(seed).standard_normal(points.shape)
-        mode = drawn[self.model.skin.owned_vertices].ravel() * self.model.free
+        mode: Floats = np.zeros(self.model.size_local)
+        self.model.positions(mode)[:] = drawn[self.model.skin.owned_vertices]
+        mode *= self.model.free
         for _ in range(20):
             mode = self.factor.solve(self.factor.scale * mode)
             mode /= norm(self.comm, mode)

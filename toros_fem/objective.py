@@ -59,22 +59,22 @@ class ShapeObjective:
         unit = place.sum() * skin.pattern.size**2
         owned = skin.owned_vertices
         self._comm = skin.comm
-        self._target = target[owned].ravel()
-        self._weight = np.repeat(place[owned] / unit, 3)
+        self._target = target[owned]
+        self._weight = place[owned, None] / unit
         self._relative = turn[owned, None] / unit if turn.max() > 0 else None
         self._relative_sum = float(turn.sum() / unit)
 
-    def forward(self, state: Floats) -> float:
-        """T at owned position dofs (collective)."""
-        gap = state - self._target
-        value = 0.5 * dot(self._comm, self._weight, gap**2)
+    def forward(self, positions: Floats) -> float:
+        """T at positions of the owned nodes, (n, 3) (collective)."""
+        gap = positions - self._target
+        value = 0.5 * dot(self._comm, gap.ravel(), (self._weight * gap).ravel())
         if self._relative is not None:
-            value += 0.5 * dot(self._comm, gap, self._turned(gap))
+            value += 0.5 * dot(self._comm, gap.ravel(), self._turned(gap).ravel())
         return value
 
-    def backward(self, state: Floats) -> Floats:
-        """∂T/∂x at owned position dofs, in 1/m (collective)."""
-        gap = state - self._target
+    def backward(self, positions: Floats) -> Floats:
+        """∂T/∂x at the owned nodes, (n, 3), in 1/m (collective)."""
+        gap = positions - self._target
         if self._relative is None:
             return self._weight * gap
         return self._weight * gap + self._turned(gap)
@@ -82,9 +82,8 @@ class ShapeObjective:
     def _turned(self, gap: Floats) -> Floats:
         """rᵥ (eᵥ − ē) in units of T (collective)."""
         assert self._relative is not None
-        e = gap.reshape(-1, 3)
-        mean = sum_over_ranks(self._comm, (self._relative * e).sum(axis=0)) / self._relative_sum
-        return np.asarray(self._relative * (e - mean)).ravel()
+        mean = sum_over_ranks(self._comm, (self._relative * gap).sum(axis=0)) / self._relative_sum
+        return np.asarray(self._relative * (gap - mean))
 
 
 def _factors(name: str, given: Floats | None, count: int, default: float) -> Floats:

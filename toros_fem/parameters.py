@@ -90,6 +90,30 @@ class Material:
         return self.young * self.thickness
 
 
+CURVATURES = ("average", "quadratic", "midedge")
+SEAMS = ("continuous", "hinged")
+
+
+@dataclass(frozen=True)
+class Bending:
+    """How a sheet resists bending, eqs. (4-6); docs/accuracy.md compares the terms.
+
+    Attributes:
+        curvature: How a triangle's curvature follows from the angles at its edges. "average" is
+            the paper's, which converges on meshes of right or equilateral triangles only;
+            "quadratic" is exact for quadratic deflections on any mesh, at the same cost;
+            "midedge" has one rotation more for each edge and converges on any mesh.
+        seams: Whether a seam carries moments ("continuous") or is "hinged" as sewn cloth is.
+    """
+
+    curvature: str = "quadratic"
+    seams: str = "continuous"
+
+    def __post_init__(self) -> None:
+        require_choice("curvature", self.curvature, CURVATURES)
+        require_choice("seams", self.seams, SEAMS)
+
+
 @dataclass(frozen=True)
 class Composite:
     """A fabric and what it becomes where it is reinforced, eqs. (1-3).
@@ -102,14 +126,14 @@ class Composite:
         reinforcement: Fabric and printed layer together.
         c1: Bound on a principal stretch, > 1; the stretches stay in (2 − c₁, c₁).
         c2: Bound on their sum, > 1; the sum stays in (3 − c₂, 1 + c₂).
-        bending: Whether the sheet resists bending; without it the skin is a membrane.
+        bending: How the sheet resists bending; None makes the skin a membrane.
     """
 
     fabric: Material = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3)
     reinforcement: Material = Material(young=26e6, poisson=0.3, thickness=0.5e-3)
     c1: float = 1.9
     c2: float = 2.6
-    bending: bool = True
+    bending: Bending | None = Bending()
 
     def __post_init__(self) -> None:
         for name, value in (("c1", self.c1), ("c2", self.c2)):

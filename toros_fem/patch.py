@@ -1,6 +1,9 @@
-"""The patch space: each triangle sees its corners and its neighbours' far vertices."""
+"""The patch space: each triangle sees its corners, its neighbours' far vertices and its edges."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
 
 import basix.ufl
 import numpy as np
@@ -8,59 +11,99 @@ import numpy.typing as npt
 from dolfinx import cpp, fem
 
 from toros_fem import _compat
-from toros_fem.meshes.skin import Skin, blocked_index_map
+from toros_fem.hinges import Hinges
+from toros_fem.meshes.skin import Skin
+
+Ints = npt.NDArray[np.int32]
 
 
-def patch_space(skin: Skin, *, flaps: bool) -> tuple[fem.FunctionSpace, npt.NDArray[np.float64]]:
-    """A space of three or six points a triangle, on the dofs of the positions (collective).
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """Unknowns of a skin, and the space by which its triangles see them.
 
-    A DG0 mixed element holds the points as constants of the triangle; its dofmap points at the
-    dofs of the continuous position field, unrolled. An energy of a triangle and its neighbours
-    thus is an ordinary cell integral.
+    The unknowns a rank owns are the positions of its nodes, x, y, z of each, then the rotations
+    of its edges, if there are any; ghosts follow in the same order.
+
+    Attributes:
+        space: On a triangle, the positions of its corners, of its flaps, and one vector of its
+            edges' rotations: as many of these as the scene needs.
+        positions: How many of the owned unknowns are positions.
+        position_dofs: Local unknowns of each local node of the position space, shape (n, 3).
+        rotation_dofs: Local unknown of each local edge; empty without rotations.
+    """
+
+    space: fem.FunctionSpace
+    positions: int
+    position_dofs: Ints
+    rotation_dofs: Ints
+
+
+def make_patch(skin: Skin, hinges: Hinges | None, *, rotations: bool) -> Patch:
+    """The patch of a skin (collective).
+
+    A DG0 mixed element holds what a triangle sees as constants of the triangle; its dofmap points
+    at the unknowns. An energy of a triangle and its neighbours thus is an ordinary cell integral.
 
     Args:
         skin: The sewn skin.
-        flaps: Whether the three flap vertices follow the three corners; flap i lies across the
-            edge opposite corner i. Where an edge is free, a corner stands in.
-
-    Returns:
-        The space, and for each local triangle and edge whether there is a flap, shape (cells, 3).
+        hinges: What lies across the edges; None for a skin without bending: corners alone.
+        rotations: Whether each edge has a rotation, the same on all ranks.
     """
-    corner = skin.position_space.dofmap.list
-    nodes = corner
-    has_flap = np.zeros(corner.shape)
-    if flaps:
-        flap, has_flap = _flap_nodes(skin, corner)
-        nodes = np.hstack([corner, flap])
-    dofs = (3 * nodes[:, :, None] + np.arange(3)).reshape(len(nodes), -1)
+    nodes = skin.position_space.dofmap.index_map
+    parts: list[tuple[Any, int]] = [(nodes, 3)]
+    if rotations:
+        skin.mesh.topology.create_entities(1)
+        parts.append((skin.mesh.topology.index_map(1), 1))
+    index_map, numbers = _joined(skin, parts)
+    seen = skin.position_space.dofmap.list
+    if hinges is not None:
+        seen = np.hstack([seen, hinges.flap])
+    dofs = numbers[0].reshape(-1, 3)[seen].reshape(len(seen), -1)
+    if rotations:
+        facets = skin.mesh.topology.connectivity(2, 1).array.reshape(-1, 3)
+        dofs = np.hstack([dofs, numbers[1][facets]])
     element = basix.ufl.mixed_element(
-        [basix.ufl.element("DG", "triangle", 0, shape=(3,))] * nodes.shape[1]
+        [basix.ufl.element("DG", "triangle", 0, shape=(3,))] * (dofs.shape[1] // 3)
     )
     plain = fem.functionspace(skin.mesh, element)
     dofmap = cpp.fem.DofMap(
         plain.dofmap._cpp_object.dof_layout,
-        blocked_index_map(skin.comm, skin.position_space.dofmap.index_map, 3),
+        index_map,
         1,
         cpp.graph.AdjacencyList_int32(np.ascontiguousarray(dofs, dtype=np.int32)),
         1,
     )
-    return _compat.function_space(skin.mesh, element, dofmap, plain), has_flap
+    return Patch(
+        space=_compat.function_space(skin.mesh, element, dofmap, plain),
+        positions=3 * nodes.size_local,
+        position_dofs=numbers[0].reshape(-1, 3),
+        rotation_dofs=numbers[1] if rotations else np.zeros(0, dtype=np.int32),
+    )
 
 
-def _flap_nodes(
-    skin: Skin, corner: npt.NDArray[np.int32]
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]:
-    topology = skin.mesh.topology
-    topology.create_connectivity(2, 1)
-    topology.create_connectivity(1, 2)
-    facets = topology.connectivity(2, 1).array.reshape(-1, 3)
-    around = topology.connectivity(1, 2)
-    start, count = around.offsets[:-1], np.diff(around.offsets)
-    first = around.array[start]
-    second = around.array[np.minimum(start + 1, len(around.array) - 1)]
-    cell = np.arange(len(facets))[:, None]
-    has_flap = count[facets] == 2
-    other = np.where(first[facets] == cell, second[facets], first[facets])
-    other = np.where(has_flap, other, cell)
-    opposite = np.argmax(facets[other] == facets[:, :, None], axis=2)
-    return corner[other, opposite], has_flap.astype(np.float64)
+def _joined(skin: Skin, parts: list[tuple[Any, int]]) -> tuple[Any, list[Ints]]:
+    """One index map over several, each unrolled by a block size, and where each entry goes."""
+    comm = skin.comm
+    owned = np.array([block * index_map.size_local for index_map, block in parts])
+    everywhere = np.array(comm.allgather(owned.tolist()))
+    begin = np.concatenate([[0], np.cumsum(everywhere.sum(axis=1))])
+    ahead = np.cumsum(everywhere, axis=1) - everywhere  # of the same rank, in the joined numbering
+    ghosts, owners, numbers = [], [], []
+    before, count = 0, int(owned.sum())
+    for p, (index_map, block) in enumerate(parts):
+        starts = np.concatenate([[0], np.cumsum(everywhere[:, p])])[:-1]
+        owner = np.repeat(np.asarray(index_map.owners), block)
+        entry = np.asarray(index_map.ghosts)[:, None] * block + np.arange(block)
+        ghosts.append(entry.ravel() - starts[owner] + ahead[owner, p] + begin[owner])
+        owners.append(owner)
+        here = before + np.arange(owned[p])
+        there = count + np.arange(entry.size)
+        numbers.append(np.concatenate([here, there]).astype(np.int32))
+        before, count = before + int(owned[p]), count + entry.size
+    joined = _compat.index_map(
+        comm,
+        int(owned.sum()),
+        np.concatenate(ghosts).astype(np.int64),
+        np.concatenate(owners).astype(np.int32),
+    )
+    return joined, numbers

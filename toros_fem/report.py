@@ -118,7 +118,7 @@ class Reporter:
         skin, pattern, final = self._skin, self._skin.pattern, result.final
         made = printed.evaluation
         shown = made or final
-        positions = skin.gather_vertices(shown.equilibrium.state.reshape(-1, 3))
+        positions = skin.gather_vertices(shown.equilibrium.positions)
         fields = {
             "rho": skin.gather_cells(result.density),
             "rho_filtered": skin.gather_cells(final.filtered),
@@ -192,8 +192,8 @@ class Reporter:
         return summary
 
     def _angle(self, evaluation: Evaluation) -> float:
-        state = evaluation.equilibrium.state
-        return self._measure(self._skin.gather_vertices(state.reshape(-1, 3)))
+        positions = evaluation.equilibrium.positions
+        return self._measure(self._skin.gather_vertices(positions))
 
     def _draw(
         self,

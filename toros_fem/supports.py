@@ -1,34 +1,66 @@
-"""Which vertices are held, and where."""
+"""Which vertices are held, and where; which borders keep their direction."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
 
 from toros_fem.errors import ParameterError
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Floats, Ints, Pattern
 
 # How far from a symmetry plane a vertex may lie, over the size of the skin.
 FLAT = 1e-6
 
 
+def _no_edges() -> Ints:
+    return np.zeros((0, 2), dtype=np.int64)
+
+
+def _no_normals() -> Floats:
+    return np.zeros((0, 3))
+
+
 @dataclass(frozen=True, eq=False)
 class Supports:
-    """Held position components.
+    """Held position components, and free edges at which the sheet keeps its direction.
 
     Attributes:
         held: For each assembled vertex and component x, y, z whether it keeps its assembled
             position, shape (n, 3).
+        guided: Ends of free edges, shape (k, 2), at which the sheet stays perpendicular to a
+            given plane through the edge, as if mirrored there: it cannot turn about the edge.
+            Whether the edge itself is held is told by `held`.
+        normals: Normal of each of these planes, shape (k, 3); of any length.
+
+    Raises:
+        ParameterError: `guided` and `normals` do not fit together, or a normal is zero.
     """
 
     held: npt.NDArray[np.bool_]
+    guided: Ints = field(default_factory=_no_edges)
+    normals: Floats = field(default_factory=_no_normals)
+
+    def __post_init__(self) -> None:
+        count = len(self.guided)
+        if self.guided.shape != (count, 2) or self.normals.shape != (count, 3):
+            raise ParameterError(
+                f"guided has shape {self.guided.shape} and normals {self.normals.shape}; they "
+                "must be (k, 2) and (k, 3)."
+            )
+        length = np.linalg.norm(self.normals, axis=1)
+        if not (np.isfinite(length) & (length > 0)).all():
+            raise ParameterError("each row of normals must be finite and not zero.")
 
     def __or__(self, other: Supports) -> Supports:
-        """What either holds."""
-        return Supports(self.held | other.held)
+        """What either holds; where both guide an edge, the second counts."""
+        return Supports(
+            self.held | other.held,
+            np.concatenate([self.guided, other.guided]),
+            np.concatenate([self.normals, other.normals]),
+        )
 
     def close(self, pattern: Pattern) -> bool:
         """Whether a pressure can act: the skin is closed, or symmetry planes close it.
@@ -82,7 +114,7 @@ def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
 def symmetry_plane(pattern: Pattern, axis: int) -> Supports:
     """Hold the free border of half a skin in the coordinate plane that it is mirrored at.
 
-    The border slides in the plane. No moment acts across it: the whole skin is hinged there.
+    The border slides in the plane and the sheet stays perpendicular to it.
 
     Args:
         pattern: Half a skin, or a quarter; the plane goes through the origin.
@@ -103,4 +135,39 @@ def symmetry_plane(pattern: Pattern, axis: int) -> Supports:
         )
     held = np.zeros((len(pattern.points), 3), dtype=bool)
     held[border.ravel(), axis] = True
-    return Supports(held)
+    return Supports(held, border, np.tile(np.eye(3)[axis], (len(border), 1)))
+
+
+def build_in(pattern: Pattern, vertices: npt.NDArray[np.bool_]) -> Supports:
+    """Hold a part of the free border, and the direction that the sheet has there.
+
+    Args:
+        pattern: The pattern.
+        vertices: Which assembled vertices, (n,): free edges between two of them are built in.
+
+    Raises:
+        ParameterError: No free edge lies between these vertices.
+    """
+    ends = pattern.free_edges
+    border = ends[vertices[ends].all(axis=1)]
+    if len(border) == 0:
+        raise ParameterError("no free edge lies between the vertices to be built in.")
+    held = np.zeros((len(pattern.points), 3), dtype=bool)
+    held[border.ravel()] = True
+    return Supports(held, border, inward_normals(pattern, border))
+
+
+def inward_normals(pattern: Pattern, border: Ints) -> Floats:
+    """Unit vectors (k, 3) in the assembled sheet, across free edges (k, 2) into it."""
+    size = np.int64(len(pattern.points))
+    tri = pattern.triangles
+    edges = np.stack([tri, np.roll(tri, -1, axis=1)], axis=2)
+    keys = edges.min(axis=2) * size + edges.max(axis=2)
+    order = np.argsort(keys.ravel(), kind="stable")
+    wanted = border.min(axis=1) * size + border.max(axis=1)
+    cell, k = np.divmod(order[np.searchsorted(keys.ravel()[order], wanted)], 3)
+    a, b = pattern.points[border[:, 0]], pattern.points[border[:, 1]]
+    along = (b - a) / np.linalg.norm(b - a, axis=1)[:, None]
+    inward = pattern.points[tri[cell, (k + 2) % 3]] - a
+    inward -= np.einsum("ij,ij->i", inward, along)[:, None] * along
+    return np.asarray(inward / np.linalg.norm(inward, axis=1)[:, None])

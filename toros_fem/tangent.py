@@ -78,10 +78,10 @@ class UpperTangent:
         return self.indptr[:-1]
 
     def assemble(self, state: Floats, out: Floats, *, geometric: float = 1.0) -> None:
-        """Assemble at owned position dofs (collective).
+        """Assemble at a state (collective).
 
         Args:
-            state: Owned position dofs.
+            state: Owned unknowns.
             out: Receives the entries, in the order of `columns`.
             geometric: 1 for K; 0 for its material part M, positive semidefinite.
         """
