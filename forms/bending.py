@@ -19,6 +19,7 @@ class Edges:
 
     Attributes:
         tensors: Tᵢ in Λ = Σᵢ θᵢ Tᵢ, three (xx, yy, xy), in 1/m.
+        rests: Angles without moment, three in rad; None if they are all zero.
         turns: What the rotation unknowns add to the angles, three factors in 1/m; None if there
             are none.
         mirrors: Unit normals of the planes that mirror the flaps, zero where none does; None
@@ -26,6 +27,7 @@ class Edges:
     """
 
     tensors: Sequence[Any]
+    rests: Sequence[Any] | None = None
     turns: Sequence[Any] | None = None
     mirrors: Sequence[Any] | None = None
 
@@ -33,7 +35,7 @@ class Edges:
 def curvature(patch: Sequence[Any], direction: Sequence[Any], edges: Edges) -> tuple[Any, Any]:
     """Curvature Λ of a triangle and its variation, eq. (4).
 
-    Λ = Σᵢ (θᵢ + 2 sᵢ αᵢ) Tᵢ over the three edges. With Tᵢ = n̄ᵢ n̄ᵢᵀ l̄ᵢ/(2 Ā) and no α it is
+    Λ = Σᵢ (θᵢ − θ⁰ᵢ + 2 sᵢ αᵢ) Tᵢ over the three edges. With Tᵢ = n̄ᵢ n̄ᵢᵀ l̄ᵢ/(2 Ā) and no α it is
     the triangle average of eq. (4); with rotations α of the edges, sᵢ = ±1 opposite in the two
     triangles of an edge, the mid-edge operator of Grinspun et al. 2006 (lowest-order
     Hellan-Herrmann-Johnson); with other Tᵢ the quadratic through the patch (Flores & Oñate 2005).
@@ -57,6 +59,8 @@ def curvature(patch: Sequence[Any], direction: Sequence[Any], edges: Edges) -> t
         angle, gradient = hinge(patch[j], patch[k], patch[i], flap)
         changes = (direction[j], direction[k], direction[i], change_of_flap)
         change = sum(ufl.inner(g, d) for g, d in zip(gradient, changes, strict=True))
+        if edges.rests is not None:
+            angle -= edges.rests[i]
         if edges.turns is not None:
             angle += edges.turns[i] * patch[6][i]
             change += edges.turns[i] * direction[6][i]
@@ -93,7 +97,7 @@ def bending_blocks(
 ) -> None:
     """Add the second variation of ½ Λ:D:Λ, eqs. (4-6), per flat area.
 
-    With Λ = Σᵢ φᵢ Tᵢ, φᵢ = θᵢ + 2 sᵢ αᵢ, the energy is quadratic in the three φ, so that its second
+    With Λ = Σᵢ φᵢ Tᵢ, φᵢ = θᵢ − θ⁰ᵢ + 2 sᵢ αᵢ, the energy is quadratic in the three φ. Its second
     variation is Σᵢⱼ Kᵢⱼ ∇φᵢ ∇φⱼᵀ + Σᵢ Mᵢ ∇∇θᵢ with Kᵢⱼ = Tᵢ:D:Tⱼ and the moments Mᵢ = Σⱼ Kᵢⱼ φⱼ.
 
     Args:
@@ -117,6 +121,8 @@ def bending_blocks(
         first = HalfHinge(a, c, cross(edge, minus(c, a)), edge)
         second = HalfHinge(a, d, cross(minus(d, b), edge), edge)
         angle = ufl.atan2(dot(cross(first.n, second.n), first.e), dot(first.n, second.n))
+        if edges.rests is not None:
+            angle = angle - edges.rests[i]
         if edges.turns is not None:
             angle = angle + edges.turns[i] * x[6][i]
         angles.append(angle)

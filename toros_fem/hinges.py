@@ -33,6 +33,7 @@ class Hinges:
         turning: Whether the edge carries a moment; free edges do not, nor do hinged seams.
         mirror: Unit normal of the plane that mirrors the flap, (cells, 3, 3); zero elsewhere.
         tensors: Tᵢ in Λ = Σᵢ θᵢ Tᵢ as (xx, yy, xy), shape (cells, 3, 3), in 1/m.
+        rest: Angle at each edge without moment, in rad, (cells, 3).
         turn: What the edge's rotation unknown, a length, adds to the angle, (cells, 3), in 1/m:
             opposite in the two triangles of an edge; zero where there is no such unknown.
     """
@@ -41,12 +42,8 @@ class Hinges:
     turning: Mask
     mirror: Floats
     tensors: Floats
+    rest: Floats
     turn: Floats
-
-    @property
-    def has_rotations(self) -> bool:
-        """Whether edges have rotations of their own, on this rank."""
-        return bool(self.turn.any())
 
 
 def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float) -> Hinges:
@@ -84,11 +81,16 @@ def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float
         vertex = skin.vertex[corner]
         first = np.roll(vertex, -1, axis=1) < np.roll(vertex, -2, axis=1)
         turn = np.where(turning & ~mirrored, np.where(first, 2.0, -2.0), 0.0) / length_of(skin)
+    rest: Floats = np.zeros(alone.shape)
+    if bending.rest == "assembled":
+        place = skin.pattern.points[skin.vertex]
+        rest = _angles(place[corner], place[flap], normals * mirrored[:, :, None]) * turning
     return Hinges(
         flap=flap.astype(np.int32),
         turning=turning,
         mirror=normals * mirrored[:, :, None],
         tensors=_tensors(angles, turning, poisson),
+        rest=rest,
         turn=turn,
     )
 
@@ -141,6 +143,20 @@ def _mirrors(skin: Skin, corner: Ints, supports: Supports) -> tuple[Floats, Mask
     found = known[place] == keys
     normals[found] = unit[place[found]]
     return normals, found
+
+
+def _angles(corners: Floats, flaps: Floats, mirror: Floats) -> Floats:
+    """Angles at the edges of triangles in space, (cells, 3), as `forms.hinge` has them."""
+    angles = np.zeros(corners.shape[:2])
+    for i in range(3):
+        a, b, c = (corners[:, (i + k) % 3] for k in (1, 2, 0))
+        away = np.einsum("ij,ij->i", mirror[:, i], flaps[:, i] - a)
+        d = flaps[:, i] - 2 * away[:, None] * mirror[:, i]
+        one, two = np.cross(b - a, c - a), np.cross(a - b, d - b)
+        unit = (b - a) / np.linalg.norm(b - a, axis=1)[:, None]
+        sine = np.einsum("ij,ij->i", np.cross(one, two), unit)
+        angles[:, i] = np.arctan2(sine, np.einsum("ij,ij->i", one, two))
+    return angles
 
 
 def _flat_corners(skin: Skin) -> Floats:

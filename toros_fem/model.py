@@ -290,9 +290,13 @@ def _edges(skin: Skin, hinges: Hinges, *, rotations: bool) -> Edges:
         function.x.array.reshape(-1, values.shape[1])[dofs] = values
         return function
 
-    mirrored = skin.comm.allreduce(bool(hinges.mirror.any()), op=MPI.LOR)
+    mirrored, shaped = (
+        skin.comm.allreduce(bool(values.any()), op=MPI.LOR)
+        for values in (hinges.mirror, hinges.rest)
+    )
     return Edges(
         tensors=[coefficient(hinges.tensors[:, i]) for i in range(3)],
+        rests=coefficient(hinges.rest) if shaped else None,
         turns=coefficient(hinges.turn) if rotations else None,
         mirrors=[coefficient(hinges.mirror[:, i]) for i in range(3)] if mirrored else None,
     )

@@ -92,6 +92,7 @@ class Material:
 
 CURVATURES = ("average", "quadratic", "midedge")
 SEAMS = ("continuous", "hinged")
+RESTS = ("flat", "assembled")
 
 
 @dataclass(frozen=True)
@@ -104,14 +105,18 @@ class Bending:
             "quadratic" is exact for quadratic deflections on any mesh, at the same cost;
             "midedge" has one rotation more for each edge and converges on any mesh.
         seams: Whether a seam carries moments ("continuous") or is "hinged" as sewn cloth is.
+        rest: In which shape there is no moment: "flat" as the panels are cut, or "assembled", as
+            if moulded in the shape that the pattern is assembled to.
     """
 
     curvature: str = "quadratic"
     seams: str = "continuous"
+    rest: str = "flat"
 
     def __post_init__(self) -> None:
         require_choice("curvature", self.curvature, CURVATURES)
         require_choice("seams", self.seams, SEAMS)
+        require_choice("rest", self.rest, RESTS)
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,13 @@ from toros_fem.mma import MMAOptions
 from toros_fem.objective import ShapeObjective
 from toros_fem.optimise import DesignResult, optimise
 from toros_fem.parameters import (
+    CURVATURES,
+    SEAMS,
+    Bending,
     Composite,
     Material,
     require_between,
+    require_choice,
     require_count,
     require_positive,
 )
@@ -74,6 +78,8 @@ class Settings:
         fabric_young, reinforcement_young: Young's moduli in Pa.
         poisson, thickness: Of both sheets; the thickness in m.
         c1, c2: Stretch bounds.
+        bending: "average", "quadratic" or "midedge" curvature; "none" for a membrane.
+        seams: "continuous" or "hinged".
         filter: "cone" or "helmholtz".
         radius: R of the filter in m.
         beta, eta: Of the projection.
@@ -99,6 +105,8 @@ class Settings:
     thickness: float = 0.5e-3
     c1: float = 1.9
     c2: float = 2.6
+    bending: str = Bending.curvature
+    seams: str = Bending.seams
     filter: str = "cone"
     radius: float = 2.15e-3
     beta: float = 20.0
@@ -119,6 +127,8 @@ class Settings:
     def __post_init__(self) -> None:
         require_count(1, iterations=self.iterations)
         require_count(0, constrained=self.constrained, polish=self.polish, seed=self.seed)
+        require_choice("bending", self.bending, ("none", *CURVATURES))
+        require_choice("seams", self.seams, SEAMS)
         require_positive(print_width=self.print_width, window=self.window)
         require_between(0.0, np.inf, line=self.line, gap=self.gap, perimeter=self.perimeter)
         require_between(0.0, np.inf, island_area=self.island_area)
@@ -132,6 +142,7 @@ class Settings:
             reinforcement=Material(young=self.reinforcement_young, **sheet),
             c1=self.c1,
             c2=self.c2,
+            bending=None if self.bending == "none" else Bending(self.bending, self.seams),
         )
 
     @property
