@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from toros_fem._mpi import dot, norm
+from toros_fem._mpi import dot, largest, norm
 from toros_fem.factor import Factor
 from toros_fem.model import SkinModel
 from toros_fem.parameters import NewtonOptions
@@ -35,6 +35,10 @@ CHORD_GAIN = 0.2
 ESCAPES = 10
 # Where rounding lets no step lower the energy any more, this residual over the load will do.
 STAGNATED = 1e-8
+# Or a full step that leaves so much of the residual and moves nothing further than that share of
+# the skin's size.
+STUCK = 0.5
+RESOLVED = 1e-9
 
 
 @dataclass(frozen=True)
@@ -168,6 +172,11 @@ class RegularisedNewton:
                 direction = -self.factor.solve(point.residual)
             share, new = self._search(point, direction, rounding, escaping=done)
             self._record(point, residual, share)
+            full = share == 1.0 and self._shift == 0.0
+            if not done and self._stuck(point, new, direction, full=full):
+                self.held = self.stable(point.state)
+                if self.held:
+                    return point, int(reasons.CONVERGED_SNORM_RELATIVE)
             if new is None:
                 if residual <= STAGNATED and self.stable(point.state):
                     self.held = True
@@ -178,7 +187,6 @@ class RegularisedNewton:
                 continue
             if not done:
                 new = self._bend(point, new, share)
-            full = share == 1.0 and self._shift == 0.0
             # Newton's residual falls quadratically; a chord step's by twice that share.
             rate = 2 * new.size / point.size if full else np.inf
             point = new
@@ -188,9 +196,9 @@ class RegularisedNewton:
 
         A skin that nothing pulls at is measured by the force of a strain of 1e-4.
         """
-        load = self.model.applied_load(state)
-        if self.pressure > 0 or self.model.loaded:
-            return norm(self.comm, load)
+        load = norm(self.comm, self.model.applied_load(state))
+        if load > 0:
+            return load
         pattern = self.model.skin.pattern
         least = 1e-4 * self.model.mean_modulus() * float(np.sqrt(pattern.areas.sum()))
         return max(least, norm(self.comm, self.model.reaction(state)))
@@ -222,6 +230,19 @@ class RegularisedNewton:
         """
         rounding = 8 * float(np.finfo(float).eps) * self.model.skin.pattern.size
         return min(rounding * self._stiffness, STAGNATED * reference)
+
+    def _stuck(self, old: _Point, new: _Point | None, direction: Floats, *, full: bool) -> bool:
+        """Whether rounding lets the residual fall no more: Newton's step is as good as none.
+
+        Where stretching is far stiffer than bending its rounding alone may exceed the load.
+        """
+        if new is None:
+            if self._shift > 0:
+                return False
+        elif not full or new.size <= STUCK * old.size:
+            return False
+        moved = largest(self.comm, float(np.abs(direction).max(initial=0.0)))
+        return moved <= RESOLVED * self.model.skin.pattern.size
 
     def _assemble(self, state: Floats) -> None:
         self.factor.assemble(state)

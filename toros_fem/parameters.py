@@ -109,7 +109,7 @@ class Bending:
             if moulded in the shape that the pattern is assembled to.
     """
 
-    curvature: str = "quadratic"
+    curvature: str = "midedge"
     seams: str = "continuous"
     rest: str = "flat"
 
