@@ -88,6 +88,10 @@ class Supports:
         shifts = np.broadcast_to(np.eye(3), (len(points), 3, 3))
         turns = np.stack([np.cross(axis, arm) for axis in np.eye(3)], axis=2)
         motions = np.concatenate([shifts, turns], axis=2)[self.held]
+        # A guided edge does not let the sheet turn about it.
+        along = points[self.guided[:, 1]] - points[self.guided[:, 0]]
+        guides = np.concatenate([np.zeros_like(along), along / pattern.size], axis=1)
+        motions = np.concatenate([motions, guides])
         rank = np.linalg.matrix_rank(motions, tol=1e-6) if len(motions) else 0
         if rank < 6:
             raise ParameterError(
