@@ -47,7 +47,7 @@ def hold(pattern: Pattern, vertices: Mask, components: tuple[int, ...]) -> Suppo
 
 def plate(borders: str, formulation: str, mesh: str, size: int) -> Measured:
     """Centre deflection of a unit square plate under a uniform load, in p a⁴/D."""
-    young, poisson, thickness = 1e9, 0.3, 0.01
+    young, poisson, thickness = 1e9, 0.3, 0.05
     pattern = jittered(size) if mesh == "jittered" else rectangle(COMM, 1.0, 1.0, 1 / size, mesh)
     border = np.zeros(len(pattern.points), dtype=bool)
     border[pattern.free_edges.ravel()] = True
@@ -57,7 +57,7 @@ def plate(borders: str, formulation: str, mesh: str, size: int) -> Measured:
     sheet = Sheet(pattern, elastic(young, poisson, thickness, formulation), supports)
     D = young * thickness**3 / 12 / (1 - poisson**2)
     # Deflected by so little of its thickness that stretching plays no part.
-    pressure = 1e-3 * thickness * D / 0.0041
+    pressure = 3e-3 * thickness * D / 0.0041
     force = pattern.vertex_areas[:, None] * np.array([0, 0, pressure])
     _, seconds = timed(lambda: sheet.bend(force))
     found = value_at(pattern, sheet.positions()[:, 2], np.array([0.5, 0.5]))

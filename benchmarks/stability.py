@@ -135,7 +135,7 @@ def play(run: Run, scene: Scene, case: Case) -> tuple[EquilibriumResult, float |
     up = run.solve()
     half = run.solve(0.5, up.state)
     again = run.solve(start=half.state)
-    moved = np.linalg.norm((again.state - up.state).reshape(-1, 3), axis=1).max()
+    moved = np.linalg.norm(again.positions - up.positions, axis=1).max()
     return again, float(moved / scene.skin.pattern.size)
 
 

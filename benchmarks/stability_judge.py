@@ -51,8 +51,10 @@ def scaled_tangent(model: SkinModel, state: Floats) -> tuple[Floats, Floats]:
     whole = (upper + triu(upper, k=1).T).tocsr()
     free = np.flatnonzero(model.free)
     dense = whole[free][:, free].toarray()
-    by_vertex = np.abs(whole.diagonal()).reshape(-1, 3).mean(axis=1)
-    scale = 1 / np.sqrt(np.repeat(by_vertex, 3)[free])
+    diagonal = np.abs(whole.diagonal())
+    by_vertex = model.positions(diagonal)
+    by_vertex[:] = by_vertex.mean(axis=1)[:, None]
+    scale = 1 / np.sqrt(diagonal[free])
     return dense * scale[:, None] * scale, scale
 
 
@@ -74,7 +76,7 @@ class Judge:
         force = np.linalg.norm(model.residual(state))
         residual = float(force / self._load(model, pressure, state))
         lowest, noise = self._lowest(model, state)
-        faults = self._outside(state)
+        faults = self._outside(model.positions(state))
         if not residual <= RESIDUAL:
             faults.append(f"the residual is {residual:.2e} of the load")
         if lowest < -noise:
@@ -87,9 +89,9 @@ class Judge:
             return pressure * float(np.linalg.norm(model.load(state)))
         return float(np.linalg.norm(model.reaction(state)))
 
-    def _outside(self, state: Floats) -> list[str]:
+    def _outside(self, positions: Floats) -> list[str]:
         skin = self._scene.skin
-        x = skin.gather_vertices(state.reshape(-1, 3))[skin.pattern.triangles]
+        x = skin.gather_vertices(positions)[skin.pattern.triangles]
         edges = np.stack([x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]], axis=2)
         stretch = np.linalg.svd(edges @ self._inverse, compute_uv=False)
         single = np.abs(stretch - 1).max(axis=1)

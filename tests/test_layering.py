@@ -22,6 +22,7 @@ LAYERS = [
     ["factor"],
     ["newton"],
     ["equilibrium"],
+    ["estimate"],
     ["objective", "measure"],
     ["stencil", "projection"],
     ["strip"],

@@ -32,7 +32,9 @@ def disturbed(tube: Skin) -> tuple[SkinModel, np.ndarray]:
     rng = np.random.default_rng(3)
     model.set_density(rng.random(len(tube.pattern.panel))[tube.owned_cells])
     model.set_pressure(5e3)
-    noise = 2e-4 * rng.standard_normal(tube.pattern.points.shape)[tube.owned_vertices].ravel()
+    noise = np.zeros(model.size_local)
+    drawn = rng.standard_normal(tube.pattern.points.shape)
+    model.positions(noise)[:] = 2e-4 * drawn[tube.owned_vertices]
     return model, model.assembled + noise * model.free
 
 

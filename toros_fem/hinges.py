@@ -73,7 +73,7 @@ def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float
     average = _average(flat)
     angles: Floats = np.asarray(np.linalg.inv(average))
     if bending.curvature == "quadratic":
-        fitted = _quadratic_angles(flat, _unfolded(flat, corner, neighbour, opposite), alone)
+        fitted = _quadratic_angles(flat, _unfolded(flat, corner, neighbour, opposite))
         share = np.linalg.svd(fitted @ average, compute_uv=False)[:, -1]
         angles = np.where((share < CONIC)[:, None, None], angles, fitted)
     turn: Floats = np.zeros(alone.shape)
@@ -209,13 +209,12 @@ def _unfolded(flat: Floats, corner: Ints, neighbour: Ints, opposite: Ints) -> Fl
     return np.asarray(start + (share * length)[:, :, None] * along + height[:, :, None] * normal)
 
 
-def _quadratic_angles(flat: Floats, flap: Floats, alone: Mask) -> Floats:
+def _quadratic_angles(flat: Floats, flap: Floats) -> Floats:
     """Rows: angle at each edge by curvature (xx, yy, 2xy), of the quadratic through the patch.
 
     A deflection ½ x·Λ·x lifts the flap off the plane through the three corners; small angles.
-    Where the edge stands alone its mirror holds the slope at its middle: twice the angle to it.
     """
-    start, along, normal, length = _edge_frames(flat)
+    start, _, normal, _ = _edge_frames(flat)
     height = np.einsum("cij,cij->ci", flap - start, normal)
     edges = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
     local = np.einsum("cjk,cik->cij", np.linalg.inv(edges), flap - flat[:, :1])
@@ -227,15 +226,8 @@ def _quadratic_angles(flat: Floats, flap: Floats, alone: Mask) -> Floats:
 
     # About the centroid, so that far from the origin no digits are lost.
     middle = flat.mean(axis=1, keepdims=True)
-    at_corners = quadratic(flat - middle)
-    lift = (quadratic(flap - middle) - share @ at_corners) / height[:, :, None]
-    x, y = np.moveaxis(start + length[:, :, None] / 2 * along - middle, 2, 0)
-    n, m = np.moveaxis(normal, 2, 0)
-    slope = np.stack([n * x, m * y, (n * y + m * x) / 2], axis=2)
-    by_corner = np.einsum("cjk,cik->cij", np.linalg.inv(edges), normal)
-    by_corner = np.concatenate([-by_corner.sum(axis=2, keepdims=True), by_corner], axis=2)
-    mirrored = 2 * (slope - by_corner @ at_corners)
-    return np.asarray(np.where(alone[:, :, None], mirrored, lift))
+    lift = quadratic(flap - middle) - share @ quadratic(flat - middle)
+    return np.asarray(lift / height[:, :, None])
 
 
 def _tensors(angles: Floats, turning: Mask, poisson: float) -> Floats:

@@ -54,6 +54,7 @@ class SkinModel:
         supports.require_no_rigid_motion(skin.pattern)
         self.skin = skin
         self.composite = composite
+        self.supports = supports
         self.closed = supports.close(skin.pattern)
         self._hinges, rotations = None, False
         if composite.bending is not None:

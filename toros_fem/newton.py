@@ -35,8 +35,9 @@ CHORD_GAIN = 0.2
 ESCAPES = 10
 # Where rounding lets no step lower the energy any more, this residual over the load will do.
 STAGNATED = 1e-8
-# Or a full step that leaves so much of the residual and moves nothing further than that share of
-# the skin's size.
+# Or this one, where Newton's full step leaves so much of the residual and moves nothing further
+# than that share of the skin's size.
+UNRESOLVED = 1e-6
 STUCK = 0.5
 RESOLVED = 1e-9
 
@@ -173,7 +174,11 @@ class RegularisedNewton:
             share, new = self._search(point, direction, rounding, escaping=done)
             self._record(point, residual, share)
             full = share == 1.0 and self._shift == 0.0
-            if not done and self._stuck(point, new, direction, full=full):
+            if (
+                not done
+                and residual <= UNRESOLVED
+                and self._stuck(point, new, direction, full=full)
+            ):
                 self.held = self.stable(point.state)
                 if self.held:
                     return point, int(reasons.CONVERGED_SNORM_RELATIVE)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from toros_fem.density import random_density
 from toros_fem.design import DesignProblem
 from toros_fem.equilibrium import EquilibriumSolver
 from toros_fem.errors import ParameterError
+from toros_fem.estimate import estimate_error
 from toros_fem.filters import make_filter
 from toros_fem.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.manufacture import PrintLimits
@@ -52,7 +54,8 @@ class Scene:
         pattern: Panels and seams.
         target: Target positions of all assembled vertices, (n, 3), in m.
         supports: What is held.
-        angle: Measures the angle reached, in degrees, from all vertices' positions.
+        angle: Measures the angle reached, in degrees, from a pattern and all its vertices'
+            positions.
         angle_target: Angle asked for, in degrees.
         passive: Density that is given, of all triangles, (t,); NaN where it is designed.
         weights, relative: Factors on each vertex in the objective, (n,), as `ShapeObjective` has.
@@ -61,7 +64,7 @@ class Scene:
     pattern: Pattern
     target: Floats
     supports: Supports
-    angle: Callable[[Floats], float]
+    angle: Callable[[Pattern, Floats], float]
     angle_target: float
     passive: Floats | None = None
     weights: Floats | None = None
@@ -92,6 +95,8 @@ class Settings:
         polish: Steps after all free islands have been taken out, so that the design makes up for
             them; 0 leaves them in.
         island_area: Free islands smaller than this, in m², are not printed.
+        refine: 1 simulates what is printed once more on a mesh refined, to estimate by how much
+            the mesh falsifies the angle; 0 does not.
         print_width: Thinnest line and gap in m that the printer makes: below, they are marked.
         seed: Of the random start.
     """
@@ -121,12 +126,14 @@ class Settings:
     constrained: int = 40
     polish: int = 20
     island_area: float = 20e-6
+    refine: int = 0
     print_width: float = 0.6e-3
     seed: int = 2
 
     def __post_init__(self) -> None:
         require_count(1, iterations=self.iterations)
         require_count(0, constrained=self.constrained, polish=self.polish, seed=self.seed)
+        require_choice("refine", str(self.refine), ("0", "1"))
         require_choice("bending", self.bending, ("none", *CURVATURES))
         require_choice("seams", self.seams, SEAMS)
         require_positive(print_width=self.print_width, window=self.window)
@@ -235,7 +242,8 @@ def design(
     problem = make_problem(comm, scene, settings, verbose=verbose)
     skin = problem.solver.skin
     options = DesignOptions(settings.stages, mma=MMAOptions(move=settings.move))
-    reporter = Reporter(skin, output, options.iterations, scene.angle, begin)
+    measure = partial(scene.angle, scene.pattern)
+    reporter = Reporter(skin, output, options.iterations, measure, begin)
     result = optimise(problem, random_density(skin, settings.seed), options, reporter)
     limits = PrintLimits(width=settings.print_width, gap=settings.print_width)
     printed = print_design(problem, result, limits, settings.island_area)
@@ -245,7 +253,11 @@ def design(
         polishing = replace(options, stages=(stage,))
         result = optimise(problem, start, polishing, reporter, after=result)
         printed = print_design(problem, result, limits, settings.island_area)
-    figures = {"angle_target_deg": scene.angle_target, "seed": settings.seed}
+    figures: dict[str, Any] = {"angle_target_deg": scene.angle_target, "seed": settings.seed}
+    made = printed.evaluation
+    if settings.refine and made is not None:
+        error = estimate_error(problem.solver, made.projected, made.equilibrium, scene.angle)
+        figures["angle_refined_deg"], figures["angle_error_deg"] = error.refined, error.error
     summary = reporter.finish(problem, result, printed, scene.target, inputs, figures)
     return Outcome(summary, result, printed)
 

@@ -1,0 +1,71 @@
+"""Uniform refinement: each triangle of a pattern in four."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from toros_fem.meshes.pattern import Floats, Ints, Pattern
+
+
+@dataclass(frozen=True, eq=False)
+class Refinement:
+    """A refined pattern and where its parts come from.
+
+    Attributes:
+        pattern: The refined pattern: the same flat panels, the same seams.
+        cell: Triangle of the coarse pattern that each triangle is a quarter of, shape (4 t,).
+        ends: Two vertices of the coarse pattern whose middle each assembled vertex is, shape
+            (n, 2); twice the same for a vertex that was there.
+    """
+
+    pattern: Pattern
+    cell: Ints
+    ends: Ints
+
+    def at_vertices(self, values: Floats) -> Floats:
+        """Values at the coarse vertices, (n, …), interpolated to the refined ones."""
+        return np.asarray(values[self.ends].mean(axis=1))
+
+
+def refine(pattern: Pattern) -> Refinement:
+    """Divide each triangle into four by the middles of its edges.
+
+    Flat panels keep their outlines: a round panel stays the polygon that it was.
+
+    Args:
+        pattern: Any pattern.
+    """
+    flat, tri = pattern.flat_points, pattern.flat_triangles
+    flat_ends, flat_middle = _edges(tri, len(flat))
+    # Two flat edges sewn together have one middle.
+    sewn_ends = np.sort(pattern.sewn[flat_ends], axis=1)
+    ends, sewn_middle = np.unique(sewn_ends, axis=0, return_inverse=True)
+    count = len(pattern.points)
+    a, b, c = tri.T
+    ab, bc, ca = len(flat) + flat_middle.reshape(3, -1)
+    triangles = np.stack(
+        [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)], axis=0
+    ).transpose(2, 0, 1).reshape(-1, 3)  # fmt: skip
+    vertices = np.concatenate([np.repeat(np.arange(count)[:, None], 2, axis=1), ends])
+    return Refinement(
+        pattern=Pattern(
+            flat_points=np.concatenate([flat, flat[flat_ends].mean(axis=1)]),
+            flat_triangles=triangles,
+            panel=np.repeat(pattern.panel, 4),
+            sewn=np.concatenate([pattern.sewn, count + sewn_middle.ravel()]),
+            points=pattern.points[vertices].mean(axis=1),
+            panel_names=pattern.panel_names,
+            seam_tolerance=pattern.seam_tolerance,
+        ),
+        cell=np.repeat(np.arange(len(tri)), 4),
+        ends=vertices,
+    )
+
+
+def _edges(triangles: Ints, points: int) -> tuple[Ints, Ints]:
+    """Undirected edges (e, 2), and those of each triangle: all ab, then all bc, then all ca."""
+    directed = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    low, high = directed.min(axis=1), directed.max(axis=1)
+    keys, number = np.unique(low * np.int64(points) + high, return_inverse=True)
+    return np.stack(np.divmod(keys, points), axis=1), number.ravel()

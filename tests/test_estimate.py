@@ -1,0 +1,94 @@
+"""Refinement, and the error that it estimates."""
+
+import numpy as np
+import pytest
+from conftest import square
+from mpi4py import MPI
+from toros_fem.meshes import Pattern, cylinder, sew
+from toros_fem.meshes.refine import refine
+
+from toros_fem.equilibrium import EquilibriumSolver
+from toros_fem.errors import ParameterError
+from toros_fem.estimate import estimate_error
+from toros_fem.measure import bend_angle
+from toros_fem.parameters import Bending, Composite
+from toros_fem.supports import build_in, clamp
+
+
+def angle(pattern: Pattern, positions: np.ndarray) -> float:
+    return float(np.degrees(bend_angle(pattern, positions)))
+
+
+def spine(pattern: Pattern) -> np.ndarray:
+    """A stiff strip along the inner side, fading towards its borders, and stiff caps."""
+    x, y, _ = pattern.points[pattern.triangles].mean(axis=1).T
+    strip = 0.6 * np.exp(-((np.arctan2(y, x) / 0.5) ** 4))
+    return np.where(pattern.panel == pattern.panel_index("wall"), strip, 1.0)
+
+
+@pytest.mark.parametrize("mesh", ["structured", "unstructured"])
+def test_refinement_keeps_the_skin(comm: MPI.Comm, mesh: str) -> None:
+    pattern = cylinder(comm, 0.05, 0.02, 6e-3, mesh=mesh)
+    finer = refine(pattern)
+    fine = finer.pattern
+    assert len(fine.panel) == 4 * len(pattern.panel)
+    assert len(fine.free_edges) == 0
+    assert len(fine.seams) == 2 * len(pattern.seams)
+    assert np.bincount(finer.cell, fine.areas) == pytest.approx(pattern.areas, rel=1e-12)
+    assert len(fine.points) - len(fine.panel) / 2 == 2, "Euler's formula for a sphere"
+    # A linear field is taken over exactly.
+    field = pattern.points @ [1.0, -2.0, 0.5]
+    assert finer.at_vertices(field) == pytest.approx(fine.points @ [1.0, -2.0, 0.5], abs=1e-15)
+
+
+def test_estimate_covers_the_error_on_the_tube(comm: MPI.Comm) -> None:
+    """Against a mesh refined twice."""
+    reached = []
+    estimate = None
+    pattern = cylinder(comm, 0.09, 0.02, 5e-3)
+    for level in range(3):
+        skin = sew(comm, pattern)
+        solver = EquilibriumSolver(skin, Composite(), clamp(pattern, ["base"]))
+        density = spine(pattern)[skin.owned_cells]
+        result = solver.solve(density, 3e3)
+        reached.append(angle(pattern, skin.gather_vertices(result.positions)))
+        if level == 0:
+            estimate = estimate_error(solver, density, result, angle)
+        pattern = refine(pattern).pattern
+    print(reached, estimate)
+    assert estimate is not None
+    assert estimate.value == reached[0]
+    assert 0.5 * estimate.error < abs(reached[2] - reached[0]) < estimate.error
+
+
+def test_supports_and_forces_of_a_refined_sheet(comm: MPI.Comm) -> None:
+    """A built-in cantilever, bent by a load that each mesh spreads for itself."""
+    pattern = square(n=6)
+    size = pattern.points[:, 0].max()
+    supports = build_in(pattern, pattern.points[:, 0] < 1e-9)
+    solver = EquilibriumSolver(sew(comm, pattern), Composite(), supports)
+
+    def weight(of: Pattern) -> np.ndarray:
+        return np.outer(of.vertex_areas, [0.0, 0.0, 1.0])
+
+    def tip(of: Pattern, positions: np.ndarray) -> float:
+        return float(positions[of.points[:, 0] > size * (1 - 1e-9), 2].mean())
+
+    density = np.ones(len(solver.skin.owned_cells))
+    result = solver.solve(density, 0.0, force=weight(pattern))
+    found = estimate_error(solver, density, result, tip, weight)
+    D = 26e6 * 0.5e-3**3 / 12 / (1 - 0.3**2)
+    exact = size**4 / (8 * D)  # of a wide strip; the narrow one is up to 1/(1 - nu^2) softer
+    assert exact < found.refined < exact / (1 - 0.3**2)
+    assert abs(found.value - exact) < found.error < 0.5 * exact
+    assert str(found).startswith(f"{found.value:.6g}")
+
+
+def test_moulded_shapes_are_not_refined(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.05, 0.02, 6e-3)
+    composite = Composite(bending=Bending(rest="assembled"))
+    solver = EquilibriumSolver(sew(comm, pattern), composite, clamp(pattern, ["base"]))
+    density = np.zeros(len(solver.skin.owned_cells))
+    result = solver.solve(density, 100.0)
+    with pytest.raises(ParameterError, match="moulded shape is not known"):
+        estimate_error(solver, density, result, angle)
