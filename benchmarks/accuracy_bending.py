@@ -139,7 +139,7 @@ def slit_annulus(formulation: str, mesh: str, size: int) -> Measured:
     """Deflection of the outer corner of an annular plate that is slit and lifted at the slit."""
 
     def warp(flat: Floats) -> Floats:
-        angle, radius = 2 * np.pi * flat[:, 0] / 12, 6 + 4 * flat[:, 1] / 2
+        angle, radius = -2 * np.pi * flat[:, 0] / 12, 6 + 4 * flat[:, 1] / 2
         return radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
 
     grid = rectangle(COMM, 12.0, 2.0, 1 / size, mesh)

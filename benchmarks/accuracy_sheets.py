@@ -19,7 +19,7 @@ Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 # Far beyond any strain here, near enough not to cost digits: eq. (1) is then linear elasticity.
-FAR = 5.0
+FAR = 1.5
 
 
 def elastic(

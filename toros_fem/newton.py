@@ -37,7 +37,7 @@ ESCAPES = 10
 STAGNATED = 1e-8
 # Or this one, where Newton's full step leaves so much of the residual and moves nothing further
 # than that share of the skin's size.
-UNRESOLVED = 1e-6
+UNRESOLVED = 1e-5
 STUCK = 0.5
 RESOLVED = 1e-9
 
