@@ -15,9 +15,10 @@ from toros_fem.meshes import Pattern, sew
 
 from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
 from toros_fem.parameters import Composite, Material, NewtonOptions
-from toros_fem.supports import Supports
+from toros_fem.supports import Supports, symmetry_plane
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
 Place = Callable[[Floats], Floats]
 
@@ -116,7 +117,7 @@ def solve(
     supports: Supports,
     pressure: float,
     density: Floats | None = None,
-    tolerance: float = 1e-10,
+    options: NewtonOptions | None = None,
 ) -> Solved:
     """The equilibrium from the assembled positions (collective); only the solve is timed.
 
@@ -126,10 +127,10 @@ def solve(
         supports: What is held.
         pressure: In Pa.
         density: Of all triangles of the pattern; None: fabric everywhere.
-        tolerance: Residual over the load.
+        options: Of the solver.
     """
     skin = sew(COMM, pattern)
-    solver = EquilibriumSolver(skin, composite, supports, NewtonOptions(tolerance=tolerance))
+    solver = EquilibriumSolver(skin, composite, supports, options)
     every = np.zeros(len(pattern.panel)) if density is None else density
     result, seconds = timed(lambda: solver.solve(every[skin.owned_cells], pressure))
     points = skin.gather_vertices(result.state.reshape(-1, 3))
@@ -154,14 +155,15 @@ def without(pattern: Pattern, name: str) -> Pattern:
     )
 
 
-def standing(points: Floats) -> Supports:
-    """Hold what a skin may still do after a plane of symmetry z = 0: slide in it, and turn.
+def half_held(pattern: Pattern) -> Supports:
+    """Hold half a skin in its plane of symmetry z = 0, and keep it from sliding and turning there.
 
-    Three components at the border of that plane, statically determinate: they carry no force, and
-    a skin that is symmetric about z does not feel them.
+    The latter by three components at the border in that plane, statically determinate: they carry
+    no force, and a skin that is symmetric about z does not feel them.
     """
+    points = pattern.points
     base = np.flatnonzero(np.abs(points[:, 2]) < 1e-9)
-    held = np.zeros(points.shape, dtype=bool)
+    held = symmetry_plane(pattern, 2).held
     for direction, axis in (((-1, 0), 1), ((1, 0), 1), ((0, 1), 0)):
         held[base[np.argmax(points[base, :2] @ direction)], axis] = True
     return Supports(held)

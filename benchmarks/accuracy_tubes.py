@@ -13,8 +13,8 @@ from accuracy_scenes import (
     Floats,
     Solved,
     entry,
+    half_held,
     solve,
-    standing,
     table_a,
     without,
 )
@@ -23,7 +23,7 @@ from toros_fem.meshes import Pattern, cylinder, sew
 
 from toros_fem.model import SkinModel
 from toros_fem.parameters import Composite
-from toros_fem.supports import Supports, symmetry_plane
+from toros_fem.supports import Supports
 
 RADIUS = 0.01  # m, of the tables' tubes
 # Half length of tubes in radii: six radii from the tip its disc is felt by less than 1e-6.
@@ -40,8 +40,7 @@ def half_tube(sides: int, length: float, mesh: str) -> tuple[Pattern, Supports]:
     """
     edge = 2 * np.pi * RADIUS / sides
     pattern = without(cylinder(COMM, length * RADIUS, 2 * RADIUS, edge, mesh=mesh), "base")
-    held = symmetry_plane(pattern, 2).held | standing(pattern.points).held
-    return pattern, Supports(held)
+    return pattern, half_held(pattern)
 
 
 @cache
@@ -125,7 +124,7 @@ class HomogeneousTube:
         )
 
     def pressure(self, around: float) -> float:
-        """The pressure in Pa that holds a stretch around, the tube as long as its tip's thrust."""
+        """The pressure in Pa at a stretch around, that along being what balances the tip."""
 
         def held_by(along: float) -> tuple[float, float]:
             pull, load = self.forces(around, along)
