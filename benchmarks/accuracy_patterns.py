@@ -291,9 +291,10 @@ TUBES = (
         meshes=("unstructured",),
         sizes=(24, 32, 48, 64),
         within=None,
-        note="A trend. Printed lines have a width, join rigidly and must bend in the sheet "
-        "between crossings; their vertices' mean radius is not that of a thin line. With 24 sides "
-        "an edge is longer than a line is wide, with 64 it is two thirds of it.",
+        note="A trend. Lines of a width join rigidly and must bend in the sheet between crossings; "
+        "across it nothing stiffens them here, so that they bow by 2 % of R, which shortens the "
+        "tube more than straight strands would. With 24 sides an edge is longer than a line is "
+        "wide, with 64 it is two thirds of it.",
     ),
     case(
         "helix-twist",
