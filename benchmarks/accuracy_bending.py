@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import csv
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 from accuracy_case import Case, Measured, timed
+from accuracy_scenes import COMM, entry
 from accuracy_sheets import (
-    COMM,
     Sheet,
     elastic,
     jittered,
@@ -26,16 +24,9 @@ from toros_fem.supports import Supports, build_in, symmetry_plane
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-DATA = Path(__file__).parent.parent / "tests" / "data"
 SHEETS = ("right", "equilateral", "union-jack", "crossed", "unstructured")
 STRIPS = ("right", "crossed", "unstructured")
 SZE = "Sze, Liu & Lo 2004, Popular benchmark problems for geometric nonlinear analysis of shells"
-
-
-def table(name: str) -> list[dict[str, str]]:
-    """Rows of a reference table."""
-    with (DATA / f"{name}.csv").open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
 
 
 def hold(pattern: Pattern, vertices: Mask, components: tuple[int, ...]) -> Supports:
@@ -215,7 +206,7 @@ BENDING: tuple[Case, ...] = (
         group="bending",
         about="A strip of length 12 bent by an end moment until its end has turned by 180°.",
         quantity="w of the tip",
-        reference=24 / np.pi,
+        reference=entry("sze32_cantilever_moment", "w_tip_exact", M_over_Mmax="0.50"),
         source="exact: an arc of a circle; M/Mmax = 0.5 of Sze et al. 2004, section 3.2",
         formulations=CURVATURES,
         meshes=STRIPS,
@@ -228,7 +219,7 @@ BENDING: tuple[Case, ...] = (
         group="bending",
         about="A cantilever of length 10 under a shear force at its end, turned by 64°.",
         quantity="w of the tip",
-        reference=6.699642,
+        reference=entry("sze31_cantilever_shear", "w_elastica", P_over_Pmax="1.00"),
         source=f"exact elastica; {SZE}, section 3.1",
         formulations=CURVATURES,
         meshes=STRIPS,
@@ -241,7 +232,7 @@ BENDING: tuple[Case, ...] = (
         group="bending",
         about="An annular plate, slit, clamped at one side of the slit and lifted at the other.",
         quantity="w of the outer corner",
-        reference=17.528,
+        reference=entry("sze33_slit_annular", "w_B_outer", P_over_Pmax="1.00"),
         source=f"{SZE}, section 3.3, by Abaqus S4R",
         formulations=CURVATURES,
         meshes=("right", "crossed", "unstructured"),
@@ -253,7 +244,7 @@ BENDING: tuple[Case, ...] = (
         group="bending",
         about="An open cylinder, moulded round, pulled out at two opposite points; an eighth.",
         quantity="w under the force",
-        reference=2.376,
+        reference=entry("sze35_pullout_cylinder", "w_A", P_over_Pmax="0.40"),
         source=f"{SZE}, section 3.5, P/Pmax = 0.4, by Abaqus S4R",
         formulations=CURVATURES,
         meshes=("right", "unstructured"),

@@ -79,7 +79,7 @@ def membrane(
         reinforcement=Material(contrast * young, poisson, thickness),
         c1=c1,
         c2=c2,
-        bending=False,
+        bending=None,
     )
 
 
@@ -133,8 +133,9 @@ def solve(
     solver = EquilibriumSolver(skin, composite, supports, options)
     every = np.zeros(len(pattern.panel)) if density is None else density
     result, seconds = timed(lambda: solver.solve(every[skin.owned_cells], pressure))
-    points = skin.gather_vertices(result.state.reshape(-1, 3))
-    reactions = skin.gather_vertices(solver.model.reaction(result.state).reshape(-1, 3))
+    points = skin.gather_vertices(result.positions)
+    model = solver.model
+    reactions = skin.gather_vertices(model.positions(model.reaction(result.state)))
     return Solved(pattern, points, reactions, result, seconds)
 
 

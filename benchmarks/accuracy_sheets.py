@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
+from accuracy_scenes import COMM
 from toros_fem.meshes import Pattern, Skin, rectangle, sew
 from toros_fem.meshes.sheet import one_panel
 
@@ -14,7 +14,6 @@ from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
 from toros_fem.parameters import Bending, Composite, Material, NewtonOptions
 from toros_fem.supports import Supports
 
-COMM = MPI.COMM_WORLD
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
