@@ -16,16 +16,20 @@ from accuracy_sheets import (
     value_at,
     warped,
 )
-from toros_fem.meshes import Pattern, rectangle
+from toros_fem.meshes import Pattern, cylinder, rectangle, sew
+from toros_fem.meshes.refine import refine
 
-from toros_fem.parameters import CURVATURES
-from toros_fem.supports import Supports, build_in, symmetry_plane
+from toros_fem.equilibrium import EquilibriumSolver
+from toros_fem.measure import bend_angle
+from toros_fem.parameters import CURVATURES, Bending, Composite
+from toros_fem.supports import Supports, build_in, clamp, symmetry_plane
 
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
 SHEETS = ("right", "equilateral", "union-jack", "crossed", "unstructured")
 STRIPS = ("right", "crossed", "unstructured")
+SPINE_ANGLE = 71.9  # degrees
 SZE = "Sze, Liu & Lo 2004, Popular benchmark problems for geometric nonlinear analysis of shells"
 
 
@@ -168,6 +172,36 @@ def pulled_cylinder(formulation: str, mesh: str, size: int) -> Measured:
     return Measured(moved, len(pattern.panel), seconds)
 
 
+def spine(pattern: Pattern) -> Floats:
+    """A stiff strip along the inner side of a tube, fading towards its borders; stiff caps."""
+    x, y, _ = pattern.points[pattern.triangles].mean(axis=1).T
+    strip = 0.6 * np.exp(-((np.arctan2(y, x) / 0.5) ** 4))
+    return np.asarray(np.where(pattern.panel == pattern.panel_index("wall"), strip, 1.0))
+
+
+def spine_tube(formulation: str, mesh: str, level: int) -> Measured:
+    """Angle of a tube with a stiff strip, each mesh started from the result on the one before."""
+    pattern = cylinder(COMM, 0.09, 0.02, 5e-3, mesh=mesh)
+    composite = Composite(bending=Bending(formulation))
+    seconds, finer, positions = 0.0, None, None
+    for _ in range(level + 1):
+        if finer is not None:
+            pattern = finer.pattern
+        skin = sew(COMM, pattern)
+        solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
+        start = None
+        if finer is not None and positions is not None:
+            start = solver.model.assembled
+            prolonged = finer.at_vertices(positions)
+            solver.model.positions(start)[:] = prolonged[skin.owned_vertices]
+        density = spine(pattern)[skin.owned_cells]
+        result, time = timed(partial(solver.solve, density, 3e3, start=start))
+        positions = skin.gather_vertices(result.positions)
+        seconds, finer = seconds + time, refine(pattern)
+    assert positions is not None
+    return Measured(np.degrees(bend_angle(pattern, positions)), len(pattern.panel), seconds)
+
+
 PLATES = (*SHEETS, "jittered")
 
 BENDING: tuple[Case, ...] = (
@@ -210,7 +244,7 @@ BENDING: tuple[Case, ...] = (
         source="exact: an arc of a circle; M/Mmax = 0.5 of Sze et al. 2004, section 3.2",
         formulations=CURVATURES,
         meshes=STRIPS,
-        sizes=(1, 2, 4, 8),
+        sizes=(2, 4, 6, 8),
         run=rolled_up,
         within=1e-2,
     ),
@@ -236,7 +270,7 @@ BENDING: tuple[Case, ...] = (
         source=f"{SZE}, section 3.3, by Abaqus S4R",
         formulations=CURVATURES,
         meshes=("right", "crossed", "unstructured"),
-        sizes=(2, 4, 8, 12),
+        sizes=(2, 4, 6, 8),
         run=slit_annulus,
     ),
     Case(
@@ -250,5 +284,19 @@ BENDING: tuple[Case, ...] = (
         meshes=("right", "unstructured"),
         sizes=(1, 2, 4, 6),
         run=pulled_cylinder,
+    ),
+    Case(
+        name="tube-spine",
+        group="bending",
+        about="A 9 cm tube of the demos' materials at 3 kPa, bent by a stiff strip along its inner "
+        "side; refined by dividing each triangle in four.",
+        quantity="angle in degrees",
+        reference=SPINE_ANGLE,
+        source="this code with mid-edge bending on 161 280 triangles, extrapolated",
+        formulations=CURVATURES,
+        meshes=("structured", "unstructured"),
+        sizes=(0, 1, 2, 3),
+        run=spine_tube,
+        note="No independent reference: it tells how a skin's angle depends on the mesh.",
     ),
 )
