@@ -1,6 +1,7 @@
 """Known answers on coarse meshes: errors as small as measured, and falling as they should."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from conftest import ROOT, table
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
+from accuracy_bending import BENDING
 from accuracy_case import Case, Row, rows_of
 from accuracy_gradients import GRADIENTS
 from accuracy_membrane import MEMBRANE
@@ -85,6 +87,58 @@ def test_polygonal_tube_but_for_its_twist() -> None:
 def test_what_hardly_stretches_nears_its_limit_from_below(case: Case) -> None:
     for coarse, fine in quick(case):
         assert 0.4 * case.reference < coarse.value < fine.value < case.reference
+
+
+PLATES = [case for case in BENDING if case.name.startswith("plate")]
+
+
+@pytest.mark.parametrize("case", PLATES, ids=name_of)
+def test_mid_edge_plates_converge_on_every_mesh(case: Case) -> None:
+    """With the square of the edge length; the average does not where its triangles do not pair."""
+    for coarse, fine in quick(replace(case, formulations=("midedge",))):
+        assert fine.observed_order is not None
+        assert fine.observed_order >= 2 - 0.15
+        assert fine.relative_error < 0.1
+        assert fine.value > case.reference, "from above"
+        # What order two leaves after one refinement more: Richardson's extrapolation.
+        extrapolated = (4 * fine.value - coarse.value) / 3
+        assert extrapolated == pytest.approx(case.reference, rel=0.015)
+    ((_, stuck),) = quick(replace(case, formulations=("average",), meshes=("union-jack",)))
+    assert stuck.relative_error > 0.15
+
+
+@pytest.mark.parametrize(
+    ("formulation", "meshes", "bound"),
+    [
+        ("midedge", ("right", "equilateral", "union-jack", "crossed", "unstructured"), 4e-4),
+        ("average", ("right",), 4e-5),
+        ("quadratic", ("crossed", "unstructured"), 1.6e-3),
+    ],
+)
+def test_energy_of_a_rolled_sheet(formulation: str, meshes: tuple[str, ...], bound: float) -> None:
+    (case,) = (case for case in BENDING if case.name == "rolled-energy")
+    for _, fine in quick(replace(case, formulations=(formulation,), meshes=meshes)):
+        assert fine.relative_error < bound
+        assert fine.observed_order is not None
+        assert fine.observed_order > 1.6
+
+
+@pytest.mark.parametrize(
+    ("name", "mesh", "bound"),
+    [
+        ("cantilever", "right", 2e-3),
+        ("cantilever", "crossed", 1e-3),
+        ("rolled-up", "unstructured", 3e-3),
+        ("pulled-cylinder", "unstructured", 2e-2),
+    ],
+)
+def test_large_rotations(name: str, mesh: str, bound: float) -> None:
+    """Strips and a shell turned far, against exact and published values."""
+    (case,) = (case for case in BENDING if case.name == name)
+    sizes = (2,) if name == "rolled-up" else case.sizes[1:2]
+    for size in sizes:
+        found = case.run("midedge", mesh, size)
+        assert found.value == pytest.approx(case.reference, rel=bound)
 
 
 @pytest.mark.parametrize("case", GRADIENTS, ids=name_of)

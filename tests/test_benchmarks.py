@@ -119,3 +119,29 @@ def test_length_scale_of_lines(tmp_path: Path) -> None:
             assert row["least"] > 20 * wide["largest"]
             checked += 1
     assert checked == 6
+
+
+@ALONE
+def test_accuracy_writes_rows_and_pictures(tmp_path: Path) -> None:
+    file = tmp_path / "rows.json"
+    done = run(
+        "accuracy.py", "--quick", "--case", "uniaxial-stress", "--case", "pulled-cylinder",
+        "--json", str(file), "--output", str(tmp_path),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(file.read_text(encoding="utf-8"))
+    for row in rows:
+        assert set(row) == {
+            "case", "formulation", "mesh", "triangles", "value", "reference", "relative_error",
+            "observed_order", "seconds",
+        }  # fmt: skip
+        gap = abs(row["value"] - row["reference"]) / row["reference"]
+        assert row["relative_error"] == pytest.approx(gap)
+    assert {row["case"] for row in rows} == {"uniaxial-stress", "pulled-cylinder"}
+    assert {row["formulation"] for row in rows} == {"membrane", "average", "quadratic", "midedge"}
+    assert (tmp_path / "pulled-cylinder.png").stat().st_size > 10_000
+    again = run("accuracy.py", "--from", str(file), "--output", str(tmp_path / "again"))
+    assert again.returncode == 0, again.stderr
+    assert (tmp_path / "again" / "pulled-cylinder.png").exists()
+    unknown = run("accuracy.py", "--case", "nothing")
+    assert unknown.returncode == 2
