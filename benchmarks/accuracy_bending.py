@@ -29,7 +29,8 @@ Mask = npt.NDArray[np.bool_]
 
 SHEETS = ("right", "equilateral", "union-jack", "crossed", "unstructured")
 STRIPS = ("right", "crossed", "unstructured")
-SPINE_ANGLE = 71.9  # degrees
+# Of the finest meshes 70.940 and 71.071 (40 320 and 161 280 triangles), order 2.
+SPINE_ANGLE = 71.11  # degrees
 SZE = "Sze, Liu & Lo 2004, Popular benchmark problems for geometric nonlinear analysis of shells"
 
 
