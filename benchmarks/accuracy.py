@@ -2,7 +2,7 @@
 
     python benchmarks/accuracy.py --case plate-clamped
     python benchmarks/accuracy.py --quick --json rows.json
-    python benchmarks/accuracy.py --json rows.json --output out/accuracy
+    python benchmarks/accuracy.py --json rows.json --output output/accuracy
     python benchmarks/accuracy.py --from rows.json --docs
 
 Each case runs over at least four refinements (`--quick`: two) and prints value, error against its
@@ -63,7 +63,7 @@ def main() -> None:
                         help="only this case; may be repeated. " + ", ".join(known))  # fmt: skip
     parser.add_argument("--quick", action="store_true", help="two refinements of each")
     parser.add_argument("--json", type=Path, help="file for the rows")
-    parser.add_argument("--output", type=Path, default=Path("out/accuracy"), help="for pictures")
+    parser.add_argument("--output", type=Path, default=Path("output/accuracy"), help="for pictures")
     parser.add_argument("--from", type=Path, dest="rows", help="rows of an earlier run")
     parser.add_argument("--docs", action="store_true", help="write docs/accuracy.md")
     options = parser.parse_args()

@@ -192,9 +192,7 @@ def spine_tube(formulation: str, mesh: str, level: int) -> Measured:
         solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
         start = None
         if finer is not None and positions is not None:
-            start = solver.model.assembled
-            prolonged = finer.at_vertices(positions)
-            solver.model.positions(start)[:] = prolonged[skin.owned_vertices]
+            start = finer.at_vertices(positions)[skin.owned_vertices]
         density = spine(pattern)[skin.owned_cells]
         result, time = timed(partial(solver.solve, density, 3e3, start=start))
         positions = skin.gather_vertices(result.positions)

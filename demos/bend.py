@@ -61,7 +61,7 @@ def last_line(summary: dict[str, Any]) -> str:
     """The result in a sentence."""
     angle = summary["angle_deg"]
     printed = "no equilibrium" if angle is None else f"{angle:.1f}"
-    if "angle_error_deg" in summary:
+    if summary.get("angle_error_deg") is not None:
         printed += f" ± {summary['angle_error_deg']:.1f}"
     drop = summary["objective_first"] / summary["objective_last"]
     return (

@@ -109,7 +109,9 @@ def bending_blocks(
     """
     mu, lam = stiffness
     x = [components(node) for node in patch]
-    mirrors = [Mirror(m) for m in edges.mirrors] if edges.mirrors is not None else [None] * 3
+    mirrors = (
+        [Mirror(components(m)) for m in edges.mirrors] if edges.mirrors is not None else [None] * 3
+    )
     angles, halves, nodes = [], [], []
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3

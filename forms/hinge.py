@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import ufl
@@ -108,19 +107,19 @@ class Mirror:
         normal: m.
     """
 
-    def __init__(self, normal: Sequence[Any]) -> None:
+    def __init__(self, normal: Vector) -> None:
         self._m = normal
         self._P = [[2 * normal[k] * normal[j] for j in range(3)] for k in range(3)]
         self._R = [[(k == j) - self._P[k][j] for j in range(3)] for k in range(3)]
 
     def place(self, at: Vector, through: Vector) -> Vector:
         """The mirrored flap."""
-        away = times(2 * dot(minus(at, through), tuple(self._m)), tuple(self._m))  # type: ignore[arg-type]
+        away = times(2 * dot(minus(at, through), self._m), self._m)
         return minus(at, away)
 
     def gradient(self, by_flap: Vector) -> tuple[Vector, Vector]:
         """Shares of d' and of a in a derivative by d."""
-        to_a = times(2 * dot(by_flap, tuple(self._m)), tuple(self._m))  # type: ignore[arg-type]
+        to_a = times(2 * dot(by_flap, self._m), self._m)
         return minus(by_flap, to_a), to_a
 
     def hessian(self, blocks: dict[tuple[int, int], Matrix]) -> dict[tuple[int, int], Matrix]:

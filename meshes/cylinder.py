@@ -37,7 +37,7 @@ def cylinder(
         diameter: Diameter of the circle through the vertices, in m.
         edge_length: Wanted edge length in m.
         mesh: "unstructured" (gmsh, frontal Delaunay) or "structured" (right triangles with one
-            diagonal direction, on which the averaged curvature is exact for quadratics).
+            diagonal direction, on which the curvature "average" is exact for quadratics).
         caps: Whether the ends are closed; an open tube cannot carry pressure.
 
     Raises:

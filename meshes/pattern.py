@@ -46,6 +46,11 @@ class Panel:
     points: Floats
 
 
+def edge_keys(ends: Ints, points: int) -> Ints:
+    """One number for each undirected edge, from its ends (…, 2) among so many vertices."""
+    return np.asarray(ends.min(axis=-1) * np.int64(points) + ends.max(axis=-1))
+
+
 def _border(triangles: Ints) -> Ints:
     """Vertices on edges that one triangle alone has."""
     directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
@@ -68,8 +73,8 @@ class Pattern:
             counter-clockwise seen from outside the skin.
         panel: Panel of each triangle, shape (t,), numbered from 0.
         sewn: Assembled vertex of each flat point, shape (m,).
-        points: Assembled positions, shape (n, 3), in m: the start of a simulation, not its rest
-            shape, which is the flat one.
+        points: Assembled positions, shape (n, 3), in m: the start of a simulation. The rest
+            shape is the flat one; for bending it may be chosen to be this one.
         panel_names: A name for each panel.
         seam_tolerance: Largest relative difference of length of two edges sewn together.
 
@@ -223,10 +228,9 @@ class Pattern:
         Edge i lies opposite corner i.
         """
         edge, *_ = self._edges
-        ends = np.sort(self.sewn[self.seams[:, 0]], axis=1)
-        known = ends[:, 0] * np.int64(len(self.points)) + ends[:, 1]
-        low, high = edge.min(axis=1), edge.max(axis=1)
-        found = np.isin(low * np.int64(len(self.points)) + high, known)
+        count = len(self.points)
+        seams = edge_keys(self.sewn[self.seams[:, 0]], count)
+        found = np.isin(edge_keys(edge, count), seams)
         # Directed edge k of a triangle runs from corner k to k + 1.
         return np.roll(found.reshape(-1, 3), -1, axis=1)
 
@@ -249,9 +253,8 @@ class Pattern:
         """Directed edges (3 t, 2), the undirected edge of each, and its count and first use."""
         tri = self.triangles
         edge = np.stack([tri, np.roll(tri, -1, axis=1)], axis=2).reshape(-1, 2)
-        low, high = edge.min(axis=1), edge.max(axis=1)
         _, first, group, count = np.unique(
-            low * np.int64(len(self.points)) + high,
+            edge_keys(edge, len(self.points)),
             return_index=True,
             return_inverse=True,
             return_counts=True,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from toros_fem.meshes.pattern import Floats, Ints, Pattern
+from toros_fem.meshes.pattern import Floats, Ints, Pattern, edge_keys
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +66,5 @@ def refine(pattern: Pattern) -> Refinement:
 def _edges(triangles: Ints, points: int) -> tuple[Ints, Ints]:
     """Undirected edges (e, 2), and those of each triangle: all ab, then all bc, then all ca."""
     directed = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    low, high = directed.min(axis=1), directed.max(axis=1)
-    keys, number = np.unique(low * np.int64(points) + high, return_inverse=True)
+    keys, number = np.unique(edge_keys(directed, points), return_inverse=True)
     return np.stack(np.divmod(keys, points), axis=1), number.ravel()

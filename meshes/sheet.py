@@ -64,7 +64,7 @@ def rectangle(
     require_choice("mesh", mesh, KINDS)
 
     def build() -> Pattern:
-        along = max(1, round(length / edge_length))
+        along = round(length / edge_length)
         row = edge_length * np.sqrt(0.75) if mesh == "equilateral" else edge_length
         across = max(1, round(width / row))
         if mesh == "unstructured":
@@ -104,7 +104,7 @@ def disc(
     require_choice("mesh", mesh, ("structured", "unstructured"))
 
     def build() -> Pattern:
-        around = max(6, round(2 * np.pi * radius / edge_length))
+        around = round(2 * np.pi * radius / edge_length)
         if mesh == "structured":
             return one_panel(*ringed_disc(around, radius), place)
         outline = (circle(around, radius), [1] * around)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import basix.ufl
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import cpp, fem, mesh
 from mpi4py import MPI
@@ -90,7 +92,7 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
     cells = topology.index_map(2)
     count = cells.size_local + cells.num_ghosts
     geometry = cpp.mesh.Geometry_float64(
-        blocked_index_map(comm, cells, 3),
+        joined_index_map(comm, [(cells, 3)])[0],
         np.arange(3 * count, dtype=np.int32).reshape(count, 3),
         _compat.coordinate_map(embedded.geometry),
         np.ascontiguousarray(flat.reshape(-1, 2)),
@@ -110,13 +112,42 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
     return Skin(pattern, domain, position_space, density_space, vertex, cell)
 
 
-def blocked_index_map(comm: MPI.Comm, index_map: object, block: int) -> object:
-    """The index map of another one's entries unrolled by a block size."""
-    ghosts = np.asarray(index_map.ghosts, dtype=np.int64)  # type: ignore[attr-defined]
-    owners = np.asarray(index_map.owners, dtype=np.int32)  # type: ignore[attr-defined]
-    unrolled = (block * ghosts[:, None] + np.arange(block)).ravel()
-    size = index_map.size_local  # type: ignore[attr-defined]
-    return _compat.index_map(comm, block * size, unrolled, np.repeat(owners, block))
+def joined_index_map(
+    comm: MPI.Comm, parts: list[tuple[Any, int]]
+) -> tuple[Any, list[npt.NDArray[np.int32]]]:
+    """One index map over several (collective).
+
+    Args:
+        comm: Communicator.
+        parts: Index maps with the block size by which each is unrolled. A rank owns its entries
+            of the first part, then those of the second; ghosts follow in the same order.
+
+    Returns:
+        The index map, and of each part the local entries in it, owned ones first.
+    """
+    owned = np.array([block * index_map.size_local for index_map, block in parts])
+    everywhere = np.array(comm.allgather(owned.tolist()))
+    begin = np.concatenate([[0], np.cumsum(everywhere.sum(axis=1))])
+    ahead = np.cumsum(everywhere, axis=1) - everywhere  # of the same rank, in the joined numbering
+    ghosts, owners, numbers = [], [], []
+    before, count = 0, int(owned.sum())
+    for p, (index_map, block) in enumerate(parts):
+        starts = np.concatenate([[0], np.cumsum(everywhere[:, p])])[:-1]
+        owner = np.repeat(np.asarray(index_map.owners), block)
+        entry = np.asarray(index_map.ghosts)[:, None] * block + np.arange(block)
+        ghosts.append(entry.ravel() - starts[owner] + ahead[owner, p] + begin[owner])
+        owners.append(owner)
+        here = before + np.arange(owned[p])
+        there = count + np.arange(entry.size)
+        numbers.append(np.concatenate([here, there]).astype(np.int32))
+        before, count = before + int(owned[p]), count + entry.size
+    joined = _compat.index_map(
+        comm,
+        int(owned.sum()),
+        np.concatenate(ghosts).astype(np.int64),
+        np.concatenate(owners).astype(np.int32),
+    )
+    return joined, numbers
 
 
 def _local_size(space: fem.FunctionSpace) -> int:

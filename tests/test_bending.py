@@ -4,16 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import square
+from conftest import square, taylor_rates
 from mpi4py import MPI
-from toros_fem.meshes import Pattern, cylinder, rectangle, sew
+from toros_fem.meshes import Pattern, Skin, cylinder, rectangle, sew
 from toros_fem.meshes.pattern import Panel
 
 from toros_fem import errors
-from toros_fem.equilibrium import EquilibriumSolver
+from toros_fem.continuation import Load
+from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
 from toros_fem.hinges import find_hinges
 from toros_fem.model import SkinModel
-from toros_fem.parameters import CURVATURES, Bending, Composite, Material
+from toros_fem.parameters import CURVATURES, Bending, Composite, Material, NewtonOptions
 from toros_fem.supports import Supports, build_in, clamp
 
 LENGTH = 0.02
@@ -75,7 +76,6 @@ def test_poisson_bends_a_free_strip_the_other_way(comm: MPI.Comm, curvature: str
     bend = 20.0
     x, y, _ = pattern.points.T
     rolled = np.column_stack([np.sin(bend * x) / bend, y, (1 - np.cos(bend * x)) / bend])
-    skin = sew(comm, pattern)
     held = Supports(np.ones(pattern.points.shape, dtype=bool))
     cloth = Material(1e6, 0.3, 0.5e-3)
     composite = replace(sheet(Bending(curvature)), fabric=cloth, reinforcement=cloth)
@@ -155,7 +155,74 @@ def test_bad_names_edges_and_forces(comm: MPI.Comm) -> None:
         Supports(held, np.zeros((1, 2), dtype=int), np.zeros((1, 3)))
     supports = build_in(pattern, pattern.points[:, 0] < 1e-9)
     skin = sew(comm, pattern)
+    with pytest.raises(errors.ParameterError, match="must tell of each of the 25"):
+        build_in(pattern, np.array([0, 5]))
+    slanted = Supports(supports.held, supports.guided, np.ones(supports.normals.shape))
+    with pytest.raises(errors.ParameterError, match="is not perpendicular to it"):
+        EquilibriumSolver(skin, Composite(), slanted)
+    with pytest.raises(errors.ParameterError, match="leave 1 of the 6 rigid motions free"):
+        EquilibriumSolver(skin, Composite(bending=None), supports)
+    with pytest.raises(errors.ParameterError, match="bending = False must be a Bending"):
+        Composite(bending=False)  # type: ignore[arg-type]
+    inner = Supports(supports.held, np.array([[6, 7]]), np.ones((1, 3)))
+    with pytest.raises(errors.ParameterError, match="between vertices 6 and 7"):
+        EquilibriumSolver(skin, Composite(), supports | inner)
     solver = EquilibriumSolver(skin, Composite(), supports)
     for force in (np.zeros((3, 3)), np.full(pattern.points.shape, np.nan)):
         with pytest.raises(errors.ParameterError, match="force has shape"):
             solver.solve(np.zeros(len(skin.owned_cells)), 0.0, force=force)
+
+
+def test_a_load_is_raised_as_a_whole() -> None:
+    force = np.array([[0.0, 3.0, 4.0], [0.0, 0.0, 0.0]])
+    load = Load(100.0, force)
+    assert str(load) == "100 Pa and forces of 5 N in all"
+    assert str(Load(0.0, force)) == "forces of 5 N in all"
+    part = load.share(0.4)
+    assert part.pressure == pytest.approx(40)
+    assert part.force == pytest.approx(0.4 * force)
+    there = Load(20.0, None).towards(load, 0.25)
+    assert (there.pressure, str(Load(20.0, None))) == (40.0, "20 Pa")
+    assert there.force == pytest.approx(0.25 * force)
+
+
+def test_gradient_under_pressure_and_forces(tube: Skin, comm: MPI.Comm) -> None:
+    """The adjoint knows nothing of dead forces: they do not change with the design."""
+    solver = EquilibriumSolver(
+        tube, Composite(), clamp(tube.pattern, ["base"]), NewtonOptions(tolerance=1e-12)
+    )
+    pattern = tube.pattern
+    force = np.asarray(pattern.vertex_areas[:, None] * [200.0, 0.0, 0.0])
+    rng = np.random.default_rng(4)
+    density, direction = (
+        rng.uniform(0.3, 0.7, len(pattern.panel))[tube.owned_cells],
+        rng.uniform(-1, 1, len(pattern.panel))[tube.owned_cells],
+    )
+    weight = rng.standard_normal(pattern.points.shape)[tube.owned_vertices]
+    base = solver.solve(density, 2e3, force=force)
+    rhs = np.zeros_like(base.state)
+    solver.model.positions(rhs)[:] = weight
+    adjoint = solver.solve_tangent(rhs, base)
+    slope = -comm.allreduce(
+        float(solver.model.density_sensitivity(base.state, adjoint) @ direction)
+    )
+
+    def value(h: float) -> float:
+        found = solver.solve(density + h * direction, 2e3, force=force, start=base.state)
+        return float(comm.allreduce(float((weight * found.positions).sum())))
+
+    assert taylor_rates(value, slope, 4e-2) == pytest.approx(2, abs=0.1)
+
+
+def test_forces_that_nothing_can_bear(comm: MPI.Comm) -> None:
+    """A strip pulled far beyond what its bounds allow within the steps that are given."""
+    pattern = square()
+    supports = build_in(pattern, pattern.points[:, 0] < 1e-9)
+    skin = sew(comm, pattern)
+    solver = EquilibriumSolver(skin, Composite(), supports, NewtonOptions(max_steps=2))
+    force = np.zeros(pattern.points.shape)
+    force[np.argmax(pattern.points.sum(axis=1))] = [0, 0, 1e9]
+    with pytest.raises(EquilibriumError, match="was found at forces of 1e") as caught:
+        solver.solve(np.zeros(len(skin.owned_cells)), 0.0, force=force)
+    assert 0 <= caught.value.result.share < 1
+    assert "Pa" not in caught.value.result.reason

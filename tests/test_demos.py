@@ -31,6 +31,7 @@ SMALL: dict[str, Any] = {
     "angle": 45.0,
     "iterations": 8,
     "constrained": 6,
+    "refine": 1,
 }
 
 
@@ -53,6 +54,9 @@ def test_summary(comm: MPI.Comm, output: Path) -> None:
     assert summary["objective_last"] < summary["objective_first"] / 10
     assert 22 < summary["design"]["angle_deg"] < 60, "well on its way after a few steps"
     assert summary["angle_target_deg"] == 45
+    change = abs(summary["angle_refined_deg"] - summary["angle_deg"])
+    assert summary["angle_error_deg"] == pytest.approx(3 * change)
+    assert 0 < change < 10
     assert 1e3 <= summary["pressure_pa"] <= 2e4
     assert summary["pressure_pa"] != 5e3, "the pressure is designed"
     assert summary["iterations"] == 14

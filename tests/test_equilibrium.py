@@ -261,12 +261,13 @@ def test_beyond_the_limit_point(comm: MPI.Comm) -> None:
     solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
     below = solver.solve(fabric(skin), 1.2e3)
     assert below.converged
-    with pytest.raises(EquilibriumError, match="at pressure = 2500 Pa") as caught:
+    with pytest.raises(EquilibriumError, match="was found at 2500 Pa, at once") as caught:
         solver.solve(fabric(skin), 2.5e3)
     last = caught.value.result
     assert not last.converged
     assert np.isfinite(last.state).all()
-    assert "Lower the pressure" in last.reason
+    assert "Lower the load" in last.reason
+    assert last.share == pytest.approx(last.pressure / 2500)
     # The long tube's limit; this one is short and held at its base, which carries it further.
     assert 1811 < last.pressure < 2500
     silent = solver.solve(fabric(skin), 2.5e3, raise_on_failure=False)

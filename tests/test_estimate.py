@@ -11,8 +11,8 @@ from toros_fem.equilibrium import EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.estimate import estimate_error
 from toros_fem.measure import bend_angle
-from toros_fem.parameters import Bending, Composite
-from toros_fem.supports import build_in, clamp
+from toros_fem.parameters import Bending, Composite, NewtonOptions
+from toros_fem.supports import Supports, build_in, clamp, symmetry_plane
 
 
 def angle(pattern: Pattern, positions: np.ndarray) -> float:
@@ -55,7 +55,6 @@ def test_estimate_covers_the_error_on_the_tube(comm: MPI.Comm) -> None:
         if level == 0:
             estimate = estimate_error(solver, density, result, angle)
         pattern = refine(pattern).pattern
-    print(reached, estimate)
     assert estimate is not None
     assert estimate.value == reached[0]
     assert 0.5 * estimate.error < abs(reached[2] - reached[0]) < estimate.error
@@ -84,11 +83,43 @@ def test_supports_and_forces_of_a_refined_sheet(comm: MPI.Comm) -> None:
     assert str(found).startswith(f"{found.value:.6g}")
 
 
-def test_moulded_shapes_are_not_refined(comm: MPI.Comm) -> None:
+def test_half_a_tube_is_refined_with_its_plane(comm: MPI.Comm) -> None:
+    """A square cut at a symmetry plane, its other borders held: the refined one is held alike."""
+    pattern = square(n=4)
+    edge = pattern.points[:, 1] > 0.02 * (1 - 1e-9)
+    supports = symmetry_plane(pattern, 0) | build_in(pattern, edge)
+    solver = EquilibriumSolver(sew(comm, pattern), Composite(), supports)
+    density = np.ones(len(solver.skin.owned_cells))
+
+    def weight(of: Pattern) -> np.ndarray:
+        return np.asarray(of.vertex_areas[:, None] * [0.0, 0.0, 1.0])
+
+    def corner(of: Pattern, positions: np.ndarray) -> float:
+        return float(positions[np.argmin(of.points[:, 0] + of.points[:, 1]), 2])
+
+    def held(of: Pattern) -> Supports:
+        far = of.points[:, 1] > 0.02 * (1 - 1e-9)
+        return symmetry_plane(of, 0) | build_in(of, far)
+
+    result = solver.solve(density, 0.0, force=weight(pattern))
+    by_rule = estimate_error(solver, density, result, corner, weight)
+    by_hand = estimate_error(solver, density, result, corner, weight, held)
+    assert by_rule.refined == pytest.approx(by_hand.refined, rel=1e-8)
+    assert by_rule.refined != by_rule.value
+
+
+def test_what_is_not_refined(comm: MPI.Comm) -> None:
     pattern = cylinder(comm, 0.05, 0.02, 6e-3)
-    composite = Composite(bending=Bending(rest="assembled"))
-    solver = EquilibriumSolver(sew(comm, pattern), composite, clamp(pattern, ["base"]))
-    density = np.zeros(len(solver.skin.owned_cells))
-    result = solver.solve(density, 100.0)
+    skin, supports = sew(comm, pattern), clamp(pattern, ["base"])
+    density = np.zeros(len(skin.owned_cells))
+    solver = EquilibriumSolver(skin, Composite(bending=Bending(rest="assembled")), supports)
     with pytest.raises(ParameterError, match="moulded shape is not known"):
-        estimate_error(solver, density, result, angle)
+        estimate_error(solver, density, solver.solve(density, 100.0), angle)
+    solver = EquilibriumSolver(skin, Composite(), supports, NewtonOptions(max_steps=1))
+    failed = solver.solve(density, 20e3, raise_on_failure=False)
+    with pytest.raises(ParameterError, match="no equilibrium to refine"):
+        estimate_error(solver, density, failed, angle)
+    solver = EquilibriumSolver(skin, Composite(), supports)
+    force = np.full(pattern.points.shape, 1e-6)
+    with pytest.raises(ParameterError, match="found with dead forces"):
+        estimate_error(solver, density, solver.solve(density, 100.0, force=force), angle)

@@ -173,10 +173,12 @@ def loaded(request: pytest.FixtureRequest, tube: Skin, comm: MPI.Comm) -> SkinMo
     skin, supports = tube, clamp(tube.pattern, ["base"])
     if mirrored:
         skin = sew(comm, cylinder(comm, 0.06, 0.02, 4.5e-3, caps=False))
-        border = skin.pattern.free_edges
-        normals = np.tile([0.1, -0.2, 1.0], (len(border), 1))
-        held = np.zeros((len(skin.pattern.points), 3), dtype=bool)
-        held[border.ravel()] = True
+        # The guided borders themselves are free, so that all derivatives there are seen.
+        points, border = skin.pattern.points, skin.pattern.free_edges
+        along = points[border[:, 1]] - points[border[:, 0]]
+        along /= np.linalg.norm(along, axis=1)[:, None]
+        normals = np.array([0.1, -0.2, 1.0]) - (along @ [0.1, -0.2, 1.0])[:, None] * along
+        held = np.repeat(np.abs(points[:, 2:] - 0.03) < 6e-3, 3, axis=1)
         supports = Supports(held, border, normals)
     model = SkinModel(skin, dataclasses.replace(THICK, bending=bending), supports)
     rng = np.random.default_rng(3)

@@ -24,6 +24,13 @@ class Load:
     def __bool__(self) -> bool:
         return self.pressure > 0 or self.force is not None
 
+    def __str__(self) -> str:
+        if self.force is None:
+            return f"{self.pressure:g} Pa"
+        total = np.linalg.norm(self.force, axis=1).sum()
+        forces = f"forces of {total:.4g} N in all"
+        return f"{self.pressure:g} Pa and {forces}" if self.pressure else forces
+
     def share(self, share: float) -> Load:
         """A share of it."""
         return Load(0.0, None).towards(self, share)

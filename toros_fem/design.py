@@ -140,7 +140,8 @@ class DesignProblem:
 
         Args:
             density: ρ at owned triangles, in [0, 1].
-            start: Positions to start the equilibrium from, of a neighbouring design say.
+            start: `EquilibriumResult.state` to start the equilibrium from, of a neighbouring
+                design say.
             pressure: In Pa; None takes `self.pressure`.
 
         Raises:

@@ -1,4 +1,4 @@
-"""Equilibrium of a pressurised skin: cold by continuation in the pressure, or warm."""
+"""Equilibrium of a pressurised skin: cold by continuation in the load, or warm."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from toros_fem.errors import ParameterError, TorosError
 from toros_fem.factor import PREFIX, Factor
 from toros_fem.meshes.skin import Skin
 from toros_fem.model import SkinModel
-from toros_fem.newton import NewtonStep, RegularisedNewton
+from toros_fem.newton import STAGNATED, NewtonStep, RegularisedNewton
 from toros_fem.parameters import Composite, NewtonOptions
 from toros_fem.supports import Supports
 
@@ -36,12 +36,13 @@ class EquilibriumResult:
     """What a solve found.
 
     Attributes:
-        converged: Whether `state` is a stable equilibrium at the asked pressure.
+        converged: Whether `state` is a stable equilibrium under the asked load.
+        share: Which share of the asked load, pressure and forces, acts on `state`.
         reason: Why the solve ended, as a sentence.
         pressure: Pressure of `state` in Pa.
         state: Owned unknowns in m, a flat array, as `SkinModel` has them.
         positions: Positions of the owned nodes in m, (n, 3), a view of `state`.
-        energy: Energy of eq. (8) in J.
+        energy: Energy of eq. (8) in J, less what dead forces do from the assembled positions on.
         volume: Enclosed volume in m³.
         stretch_use: Largest share of the stretch bounds that a triangle uses, < 1.
         residual: Norm of the first variation over the applied load.
@@ -52,6 +53,7 @@ class EquilibriumResult:
     """
 
     converged: bool
+    share: float
     reason: str
     pressure: float
     state: Floats
@@ -129,8 +131,9 @@ class EquilibriumSolver:
             density: Projected density of the owned triangles, in [0, 1].
             pressure: Pressure in Pa, ≥ 0.
             force: Dead forces in N on all assembled vertices, (n, 3).
-            start: Owned unknowns to start from at the full load, a neighbouring equilibrium
-                say; held components are put where they belong. Without it the solve starts from
+            start: Owned unknowns to start from at the full load, a neighbouring equilibrium's
+                say, or positions of the owned nodes, (n, 3), as with another bending term; held
+                components are put where they belong. Without it the solve starts from
                 the assembled positions. Where the full load at once fails, it is raised in steps
                 that shrink where they fail; where that fails too, the plain fabric is solved for
                 and then stiffened.
@@ -144,7 +147,7 @@ class EquilibriumSolver:
             EquilibriumError: No equilibrium was found; the error holds the last good state.
         """
         self._check(density, pressure, force, start)
-        load = Load(pressure, force)
+        load = Load(pressure, None if force is None else np.array(force, dtype=np.float64))
         self.model.set_density(density)
         newton = self._newton
         last, self._factorised_at = self._factorised_at, None
@@ -155,7 +158,10 @@ class EquilibriumSolver:
         before = self._factor.count
         held = ~self.model.free
         state = self.model.assembled
-        if start is not None:
+        if start is not None and start.ndim == 2:
+            self.model.positions(state)[:] = start
+            state = np.where(held, self.model.assembled, state)
+        elif start is not None:
             state = np.where(held, state, start)
         use = self.model.bounds.worst(self.model.corners(state))
         if not use < 1:
@@ -167,8 +173,10 @@ class EquilibriumSolver:
         state, reached = end.state, end.reached
         converged = reached == 1.0
         self._apply(load.share(reached or 0.0))
+        state.setflags(write=False)
         result = EquilibriumResult(
             converged=converged,
+            share=reached or 0.0,
             reason=self._sentence(end.outcome, load, reached, state),
             pressure=newton.pressure,
             state=state,
@@ -176,7 +184,7 @@ class EquilibriumSolver:
             energy=self.model.energy(state),
             volume=self.model.volume(state),
             stretch_use=self.model.bounds.worst(self.model.corners(state)),
-            residual=norm(self.skin.comm, self.model.residual(state)) / newton.reference(state),
+            residual=self._residual_over_load(state),
             steps=sum(row.step > 0 and not row.chord for row in newton.history),
             chords=sum(row.chord for row in newton.history),
             factorisations=self._factor.count - before,
@@ -305,9 +313,12 @@ class EquilibriumSolver:
         self._factor.fill(0.0)
 
     def _sentence(self, outcome: int, load: Load, reached: float | None, state: Floats) -> str:
-        pressure = load.pressure
         if reached == 1.0:
-            return f"A stable equilibrium was found at {pressure:g} Pa."
+            found = f"A stable equilibrium was found at {load}."
+            residual = self._residual_over_load(state)
+            if residual > STAGNATED:
+                found += f" Rounding leaves a residual of {residual:.0e} of the load."
+            return found
         why = {
             int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT): (
                 f"Newton's method took {self.options.max_steps} steps without converging"
@@ -315,9 +326,8 @@ class EquilibriumSolver:
             int(PETSc.SNES.ConvergedReason.DIVERGED_INNER): "what was found is not stable",
         }.get(outcome, "no step lowered the energy any more")
         bounds = f"c1 = {self.model.composite.c1:g}, c2 = {self.model.composite.c2:g}"
-        begin = f"No equilibrium inside the stretch bounds ({bounds}) was found at pressure = "
-        begin += f"{pressure:g} Pa, at once, by raising the load, or by stiffening the plain "
-        begin += f"fabric: {why}."
+        begin = f"No equilibrium inside the stretch bounds ({bounds}) was found at {load}, at "
+        begin += f"once, by raising the load, or by stiffening the plain fabric: {why}."
         folds = self.model.folds(self._x.array_r.copy(), FOLDED)
         if folds:  # each edge is seen from both sides
             begin += (
@@ -327,17 +337,20 @@ class EquilibriumSolver:
             )
         if reached is None:
             return (
-                f"{begin} Nor was there any at a lower one; the state is the one started from. "
+                f"{begin} Nor was there any under a lower load; the state is the one started from. "
                 "Check materials and supports, start from a neighbouring equilibrium, allow more "
                 "steps, or refine the mesh."
             )
         use = self.model.bounds.worst(self.model.corners(state))
-        there = f"{reached * pressure:g} Pa" if pressure else f"{100 * reached:.3g} % of the forces"
         return (
-            f"{begin} The last equilibrium is at {there}, where the most stretched triangle uses "
-            f"{100 * use:.1f} % of the bounds. Lower the {'pressure' if pressure else 'load'} to "
-            f"about that, stiffen the skin, or refine the mesh where it is most stretched."
+            f"{begin} The last equilibrium is at {load.share(reached)}, {100 * reached:.3g} % of "
+            f"the load, where the most stretched triangle uses {100 * use:.1f} % of the bounds. "
+            "Lower the load to about that, stiffen the skin, or refine the mesh where it is most "
+            "stretched."
         )
+
+    def _residual_over_load(self, state: Floats) -> float:
+        return norm(self.skin.comm, self.model.residual(state)) / self._newton.reference(state)
 
     def _check(
         self, density: Floats, pressure: float, force: Floats | None, start: Floats | None
@@ -353,8 +366,10 @@ class EquilibriumSolver:
             error = ParameterError(
                 f"force has shape {force.shape}; it must be finite and of shape {points}, in N."
             )
-        if start is not None and start.shape != (self.model.size_local,):
+        unknowns, nodes = (self.model.size_local,), self.model.positions(self.model.assembled).shape
+        if start is not None and start.shape not in (unknowns, nodes):
             error = ParameterError(
-                f"start has shape {start.shape}; this rank owns {self.model.size_local} dofs."
+                f"start has shape {start.shape}; on this rank it must be {unknowns}, the unknowns "
+                f"of this bending term, or {nodes}, positions."
             )
         raise_together(self.skin.comm, error)

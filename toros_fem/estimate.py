@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import ParameterError
-from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern import Pattern, edge_keys
 from toros_fem.meshes.refine import Refinement, refine
 from toros_fem.meshes.skin import sew
 from toros_fem.supports import Supports
@@ -53,6 +53,7 @@ def estimate_error(
     result: EquilibriumResult,
     measure: Callable[[Pattern, Floats], float],
     force: Callable[[Pattern], Floats] | None = None,
+    supports: Callable[[Pattern], Supports] | None = None,
 ) -> ErrorEstimate:
     """Estimate the discretisation error of a quantity by one uniform refinement (collective).
 
@@ -66,9 +67,12 @@ def estimate_error(
         result: The equilibrium.
         measure: The quantity, from pattern and positions of all its vertices.
         force: Dead forces in N that act, on all assembled vertices of a pattern, (n, 3).
+        supports: What is held of a pattern. None: in the refined one the middle of an edge is
+            held as both its ends are, which is right for whole panels and straight borders.
 
     Raises:
-        ParameterError: The sheet is moulded in its assembled shape, which a refinement does not
+        ParameterError: The result is no equilibrium, or was found with forces that are not
+            given; or the sheet is moulded in its assembled shape, which a refinement does not
             know between the vertices.
         EquilibriumError: The refined skin has no equilibrium.
     """
@@ -78,21 +82,25 @@ def estimate_error(
             "rest = 'assembled': between its vertices the moulded shape is not known. Make the "
             "finer pattern yourself and compare."
         )
+    if not result.converged:
+        raise ParameterError(f"the result is no equilibrium to refine: {result.reason}")
+    if solver.model.loaded and force is None:
+        raise ParameterError(
+            "the result was found with dead forces; give them as a function of the pattern, "
+            "force = …, so that they act on the refined one too."
+        )
     begin = time.perf_counter()
     finer = refine(skin.pattern)
     positions = skin.gather_vertices(result.positions)
     whole = skin.gather_cells(density)
     fine_skin = sew(skin.comm, finer.pattern)
-    fine = EquilibriumSolver(
-        fine_skin, composite, _refined_supports(finer, solver.model.supports), solver.options
-    )
-    start = fine.model.assembled
-    fine.model.positions(start)[:] = finer.at_vertices(positions)[fine_skin.owned_vertices]
+    held = supports(finer.pattern) if supports else _refined(finer, solver.model.supports)
+    fine = EquilibriumSolver(fine_skin, composite, held, solver.options)
     found = fine.solve(
         whole[finer.cell][fine_skin.owned_cells],
         result.pressure,
         force=None if force is None else force(finer.pattern),
-        start=start,
+        start=finer.at_vertices(positions)[fine_skin.owned_vertices],
     )
     value = measure(skin.pattern, positions)
     refined = measure(finer.pattern, fine_skin.gather_vertices(found.positions))
@@ -100,15 +108,13 @@ def estimate_error(
     return ErrorEstimate(value, refined, CAUTION * abs(refined - value), seconds)
 
 
-def _refined_supports(finer: Refinement, supports: Supports) -> Supports:
+def _refined(finer: Refinement, supports: Supports) -> Supports:
     """A middle is held as both its ends are; a guided edge makes two."""
     held = np.asarray(supports.held[finer.ends].all(axis=1))
     if not len(supports.guided):
         return Supports(held)
     count = len(supports.held)
-    ends = finer.ends[count:]
-    keys = ends[:, 0] * np.int64(count) + ends[:, 1]
-    low, high = np.sort(supports.guided, axis=1).T
-    middle = count + np.searchsorted(keys, low * np.int64(count) + high)
-    halves = [np.stack([end, middle], axis=1) for end in supports.guided.T]
-    return Supports(held, np.concatenate(halves), np.tile(supports.normals, (2, 1)))
+    known = edge_keys(finer.ends[count:], count)
+    middle = count + np.searchsorted(known, edge_keys(supports.guided, count))
+    halves = np.stack([supports.guided, np.repeat(middle[:, None], 2, axis=1)], axis=2)
+    return Supports(held, halves.reshape(-1, 2), np.repeat(supports.normals, 2, axis=0))

@@ -8,6 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from toros_fem._mpi import largest
+from toros_fem.errors import ParameterError
+from toros_fem.meshes.pattern import edge_keys
 from toros_fem.meshes.skin import Skin
 from toros_fem.parameters import Bending
 from toros_fem.supports import Supports
@@ -17,33 +20,37 @@ Ints = npt.NDArray[np.int32]
 Mask = npt.NDArray[np.bool_]
 
 # Where the quadratic patch's angles, over those of the average, have a smaller singular value,
-# its six vertices nearly lie on a conic: they do not tell the curvature.
+# its six vertices nearly lie on a conic: they do not tell the curvature. Beyond a fifth of it the
+# patch would resist five times as much as it should. No triangle of gmsh's comes near (0.6 and
+# more); a vertex with three triangles around it gives 0.
 CONIC = 0.2
+# A rest angle beyond this, in rad, may have either sign.
+FOLDED = np.radians(170)
 
 
 @dataclass(frozen=True, eq=False)
 class Hinges:
-    """The edges of the local triangles: what they turn against, and what the angle counts.
+    """The edges of the local triangles: what they rotation against, and what the angle counts.
 
     Edge i of a triangle lies opposite its corner i and runs from corner i + 1 to i + 2, modulo 3.
 
     Attributes:
         flap: Node of the position space across each edge, shape (cells, 3): the far vertex of
             the neighbour; the own corner i where there is none.
-        turning: Whether the edge carries a moment; free edges do not, nor do hinged seams.
+        has_moment: Whether the edge carries a moment; free edges do not, nor do hinged seams.
         mirror: Unit normal of the plane that mirrors the flap, (cells, 3, 3); zero elsewhere.
         tensors: Tᵢ in Λ = Σᵢ θᵢ Tᵢ as (xx, yy, xy), shape (cells, 3, 3), in 1/m.
         rest: Angle at each edge without moment, in rad, (cells, 3).
-        turn: What the edge's rotation unknown, a length, adds to the angle, (cells, 3), in 1/m:
+        rotation: What the edge's rotation unknown, a length, adds to the angle, (cells, 3), in 1/m:
             opposite in the two triangles of an edge; zero where there is no such unknown.
     """
 
     flap: Ints
-    turning: Mask
+    has_moment: Mask
     mirror: Floats
     tensors: Floats
     rest: Floats
-    turn: Floats
+    rotation: Floats
 
 
 def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float) -> Hinges:
@@ -58,6 +65,9 @@ def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float
         supports: Edges that keep their direction.
         poisson: Of the sheet. Where fabric and reinforcement differ, an error of second order
             in the difference remains at free and hinged edges.
+
+    Raises:
+        ParameterError: The assembled rest shape is folded flat somewhere.
     """
     corner = skin.position_space.dofmap.list
     neighbour, opposite = _neighbours(skin)
@@ -66,9 +76,9 @@ def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float
     flap = np.where(alone, corner, corner[neighbour, opposite])
     normals, mirrored = _mirrors(skin, corner, supports)
     mirrored &= alone
-    turning = ~alone | mirrored
+    has_moment = ~alone | mirrored
     if bending.seams == "hinged":
-        turning &= ~_on_seam(skin, corner)
+        has_moment &= ~_on_seam(skin, corner)
     flat = _flat_corners(skin)
     average = _average(flat)
     angles: Floats = np.asarray(np.linalg.inv(average))
@@ -76,26 +86,36 @@ def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float
         fitted = _quadratic_angles(flat, _unfolded(flat, corner, neighbour, opposite))
         share = np.linalg.svd(fitted @ average, compute_uv=False)[:, -1]
         angles = np.where((share < CONIC)[:, None, None], angles, fitted)
-    turn: Floats = np.zeros(alone.shape)
+    rotation: Floats = np.zeros(alone.shape)
     if bending.curvature == "midedge":
         vertex = skin.vertex[corner]
         first = np.roll(vertex, -1, axis=1) < np.roll(vertex, -2, axis=1)
-        turn = np.where(turning & ~mirrored, np.where(first, 2.0, -2.0), 0.0) / length_of(skin)
+        rotation = np.where(
+            has_moment & ~mirrored, np.where(first, 2.0, -2.0), 0.0
+        ) / _rotation_length(skin)
+    mirror = normals * mirrored[:, :, None]
     rest: Floats = np.zeros(alone.shape)
     if bending.rest == "assembled":
         place = skin.pattern.points[skin.vertex]
-        rest = _angles(place[corner], place[flap], normals * mirrored[:, :, None]) * turning
+        rest = edge_angles(place[corner], place[flap], mirror) * has_moment
+        sharpest = largest(skin.comm, float(np.abs(rest[: len(skin.owned_cells)]).max(initial=0)))
+        if sharpest > FOLDED:
+            raise ParameterError(
+                f"rest = 'assembled': an edge is folded by {np.degrees(sharpest):.0f} degrees; to "
+                f"which side is not told beyond {np.degrees(FOLDED):.0f}. Assemble it less folded, "
+                "or take the flat rest shape."
+            )
     return Hinges(
         flap=flap.astype(np.int32),
-        turning=turning,
-        mirror=normals * mirrored[:, :, None],
-        tensors=_tensors(angles, turning, poisson),
+        has_moment=has_moment,
+        mirror=mirror,
+        tensors=_tensors(angles, has_moment, poisson),
         rest=rest,
-        turn=turn,
+        rotation=rotation,
     )
 
 
-def length_of(skin: Skin) -> float:
+def _rotation_length(skin: Skin) -> float:
     """A length in m by which rotations of edges become lengths: about that of an edge."""
     return float(np.sqrt(2 * skin.pattern.areas.mean()))
 
@@ -130,23 +150,28 @@ def _mirrors(skin: Skin, corner: Ints, supports: Supports) -> tuple[Floats, Mask
     normals = np.zeros((*corner.shape, 3))
     if not len(supports.guided):
         return normals, np.zeros(corner.shape, dtype=bool)
-    size = np.int64(len(skin.pattern.points))
-    ends = np.sort(supports.guided, axis=1)
+    count = len(skin.pattern.points)
     # Of several rows for one edge the last counts.
-    known, last = np.unique((ends[:, 0] * size + ends[:, 1])[::-1], return_index=True)
+    known, last = np.unique(edge_keys(supports.guided, count)[::-1], return_index=True)
     unit = supports.normals / np.linalg.norm(supports.normals, axis=1)[:, None]
     unit = unit[::-1][last]
     vertex = skin.vertex[corner]
-    one, two = np.roll(vertex, -1, axis=1), np.roll(vertex, -2, axis=1)
-    keys = np.minimum(one, two) * size + np.maximum(one, two)
+    ends = np.stack([np.roll(vertex, -1, axis=1), np.roll(vertex, -2, axis=1)], axis=2)
+    keys = edge_keys(ends, count)
     place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
     found = known[place] == keys
     normals[found] = unit[place[found]]
     return normals, found
 
 
-def _angles(corners: Floats, flaps: Floats, mirror: Floats) -> Floats:
-    """Angles at the edges of triangles in space, (cells, 3), as `forms.hinge` has them."""
+def edge_angles(corners: Floats, flaps: Floats, mirror: Floats) -> Floats:
+    """Angles at the edges of triangles in space, (cells, 3) in rad, as `forms.hinge` has them.
+
+    Args:
+        corners: Of the triangles, (cells, 3, 3).
+        flaps: Across their edges, (cells, 3, 3).
+        mirror: Unit normals of the planes that mirror the flaps, zero where none does.
+    """
     angles = np.zeros(corners.shape[:2])
     for i in range(3):
         a, b, c = (corners[:, (i + k) % 3] for k in (1, 2, 0))
@@ -230,17 +255,17 @@ def _quadratic_angles(flat: Floats, flap: Floats) -> Floats:
     return np.asarray(lift / height[:, :, None])
 
 
-def _tensors(angles: Floats, turning: Mask, poisson: float) -> Floats:
-    """Tᵢ of the curvature of least energy that has the given angles at the turning edges.
+def _tensors(angles: Floats, has_moment: Mask, poisson: float) -> Floats:
+    """Tᵢ of the curvature of least energy that has the given angles at the has_moment edges.
 
-    With rows g of `angles` at turning edges it is D⁻¹gᵀ(g D⁻¹gᵀ)⁻¹; with all three, g⁻¹.
+    With rows g of `angles` at has_moment edges it is D⁻¹gᵀ(g D⁻¹gᵀ)⁻¹; with all three, g⁻¹.
     """
     tensors = np.zeros_like(angles)
     compliance = np.linalg.inv(
         np.array([[1, poisson, 0], [poisson, 1, 0], [0, 0, (1 - poisson) / 2]])
     )
     for edges in _subsets():
-        cells = np.flatnonzero((turning == edges).all(axis=1))
+        cells = np.flatnonzero((has_moment == edges).all(axis=1))
         chosen = np.flatnonzero(edges)
         g = angles[cells][:, chosen]
         soft = compliance @ g.transpose(0, 2, 1)
@@ -249,5 +274,5 @@ def _tensors(angles: Floats, turning: Mask, poisson: float) -> Floats:
 
 
 def _subsets() -> Sequence[Mask]:
-    """The seven ways in which some of three edges turn."""
+    """The seven ways in which some of three edges rotation."""
     return [np.array([bool(n & 1), bool(n & 2), bool(n & 4)]) for n in range(1, 8)]

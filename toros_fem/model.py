@@ -16,7 +16,7 @@ from toros_fem.feasibility import StretchBounds
 from toros_fem.forms.bending import Edges
 from toros_fem.forms.energy import Section, SkinForms, skin_forms
 from toros_fem.forms.interpolation import interpolate
-from toros_fem.hinges import Hinges, find_hinges
+from toros_fem.hinges import Hinges, edge_angles, find_hinges
 from toros_fem.meshes.skin import Skin
 from toros_fem.parameters import Composite, Material
 from toros_fem.patch import make_patch
@@ -51,7 +51,7 @@ class SkinModel:
     """
 
     def __init__(self, skin: Skin, composite: Composite, supports: Supports) -> None:
-        supports.require_no_rigid_motion(skin.pattern)
+        supports.require_no_rigid_motion(skin.pattern, bends=composite.bending is not None)
         self.skin = skin
         self.composite = composite
         self.supports = supports
@@ -63,7 +63,7 @@ class SkinModel:
             rotations = composite.bending.curvature == "midedge"
         self._patch = make_patch(skin, self._hinges, rotations=rotations)
         self.space = self._patch.space
-        self.q = fem.Function(self.space, name="positions")
+        self.q = fem.Function(self.space, name="state")
         self.adjoint = fem.Function(self.space, name="adjoint")
         self.density = fem.Function(skin.density_space, name="projected density")
 
@@ -90,7 +90,7 @@ class SkinModel:
         self._tangent = fem.form(self.ufl_forms.tangent)
         self._volume = fem.form(self.ufl_forms.volume) if self.closed else None
         self._load = fem.form(self.ufl_forms.load) if self.closed else None
-        self._work = _work_vector(self.space)
+        self._buffer = _work_vector(self.space)
         self._sensitivity: Any = None  # compiled when a gradient is first asked for
 
         index_map = self.space.dofmap.index_map
@@ -104,7 +104,7 @@ class SkinModel:
 
         # Owned triangles come first in the mesh, each with flat corners of its own.
         owned = domain.topology.index_map(2).size_local
-        self._dofs = self.space.dofmap.list[:owned].reshape(owned, -1, 3)
+        self._dofs = self.space.dofmap.list[:owned].reshape(owned, size // 3, 3)
         flat = domain.geometry.x[: 3 * owned].reshape(owned, 3, 3)[:, :, :2]
         chart = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
         self.bounds = StretchBounds(skin.comm, np.linalg.inv(chart), composite.c1, composite.c2)
@@ -116,7 +116,7 @@ class SkinModel:
         turns = la.vector(self.space.dofmap.index_map, 1)
         owned = self.skin.mesh.topology.index_map(2).size_local
         dofs = self.space.dofmap.list[:owned, -3:]
-        np.maximum.at(turns.array, dofs, np.abs(self._hinges.turn[:owned]))
+        np.maximum.at(turns.array, dofs, np.abs(self._hinges.rotation[:owned]))
         turns.scatter_reverse(la.InsertMode.add)
         turns.scatter_forward()
         return np.asarray(turns.array[self._patch.rotation_dofs] == 0)
@@ -130,7 +130,7 @@ class SkinModel:
 
     def positions(self, state: Floats) -> Floats:
         """Positions (n, 3) of the owned nodes in a state, as a view; also of forces."""
-        return state[: self._patch.positions].reshape(-1, 3)
+        return state[: self._patch.position_count].reshape(-1, 3)
 
     def set_pressure(self, pressure: float) -> None:
         """Set the pressure in Pa."""
@@ -149,7 +149,7 @@ class SkinModel:
         self.density.x.scatter_forward()
 
     def set_state(self, state: Floats) -> None:
-        """Set the positions from owned dofs."""
+        """Set the state from owned unknowns."""
         self.q.x.array[: self.size_local] = state
         self.q.x.scatter_forward()
 
@@ -164,18 +164,17 @@ class SkinModel:
         count = 0
         if self._hinges is not None:
             patch = self.q.x.array[self._dofs[:, :6]]
-            inside = self._hinges.turning & ~self._hinges.mirror.any(axis=2)
-            own = np.cross(patch[:, 1] - patch[:, 0], patch[:, 2] - patch[:, 0])
-            for i in range(3):
-                j, k = patch[:, (i + 1) % 3], patch[:, (i + 2) % 3]
-                other = np.cross(j - k, patch[:, 3 + i] - k)
-                cosine = np.einsum("ij,ij->i", own, other)
-                cosine /= np.linalg.norm(own, axis=1) * np.linalg.norm(other, axis=1)
-                count += int(((cosine < np.cos(angle)) & inside[: len(patch), i]).sum())
+            cells = slice(0, len(patch))
+            inside = self._hinges.has_moment[cells] & ~self._hinges.mirror[cells].any(axis=2)
+            angles = edge_angles(patch[:, :3], patch[:, 3:], np.zeros_like(patch[:, 3:]))
+            count = int(((np.abs(angles) > angle) & inside).sum())
         return int(total(self.skin.comm, count))
 
     def energy(self, state: Floats) -> float:
-        """E of eq. (8) in J; infinite where eq. (1) does not admit the stretches."""
+        """E of eq. (8) in J, less what dead forces do from the assembled positions on.
+
+        Infinite where eq. (1) does not admit the stretches.
+        """
         if not self.bounds.worst(self.corners(state)) < 1:
             return np.inf
         work = self._force @ (state - self.assembled) if self.loaded else 0.0
@@ -184,19 +183,19 @@ class SkinModel:
     def residual(self, state: Floats) -> Floats:
         """First variation of E in N, zero at held components."""
         self.set_state(state)
-        return (_assembled(self._residual, self._work) - self._force) * self.free
+        return (_assembled(self._residual, self._buffer) - self._force) * self.free
 
     def reaction(self, state: Floats) -> Floats:
         """Force in N by which the supports pull at the skin, zero at free components."""
         self.set_state(state)
-        return (_assembled(self._residual, self._work) - self._force) * ~self.free
+        return (_assembled(self._residual, self._buffer) - self._force) * ~self.free
 
     def load(self, state: Floats) -> Floats:
         """Force of a unit pressure in m², zero at held components."""
         self.set_state(state)
         if self._load is None:
             return np.zeros(self.size_local)
-        return _assembled(self._load, self._work) * self.free
+        return _assembled(self._load, self._buffer) * self.free
 
     def applied_load(self, state: Floats) -> Floats:
         """Force of pressure and dead forces in N, zero at held components."""
@@ -226,7 +225,7 @@ class SkinModel:
         dofs = self.space.dofmap.list[:owned]
         present = np.ones(dofs.shape, dtype=bool)
         if self._hinges is not None:
-            present[:, 9:18] = np.repeat(self._hinges.turning[:owned], 3, axis=1)
+            present[:, 9:18] = np.repeat(self._hinges.has_moment[:owned], 3, axis=1)
         return self._entry_space.dofmap.list[:owned, 0], dofs, present
 
     def tangent_entries(self, state: Floats, out: Floats, geometric: float = 1.0) -> None:
@@ -298,7 +297,7 @@ def _edges(skin: Skin, hinges: Hinges, *, rotations: bool) -> Edges:
     return Edges(
         tensors=[coefficient(hinges.tensors[:, i]) for i in range(3)],
         rests=coefficient(hinges.rest) if shaped else None,
-        turns=coefficient(hinges.turn) if rotations else None,
+        turns=coefficient(hinges.rotation) if rotations else None,
         mirrors=[coefficient(hinges.mirror[:, i]) for i in range(3)] if mirrored else None,
     )
 

@@ -97,7 +97,9 @@ class RegularisedNewton:
     Where energies differ by less than their rounding the slope decides (Hager & Zhang 2005,
     eq. 2.4, approximate Wolfe). A stationary point that is no minimum is left along its softest
     mode. A state counts as equilibrium when its residual is below the SNES's rtol times the
-    applied load, or below what the rounding of the positions gives, and K is positive definite.
+    applied load, or below what the rounding of the positions gives, and K is positive definite;
+    where rounding lets it fall no more, also below STAGNATED, or UNRESOLVED if Newton's own step is
+    as good as none.
     """
 
     def __init__(
@@ -172,16 +174,13 @@ class RegularisedNewton:
                 self._factorise(point.state)
                 direction = -self.factor.solve(point.residual)
             share, new = self._search(point, direction, rounding, escaping=done)
-            self._record(point, residual, share)
             full = share == 1.0 and self._shift == 0.0
-            if (
-                not done
-                and residual <= UNRESOLVED
-                and self._stuck(point, new, direction, full=full)
-            ):
-                self.held = self.stable(point.state)
-                if self.held:
-                    return point, int(reasons.CONVERGED_SNORM_RELATIVE)
+            stuck = not done and self._stuck(point, new, direction, full=full)
+            if stuck and residual <= UNRESOLVED:
+                self._record(point, residual, 0.0)
+                self.held = True  # K is factorised here, without a shift
+                return point, int(reasons.CONVERGED_SNORM_RELATIVE)
+            self._record(point, residual, share)
             if new is None:
                 if residual <= STAGNATED and self.stable(point.state):
                     self.held = True
@@ -233,8 +232,11 @@ class RegularisedNewton:
 
         Close to the stretch bounds it would exceed any load: there it is no excuse.
         """
-        rounding = 8 * float(np.finfo(float).eps) * self.model.skin.pattern.size
-        return min(rounding * self._stiffness, STAGNATED * reference)
+        return min(self._rounding(), STAGNATED * reference)
+
+    def _rounding(self) -> float:
+        """Norm in N by which rounded positions may change the residual."""
+        return 8 * float(np.finfo(float).eps) * self.model.skin.pattern.size * self._stiffness
 
     def _stuck(self, old: _Point, new: _Point | None, direction: Floats, *, full: bool) -> bool:
         """Whether rounding lets the residual fall no more: Newton's step is as good as none.
@@ -245,6 +247,8 @@ class RegularisedNewton:
             if self._shift > 0:
                 return False
         elif not full or new.size <= STUCK * old.size:
+            return False
+        if old.size > self._rounding():
             return False
         moved = largest(self.comm, float(np.abs(direction).max(initial=0.0)))
         return moved <= RESOLVED * self.model.skin.pattern.size

@@ -101,9 +101,10 @@ class Bending:
 
     Attributes:
         curvature: How a triangle's curvature follows from the angles at its edges. "average" is
-            the paper's, which converges on meshes of right or equilateral triangles only;
-            "quadratic" is exact for quadratic deflections on any mesh, at the same cost;
-            "midedge" has one rotation more for each edge and converges on any mesh.
+            the paper's; under load it converges only where neighbouring triangles pair up to
+            parallelograms: with one diagonal direction, or equilateral. "quadratic" goes through
+            the six vertices around, at the same cost; where they lie on a conic it is the
+            average. "midedge" has one rotation more for each edge and converges on any mesh.
         seams: Whether a seam carries moments ("continuous") or is "hinged" as sewn cloth is.
         rest: In which shape there is no moment: "flat" as the panels are cut, or "assembled", as
             if moulded in the shape that the pattern is assembled to.
@@ -141,6 +142,10 @@ class Composite:
     bending: Bending | None = Bending()
 
     def __post_init__(self) -> None:
+        if not isinstance(self.bending, Bending | None):
+            raise ParameterError(
+                f"bending = {self.bending!r} must be a Bending, or None for a membrane."
+            )
         for name, value in (("c1", self.c1), ("c2", self.c2)):
             if not (math.isfinite(value) and value > 1):
                 raise ParameterError(

@@ -12,7 +12,7 @@ from dolfinx import cpp, fem
 
 from toros_fem import _compat
 from toros_fem.hinges import Hinges
-from toros_fem.meshes.skin import Skin
+from toros_fem.meshes.skin import Skin, joined_index_map
 
 Ints = npt.NDArray[np.int32]
 
@@ -27,13 +27,13 @@ class Patch:
     Attributes:
         space: On a triangle, the positions of its corners, of its flaps, and one vector of its
             edges' rotations: as many of these as the scene needs.
-        positions: How many of the owned unknowns are positions.
+        position_count: How many of the owned unknowns are positions.
         position_dofs: Local unknowns of each local node of the position space, shape (n, 3).
         rotation_dofs: Local unknown of each local edge; empty without rotations.
     """
 
     space: fem.FunctionSpace
-    positions: int
+    position_count: int
     position_dofs: Ints
     rotation_dofs: Ints
 
@@ -54,11 +54,11 @@ def make_patch(skin: Skin, hinges: Hinges | None, *, rotations: bool) -> Patch:
     if rotations:
         skin.mesh.topology.create_entities(1)
         parts.append((skin.mesh.topology.index_map(1), 1))
-    index_map, numbers = _joined(skin, parts)
+    index_map, numbers = joined_index_map(skin.comm, parts)
     seen = skin.position_space.dofmap.list
     if hinges is not None:
         seen = np.hstack([seen, hinges.flap])
-    dofs = numbers[0].reshape(-1, 3)[seen].reshape(len(seen), -1)
+    dofs = numbers[0].reshape(-1, 3)[seen].reshape(len(seen), 3 * seen.shape[1])
     if rotations:
         facets = skin.mesh.topology.connectivity(2, 1).array.reshape(-1, 3)
         dofs = np.hstack([dofs, numbers[1][facets]])
@@ -75,35 +75,7 @@ def make_patch(skin: Skin, hinges: Hinges | None, *, rotations: bool) -> Patch:
     )
     return Patch(
         space=_compat.function_space(skin.mesh, element, dofmap, plain),
-        positions=3 * nodes.size_local,
+        position_count=3 * nodes.size_local,
         position_dofs=numbers[0].reshape(-1, 3),
         rotation_dofs=numbers[1] if rotations else np.zeros(0, dtype=np.int32),
     )
-
-
-def _joined(skin: Skin, parts: list[tuple[Any, int]]) -> tuple[Any, list[Ints]]:
-    """One index map over several, each unrolled by a block size, and where each entry goes."""
-    comm = skin.comm
-    owned = np.array([block * index_map.size_local for index_map, block in parts])
-    everywhere = np.array(comm.allgather(owned.tolist()))
-    begin = np.concatenate([[0], np.cumsum(everywhere.sum(axis=1))])
-    ahead = np.cumsum(everywhere, axis=1) - everywhere  # of the same rank, in the joined numbering
-    ghosts, owners, numbers = [], [], []
-    before, count = 0, int(owned.sum())
-    for p, (index_map, block) in enumerate(parts):
-        starts = np.concatenate([[0], np.cumsum(everywhere[:, p])])[:-1]
-        owner = np.repeat(np.asarray(index_map.owners), block)
-        entry = np.asarray(index_map.ghosts)[:, None] * block + np.arange(block)
-        ghosts.append(entry.ravel() - starts[owner] + ahead[owner, p] + begin[owner])
-        owners.append(owner)
-        here = before + np.arange(owned[p])
-        there = count + np.arange(entry.size)
-        numbers.append(np.concatenate([here, there]).astype(np.int32))
-        before, count = before + int(owned[p]), count + entry.size
-    joined = _compat.index_map(
-        comm,
-        int(owned.sum()),
-        np.concatenate(ghosts).astype(np.int64),
-        np.concatenate(owners).astype(np.int32),
-    )
-    return joined, numbers

@@ -13,8 +13,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem.density import random_density
-from toros_fem.design import DesignProblem
-from toros_fem.equilibrium import EquilibriumSolver
+from toros_fem.design import DesignProblem, Evaluation
+from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.estimate import estimate_error
 from toros_fem.filters import make_filter
@@ -256,10 +256,18 @@ def design(
     figures: dict[str, Any] = {"angle_target_deg": scene.angle_target, "seed": settings.seed}
     made = printed.evaluation
     if settings.refine and made is not None:
-        error = estimate_error(problem.solver, made.projected, made.equilibrium, scene.angle)
-        figures["angle_refined_deg"], figures["angle_error_deg"] = error.refined, error.error
+        figures.update(_refined_figures(problem, made, scene))
     summary = reporter.finish(problem, result, printed, scene.target, inputs, figures)
     return Outcome(summary, result, printed)
+
+
+def _refined_figures(problem: DesignProblem, made: Evaluation, scene: Scene) -> dict[str, Any]:
+    """The angle on a refined mesh and the error that this tells of; None if there is none."""
+    try:
+        found = estimate_error(problem.solver, made.projected, made.equilibrium, scene.angle)
+    except EquilibriumError as caught:  # raised by all ranks or by none
+        return {"angle_refined_deg": None, "angle_error_deg": None, "refined": str(caught)}
+    return {"angle_refined_deg": found.refined, "angle_error_deg": found.error}
 
 
 def merged(defaults: dict[str, Any], inputs: dict[str, Any]) -> dict[str, Any]:

@@ -9,10 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem.errors import ParameterError
-from toros_fem.meshes.pattern import Floats, Ints, Pattern
+from toros_fem.meshes.pattern import Floats, Ints, Pattern, edge_keys
 
 # How far from a symmetry plane a vertex may lie, over the size of the skin.
 FLAT = 1e-6
+# Cosine between a guided edge and the normal of its plane.
+SQUARE = 1e-3
 
 
 def _no_edges() -> Ints:
@@ -33,7 +35,8 @@ class Supports:
         guided: Ends of free edges, shape (k, 2), at which the sheet stays perpendicular to a
             given plane through the edge, as if mirrored there: it cannot turn about the edge.
             Whether the edge itself is held is told by `held`.
-        normals: Normal of each of these planes, shape (k, 3); of any length.
+        normals: Normal of each of these planes, shape (k, 3), perpendicular to the edge, of any
+            length. An edge that is not held may move, but its plane does not turn.
 
     Raises:
         ParameterError: `guided` and `normals` do not fit together, or a normal is zero.
@@ -72,11 +75,16 @@ class Supports:
         there = self.held & (np.abs(pattern.points) <= FLAT * pattern.size)
         return bool((there[ends[:, 0]] & there[ends[:, 1]]).any(axis=1).all())
 
-    def require_no_rigid_motion(self, pattern: Pattern) -> None:
+    def require_no_rigid_motion(self, pattern: Pattern, *, bends: bool = True) -> None:
         """Check that no rigid motion of the assembled skin is left free.
 
+        Args:
+            pattern: The pattern.
+            bends: Whether the sheet resists bending; to a membrane guides mean nothing.
+
         Raises:
-            ParameterError: The supports are made for another pattern, or leave a rigid motion.
+            ParameterError: The supports are made for another pattern, guide an edge that is not
+                free, or leave a rigid motion.
         """
         points = pattern.points
         if self.held.shape != points.shape:
@@ -84,19 +92,41 @@ class Supports:
                 f"supports.held has shape {self.held.shape}; this skin needs {points.shape}. "
                 "Make the supports from its own pattern."
             )
+        self._check_guides(pattern)
         arm = (points - points.mean(axis=0)) / pattern.size
         shifts = np.broadcast_to(np.eye(3), (len(points), 3, 3))
         turns = np.stack([np.cross(axis, arm) for axis in np.eye(3)], axis=2)
         motions = np.concatenate([shifts, turns], axis=2)[self.held]
-        # A guided edge does not let the sheet turn about it.
-        along = points[self.guided[:, 1]] - points[self.guided[:, 0]]
-        guides = np.concatenate([np.zeros_like(along), along / pattern.size], axis=1)
-        motions = np.concatenate([motions, guides])
+        if bends:  # a guided edge does not let the sheet turn about it
+            along = points[self.guided[:, 1]] - points[self.guided[:, 0]]
+            guides = np.concatenate([np.zeros_like(along), along / pattern.size], axis=1)
+            motions = np.concatenate([motions, guides])
         rank = np.linalg.matrix_rank(motions, tol=1e-6) if len(motions) else 0
         if rank < 6:
             raise ParameterError(
                 f"the supports hold {self.held.sum()} components and leave {6 - rank} of the 6 "
                 "rigid motions free, so that the skin could float away. Hold more of it."
+            )
+
+    def _check_guides(self, pattern: Pattern) -> None:
+        points = pattern.points
+        free, guided = (edge_keys(e, len(points)) for e in (pattern.free_edges, self.guided))
+        inside = ~np.isin(guided, free)
+        if inside.any():
+            a, b = self.guided[np.flatnonzero(inside)[0]]
+            raise ParameterError(
+                f"guided holds the edge between vertices {a} and {b}, which is no free edge of "
+                "this pattern. Inside the skin hold vertices on both sides of it instead."
+            )
+        along = points[self.guided[:, 1]] - points[self.guided[:, 0]]
+        lengths = np.linalg.norm(along, axis=1) * np.linalg.norm(self.normals, axis=1)
+        askew = np.abs(np.einsum("ij,ij->i", along, self.normals)) > SQUARE * lengths
+        if askew.any():
+            k = int(np.flatnonzero(askew)[0])
+            raise ParameterError(
+                f"the normal {self.normals[k]} of the guided edge between vertices "
+                f"{self.guided[k, 0]} and {self.guided[k, 1]} is not perpendicular to it: the "
+                "plane that mirrors the sheet there must go through the edge."
             )
 
 
@@ -150,26 +180,28 @@ def build_in(pattern: Pattern, vertices: npt.NDArray[np.bool_]) -> Supports:
         vertices: Which assembled vertices, (n,): free edges between two of them are built in.
 
     Raises:
-        ParameterError: No free edge lies between these vertices.
+        ParameterError: `vertices` does not fit, or no free edge lies between them.
     """
+    if vertices.dtype != bool or vertices.shape != (len(pattern.points),):
+        raise ParameterError(
+            f"vertices is {vertices.dtype} of shape {vertices.shape}; it must tell of each of the "
+            f"{len(pattern.points)} assembled vertices, True or False, whether it is meant."
+        )
     ends = pattern.free_edges
     border = ends[vertices[ends].all(axis=1)]
     if len(border) == 0:
         raise ParameterError("no free edge lies between the vertices to be built in.")
     held = np.zeros((len(pattern.points), 3), dtype=bool)
     held[border.ravel()] = True
-    return Supports(held, border, inward_normals(pattern, border))
+    return Supports(held, border, _inward_normals(pattern, border))
 
 
-def inward_normals(pattern: Pattern, border: Ints) -> Floats:
+def _inward_normals(pattern: Pattern, border: Ints) -> Floats:
     """Unit vectors (k, 3) in the assembled sheet, across free edges (k, 2) into it."""
-    size = np.int64(len(pattern.points))
-    tri = pattern.triangles
-    edges = np.stack([tri, np.roll(tri, -1, axis=1)], axis=2)
-    keys = edges.min(axis=2) * size + edges.max(axis=2)
-    order = np.argsort(keys.ravel(), kind="stable")
-    wanted = border.min(axis=1) * size + border.max(axis=1)
-    cell, k = np.divmod(order[np.searchsorted(keys.ravel()[order], wanted)], 3)
+    count, tri = len(pattern.points), pattern.triangles
+    keys = edge_keys(np.stack([tri, np.roll(tri, -1, axis=1)], axis=2), count).ravel()
+    order = np.argsort(keys, kind="stable")
+    cell, k = np.divmod(order[np.searchsorted(keys[order], edge_keys(border, count))], 3)
     a, b = pattern.points[border[:, 0]], pattern.points[border[:, 1]]
     along = (b - a) / np.linalg.norm(b - a, axis=1)[:, None]
     inward = pattern.points[tri[cell, (k + 2) % 3]] - a

@@ -63,7 +63,7 @@ def tube_scene(
         pattern=pattern,
         target=target(pattern.points),
         supports=clamp(pattern, [BASE]),
-        angle=lambda skin, positions: float(np.degrees(measure(skin, positions))),
+        angle=lambda of, positions: float(np.degrees(measure(of, positions))),
         angle_target=angle_target,
         passive=np.where(pattern.panel == pattern.panel_index(WALL), np.nan, 1.0),
         weights=weights,
