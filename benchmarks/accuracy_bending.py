@@ -218,7 +218,7 @@ BENDING: tuple[Case, ...] = (
             sizes=(8, 16, 32, 64),
             run=partial(plate, borders),
             within=1e-2,
-            note="Mid-edge: order 2 on every mesh, from above. Average and quadratic: order 2 where "
+            note="Mid-edge: order 2 on every mesh, from above. The others: order 2 where "
             "triangles pair up to parallelograms, elsewhere what is left does not depend on the "
             "edge length.",
         )
@@ -236,7 +236,7 @@ BENDING: tuple[Case, ...] = (
         sizes=(8, 16, 32, 64),
         run=rolled_energy,
         within=1e-2,
-        note="All vertices are held, and the border's direction: only the operator is judged. Order "
+        note="All vertices and the border's direction are held: only the operator is judged. Order "
         "2 by the chords. The quadratic patch is exact inside; its order 1 is that of the "
         "border, whose mirror image is none where the sheet twists along it.",
     ),
