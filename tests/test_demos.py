@@ -284,7 +284,7 @@ def test_failure_keeps_what_is_written(comm: MPI.Comm, output: Path) -> None:
     """
     names = ("summary.json", "history.csv", "pattern.svg")
     before = [(output / name).read_bytes() for name in names]
-    with pytest.raises(EquilibriumError, match="Lower the pressure"):
+    with pytest.raises(EquilibriumError, match="Lower the load"):
         demo.run(comm, output, **{**SMALL, "c1": 1e5, "c2": 1e5, "reinforcement_young": 0.1e6})
     comm.barrier()
     assert [(output / name).read_bytes() for name in names] == before

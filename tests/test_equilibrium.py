@@ -14,7 +14,7 @@ from toros_fem._mpi import norm
 from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
 from toros_fem.model import SkinModel
 from toros_fem.newton import RegularisedNewton
-from toros_fem.parameters import Composite, Material, NewtonOptions
+from toros_fem.parameters import SEAMS, Bending, Composite, Material, NewtonOptions
 from toros_fem.supports import Supports, clamp
 from toros_fem.tangent import UpperTangent
 
@@ -168,7 +168,8 @@ def test_saddle_is_left(comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None
     assert np.abs(height).max() == pytest.approx(size * 2 / np.pi * np.sqrt(0.1), rel=0.25)
 
 
-def test_flat_pillow_inflates(comm: MPI.Comm) -> None:
+@pytest.mark.parametrize("seams", SEAMS)
+def test_flat_pillow_inflates(comm: MPI.Comm, seams: str) -> None:
     """A start of no volume, with no stiffness across its plane but bending."""
     size = 0.05
     one = square(n=6, size=size)
@@ -187,7 +188,8 @@ def test_flat_pillow_inflates(comm: MPI.Comm) -> None:
           for corner in ([0, 0], [size, 0], [size, size])]  # fmt: skip
     held[at[0]], held[at[1], 1:], held[at[2], 2] = True, True, True
     skin = sew(comm, pattern)
-    solver = EquilibriumSolver(skin, Composite(), Supports(held))
+    bending = Bending(seams=seams)
+    solver = EquilibriumSolver(skin, Composite(bending=bending), Supports(held))
     result = solver.solve(fabric(skin), 500.0)
     assert result.converged
     assert result.volume > 0.1 * size**3
