@@ -53,6 +53,12 @@ def measure(cases: list[Case], *, quick: bool) -> list[Row]:
     return rows
 
 
+def complete(case: Case, rows: list[Row]) -> bool:
+    """Whether there is a row of each refinement."""
+    count = sum(row.case == case.name for row in rows)
+    return count == len(case.formulations) * len(case.meshes) * len(case.sizes)
+
+
 def main() -> None:
     """Command line."""
     parser = argparse.ArgumentParser(
@@ -77,6 +83,9 @@ def main() -> None:
         options.json.write_text(json.dumps(as_dicts(rows), indent=1) + "\n", encoding="utf-8")
     draw(options.output, CASES, rows)
     if options.docs:
+        missing = [case.name for case in CASES if not complete(case, rows)]
+        if missing:
+            parser.error(f"--docs needs all refinements of every case; {missing[0]} lacks some")
         write_docs(Path(__file__).parent.parent / "docs", CASES, rows)
 
 

@@ -147,3 +147,6 @@ def test_accuracy_writes_rows_and_pictures(tmp_path: Path) -> None:
     assert (tmp_path / "again" / "pulled-cylinder.png").exists()
     unknown = run("accuracy.py", "--case", "nothing")
     assert unknown.returncode == 2
+    part = run("accuracy.py", "--from", str(file), "--output", str(tmp_path / "again"), "--docs")
+    assert part.returncode == 2
+    assert "lacks some" in part.stderr
