@@ -30,7 +30,7 @@ FOLDED = np.radians(170)
 
 @dataclass(frozen=True, eq=False)
 class Hinges:
-    """The edges of the local triangles: what they rotation against, and what the angle counts.
+    """The edges of the local triangles: what they turn against, and what the angle counts.
 
     Edge i of a triangle lies opposite its corner i and runs from corner i + 1 to i + 2, modulo 3.
 
@@ -274,5 +274,5 @@ def _tensors(angles: Floats, has_moment: Mask, poisson: float) -> Floats:
 
 
 def _subsets() -> Sequence[Mask]:
-    """The seven ways in which some of three edges rotation."""
+    """The seven ways in which some of three edges carry moments."""
     return [np.array([bool(n & 1), bool(n & 2), bool(n & 4)]) for n in range(1, 8)]
