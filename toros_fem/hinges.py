@@ -256,9 +256,9 @@ def _quadratic_angles(flat: Floats, flap: Floats) -> Floats:
 
 
 def _tensors(angles: Floats, has_moment: Mask, poisson: float) -> Floats:
-    """Tᵢ of the curvature of least energy that has the given angles at the has_moment edges.
+    """Tᵢ of the curvature of least energy that has the given angles where edges carry moments.
 
-    With rows g of `angles` at has_moment edges it is D⁻¹gᵀ(g D⁻¹gᵀ)⁻¹; with all three, g⁻¹.
+    With rows g of `angles` at these edges it is D⁻¹gᵀ(g D⁻¹gᵀ)⁻¹; with all three, g⁻¹.
     """
     tensors = np.zeros_like(angles)
     compliance = np.linalg.inv(
