@@ -36,6 +36,14 @@ class Blocks:
         return [self._entries.get((i, j), 0) for i in range(size) for j in range(i, size)]
 
 
+def balanced_sum(terms: Sequence[Any]) -> Any:
+    """Sum of at least one term as a balanced tree: UFL follows sums by recursion."""
+    if len(terms) == 1:
+        return terms[0]
+    half = len(terms) // 2
+    return balanced_sum(terms[:half]) + balanced_sum(terms[half:])
+
+
 def components(vector: Any) -> Vector:
     """The three components of a UFL vector."""
     return vector[0], vector[1], vector[2]

@@ -7,7 +7,7 @@ from typing import Any
 
 import ufl
 from toros_fem.forms.bending import Edges, bending_blocks, bending_energy, curvature, moment
-from toros_fem.forms.blocks import Blocks, components
+from toros_fem.forms.blocks import Blocks, balanced_sum, components
 from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.kinematics import (
     CELL,
@@ -121,5 +121,5 @@ def skin_forms(
         residual += -pressure * load
         pressure_blocks(blocks, nodes[:3], jacobian, geometric * pressure)
 
-    tangent = sum(value * entries[n] for n, value in enumerate(blocks.upper())) * dx
+    tangent = balanced_sum([value * entries[n] for n, value in enumerate(blocks.upper())]) * dx
     return SkinForms(energy, volume, residual, load, tangent, sensitivity)
