@@ -15,6 +15,7 @@ from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
 from toros_fem.hinges import find_hinges
 from toros_fem.model import SkinModel
 from toros_fem.parameters import CURVATURES, Bending, Composite, Material, NewtonOptions
+from toros_fem.scene import Settings
 from toros_fem.supports import Supports, build_in, clamp
 
 LENGTH = 0.02
@@ -145,6 +146,13 @@ def test_bad_names_edges_and_forces(comm: MPI.Comm) -> None:
     for wrong in ({"curvature": "cubic"}, {"seams": "glued"}, {"rest": "round"}):
         with pytest.raises(errors.ParameterError, match=next(iter(wrong.values()))):
             Bending(**wrong)
+    for setting in ({"bending": "cubic"}, {"seams": "glued"}, {"refine": 2}):
+        with pytest.raises(errors.ParameterError, match=next(iter(setting))):
+            Settings(**setting)  # type: ignore[arg-type]
+    assert Settings(bending="none").composite.bending is None
+    assert Settings(bending="average", seams="hinged").composite.bending == Bending(
+        "average", "hinged"
+    )
     pattern = square()
     with pytest.raises(errors.ParameterError, match="no free edge lies between"):
         build_in(pattern, np.zeros(len(pattern.points), dtype=bool))

@@ -237,6 +237,25 @@ def test_print_without_equilibrium(
     assert "no equilibrium of 45 degrees as printed" in demo.last_line(summary)
 
 
+def test_a_refined_mesh_without_equilibrium_loses_nothing(
+    comm: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tmp_path = comm.bcast(tmp_path, root=0)
+
+    def fails(*_: object) -> None:
+        raise EquilibriumError("made to fail", None)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(scene, "estimate_error", fails)
+    inputs = {**SMALL, "iterations": 1, "constrained": 0, "polish": 0}
+    summary = demo.run(comm, tmp_path / "out", **inputs)
+    assert summary["refined"] == "made to fail"
+    assert summary["angle_error_deg"] is summary["angle_refined_deg"] is None
+    assert summary["angle_deg"] is not None
+    assert "±" not in demo.last_line(summary)
+    if comm.rank == 0:
+        assert (tmp_path / "out" / "pattern.svg").exists()
+
+
 def command(*arguments: str) -> subprocess.CompletedProcess[str]:
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
     return subprocess.run(
