@@ -333,7 +333,7 @@ class EquilibriumSolver:
             begin += (
                 f" Where the last attempt ended {folds // 2} edges are folded by more than "
                 f"{math.degrees(FOLDED):.0f} degrees: the skin collapses onto itself there, and "
-                "contact is not modelled."
+                "contact is not modelled. A skin sewn from flat layers wants hinged seams."
             )
         if reached is None:
             return (
