@@ -18,6 +18,7 @@ from accuracy_sheets import (
 )
 from toros_fem.meshes import Pattern, cylinder, rectangle, sew
 from toros_fem.meshes.refine import refine
+from toros_fem.meshes.sheet import one_panel
 
 from toros_fem.equilibrium import EquilibriumSolver
 from toros_fem.measure import bend_angle
@@ -71,14 +72,7 @@ def rolled_energy(formulation: str, mesh: str, size: int) -> Measured:
     points = np.column_stack(
         [np.sin(bend * along) / bend, across, (1 - np.cos(bend * along)) / bend]
     )
-    pattern = Pattern(
-        flat_points=flat.flat_points,
-        flat_triangles=flat.flat_triangles,
-        panel=flat.panel,
-        sewn=flat.sewn,
-        points=points,
-        panel_names=flat.panel_names,
-    )
+    pattern = one_panel(flat.flat_points, flat.flat_triangles, lambda _: points)
     # A border that is free would relax: there the sheet is held tangent to the cylinder.
     border = pattern.free_edges
     middle = bend * along[border].mean(axis=1)

@@ -16,6 +16,7 @@ from scipy.spatial import ConvexHull
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Panel
+from toros_fem.meshes.sheet import one_panel
 
 from toros_fem import supports
 from toros_fem.parameters import Composite, Material
@@ -229,14 +230,8 @@ def _cross() -> tuple[Pattern, Supports]:
 
 def _tile(strain: float) -> tuple[Pattern, Supports]:
     flat, triangles = grid(np.linspace(0, SQUARE, 15), np.linspace(0, SQUARE, 15))
-    pattern = Pattern(
-        flat_points=flat,
-        flat_triangles=triangles,
-        panel=np.zeros(len(triangles), dtype=np.int64),
-        sewn=np.arange(len(flat)),
-        points=np.column_stack([flat * [1 + strain, 1], np.zeros(len(flat))]),
-        panel_names=("sheet",),
-    )
+    points = np.column_stack([flat * [1 + strain, 1], np.zeros(len(flat))])
+    pattern = one_panel(flat, triangles, lambda _: points)
     ends = (flat[:, 0] < 1e-9) | (flat[:, 0] > SQUARE - 1e-9)
     return pattern, Supports(np.repeat(ends[:, None], 3, axis=1))
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
+from toros_fem.meshes.sheet import one_panel
 
 from toros_fem.equilibrium import EquilibriumSolver
 from toros_fem.parameters import Composite, Material
@@ -19,6 +20,7 @@ from toros_fem.supports import clamp
 
 ROOT = Path(__file__).parent.parent
 DATA = Path(__file__).parent / "data"
+sys.path.insert(0, str(ROOT / "benchmarks"))  # their cases and scenes are tested too
 
 # Material A of the reference tables: mu = lam = 50 kPa, 0.3 mm.
 TABLE_A = Material(young=400e3 / 3, poisson=1 / 3, thickness=0.3e-3)
@@ -65,14 +67,7 @@ def square(points: np.ndarray | None = None, n: int = 4, size: float = 0.02) -> 
     node = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
     a, b, c, d = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
     triangles = np.stack([np.stack([a, b, c], 2), np.stack([b, d, c], 2)], 2).reshape(-1, 3)
-    return Pattern(
-        flat_points=flat,
-        flat_triangles=triangles,
-        panel=np.zeros(len(triangles), dtype=int),
-        sewn=np.arange(len(flat)),
-        points=np.column_stack([flat, np.zeros(len(flat))]) if points is None else points,
-        panel_names=("sheet",),
-    )
+    return one_panel(flat, triangles, None if points is None else lambda _: points)
 
 
 @pytest.fixture(scope="session")

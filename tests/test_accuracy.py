@@ -1,19 +1,15 @@
 """Known answers on coarse meshes: errors as small as measured, and falling as they should."""
 
-import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import ROOT, table
-
-sys.path.insert(0, str(ROOT / "benchmarks"))
-
 from accuracy_bending import BENDING
 from accuracy_case import Case, Row, rows_of
 from accuracy_gradients import GRADIENTS
 from accuracy_membrane import MEMBRANE
 from accuracy_patterns import PATTERNS, helical_twist, mckibben
+from conftest import table
 
 HOMOGENEOUS = (
     "uniaxial-stress", "uniaxial-width", "equibiaxial", "strip-along", "strip-across",

@@ -219,14 +219,16 @@ def test_polish_takes_islands_out(
     assert gone["manufacture"]["islands"] == 0
 
 
+def fails(*_: object) -> None:
+    """In place of a simulation."""
+    raise EquilibriumError("made to fail", None)  # type: ignore[arg-type]
+
+
 def test_print_without_equilibrium(
     comm: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing of the design's is passed off as the print's."""
     tmp_path = comm.bcast(tmp_path, root=0)
-
-    def fails(*_: object) -> None:
-        raise EquilibriumError("made to fail", None)  # type: ignore[arg-type]
 
     monkeypatch.setattr(DesignProblem, "simulate_binary", fails)
     inputs = {**SMALL, "iterations": 1, "constrained": 0, "polish": 0}
@@ -241,9 +243,6 @@ def test_a_refined_mesh_without_equilibrium_loses_nothing(
     comm: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tmp_path = comm.bcast(tmp_path, root=0)
-
-    def fails(*_: object) -> None:
-        raise EquilibriumError("made to fail", None)  # type: ignore[arg-type]
 
     monkeypatch.setattr(scene, "estimate_error", fails)
     inputs = {**SMALL, "iterations": 1, "constrained": 0, "polish": 0}

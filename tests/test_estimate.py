@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from accuracy_bending import spine
 from conftest import square
 from mpi4py import MPI
 from toros_fem.meshes import Pattern, cylinder, sew
@@ -17,13 +18,6 @@ from toros_fem.supports import Supports, build_in, clamp, symmetry_plane
 
 def angle(pattern: Pattern, positions: np.ndarray) -> float:
     return float(np.degrees(bend_angle(pattern, positions)))
-
-
-def spine(pattern: Pattern) -> np.ndarray:
-    """A stiff strip along the inner side, fading towards its borders, and stiff caps."""
-    x, y, _ = pattern.points[pattern.triangles].mean(axis=1).T
-    strip = 0.6 * np.exp(-((np.arctan2(y, x) / 0.5) ** 4))
-    return np.where(pattern.panel == pattern.panel_index("wall"), strip, 1.0)
 
 
 @pytest.mark.parametrize("mesh", ["structured", "unstructured"])

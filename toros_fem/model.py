@@ -199,7 +199,9 @@ class SkinModel:
 
     def applied_load(self, state: Floats) -> Floats:
         """Force of pressure and dead forces in N, zero at held components."""
-        return self._pressure.value * self.load(state) + self._force * self.free
+        pressure = float(self._pressure.value)
+        load = self._force * self.free
+        return load + pressure * self.load(state) if pressure else load
 
     def work(self, state: Floats) -> float:
         """Size in J of what pressure and dead forces add to the energy, for its rounding."""
@@ -282,12 +284,12 @@ def _assembled(form: Any, vector: Any) -> Floats:
 
 def _edges(skin: Skin, hinges: Hinges, *, rotations: bool) -> Edges:
     """Constants of the triangles' edges as coefficients, compiled only where there are any."""
+    element = basix.ufl.element("DG", "triangle", 0, shape=(3,))
+    space = fem.functionspace(skin.mesh, element)
 
     def coefficient(values: Floats) -> Any:
-        element = basix.ufl.element("DG", "triangle", 0, shape=values.shape[1:])
-        function = fem.Function(fem.functionspace(skin.mesh, element))
-        dofs = function.function_space.dofmap.list[:, 0]
-        function.x.array.reshape(-1, values.shape[1])[dofs] = values
+        function = fem.Function(space)
+        function.x.array.reshape(-1, 3)[space.dofmap.list[:, 0]] = values
         return function
 
     mirrored, shaped = (
