@@ -167,7 +167,7 @@ class NewtonOptions:
     """
 
     tolerance: float = 1e-10
-    max_steps: int = 60
+    max_steps: int = 240
     fraction_to_barrier: float = 0.5
     min_increment: float = 0.05
 
