@@ -20,10 +20,9 @@ from mpi4py import MPI
 from toros_fem.meshes import bend
 
 from toros_fem.cli import command_line
-from toros_fem.measure import bend_angle
 from toros_fem.report import write_comparison
 from toros_fem.scene import design, merged
-from toros_fem.tube import TUBE, tube_scene
+from toros_fem.tube import TUBE, bend_figure, tube_scene
 
 DEFAULTS: dict[str, Any] = {
     **TUBE,
@@ -69,7 +68,7 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
             print(f"\n{name}", flush=True)
         o = {**whole, **changes}
         target = bend(np.radians(o["angle"]), o["length"], neutral=o["neutral"])
-        scene = tube_scene(comm, o, target, bend_angle, o["angle"])
+        scene = tube_scene(comm, o, target, [bend_figure(o["angle"])])
         folder = output / name.replace(" ", "_")
         done = design(comm, folder, scene, o, begin=begin, verbose=verbose)
         rows.append(row(name, done.summary))

@@ -123,7 +123,7 @@ def test_settings(comm: MPI.Comm) -> None:
 def test_tube_scene_weighs_the_plate(comm: MPI.Comm) -> None:
     """Turned about y by a small angle the ring costs as `lever` says, wherever it is."""
     inputs = {**TUBE, "length": 0.06, "edge_length": 3e-3, "lever": 0.03, "tip_weight": 0.5}
-    scene = tube_scene(comm, inputs, lambda points: points, lambda *_: 0.0, 0.0)
+    scene = tube_scene(comm, inputs, lambda points: points, [])
     pattern = scene.pattern
     assert scene.weights is not None
     assert scene.relative is not None
@@ -137,4 +137,4 @@ def test_tube_scene_weighs_the_plate(comm: MPI.Comm) -> None:
     cost = (scene.relative * area) @ (gap**2).sum(axis=1) / (scene.weights * area).sum()
     assert np.sqrt(cost) == pytest.approx(0.03 * angle, rel=0.02)
     with pytest.raises(errors.ParameterError, match="lever = -1"):
-        tube_scene(comm, {**inputs, "lever": -1.0}, lambda p: p, lambda *_: 0.0, 0.0)
+        tube_scene(comm, {**inputs, "lever": -1.0}, lambda p: p, [])

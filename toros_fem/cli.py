@@ -1,9 +1,10 @@
-"""Command line of the demos."""
+"""What every demo does besides its scene: run it, say how it ended, read the command line."""
 
 from __future__ import annotations
 
 import argparse
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,17 +12,63 @@ from typing import Any
 from mpi4py import MPI
 
 from toros_fem.errors import TorosError
-from toros_fem.scene import merged
+from toros_fem.measure import UNITS
+from toros_fem.scene import Scene, design, merged
+
+Run = Callable[..., dict[str, Any]]
+
+
+def run_of(build: Callable[[MPI.Comm, dict[str, Any]], Scene], defaults: dict[str, Any]) -> Run:
+    """The function run(comm, output, verbose=False, **inputs) of a demo.
+
+    It designs the scene, writes what comes of it to the folder `output` and returns the summary.
+    `inputs` are what differs from the defaults and from `toros_fem.scene.Settings`.
+
+    Args:
+        build: Makes the scene from all inputs.
+        defaults: Numbers of the demo, and what differs from `Settings`.
+    """
+
+    def run(
+        comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any
+    ) -> dict[str, Any]:
+        begin = time.perf_counter()
+        whole = merged(defaults, inputs)
+        return design(comm, output, build(comm, whole), whole, begin=begin, verbose=verbose).summary
+
+    return run
+
+
+def last_line(summary: dict[str, Any]) -> str:
+    """The result of a design in a sentence."""
+    reached = []
+    for key in (key for key in summary if "_target_" in key):
+        name, unit = key.split("_target_")
+        word, _ = UNITS.get(unit, (unit, ""))
+        value, error = (summary.get(f"{name}_{kind}{unit}") for kind in ("", "error_"))
+        printed = "no equilibrium" if value is None else f"{value:.1f}"
+        if error is not None:
+            printed += f" ± {error:.1f}"
+        designed = summary["design"][f"{name}_{unit}"]
+        reached.append(
+            f"{name} {printed} of {summary[key]:g} {word} as printed ({designed:.1f} as designed)"
+        )
+    drop = summary["objective_first"] / summary["objective_last"]
+    return (
+        f"{', '.join(reached)} at {summary['pressure_pa'] / 1e3:.2f} kPa, "
+        f"objective down {drop:.0f} times, "
+        f"{summary['manufacture']['islands']} islands, {summary['seconds']['total']:.0f} s"
+    )
 
 
 def command_line(
     comm: MPI.Comm,
     about: str,
-    run: Callable[..., dict[str, Any]],
+    run: Run,
     defaults: dict[str, Any],
     coarse: dict[str, Any],
     output: Path,
-    last_line: Callable[[dict[str, Any]], str],
+    sentence: Callable[[dict[str, Any]], str] = last_line,
 ) -> int:
     """Run a demo with what the command line says; the exit code is returned.
 
@@ -34,7 +81,7 @@ def command_line(
         defaults: Numbers of the demo; those of `Settings` are added.
         coarse: What `--coarse` puts in their place.
         output: Default folder.
-        last_line: What is said at the end, from the summary.
+        sentence: What is said at the end, from the summary.
     """
     parser = argparse.ArgumentParser(
         description=about, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -56,5 +103,5 @@ def command_line(
             print(f"{type(error).__name__}: {error}", file=sys.stderr)
         return 2
     if comm.rank == 0:
-        print(f"{last_line(summary)}; see {folder}/")
+        print(f"{sentence(summary)}; see {folder}/")
     return 0

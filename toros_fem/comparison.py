@@ -1,16 +1,21 @@
-"""Picture of several designs of one panel side by side."""
+"""Pictures of several designs, or several states of one, side by side."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.contours import panel_outline
+from toros_fem.measure import Figure
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.plotting import DPI, FABRIC, PRINTED, fill
+from toros_fem.plotting import DPI, FABRIC, PRINTED, camera, draw_skin, fill
+
+Floats = npt.NDArray[np.float64]
 
 
 def plot_variants(
@@ -48,5 +53,65 @@ def plot_variants(
         axes.autoscale_view()
         axes.spines[["top", "right"]].set_visible(False)
     row[0][0].set_ylabel("mm")
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def plot_shapes(
+    path: Path,
+    pattern: Pattern,
+    shapes: Sequence[tuple[str, Floats]],
+    density: Floats,
+    view: tuple[float, float] = (0.0, 0.0),
+) -> None:
+    """Picture of one skin in several states, in the same scale, in mm.
+
+    Args:
+        path: PNG file to write.
+        pattern: The pattern.
+        shapes: For each its title and the positions of all assembled vertices, (n, 3), in m.
+        density: Density of all triangles to colour by, (t,), 1 for reinforced.
+        view: Elevation and turn of the viewer, who looks along +y at (0, 0), in degrees.
+    """
+    mix = density[:, None]
+    colours = (1 - mix) * FABRIC + mix * PRINTED
+    right, up, _ = camera(*view)
+    every = np.concatenate([positions for _, positions in shapes])
+    share = np.ptp(every @ up) / np.ptp(every @ right)
+    width = min(4.0, 16 / len(shapes), 7 / share)
+    figure, row = plt.subplots(
+        1,
+        len(shapes),
+        figsize=((width + 0.6) * len(shapes) + 0.6, width * share + 1.2),
+        sharex=True,
+        sharey=True,
+        squeeze=False,
+        layout="constrained",
+    )
+    for axes, (title, positions) in zip(row[0], shapes, strict=True):
+        draw_skin(axes, pattern, positions, colours, *view)
+        axes.set_title(title)
+        axes.set_aspect("equal")
+        axes.autoscale_view()
+        axes.set_xlabel("mm")
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def plot_curves(path: Path, rows: Sequence[Mapping[str, float]], figures: Sequence[Figure]) -> None:
+    """Picture of figures over the pressure.
+
+    Args:
+        path: PNG file to write.
+        rows: Values by key, "pressure_pa" among them.
+        figures: What to draw.
+    """
+    figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
+    pressure = [1e-3 * row["pressure_pa"] for row in rows]
+    for of in figures:
+        axes.plot(pressure, [row[of.key] for row in rows], ".-", label=of.label)
+    axes.set_xlabel("pressure in kPa")
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
     figure.savefig(path, dpi=DPI)
     plt.close(figure)

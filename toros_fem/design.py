@@ -14,7 +14,7 @@ from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import DensityError, ParameterError
 from toros_fem.filters import Filter
 from toros_fem.length_scale import LengthScaleConstraints
-from toros_fem.objective import ShapeObjective
+from toros_fem.objective import Objective
 from toros_fem.parameters import require_between, require_positive
 from toros_fem.perimeter import Perimeter
 from toros_fem.projection import Projection
@@ -61,7 +61,7 @@ class DesignProblem:
 
     Attributes:
         solver: Equilibrium solver of the scene.
-        objective: Distance from the target.
+        objective: Distance from the target, of the positions.
         filter: Filter of the densities.
         pressure: Pressure in Pa, the first guess if it is designed too.
         projection: Smoothed step; replaced by the loop when β is raised.
@@ -75,7 +75,7 @@ class DesignProblem:
     """
 
     solver: EquilibriumSolver
-    objective: ShapeObjective
+    objective: Objective
     filter: Filter
     pressure: float
     projection: Projection = field(default_factory=Projection)

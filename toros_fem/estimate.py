@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import ParameterError
+from toros_fem.measure import Measure
 from toros_fem.meshes.pattern import Pattern, edge_keys
 from toros_fem.meshes.refine import Refinement, refine
 from toros_fem.meshes.skin import sew
@@ -51,11 +52,11 @@ def estimate_error(
     solver: EquilibriumSolver,
     density: Floats,
     result: EquilibriumResult,
-    measure: Callable[[Pattern, Floats], float],
+    measures: Sequence[Measure],
     force: Callable[[Pattern], Floats] | None = None,
     supports: Callable[[Pattern], Supports] | None = None,
-) -> ErrorEstimate:
-    """Estimate the discretisation error of a quantity by one uniform refinement (collective).
+) -> list[ErrorEstimate]:
+    """Estimate the discretisation error of quantities by one uniform refinement (collective).
 
     The design stays what it is: each quarter of a triangle has its density. What is estimated is
     the error of the simulation on the given flat panels, not how well a polygon stands for a
@@ -65,7 +66,7 @@ def estimate_error(
         solver: The solver that found the result.
         density: Projected density of its owned triangles.
         result: The equilibrium.
-        measure: The quantity, from pattern and positions of all its vertices.
+        measures: The quantities, each from pattern and positions of all its vertices.
         force: Dead forces in N that act, on all assembled vertices of a pattern, (n, 3).
         supports: What is held of a pattern. None: in the refined one the middle of an edge is
             held as both its ends are, which is right for whole panels and straight borders.
@@ -102,10 +103,13 @@ def estimate_error(
         force=None if force is None else force(finer.pattern),
         start=finer.at_vertices(positions)[fine_skin.owned_vertices],
     )
-    value = measure(skin.pattern, positions)
-    refined = measure(finer.pattern, fine_skin.gather_vertices(found.positions))
+    fine_positions = fine_skin.gather_vertices(found.positions)
     seconds = time.perf_counter() - begin
-    return ErrorEstimate(value, refined, CAUTION * abs(refined - value), seconds)
+    estimates = []
+    for measure in measures:
+        value, refined = measure(skin.pattern, positions), measure(finer.pattern, fine_positions)
+        estimates.append(ErrorEstimate(value, refined, CAUTION * abs(refined - value), seconds))
+    return estimates
 
 
 def _refined(finer: Refinement, supports: Supports) -> Supports:

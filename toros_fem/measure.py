@@ -1,23 +1,80 @@
-"""What a simulated shape has reached, in degrees and metres."""
+"""What a simulated shape has reached, in degrees, per cent and metres."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
+from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.rotation import best_rotation
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+Measure = Callable[[Pattern, Floats], float]
+"""A number from a pattern and the deformed positions (n, 3) of all its vertices in m."""
 
 
-def best_rotation(reference: Floats, deformed: Floats) -> Floats:
-    """Rotation R (3, 3) that best maps centred points (k, 3) onto others: R a ≈ b (Kabsch 1976)."""
-    a, b = reference - reference.mean(axis=0), deformed - deformed.mean(axis=0)
-    u, _, vt = np.linalg.svd(a.T @ b)
-    sign = np.sign(np.linalg.det(u @ vt))
-    return np.asarray((u @ np.diag([1.0, 1.0, sign]) @ vt).T)
+@dataclass(frozen=True)
+class Figure:
+    """A number that a run is judged by, named in history, summary and pictures.
+
+    Attributes:
+        name: What it is, "angle" say.
+        unit: Its unit, as it ends names: "deg", "percent", "mm".
+        asked: The value asked for.
+        measure: Computes the value reached, in that unit.
+    """
+
+    name: str
+    unit: str
+    asked: float
+    measure: Measure
+
+    def __post_init__(self) -> None:
+        if not (self.name.isidentifier() and self.unit.isidentifier()):
+            raise ParameterError(f"{self.name!r} in {self.unit!r} makes no name for a column.")
+
+    @property
+    def key(self) -> str:
+        """Its name in files, "angle_deg"."""
+        return f"{self.name}_{self.unit}"
+
+    @property
+    def label(self) -> str:
+        """How a picture writes it: "angle in degrees"."""
+        return f"{self.name} in {UNITS.get(self.unit, (self.unit, ''))[0]}"
+
+    def written(self, value: float) -> str:
+        """A value with its unit, "180°"."""
+        sign = UNITS.get(self.unit, ("", f" {self.unit}"))[1]
+        return f"{value:.3g}{sign}"
+
+
+# How a unit is written in words and behind a number.
+UNITS = {"deg": ("degrees", "°"), "percent": ("per cent", " %"), "mm": ("mm", " mm")}
+
+
+def sections_of(
+    pattern: Pattern, panel: str, count: int, axis: int = 2
+) -> list[npt.NDArray[np.int64]]:
+    """Vertices of a panel in slabs of equal length along an assembled axis, and its far end.
+
+    Slabs with fewer than six vertices are left out. The last section is the far border alone.
+    """
+    wall = pattern.vertices_of(panel)
+    height = pattern.points[wall, axis]
+    low, high = height.min(), height.max()
+    edges = np.linspace(low, high, count + 1)
+    slabs = [wall[(height >= below) & (height <= above)] for below, above in pairwise(edges)]
+    slabs = [slab for slab in slabs if len(slab) >= 6]
+    slabs.append(wall[height > high - 1e-9 * (high - low)])
+    return slabs
 
 
 def bend_angle(
@@ -36,15 +93,83 @@ def bend_angle(
         panel: Name of the wall's panel.
         sections: How many sections; each should span at least one ring of vertices.
     """
-    wall = pattern.vertices_of(panel)
-    height = pattern.points[wall, 2]
-    length = height.max()
-    edges = np.linspace(0.0, length, sections + 1)
-    rings = [wall[(height >= low) & (height <= high)] for low, high in pairwise(edges)]
-    rings = [ring for ring in rings if len(ring) >= 6]
-    rings.append(wall[height > length * (1 - 1e-9)])
     angles = []
-    for ring in rings:
+    for ring in sections_of(pattern, panel, sections):
         n = best_rotation(pattern.points[ring], positions[ring])[:, 2]
         angles.append(np.arctan2(n[0], n[2]))
     return float(np.unwrap(np.array(angles))[-1])
+
+
+def twist_angle(
+    pattern: Pattern, positions: Floats, panel: str = "wall", sections: int = 24
+) -> float:
+    """Angle in rad by which a tube along z is twisted about its own axis, counter-clockwise.
+
+    From section to section the relative rotation RₖᵀRₖ₊₁ is parted into a swing, which bends the
+    axis, and a twist about it, 2 atan2(q_z, q_w) of its quaternion q; the twists add up. For a
+    straight tube that is the angle by which the tip has turned, the counterpart of
+    `meshes.twist`'s; a bent one is not taken for a twisted one.
+
+    Args:
+        pattern: The pattern, assembled along z.
+        positions: Deformed positions of all assembled vertices, (n, 3), in m.
+        panel: Name of the wall's panel.
+        sections: How many sections; from one to the next the twist must stay under 180°.
+    """
+    rings = sections_of(pattern, panel, sections)
+    rotations = [best_rotation(pattern.points[ring], positions[ring]) for ring in rings]
+    first = 2 * np.arctan2(*_swing_free(rotations[0]))
+    steps = [2 * np.arctan2(*_swing_free(a.T @ b)) for a, b in pairwise(rotations)]
+    turns = np.array([first, *steps])
+    return float(((turns + np.pi) % (2 * np.pi) - np.pi).sum())
+
+
+def shortening(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
+    """By how much the straight distance of a tube's two ends has shrunk, over what it was.
+
+    The ends are the means of the panel's two borders across z; negative if they move apart.
+
+    Args:
+        pattern: The pattern, assembled along z.
+        positions: Deformed positions of all assembled vertices, (n, 3), in m.
+        panel: Name of the wall's panel.
+    """
+    wall = pattern.vertices_of(panel)
+    height = pattern.points[wall, 2]
+    low, high = height.min(), height.max()
+    room = 1e-9 * (high - low)
+    base, tip = wall[height < low + room], wall[height > high - room]
+    ends = positions[tip].mean(axis=0) - positions[base].mean(axis=0)
+    return float(1 - np.linalg.norm(ends) / (high - low))
+
+
+def swelling(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
+    """Radius of the middle third of a tube along z, over what it was.
+
+    The mean distance of the vertices from the line through the means of the third's two ends.
+
+    Args:
+        pattern: The pattern, assembled along z.
+        positions: Deformed positions of all assembled vertices, (n, 3), in m.
+        panel: Name of the wall's panel.
+    """
+    rings = sections_of(pattern, panel, 12)[4:8]
+    ring = np.unique(np.concatenate(rings))
+
+    def radius(points: Floats) -> float:
+        base, tip = (points[of].mean(axis=0) for of in (rings[0], rings[-1]))
+        along = (tip - base) / np.linalg.norm(tip - base)
+        arm = points[ring] - base
+        return float(np.linalg.norm(arm - np.outer(arm @ along, along), axis=1).mean())
+
+    return radius(positions) / radius(pattern.points)
+
+
+def _swing_free(rotation: Floats) -> tuple[float, float]:
+    """Of a rotation's quaternion q_z and q_w, up to a common factor."""
+    # q_z/q_w of the twist is (R₂₁ − R₁₂)/(1 + tr R), without dividing where tr R = −1.
+    z, w = rotation[1, 0] - rotation[0, 1], 1 + np.trace(rotation)
+    if w > 1e-6:
+        return float(z), float(w)
+    half = np.sqrt(max(0.0, 1 + rotation[2, 2] - rotation[0, 0] - rotation[1, 1]))
+    return float(half), 0.0

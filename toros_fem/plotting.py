@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 
@@ -24,6 +24,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.contours import layout, panel_outline
 from toros_fem.manufacture import Printability, PrintLimits
+from toros_fem.measure import Figure
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.stages import Iteration
 from toros_fem.widths import Place
@@ -189,7 +190,7 @@ def plot_shape(
     both = np.concatenate([positions, target])
     shares = []
     for angles in views.values():
-        right, up, _ = _camera(*angles)
+        right, up, _ = camera(*angles)
         shares.append(np.ptp(both @ up) / np.ptp(both @ right))
     figure, axes = plt.subplots(
         len(views),
@@ -204,7 +205,7 @@ def plot_shape(
         for axis, points, colours, what in zip(
             row, (target, positions), (plain, skin), ("target", "inflated skin"), strict=True
         ):
-            _draw(axis, pattern, points, colours, *angles)
+            draw_skin(axis, pattern, points, colours, *angles)
             axis.set_title(f"{what}, {name}")
             axis.set_aspect("equal")
             axis.autoscale_view()
@@ -215,38 +216,43 @@ def plot_shape(
 
 
 def plot_convergence(
-    path: Path, history: Sequence[Iteration], angles: Sequence[float], wanted: float
+    path: Path,
+    history: Sequence[Iteration],
+    figures: Sequence[Figure],
+    reached: Sequence[Mapping[str, float]],
 ) -> None:
-    """Picture of objective, angle and grey level over the iterations.
+    """Picture of objective, figures and grey level over the iterations.
 
     Args:
         path: PNG file to write.
         history: Rows of the design loop.
-        angles: Angle reached in each iteration, in degrees.
-        wanted: Angle asked for, in degrees.
+        figures: What the run is judged by.
+        reached: Their values in each iteration, by their keys.
     """
     count = [row.iteration for row in history]
-    figure, (top, middle, bottom) = plt.subplots(
-        3, 1, figsize=(8, 8), sharex=True, layout="constrained"
+    rows = 2 + len(figures)
+    figure, (top, *middle, bottom) = plt.subplots(
+        rows, 1, figsize=(8, 2 + 2 * rows), sharex=True, layout="constrained"
     )
     top.semilogy(count, [row.objective for row in history], color=PRINTED)
     top.set_ylabel("objective T")
-    middle.plot(count, angles, color=PRINTED, label="reached")
-    middle.axhline(wanted, color="0.6", linestyle="--", label="asked")
-    middle.set_ylabel("angle in degrees")
-    middle.legend(frameon=False)
+    for axis, of in zip(middle, figures, strict=True):
+        axis.plot(count, [row[of.key] for row in reached], color=PRINTED, label="reached")
+        axis.axhline(of.asked, color="0.6", linestyle="--", label="asked")
+        axis.set_ylabel(of.label)
+        axis.legend(frameon=False)
     bottom.plot(count, [row.volume_fraction for row in history], label="volume fraction")
     bottom.plot(count, [row.grey_level for row in history], label="grey level")
     bottom.set_ylim(0, 1)
     bottom.legend(frameon=False)
     bottom.set_xlabel("iteration")
-    for axis in (top, middle, bottom):
+    for axis in (top, *middle, bottom):
         axis.grid(alpha=0.3)
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
 
 
-def _camera(elevation: float, turn: float) -> tuple[Floats, Floats, Floats]:
+def camera(elevation: float, turn: float) -> tuple[Floats, Floats, Floats]:
     """Directions right, up and away from the viewer, who looks along +y turned by degrees."""
     e, t = np.radians([elevation, turn])
     right = np.array([np.cos(t), np.sin(t), 0])
@@ -254,11 +260,11 @@ def _camera(elevation: float, turn: float) -> tuple[Floats, Floats, Floats]:
     return right, np.cross(right, away), away
 
 
-def _draw(
+def draw_skin(
     axis: Axes, pattern: Pattern, points: Floats, colours: Floats, elevation: float, turn: float
 ) -> None:
     """Shaded triangles seen from −y (turned by angles in degrees), painted back to front."""
-    right, up, away = _camera(elevation, turn)
+    right, up, away = camera(elevation, turn)
     corner = points[pattern.triangles] * 1e3
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)

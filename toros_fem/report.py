@@ -17,11 +17,13 @@ from toros_fem._mpi import on_first_rank
 from toros_fem.design import DesignProblem, Evaluation
 from toros_fem.errors import OutputError
 from toros_fem.export import write_svg
-from toros_fem.io import HistoryFile, versions, write_fields, write_json
+from toros_fem.io import HistoryFile, versions, write_fields, write_json, write_table
+from toros_fem.measure import Figure
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 from toros_fem.newton import NewtonStep
 from toros_fem.optimise import DesignResult
+from toros_fem.path import PathPoint
 from toros_fem.printed import PrintedDesign
 from toros_fem.stages import Iteration
 
@@ -45,7 +47,7 @@ class Reporter:
         skin: The skin being designed.
         folder: Output folder, made if missing.
         iterations: How many are planned.
-        angle: Measures the angle reached, in degrees, from all vertices' positions.
+        figures: What is computed of every shape, the most important first.
         begin: `time.perf_counter()` at the start of the whole run.
 
     Raises:
@@ -57,32 +59,36 @@ class Reporter:
         skin: Skin,
         folder: Path,
         iterations: int,
-        angle: Callable[[Floats], float],
+        figures: Sequence[Figure],
         begin: float,
     ) -> None:
-        self._skin, self._folder, self._planned, self._measure = skin, folder, iterations, angle
+        self._skin, self._folder, self._planned, self._figures = skin, folder, iterations, figures
         self._whole_begin = begin
         self._begin = time.perf_counter()
         self._history = HistoryFile(folder / "history.csv")
-        self.angles: list[float] = []
+        self.reached: list[dict[str, float]] = []
         self._on_first_rank(lambda: folder.mkdir(parents=True, exist_ok=True))
         if skin.comm.rank == 0:
+            columns = "".join(f"  {f.name}/{f.unit:s}".rjust(12) for f in figures)
             print(
-                "  it   objective  angle/deg  kPa     volume   grey   g_r      g_t     rejected"
+                f"  it   objective{columns}  kPa     volume   grey   g_r      g_t     rejected"
                 "  newton  seconds",
                 flush=True,
             )
 
     def __call__(self, row: Iteration, evaluation: Evaluation) -> None:
         """Callback of the design loop (collective)."""
-        angle = self._angle(evaluation)
-        self.angles.append(angle)
+        reached = self._reached(evaluation)
+        self.reached.append(reached)
 
         def show() -> None:
-            self._history.write(row, angle_deg=angle)
+            self._history.write(row, **reached)
             self._clear()
+            columns = "".join(
+                f"{value:{max(12, 3 + len(name))}.2f}" for name, value in reached.items()
+            )
             print(
-                f"{row.iteration:4d}  {row.objective:10.4e}  {angle:9.2f}"
+                f"{row.iteration:4d}  {row.objective:10.4e}{columns}"
                 f"  {row.pressure / 1e3:6.3f}  {row.volume_fraction:6.3f}  {row.grey_level:5.3f}"
                 f"  {row.solid:7.1e}  {row.void:7.1e}  {row.rejected:8d}  {row.newton_steps:6d}"
                 f"  {row.seconds:7.2f}",
@@ -103,7 +109,7 @@ class Reporter:
     ) -> dict[str, Any]:
         """Write summary, pattern, fields and pictures (collective); the summary is returned.
 
-        Angle, volume and shape are those of the printed pattern, simulated as it is, None if it
+        Figures, volume and shape are those of the printed pattern, simulated as it is, None if it
         has no equilibrium; what the optimiser saw, with its grey borders, stands beside them
         under "design". Without a printed shape the pictures show the design's.
 
@@ -113,7 +119,7 @@ class Reporter:
             printed: What is printed of it.
             target: Target positions of all vertices, (n, 3), in m.
             inputs: Everything that went in.
-            figures: Figures of this demo to add to the summary: `angle_target_deg` and others.
+            figures: What else to add to the summary.
         """
         skin, pattern, final = self._skin, self._skin.pattern, result.final
         made = printed.evaluation
@@ -128,8 +134,10 @@ class Reporter:
         first, last = result.history[0], result.history[-1]
         limits, widths = problem.length_scale, final.length_scale
         seconds = {"setup": self._begin - self._whole_begin, **result.seconds}
+        printed_figures = made and self._reached(made)
         summary = {
-            "angle_deg": made and self._angle(made),
+            **{f.key: printed_figures and printed_figures[f.key] for f in self._figures},
+            **{f"{f.name}_target_{f.unit}": f.asked for f in self._figures},
             **figures,
             "pressure_pa": final.equilibrium.pressure,
             "volume_m3": made and made.equilibrium.volume,
@@ -139,7 +147,7 @@ class Reporter:
             "objective_first": first.objective,
             "objective_last": last.objective,
             "design": {
-                "angle_deg": self.angles[-1],
+                **self.reached[-1],
                 "shape": last.shape,
                 "perimeter_m": final.perimeter,
                 "volume_m3": final.equilibrium.volume,
@@ -191,9 +199,10 @@ class Reporter:
         seconds["total"] = time.perf_counter() - self._whole_begin
         return summary
 
-    def _angle(self, evaluation: Evaluation) -> float:
-        positions = evaluation.equilibrium.positions
-        return self._measure(self._skin.gather_vertices(positions))
+    def _reached(self, evaluation: Evaluation) -> dict[str, float]:
+        positions = self._skin.gather_vertices(evaluation.equilibrium.positions)
+        pattern = self._skin.pattern
+        return {f.key: float(f.measure(pattern, positions)) for f in self._figures}
 
     def _draw(
         self,
@@ -219,13 +228,15 @@ class Reporter:
         plot_manufacture(
             folder / "manufacture.png", pattern, printed.regions, printed.after, printed.limits
         )
-        wanted = float(summary["angle_target_deg"])
         what = "as printed" if printed.evaluation else "as designed, not as printed,"
-        reached = summary["angle_deg"] if printed.evaluation else self.angles[-1]
-        title = f"{reached:.0f}° {what} of {wanted:.0f}° at {summary['pressure_pa'] / 1e3:.3g} kPa"
+        reached = summary if printed.evaluation else self.reached[-1]
+        found = ", ".join(
+            f"{f.name} {f.written(reached[f.key])} of {f.written(f.asked)}" for f in self._figures
+        )
+        title = f"{found} {what} at {summary['pressure_pa'] / 1e3:.3g} kPa"
         cells = printed.cells.astype(np.float64)
         plot_shape(folder / "shape.png", pattern, positions, target, cells, title)
-        plot_convergence(folder / "convergence.png", result.history, self.angles, wanted)
+        plot_convergence(folder / "convergence.png", result.history, self._figures, self.reached)
 
     def _on_first_rank(self, action: Callable[[], None]) -> None:
         _write(self._skin.comm, self._folder, action)
@@ -279,6 +290,58 @@ def write_comparison(
         plot_variants(folder / f"{name}.png", pattern, panel, variants)
 
     _write(comm, folder, write)
+
+
+def write_path(
+    comm: MPI.Comm,
+    folder: Path,
+    pattern: Pattern,
+    points: Sequence[PathPoint],
+    density: Floats,
+    figures: Sequence[Figure],
+    summary: dict[str, Any],
+    begin: float,
+) -> None:
+    """Write what a sequence of pressures came to (collective): table, fields, pictures, summary.
+
+    Args:
+        comm: Communicator.
+        folder: Output folder, made if missing.
+        pattern: The pattern.
+        points: The equilibria.
+        density: Density of all triangles, (t,), to colour by.
+        figures: What was measured, to be drawn over the pressure.
+        summary: Written to summary.json, versions and the wall time since `begin` added.
+        begin: `time.perf_counter()` at the start of the whole run.
+
+    Raises:
+        OutputError: A file cannot be written.
+    """
+
+    def write() -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        rows = [
+            {"pressure_pa": p.result.pressure, "volume_m3": p.result.volume, **p.figures}
+            for p in points
+        ]
+        write_table(folder / "curve.csv", rows)
+        write_fields(folder / "skin.vtu", pattern, points[-1].positions, {"density": density})
+        summary["versions"] = versions()
+        summary["seconds"] = {"total": time.perf_counter() - begin}
+        write_json(folder / "summary.json", summary)
+        try:
+            from toros_fem.comparison import plot_curves, plot_shapes
+        except ImportError as missing:
+            print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
+            return
+        plot_curves(folder / "curve.png", rows, figures)
+        chosen = [points[k] for k in np.linspace(0, len(points) - 1, 4).round().astype(int)]
+        shapes = [(f"{1e-3 * p.result.pressure:.3g} kPa", p.positions) for p in chosen]
+        plot_shapes(folder / "shapes.png", pattern, shapes, density)
+
+    _write(comm, folder, write)
+    summary["seconds"] = {"total": time.perf_counter() - begin}
+    summary["versions"] = versions()
 
 
 def _write(comm: MPI.Comm, folder: Path, action: Callable[[], None]) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from toros_fem.density import random_density
+from toros_fem.alignment import AlignedObjective
+from toros_fem.density import check_density, random_density
 from toros_fem.design import DesignProblem, Evaluation
 from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
 from toros_fem.errors import ParameterError
@@ -20,10 +19,11 @@ from toros_fem.estimate import estimate_error
 from toros_fem.filters import make_filter
 from toros_fem.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.manufacture import PrintLimits
+from toros_fem.measure import Figure
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.skin import sew
+from toros_fem.meshes.skin import Skin, sew
 from toros_fem.mma import MMAOptions
-from toros_fem.objective import ShapeObjective
+from toros_fem.objective import Objective, ShapeObjective, SumObjective
 from toros_fem.optimise import DesignResult, optimise
 from toros_fem.parameters import (
     CURVATURES,
@@ -40,6 +40,7 @@ from toros_fem.perimeter import Perimeter
 from toros_fem.printed import PrintedDesign, print_design, without_islands
 from toros_fem.projection import Projection
 from toros_fem.report import Reporter, print_step
+from toros_fem.sections import SectionObjective, Sections
 from toros_fem.stages import DesignOptions, Stage
 from toros_fem.supports import Supports
 
@@ -54,21 +55,36 @@ class Scene:
         pattern: Panels and seams.
         target: Target positions of all assembled vertices, (n, 3), in m.
         supports: What is held.
-        angle: Measures the angle reached, in degrees, from a pattern and all its vertices'
-            positions.
-        angle_target: Angle asked for, in degrees.
+        figures: What the run is judged by, the most important first.
         passive: Density that is given, of all triangles, (t,); NaN where it is designed.
-        weights, relative: Factors on each vertex in the objective, (n,), as `ShapeObjective` has.
+        weights, relative: Factors on each vertex in the objective, as `ShapeObjective` has; None
+            for both leaves that objective out if there are sections.
+        sections: Cross-sections whose place and orientation count besides.
+        start: Density of all triangles to start from, (t,), within [0.1, 0.9]: noise of 0.1 is
+            added. None: 0.5.
+        aligned: Whether shape counts wherever the skin is and however it is turned.
     """
 
     pattern: Pattern
     target: Floats
     supports: Supports
-    angle: Callable[[Pattern, Floats], float]
-    angle_target: float
+    figures: tuple[Figure, ...]
     passive: Floats | None = None
     weights: Floats | None = None
     relative: Floats | None = None
+    sections: Sections | None = None
+    start: Floats | None = None
+    aligned: bool = False
+
+    def objective(self, skin: Skin) -> Objective:
+        """What is minimised on the sewn skin."""
+        parts: list[Objective] = []
+        if self.sections is not None:
+            parts.append(SectionObjective(skin, self.target, self.sections))
+        if not parts or self.weights is not None:
+            parts.append(ShapeObjective(skin, self.target, self.weights, self.relative))
+        found = parts[0] if len(parts) == 1 else SumObjective(*parts)
+        return AlignedObjective(skin, self.target, found) if self.aligned else found
 
 
 @dataclass(frozen=True)
@@ -201,7 +217,7 @@ def make_problem(
         solver=EquilibriumSolver(
             skin, s.composite, scene.supports, log=print_step(comm) if verbose else None
         ),
-        objective=ShapeObjective(skin, scene.target, scene.weights, scene.relative),
+        objective=scene.objective(skin),
         filter=make_filter(s.filter, skin, s.radius),
         pressure=s.pressure,
         projection=Projection(s.beta, s.eta),
@@ -217,6 +233,19 @@ def make_problem(
             skin, problem.filter, wanted, problem.designed, problem.projection
         )
     return problem
+
+
+def first_density(skin: Skin, scene: Scene, seed: int) -> Floats:
+    """Densities to start from, at owned triangles.
+
+    Raises:
+        DensityError: The scene's start leaves [0.1, 0.9].
+    """
+    if scene.start is None:
+        return random_density(skin, seed)
+    drawn = scene.start[skin.owned_cells] + random_density(skin, seed) - 0.5
+    check_density(skin, drawn)
+    return drawn
 
 
 def design(
@@ -242,9 +271,8 @@ def design(
     problem = make_problem(comm, scene, settings, verbose=verbose)
     skin = problem.solver.skin
     options = DesignOptions(settings.stages, mma=MMAOptions(move=settings.move))
-    measure = partial(scene.angle, scene.pattern)
-    reporter = Reporter(skin, output, options.iterations, measure, begin)
-    result = optimise(problem, random_density(skin, settings.seed), options, reporter)
+    reporter = Reporter(skin, output, options.iterations, scene.figures, begin)
+    result = optimise(problem, first_density(skin, scene, settings.seed), options, reporter)
     limits = PrintLimits(width=settings.print_width, gap=settings.print_width)
     printed = print_design(problem, result, limits, settings.island_area)
     if settings.polish and printed.before.free_islands:
@@ -253,7 +281,7 @@ def design(
         polishing = replace(options, stages=(stage,))
         result = optimise(problem, start, polishing, reporter, after=result)
         printed = print_design(problem, result, limits, settings.island_area)
-    figures: dict[str, Any] = {"angle_target_deg": scene.angle_target, "seed": settings.seed}
+    figures: dict[str, Any] = {"seed": settings.seed}
     made = printed.evaluation
     if settings.refine and made is not None:
         figures.update(_refined_figures(problem, made, scene))
@@ -262,12 +290,20 @@ def design(
 
 
 def _refined_figures(problem: DesignProblem, made: Evaluation, scene: Scene) -> dict[str, Any]:
-    """The angle on a refined mesh and the error that this tells of; None if there is none."""
+    """The figures on a refined mesh and the errors that this tells of; None if there are none."""
     try:
-        found = estimate_error(problem.solver, made.projected, made.equilibrium, scene.angle)
+        found = estimate_error(
+            problem.solver, made.projected, made.equilibrium, [f.measure for f in scene.figures]
+        )
     except EquilibriumError as caught:  # raised by all ranks or by none
-        return {"angle_refined_deg": None, "angle_error_deg": None, "refined": str(caught)}
-    return {"angle_refined_deg": found.refined, "angle_error_deg": found.error}
+        none = {f"{f.name}_{kind}_{f.unit}": None for f in scene.figures
+                for kind in ("refined", "error")}  # fmt: skip
+        return {**none, "refined": str(caught)}
+    figures = {}
+    for figure, estimate in zip(scene.figures, found, strict=True):
+        figures[f"{figure.name}_refined_{figure.unit}"] = estimate.refined
+        figures[f"{figure.name}_error_{figure.unit}"] = estimate.error
+    return figures
 
 
 def merged(defaults: dict[str, Any], inputs: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,46 @@
+"""A tube that shortens when inflated (paper Fig. 8c): design its reinforcement pattern.
+
+    python demos/contract.py --coarse
+
+The tube of `bend.py`, to become 8 % shorter. How far it swells is left free, and it must: the work
+of the pressure on a larger section is what pulls the ends together. Wanted are the places along the
+axis of twelve cross-sections and of the end plate, and that all stay upright on it.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+from toros_fem.meshes import contract
+
+from toros_fem.cli import command_line, run_of
+from toros_fem.scene import Scene
+from toros_fem.tube import SECTIONS, TUBE, section_scene, shortening_figure
+
+DEFAULTS: dict[str, Any] = {
+    **TUBE,
+    **SECTIONS,
+    "contraction": 8.0,  # per cent
+    "helices": 3,
+    "helix_angle": 25.0,
+    "crossed": 1,
+    "pressure": 5e3,
+}
+COARSE = {"edge_length": 2.85e-3, "radius": 4.4e-3, "iterations": 40, "constrained": 30}
+
+
+def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:
+    """The tube, what is held of it, and what it is to become."""
+    asked = inputs["contraction"]
+    target = contract(1 - asked / 100)
+    return section_scene(comm, inputs, target, [shortening_figure(asked)])
+
+
+run = run_of(scene, DEFAULTS)
+
+
+if __name__ == "__main__":
+    sys.exit(command_line(MPI.COMM_WORLD, __doc__, run, DEFAULTS, COARSE, Path("output/contract")))

@@ -1,0 +1,43 @@
+"""A tube that twists when inflated (paper Fig. 8d): design its reinforcement pattern.
+
+    python demos/twist.py --coarse
+
+The tube of `bend.py`; its end plate is to turn by 300° about the axis, every section by its share.
+Where the sections lie along the axis, and how far they swell, is left free.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from toros_fem.meshes import twist
+
+from toros_fem.cli import command_line, run_of
+from toros_fem.scene import Scene
+from toros_fem.tube import SECTIONS, TUBE, section_scene, twist_figure
+
+DEFAULTS: dict[str, Any] = {
+    **TUBE,
+    **SECTIONS,
+    "twist": 300.0,  # degrees
+    "along": 0.0,
+    "pressure": 15e3,
+}
+COARSE = {"edge_length": 2.85e-3, "radius": 4.4e-3, "iterations": 40, "constrained": 30}
+
+
+def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:
+    """The tube, what is held of it, and what it is to become."""
+    target = twist(np.radians(inputs["twist"]), inputs["length"])
+    return section_scene(comm, inputs, target, [twist_figure(inputs["twist"])])
+
+
+run = run_of(scene, DEFAULTS)
+
+
+if __name__ == "__main__":
+    sys.exit(command_line(MPI.COMM_WORLD, __doc__, run, DEFAULTS, COARSE, Path("output/twist")))
