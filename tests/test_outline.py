@@ -40,12 +40,12 @@ def edges_on(pattern: Pattern, panel: str, begin: np.ndarray, end: np.ndarray) -
     """Places along a line of the mesh edges that lie on it, sorted, (k, 2), as shares of it."""
     triangles = pattern.triangles[pattern.cells_of(panel)]
     edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-    edges = edges[np.unique(edge_keys(edges, len(pattern.points)), return_index=True)[1]]
+    first = np.unique(edge_keys(edges, len(pattern.points)), return_index=True)[1]
     along = end - begin
     away = pattern.points[:, :2] - begin
     on = np.abs(away[:, 0] * along[1] - away[:, 1] * along[0]) < 1e-9 * np.linalg.norm(along)
     share = away @ along / (along @ along)
-    found = share[edges[on[edges].all(axis=1)]]
+    found = share[edges[first][on[edges[first]].all(axis=1)]]
     return np.sort(np.sort(found, axis=1), axis=0)
 
 
@@ -169,4 +169,4 @@ def test_bad_input_is_named(comm: MPI.Comm) -> None:
     with pytest.raises(OutlineError, match="planes holds 2"):
         two_panels(comm, SQUARE, 4e-3, planes=(2,))
     with pytest.raises(OutlineError, match="must be finite"):
-        two_panels(comm, [[0, 0], [1, 0], [np.nan, 1]], 4e-3)
+        two_panels(comm, SQUARE * np.nan, 4e-3)
