@@ -16,6 +16,7 @@ from toros_fem.meshes.pattern import Floats, Ints, edge_keys
 from toros_fem.errors import OutlineError
 from toros_fem.parameters import require_between
 
+Bools = npt.NDArray[np.bool_]
 Line = tuple[tuple[float, float], tuple[float, float]]
 
 # Lengths below this share of the outline's size count as none.
@@ -84,7 +85,7 @@ def rounded(corners: npt.ArrayLike, radius: float | Sequence[float]) -> Floats:
 
 def region_mesh(
     outline: npt.ArrayLike, edge_length: float, lines: Sequence[Line], planes: Sequence[int]
-) -> tuple[Floats, Ints, npt.NDArray[np.bool_]]:
+) -> tuple[Floats, Ints, Bools]:
     """Mesh the inside of an outline, or the part of it at positive coordinates.
 
     To be called on one rank: gmsh is serial. Between corners, ends of lines and cuts the border
@@ -136,7 +137,7 @@ def region_mesh(
     for axis in planes:
         flat[np.abs(flat[:, axis]) < TINY * size, axis] = 0.0
     sewn = _on_outline(flat, triangles, planes)
-    return _without_bridges(flat, triangles, sewn)
+    return _without_bridges(flat, triangles, sewn, planes)
 
 
 def _checked(points: npt.ArrayLike) -> Floats:
@@ -275,37 +276,41 @@ def _glued(pieces: Sequence[tuple[Floats, Ints]], tolerance: float) -> tuple[Flo
     return points[kept], number[triangles]
 
 
-def _directed(triangles: Ints) -> Ints:
-    return np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-
-
-def _on_outline(flat: Floats, triangles: Ints, planes: Sequence[int]) -> npt.NDArray[np.bool_]:
+def _on_outline(flat: Floats, triangles: Ints, planes: Sequence[int]) -> Bools:
     """Ends of those border edges that lie in no plane."""
-    edges = _directed(triangles)
-    _, first, count = np.unique(edge_keys(edges, len(flat)), return_index=True, return_counts=True)
-    border = edges[first[count == 1]]
-    cut = np.zeros(len(border), dtype=bool)
-    for axis in planes:
-        cut |= (flat[border, axis] == 0).all(axis=1)
+    edges, inner = _edges(flat, triangles)
     found = np.zeros(len(flat), dtype=bool)
-    found[border[~cut].ravel()] = True
+    found[edges[~inner & ~_cut(flat, edges, planes)].ravel()] = True
+    return found
+
+
+def _edges(flat: Floats, triangles: Ints) -> tuple[Ints, Bools]:
+    """Edges (e, 2), in the order of the triangles, and which have two of them."""
+    edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    _, first, count = np.unique(edge_keys(edges, len(flat)), return_index=True, return_counts=True)
+    order = np.argsort(first)
+    return edges[first[order]], count[order] == 2
+
+
+def _cut(flat: Floats, edges: Ints, planes: Sequence[int]) -> Bools:
+    """Which edges lie in a plane."""
+    found = np.zeros(len(edges), dtype=bool)
+    for axis in planes:
+        found |= (flat[edges, axis] == 0).all(axis=1)
     return found
 
 
 def _without_bridges(
-    flat: Floats, triangles: Ints, sewn: npt.NDArray[np.bool_]
-) -> tuple[Floats, Ints, npt.NDArray[np.bool_]]:
-    """Halve every inner edge that leads from the outline to the outline.
+    flat: Floats, triangles: Ints, sewn: Bools, planes: Sequence[int]
+) -> tuple[Floats, Ints, Bools]:
+    """Halve every edge that leads through the inside, or along a cut, from outline to outline.
 
-    Two panels would both have it between the same sewn vertices, and four triangles would meet.
+    Two panels would both have it between the same sewn vertices: inside, four triangles would
+    meet there; at a cut, it would be closed.
     """
     while True:
-        edges = _directed(triangles)
-        _, first, count = np.unique(
-            edge_keys(edges, len(flat)), return_index=True, return_counts=True
-        )
-        inner = edges[np.sort(first[count == 2])]
-        bridges = inner[sewn[inner].all(axis=1)]
+        edges, inner = _edges(flat, triangles)
+        bridges = edges[(inner | _cut(flat, edges, planes)) & sewn[edges].all(axis=1)]
         if len(bridges) == 0:
             return flat, triangles, sewn
         ends = bridges[0]

@@ -82,6 +82,13 @@ def test_inner_edge_between_borders_is_halved(comm: MPI.Comm) -> None:
     assert not np.isin(top, seam).all(axis=1).any()
 
 
+def test_cut_of_one_edge_stays_open(comm: MPI.Comm) -> None:
+    strip = np.array([[-0.03, 0], [0.03, 0], [0.03, 4e-3], [-0.03, 4e-3]])
+    pattern = two_panels(comm, strip, 3.5e-3, planes=(0,))
+    assert len(pattern.free_edges) == 4
+    assert symmetry_plane(pattern, 0).close(pattern)
+
+
 def test_rounded_convex_and_concave_corners() -> None:
     radius = 4e-3
     points = rounded(ELL, radius)
