@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from shapely.geometry import Polygon
+from stability_scenes import fan_tube
 from test_outline import check_twins, edges_on, volume
 from toros_fem.meshes import GRIPPER, WALKER, Star, finger, gripper, mirrored, walker
 from toros_fem.meshes.pattern import Pattern
@@ -119,6 +120,14 @@ def test_mirrored_sheet_and_panels_off_the_plane(comm: MPI.Comm) -> None:
     whole = check_mirrored(part, (0,), 3)
     assert whole.panel_names == ("floor", "wall", "wall, mirrored in x = 0")
     assert len(whole.seams) == 2
+
+
+def test_mirrored_half_tube_closes_at_a_second_cut(comm: MPI.Comm) -> None:
+    half = fan_tube(np.linspace(0, np.pi, 9), np.linspace(0, 0.05, 8))
+    tube = check_mirrored(half, (1,), 3)
+    tube.require_closed()
+    # Sewn along one generator and around both caps, which go on across the cut.
+    assert len(tube.seams) == 7 + 2 * 16
 
 
 def test_nothing_to_mirror(comm: MPI.Comm) -> None:
