@@ -194,7 +194,6 @@ def finger(
             f"{corner_radius:.6g} to {length - half:.6g} m."
         )
     corners = [(0.0, -half), (length, -half), (length, half), (0.0, half)]
-    tip = half * (1 - 1e-9)  # so that rounding leaves something of the side between the arcs
-    outline = rounded(corners, (corner_radius, tip, tip, corner_radius))
+    outline = rounded(corners, (corner_radius, half, half, corner_radius))
     line = ((root, -half), (root, half))
     return two_panels(comm, outline, edge_length, lines=[line], planes=planes)
