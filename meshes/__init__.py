@@ -1,21 +1,40 @@
 """Panels, seams and the sewn skin; ready-made patterns; target shapes."""
 
 from toros_fem.meshes.cylinder import cylinder
+from toros_fem.meshes.deformed import from_mesh
+from toros_fem.meshes.mirror import Mirrored, mirrored
+from toros_fem.meshes.outline import plane_centroids, two_panels
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.planar import rounded
+from toros_fem.meshes.robots import GRIPPER, WALKER, Star, finger, gripper, walker
 from toros_fem.meshes.sheet import disc, rectangle
 from toros_fem.meshes.skin import Skin, sew
-from toros_fem.meshes.targets import Deformer, bend, compose, contract, twist
+from toros_fem.meshes.targets import Deformer, bend, compose, contract, curl, stand, twist
 
 __all__ = [
+    "GRIPPER",
+    "WALKER",
     "Deformer",
+    "Mirrored",
     "Pattern",
     "Skin",
+    "Star",
     "bend",
     "compose",
     "contract",
+    "curl",
     "cylinder",
     "disc",
+    "finger",
+    "from_mesh",
+    "gripper",
+    "mirrored",
+    "plane_centroids",
     "rectangle",
+    "rounded",
     "sew",
+    "stand",
     "twist",
+    "two_panels",
+    "walker",
 ]

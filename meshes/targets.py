@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import numpy.typing as npt
 from toros_fem.meshes.pattern import Floats
 
 from toros_fem.errors import ParameterError
@@ -13,6 +14,9 @@ from toros_fem.parameters import require_positive
 Deformer = Callable[[Floats], Floats]
 """Maps positions (n, 3) in m to positions (n, 3) in m."""
 
+# Largest cosine between two directions that are meant to be perpendicular.
+SQUARE = 1e-6
+
 
 def bend(angle: float, length: float, *, neutral: float = 0.0) -> Deformer:
     """Bend a body along z to constant curvature, in the x-z plane towards +x.
@@ -20,7 +24,8 @@ def bend(angle: float, length: float, *, neutral: float = 0.0) -> Deformer:
     The end z = 0 stays fixed; every cross-section z = const is turned rigidly by
     angle · z/length about +y, so that the tip's normal turns from +z towards +x by `angle`. The
     neutral line x = neutral keeps its length: material at smaller x
-    is stretched, at larger x shortened, by (neutral − x) · angle/length.
+    is stretched, at larger x shortened, by (neutral − x) · angle/length. Material beyond the ends
+    z = 0 and z = length goes on straight.
 
     Args:
         angle: Angle between the two end sections in rad; negative bends towards −x.
@@ -28,19 +33,98 @@ def bend(angle: float, length: float, *, neutral: float = 0.0) -> Deformer:
         neutral: Position x of the neutral line in m. On a tube of radius R, 0 is the centre
             line, R the inner side of the bend.
     """
-    require_positive(length=length)
     _require_finite(angle=angle, neutral=neutral)
+    return curl(angle, length, origin=(neutral, 0, 0), along=(0, 0, 1), toward=(1, 0, 0))
+
+
+def curl(
+    angle: float,
+    length: float,
+    *,
+    origin: npt.ArrayLike,
+    along: npt.ArrayLike,
+    toward: npt.ArrayLike,
+) -> Deformer:
+    """Bend a body to constant curvature, from a place on, in any direction.
+
+    What lies before the origin stays; behind it every cross-section across `along` is turned
+    rigidly, by up to `angle` at the distance `length`; what lies beyond goes on straight. The
+    line through the origin keeps its length, and so does the plane through it across `toward`.
+
+    Args:
+        angle: Between the directions before and after in rad; negative bends the other way.
+        length: Length in m over which the curvature is spread.
+        origin: Point in m on the neutral line where the bend begins, (3,).
+        along: Direction of the body, (3,), of any length.
+        toward: Direction it bends to, (3,), across `along`, of any length.
+
+    Raises:
+        ParameterError: A number is not finite, the length not positive, or the directions are
+            not perpendicular.
+    """
+    require_positive(length=length)
+    _require_finite(angle=angle)
+    start = _vector("origin", origin)
+    out, side = (_unit(name, of) for name, of in (("along", along), ("toward", toward)))
+    if abs(out @ side) > SQUARE:
+        raise ParameterError(
+            f"toward = {toward!r} must be perpendicular to along = {along!r}: the cosine of their "
+            f"angle is {out @ side:.3g}, its bound {SQUARE:g}."
+        )
 
     def deform(points: Floats) -> Floats:
-        x, y, z = np.asarray(points, dtype=np.float64).T
-        turn = angle * z / length
+        away = np.asarray(points, dtype=np.float64) - start
+        far, high = away @ out, away @ side
+        bent = np.clip(far, 0, length)
+        turn = angle * bent / length
         # Written without the centre of curvature, so that angle = 0 is no special case:
-        # sin(t)/κ = z sinc, (1 − cos t)/κ = z tan(t/2) sinc.
+        # sin(t)/κ = s sinc, (1 − cos t)/κ = s tan(t/2) sinc.
         sinc = np.sinc(turn / np.pi)
         half = np.sinc(turn / (2 * np.pi))
-        across = neutral + (x - neutral) * np.cos(turn) + z * turn / 2 * half**2
-        along = z * sinc - (x - neutral) * np.sin(turn)
-        return np.stack([across, y, along], axis=1)
+        c, s = np.cos(turn), np.sin(turn)
+        new_high = bent * turn / 2 * half**2 + high * c + (far - bent) * s
+        new_far = bent * sinc - high * s + (far - bent) * c
+        return (
+            start
+            + away
+            + np.multiply.outer(new_far - far, out)
+            + np.multiply.outer(new_high - high, side)
+        )
+
+    return deform
+
+
+def stand(angle: float, length: float, *, directions: npt.ArrayLike, root: float) -> Deformer:
+    """Turn all arms of a flat star down: a walker that stands up (paper Figs. 9, 10).
+
+    The body stays. From the distance `root` from the centre on, each arm bends towards −z about
+    the horizontal axis across it, to constant curvature over `length`; the rest of it goes on
+    straight. The plane z = 0 keeps its lengths.
+
+    Args:
+        angle: By which each arm turns down in rad; negative turns it up.
+        length: Length in m over which the curvature is spread.
+        directions: Of the arms, (k, 2), of any length, as `Star.directions`.
+        root: Distance along each arm from the z axis, in m, at which the bend begins. The arms
+            must be apart there, as they are at `Star.root`: a point belongs to the arm whose
+            direction is nearest.
+
+    Raises:
+        ParameterError: A number is out of bounds, or the directions are not (k, 2).
+    """
+    require_positive(root=root)
+    arms = np.array(directions, dtype=np.float64)
+    if arms.ndim != 2 or arms.shape[1] != 2 or len(arms) == 0:
+        raise ParameterError(f"directions has shape {arms.shape}; it must be (k, 2), k ≥ 1.")
+    arms = np.stack([_unit("directions", (x, y, 0)) for x, y in arms])
+    bends = [curl(angle, length, origin=root * arm, along=arm, toward=(0, 0, -1)) for arm in arms]
+
+    def deform(points: Floats) -> Floats:
+        found = np.array(points, dtype=np.float64)
+        nearest = np.argmax(found @ arms.T, axis=1)
+        for k, bent in enumerate(bends):
+            found[nearest == k] = bent(found[nearest == k])
+        return found
 
     return deform
 
@@ -73,8 +157,8 @@ def contract(axial: float, radial: float = 1.0) -> Deformer:
 def compose(*deformers: Deformer) -> Deformer:
     """Apply deformers one after the other, the first one first.
 
-    `bend` takes the body as lying along z, so it comes last: compose(contract(0.9), twist(1.0,
-    0.15), bend(3.1, 0.135)).
+    A deformer takes the body as lying where it lay, so a bend comes last: compose(contract(0.9),
+    twist(1.0, 0.15), bend(3.1, 0.135)).
     """
 
     def deform(points: Floats) -> Floats:
@@ -89,3 +173,18 @@ def _require_finite(**values: float) -> None:
     for name, value in values.items():
         if not np.isfinite(value):
             raise ParameterError(f"{name} = {value} must be a finite number.")
+
+
+def _vector(name: str, value: npt.ArrayLike) -> Floats:
+    found = np.array(value, dtype=np.float64)
+    if found.shape != (3,) or not np.all(np.isfinite(found)):
+        raise ParameterError(f"{name} = {value!r} must be three finite numbers.")
+    return found
+
+
+def _unit(name: str, value: npt.ArrayLike) -> Floats:
+    found = _vector(name, value)
+    length = np.linalg.norm(found)
+    if length == 0:
+        raise ParameterError(f"{name} = {value!r} has no direction; give one that is not zero.")
+    return found / length

@@ -37,6 +37,10 @@ class OpenSkinError(PatternError):
     """Pressure is asked to act on a skin with free edges: it encloses no volume."""
 
 
+class OutlineError(TorosError, ValueError):
+    """An outline is no simple closed curve, or does not fit its radii, lines or planes."""
+
+
 class TargetError(TorosError, ValueError):
     """A target shape does not fit the skin, or is not finite."""
 

@@ -1,0 +1,86 @@
+"""A target shape that the user has deformed in a program of their own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import meshio
+import numpy as np
+from mpi4py import MPI
+from toros_fem.meshes.pattern import Floats, Ints, Pattern
+
+from toros_fem._mpi import on_first_rank
+from toros_fem.errors import TargetError
+
+
+def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
+    """Target positions from a deformed copy of the assembled skin (collective).
+
+    `meshio.write_points_cells(path, pattern.points, [("triangle", pattern.triangles)])` writes what
+    is to be deformed. Vertices are matched by their order, so the program must keep it: OBJ, PLY
+    and VTU files do, STL files hold none.
+
+    Args:
+        comm: Communicator.
+        path: A file that meshio reads, in m.
+        pattern: The pattern; the mesh must have its vertices and triangles, in whatever order the
+            triangles are.
+
+    Returns:
+        Position of each assembled vertex, (n, 3), in m.
+
+    Raises:
+        TargetError: The file cannot be read, holds a position that is not finite, or another mesh
+            than the pattern's.
+    """
+    return on_first_rank(comm, lambda: _read(Path(path), pattern))
+
+
+def _read(path: Path, pattern: Pattern) -> Floats:
+    if not path.is_file():
+        raise TargetError(f"there is no file {path}.")
+    try:
+        mesh = meshio.read(path)
+    except (Exception, SystemExit) as error:  # meshio exits where it knows no reader
+        raise TargetError(
+            f"{path} cannot be read as a mesh ({error}). Save it as OBJ, PLY or VTU."
+        ) from error
+    points = np.asarray(mesh.points, dtype=np.float64)
+    if points.shape != pattern.points.shape:
+        raise TargetError(
+            f"{path} has {len(points)} vertices in {points.shape[1]} dimensions; the skin has "
+            f"{len(pattern.points)} in 3. Deform the skin itself, and keep the order of its "
+            "vertices."
+        )
+    wrong = ~np.isfinite(points).all(axis=1)
+    if wrong.any():
+        vertex = int(np.flatnonzero(wrong)[0])
+        raise TargetError(
+            f"vertex {vertex} of {path} lies at {points[vertex]}, which is not finite."
+        )
+    blocks = [block.data for block in mesh.cells if block.type == "triangle"]
+    theirs = np.concatenate(blocks) if blocks else np.zeros((0, 3), dtype=np.int64)
+    if len(theirs) != len(pattern.panel):
+        raise TargetError(
+            f"{path} has {len(theirs)} triangles; the skin has {len(pattern.panel)}. Deform the "
+            "skin itself, and do not remesh it."
+        )
+    ours = _turned(pattern.triangles)
+    both = np.concatenate([ours, _turned(theirs)])
+    number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
+    missing = np.flatnonzero(~np.isin(number[: len(ours)], number[len(ours) :]))
+    if len(missing):
+        cell = int(missing[0])
+        raise TargetError(
+            f"triangle {cell} of the skin, between the vertices {pattern.triangles[cell]}, is not "
+            f"in {path}: its vertices are in another order, or it is turned inside out. Export it "
+            "so that the order is kept."
+        )
+    return points
+
+
+def _turned(triangles: Ints) -> Ints:
+    """The same triangles, each beginning with its lowest corner."""
+    first = np.argmin(triangles, axis=1)[:, None]
+    turned = np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)
+    return np.asarray(turned, dtype=np.int64)

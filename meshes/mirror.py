@@ -1,0 +1,143 @@
+"""A part of a skin that is cut at symmetry planes, completed to the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from toros_fem.meshes.pattern import Floats, Ints, Pattern, edge_keys
+
+from toros_fem.errors import ParameterError
+
+# How far from its plane a cut may lie, over the size of the skin.
+FLAT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Mirrored:
+    """A completed skin and where its parts come from.
+
+    Attributes:
+        pattern: The whole. A panel that is cut goes on across the cut, without a seam.
+        vertex: Vertex of the part that each assembled vertex is an image of, shape (n,).
+        cell: Triangle of the part that each triangle is an image of, shape (t,).
+        signs: What the coordinates of an image are multiplied by, ±1, shape (n, 3).
+    """
+
+    pattern: Pattern
+    vertex: Ints
+    cell: Ints
+    signs: Floats
+
+    def at_vertices(self, positions: Floats) -> Floats:
+        """Positions of the part's vertices, (m, 3), as those of the whole, (n, 3), in m."""
+        return np.asarray(self.signs * positions[self.vertex])
+
+    def at_cells(self, values: Floats) -> Floats:
+        """Values at the part's triangles, such as densities, as values at those of the whole."""
+        return np.asarray(values[self.cell])
+
+
+def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
+    """Complete a skin by its mirror images in coordinate planes through the origin.
+
+    Args:
+        pattern: The part; its free edges in a plane are a cut, where it meets its image.
+        axes: Normals of the planes it is mirrored in, one after the other: 0 for x = 0, …
+
+    Raises:
+        ParameterError: No free edge lies in a plane.
+        PatternError: The part reaches across a plane, so that part and image do not make a skin.
+    """
+    found = Mirrored(
+        pattern,
+        np.arange(len(pattern.points)),
+        np.arange(len(pattern.panel)),
+        np.ones_like(pattern.points),
+    )
+    for axis in axes:
+        found = _doubled(found, axis)
+    return found
+
+
+def _doubled(part: Mirrored, axis: int) -> Mirrored:
+    pattern = part.pattern
+    if axis not in (0, 1, 2):
+        raise ParameterError(f"axes holds {axis!r}; it may hold 0, 1 and 2, for x, y and z.")
+    flat_cut = _flat_cut(pattern, axis)
+    if len(flat_cut) == 0:
+        raise ParameterError(
+            f"no free edge lies in the plane {'xyz'[axis]} = 0: cut the skin there, and put the "
+            "plane through the origin."
+        )
+    flip = np.where(np.arange(3) == axis, -1.0, 1.0)
+    count = len(pattern.points)
+    shared = np.zeros(count, dtype=bool)
+    shared[pattern.sewn[flat_cut]] = True
+    image = np.where(shared, np.arange(count), count + np.cumsum(~shared) - 1)
+    flat, kept, panel, names = _flat_images(pattern, flat_cut, "xyz"[axis])
+    size = len(pattern.flat_points)
+    flat_image = np.where(kept, np.arange(size), size + np.cumsum(~kept) - 1)
+    return Mirrored(
+        pattern=Pattern(
+            flat_points=np.concatenate([pattern.flat_points, flat[~kept]]),
+            flat_triangles=np.concatenate(
+                [pattern.flat_triangles, flat_image[pattern.flat_triangles[:, ::-1]]]
+            ),
+            panel=np.concatenate([pattern.panel, panel]),
+            sewn=np.concatenate([pattern.sewn, image[pattern.sewn[~kept]]]),
+            points=np.concatenate([pattern.points, flip * pattern.points[~shared]]),
+            panel_names=names,
+            seam_tolerance=pattern.seam_tolerance,
+        ),
+        vertex=np.concatenate([part.vertex, part.vertex[~shared]]),
+        cell=np.concatenate([part.cell, part.cell]),
+        signs=np.concatenate([part.signs, flip * part.signs[~shared]]),
+    )
+
+
+def _flat_cut(pattern: Pattern, axis: int) -> Ints:
+    """Flat edges (k, 2) that lie in the plane and have no neighbour."""
+    triangles = pattern.flat_triangles
+    edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    count = len(pattern.points)
+    free = np.isin(edge_keys(pattern.sewn[edges], count), edge_keys(pattern.free_edges, count))
+    near = np.abs(pattern.points[:, axis]) <= FLAT * pattern.size
+    return edges[free & near[pattern.sewn[edges]].all(axis=1)]
+
+
+def _flat_images(
+    pattern: Pattern, cut: Ints, plane: str
+) -> tuple[Floats, npt.NDArray[np.bool_], Ints, tuple[str, ...]]:
+    """Mirror each panel in the line of its first cut edge, to go on there.
+
+    A cut elsewhere, as on a tube's wall, becomes a seam; a panel that is not cut gets an image of
+    its own.
+
+    Returns:
+        Flat points mirrored, which of them are their own image, the panel of each mirrored
+        triangle, and the panels' names.
+    """
+    flat, names = pattern.flat_points.copy(), list(pattern.panel_names)
+    panel = pattern.panel.copy()
+    kept = np.zeros(len(flat), dtype=bool)
+    of_point = np.zeros(len(flat), dtype=np.int64)
+    of_point[pattern.flat_triangles] = pattern.panel[:, None]
+    for number, name in enumerate(pattern.panel_names):
+        points = np.flatnonzero(of_point == number)
+        here = cut[of_point[cut[:, 0]] == number]
+        if len(here) == 0:
+            flat[points] *= [-1, 1]
+            panel[pattern.panel == number] = len(names)
+            names.append(f"{name}, mirrored in {plane} = 0")
+            continue
+        begin, end = pattern.flat_points[here[0]]
+        normal = np.array([begin[1] - end[1], end[0] - begin[0]]) / np.hypot(*(end - begin))
+        away = (pattern.flat_points[points] - begin) @ normal
+        flat[points] -= 2 * away[:, None] * normal
+        border = np.unique(here)
+        off = np.abs((pattern.flat_points[border] - begin) @ normal)
+        kept[border[off <= FLAT * pattern.size]] = True
+    return flat, kept, panel, tuple(names)

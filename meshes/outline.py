@@ -1,0 +1,101 @@
+"""Skins of two equal flat panels, sewn along their outline."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import spsolve
+from toros_fem.meshes.pattern import Floats, Ints, Pattern
+from toros_fem.meshes.planar import Line, region_mesh
+
+from toros_fem._mpi import on_first_rank
+from toros_fem.parameters import require_positive
+
+TOP, BOTTOM = "top", "bottom"
+# The mean strain of the assembled panels is half its square: 2e-4.
+SLOPE = 0.02
+
+
+def two_panels(
+    comm: MPI.Comm,
+    outline: npt.ArrayLike,
+    edge_length: float,
+    *,
+    lines: Sequence[Line] = (),
+    planes: Sequence[int] = (),
+    slope: float = SLOPE,
+) -> Pattern:
+    """Two equal panels, "top" and "bottom", sewn along an outline; the same on all ranks.
+
+    Both have the same mesh, so that they fit vertex by vertex. The assembled skin lies in the
+    plane z = 0 up to a slight pillow, top at z > 0, which tells a simulation the sides; the rest
+    shape is flat. The first two coordinates of `Pattern.points` are the place in the outline, on
+    either panel; the flat coordinates of the bottom are mirrored, (x, −y).
+
+    Args:
+        comm: Communicator; gmsh runs on its first rank only.
+        outline: Points (k, 2) in m of the whole closed outline: corners, or an arc as points. Where
+            it turns by more than 20° is a corner; between corners it is divided evenly.
+        edge_length: Wanted edge length in m.
+        lines: Straight lines from border to border that are to consist of mesh edges on both
+            panels: ((x, y), (x, y)) in m, each of the whole outline.
+        planes: Symmetry planes that cut the skin: 0 keeps x ≥ 0, 1 keeps y ≥ 0. The cut is not
+            sewn: `supports.symmetry_plane` holds it, `mirror.mirrored` completes the skin.
+        slope: Root mean square slope of the pillow.
+
+    Raises:
+        OutlineError: The outline crosses itself, is not symmetric, or does not fit its lines or
+            the edge length.
+        ParameterError: The slope is not in (0, 0.5].
+    """
+    require_positive(slope=slope, at_most=0.5)
+
+    def build() -> Pattern:
+        flat, triangles, seam = region_mesh(outline, edge_length, lines, planes)
+        count = len(flat)
+        height = _pillow(flat, triangles, seam, slope)
+        below = np.where(seam, np.arange(count), count + np.cumsum(~seam) - 1)
+        return Pattern(
+            flat_points=np.concatenate([flat, flat * [1, -1]]),
+            flat_triangles=np.concatenate([triangles, count + triangles[:, ::-1]]),
+            panel=np.repeat([0, 1], len(triangles)),
+            sewn=np.concatenate([np.arange(count), below]),
+            points=np.concatenate(
+                [np.column_stack([flat, height]), np.column_stack([flat, -height])[~seam]]
+            ),
+            panel_names=(TOP, BOTTOM),
+        )
+
+    return on_first_rank(comm, build)
+
+
+def plane_centroids(pattern: Pattern) -> Floats:
+    """Where each triangle lies in the outline, (t, 2), in m: the same on top and bottom.
+
+    `Pattern.centroids` are in each panel's own coordinates, the bottom's mirrored.
+    """
+    return pattern.points[pattern.triangles, :2].mean(axis=1)
+
+
+def _pillow(flat: Floats, triangles: Ints, seam: npt.NDArray[np.bool_], slope: float) -> Floats:
+    """Heights (m,) of a membrane under pressure, −Δu = 1, held on the seam and free at cuts."""
+    count = len(flat)
+    a, b, c = np.moveaxis(flat[triangles], 1, 0)
+    opposite = np.stack([c - b, a - c, b - a], axis=1)
+    area = (opposite[:, 0, 0] * opposite[:, 1, 1] - opposite[:, 0, 1] * opposite[:, 1, 0]) / 2
+    gradients = opposite[:, :, ::-1] * [-1, 1] / (2 * area)[:, None, None]
+    local = np.einsum("tid,tjd,t->tij", gradients, gradients, area)
+    rows, columns = np.repeat(triangles, 3, axis=1), np.tile(triangles, (1, 3))
+    stiffness = coo_array(
+        (local.ravel(), (rows.ravel(), columns.ravel())), shape=(count, count)
+    ).tocsc()
+    load = np.bincount(triangles.ravel(), np.repeat(area / 3, 3), minlength=count)
+    inner = np.flatnonzero(~seam)
+    height = np.zeros(count)
+    height[inner] = spsolve(stiffness[inner][:, inner], load[inner])
+    # ∫ |∇u|² = ∫ u, which hardly depends on the mesh; the steepest slope does, at inner corners.
+    return np.asarray(slope * height / np.sqrt(load @ height / area.sum()))

@@ -1,0 +1,322 @@
+"""Regions of the plane: rounded corners, cuts at symmetry planes, meshes with lines in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from scipy.spatial import cKDTree
+from shapely.geometry import LineString, Polygon, box
+from toros_fem.meshes.gmsh_panels import polygon_meshes
+from toros_fem.meshes.pattern import Floats, Ints, edge_keys
+
+from toros_fem.errors import OutlineError
+from toros_fem.parameters import require_between
+
+Bools = npt.NDArray[np.bool_]
+Line = tuple[tuple[float, float], tuple[float, float]]
+
+# Lengths below this share of the outline's size count as none.
+TINY = 1e-9
+# A point where the outline turns by more is a corner; the others lie on a curve. In rad.
+CORNER = np.radians(20.0)
+# Angle in rad between neighbouring points of an arc.
+ARC_STEP = np.radians(5.0)
+
+
+def arc(centre: npt.ArrayLike, radius: float, begin: float, end: float) -> Floats:
+    """Points on an arc, (k, 2), in m, from one angle in rad to another, both ends included."""
+    steps = max(1, int(np.ceil(abs(end - begin) / ARC_STEP)))
+    angle = np.linspace(begin, end, steps + 1)
+    return np.asarray(centre) + radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def rounded(corners: npt.ArrayLike, radius: float | Sequence[float]) -> Floats:
+    """A polygon with its corners rounded by arcs that touch both sides.
+
+    Args:
+        corners: Corners (k, 2) in m, in either sense of rotation, convex or not.
+        radius: Of all arcs or one for each corner, in m; 0 leaves a corner as it is.
+
+    Returns:
+        Points (m, 2) in m, those on arcs at most 5° apart.
+
+    Raises:
+        OutlineError: A radius is too large for the sides at its corner, or none is given for it.
+        ParameterError: A radius is negative or not finite.
+    """
+    points = _checked(corners)
+    radii = np.array(np.broadcast_to(radius, len(points)) if np.ndim(radius) == 0 else radius)
+    if radii.shape != (len(points),):
+        raise OutlineError(f"{len(radii)} radii for {len(points)} corners; give one for each.")
+    for k, value in enumerate(radii):
+        require_between(0.0, np.inf, **{f"radius[{k}]": value})
+    after = np.roll(points, -1, axis=0) - points
+    side = np.linalg.norm(after, axis=1)
+    out = after / side[:, None]
+    into = np.roll(out, 1, axis=0)
+    turn = np.arctan2(into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0], (into * out).sum(axis=1))
+    cut = radii * np.tan(np.abs(turn) / 2)  # what an arc takes from each side
+    room = side - cut - np.roll(cut, -1)
+    if np.any(room < -TINY * side):
+        k = int(np.argmin(room / side))
+        other = (k + 1) % len(points)
+        share = side[k] / (cut[k] + cut[other])
+        raise OutlineError(
+            f"the arcs of radius {radii[k]:.6g} and {radii[other]:.6g} m at corners {k} and "
+            f"{other} take {cut[k] + cut[other]:.6g} m of a side of {side[k]:.6g} m. Radii at "
+            f"most {share:.3g} times as large fit."
+        )
+    parts = []
+    for k, point in enumerate(points):
+        if cut[k] == 0:
+            parts.append(point[None])
+            continue
+        sense = np.sign(turn[k])
+        left = sense * np.array([-into[k, 1], into[k, 0]])
+        begin = point - cut[k] * into[k]
+        angle = np.arctan2(-left[1], -left[0])
+        parts.append(arc(begin + radii[k] * left, radii[k], angle, angle + turn[k]))
+    return np.concatenate(parts)
+
+
+def region_mesh(
+    outline: npt.ArrayLike, edge_length: float, lines: Sequence[Line], planes: Sequence[int]
+) -> tuple[Floats, Ints, Bools]:
+    """Mesh the inside of an outline, or the part of it at positive coordinates.
+
+    To be called on one rank: gmsh is serial. Between corners, ends of lines and cuts the border
+    is divided evenly; a curve becomes the polygon through its divisions.
+
+    Args:
+        outline: Points (k, 2) of the whole closed outline in m, in either sense of rotation. A
+            point where it turns by more than 20° is a corner, the others lie on a curve.
+        edge_length: Wanted edge length in m.
+        lines: Straight lines across the outline that are to consist of mesh edges, in m.
+        planes: 0 to keep x ≥ 0 only, 1 for y ≥ 0.
+
+    Returns:
+        Points (m, 2) in m, counter-clockwise triangles (t, 3), and whether each point lies on the
+        outline, (m,): the others on the border are on a cut. On a cut the coordinate is 0.
+
+    Raises:
+        OutlineError: The outline crosses itself, is not symmetric, or does not fit its lines or
+            the edge length.
+    """
+    whole = _polygon(_checked(outline))
+    size = float(np.hypot(*np.ptp(whole.exterior.coords, axis=0)))
+    bound = 2 * whole.area / whole.length
+    if not 0 < edge_length <= bound:
+        raise OutlineError(
+            f"edge_length = {edge_length} m must be greater than 0 and at most {bound:.4g} m, "
+            "twice the area over the border's length: the outline is no wider."
+        )
+    cuts = [_line_across(whole, k, line, size) for k, line in enumerate(lines)]
+    faces = _faces(_part(whole, planes, size), cuts, planes, size)
+    for face in faces:
+        if face.area < edge_length**2 / 4:
+            middle = face.centroid
+            raise OutlineError(
+                f"the lines leave a piece of {face.area:.3g} m² at ({middle.x:.4g}, "
+                f"{middle.y:.4g}) m; the least for this edge length is {edge_length**2 / 4:.3g} "
+                "m². Move the lines, or shorten the edges."
+            )
+    stops = _stops(faces, size)
+    polygons = [_divided(face, stops, edge_length) for face in faces]
+    for polygon in polygons:
+        if not Polygon(polygon).is_valid:
+            raise OutlineError(
+                f"edge_length = {edge_length} m is too long for the outline: divided so, its "
+                "border crosses itself. Shorten the edges."
+            )
+    pieces = polygon_meshes([(polygon, [1] * len(polygon)) for polygon in polygons], edge_length)
+    flat, triangles = _glued(pieces, 1e-3 * edge_length)
+    for axis in planes:
+        flat[np.abs(flat[:, axis]) < TINY * size, axis] = 0.0
+    sewn = _on_outline(flat, triangles, planes)
+    return _without_bridges(flat, triangles, sewn, planes)
+
+
+def _checked(points: npt.ArrayLike) -> Floats:
+    found = np.array(points, dtype=np.float64)
+    if found.ndim != 2 or found.shape[1] != 2 or not np.all(np.isfinite(found)):
+        raise OutlineError(f"the outline has shape {found.shape}; it must be finite, (k, 2).")
+    gap = np.linalg.norm(found - np.roll(found, 1, axis=0), axis=1)
+    found = found[gap > TINY * np.hypot(*np.ptp(found, axis=0))]
+    if len(found) < 3:
+        raise OutlineError(f"the outline has {len(found)} different points; it needs 3.")
+    return found
+
+
+def _polygon(points: Floats) -> Polygon:
+    polygon = Polygon(points)
+    if not polygon.is_valid:
+        why = shapely.is_valid_reason(polygon)
+        raise OutlineError(f"the outline is no simple closed curve: {why}. Mend it there.")
+    return shapely.geometry.polygon.orient(polygon)
+
+
+def _part(whole: Polygon, planes: Sequence[int], size: float) -> Polygon:
+    """What lies at positive coordinates."""
+    part = whole
+    for axis in planes:
+        if axis not in (0, 1):
+            raise OutlineError(f"planes holds {axis!r}; it may hold 0 for x = 0 and 1 for y = 0.")
+        image = shapely.transform(whole, lambda p, a=axis: p * np.where(np.arange(2) == a, -1, 1))
+        apart = whole.symmetric_difference(image).area / whole.area
+        if apart > 1e-6:
+            raise OutlineError(
+                f"the outline and its mirror image in {'xy'[axis]} = 0 differ by {apart:.2g} of "
+                "its area; a part of it stands for the whole only where they are equal. Centre "
+                "the outline, or leave the plane out."
+            )
+        low = np.where(np.arange(2) == axis, 0.0, -2.0) * size + _origin(whole, axis)
+        high = _origin(whole, axis) + 2 * size
+        part = _snapped(part.intersection(box(*low, *high)), [axis], size)
+    if part.geom_type != "Polygon":
+        raise OutlineError("the symmetry planes cut the outline into pieces; leave one out.")
+    return shapely.geometry.polygon.orient(part)
+
+
+def _origin(whole: Polygon, axis: int) -> Floats:
+    """The outline's middle, on the plane through the origin along the axis."""
+    middle = np.array([whole.centroid.x, whole.centroid.y])
+    middle[axis] = 0.0
+    return middle
+
+
+def _snapped(shape: shapely.Geometry, planes: Sequence[int], size: float) -> shapely.Geometry:
+    def snap(points: Floats) -> Floats:
+        for axis in planes:
+            points[np.abs(points[:, axis]) < TINY * size, axis] = 0.0
+        return points
+
+    return shapely.transform(shape, lambda p: snap(p.copy()))
+
+
+def _line_across(whole: Polygon, number: int, line: Line, size: float) -> LineString:
+    """A line that reaches a little over the outline, so that rounding cannot end it before."""
+    ends = np.array(line, dtype=np.float64)
+    if ends.shape != (2, 2) or not np.all(np.isfinite(ends)):
+        raise OutlineError(f"line {number} = {line!r} must be two points ((x, y), (x, y)) in m.")
+    along = ends[1] - ends[0]
+    along *= 1e-6 * size / max(float(np.hypot(*along)), 1e-6 * size)
+    found = LineString([ends[0] - along, ends[1] + along])
+    inside = [end for end in found.coords if whole.contains(shapely.Point(end))]
+    if inside or not found.intersects(whole):
+        what = f"ends inside the outline at {inside[0]}" if inside else "misses the outline"
+        raise OutlineError(f"line {number} {what}; it must lead across, from border to border.")
+    return found
+
+
+def _faces(
+    part: Polygon, cuts: Sequence[LineString], planes: Sequence[int], size: float
+) -> list[Polygon]:
+    """The pieces that lines cut a region into."""
+    if not cuts:
+        return [part]
+    work = shapely.union_all([part.exterior, *(_snapped(cut, planes, size) for cut in cuts)])
+    found = shapely.get_parts(shapely.polygonize(shapely.get_parts(work)))
+    inside = [face for face in found if part.contains(face.representative_point())]
+    return sorted(
+        (shapely.geometry.polygon.orient(face) for face in inside),
+        key=lambda face: (round(face.centroid.x / size, 6), round(face.centroid.y / size, 6)),
+    )
+
+
+def _ring(face: Polygon) -> Floats:
+    return np.asarray(face.exterior.coords)[:-1]
+
+
+def _stops(faces: Sequence[Polygon], size: float) -> cKDTree:
+    """Where divisions must end: corners, and points where a line ends or crosses another."""
+    corners = []
+    for face in faces:
+        points = _checked(_ring(face))
+        into, out = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
+        turn = np.arctan2(into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0], (into * out).sum(axis=1))
+        corners.append(points[np.abs(turn) > CORNER])
+    found = np.concatenate(corners)
+    return cKDTree(found if len(found) else _ring(faces[0])[:1])
+
+
+def _divided(face: Polygon, stops: cKDTree, edge_length: float) -> Floats:
+    """Border of a face, divided evenly between the stops."""
+    points = _checked(_ring(face))
+    size = np.hypot(*np.ptp(points, axis=0))
+    first = np.flatnonzero(stops.query(points)[0] < 10 * TINY * size)
+    if len(first) == 0:
+        first = np.array([0])
+    points = np.roll(points, -first[0], axis=0)
+    place = np.append(first - first[0], len(points))
+    closed = np.concatenate([points, points[:1]])
+    least = 1 if len(first) > 2 else 2 if len(first) == 2 else 4
+    parts = []
+    for begin, end in pairwise(place):
+        piece = closed[begin : end + 1]
+        reach = np.append(0.0, np.cumsum(np.hypot(*np.diff(piece, axis=0).T)))
+        count = max(least, round(reach[-1] / edge_length))
+        at = np.linspace(0, reach[-1], count + 1)[:-1]
+        parts.append(np.column_stack([np.interp(at, reach, x) for x in piece.T]))
+    return np.concatenate(parts)
+
+
+def _glued(pieces: Sequence[tuple[Floats, Ints]], tolerance: float) -> tuple[Floats, Ints]:
+    """One mesh from pieces whose border points coincide."""
+    offsets = np.cumsum([0] + [len(flat) for flat, _ in pieces])[:-1]
+    points = np.concatenate([flat for flat, _ in pieces])
+    triangles = np.concatenate([off + tri for off, (_, tri) in zip(offsets, pieces, strict=True)])
+    first = np.arange(len(points))
+    for one, two in sorted(cKDTree(points).query_pairs(tolerance)):
+        first[two] = min(first[two], first[one])
+    kept, number = np.unique(first, return_inverse=True)
+    return points[kept], number[triangles]
+
+
+def _on_outline(flat: Floats, triangles: Ints, planes: Sequence[int]) -> Bools:
+    """Ends of those border edges that lie in no plane."""
+    edges, inner = _edges(flat, triangles)
+    found = np.zeros(len(flat), dtype=bool)
+    found[edges[~inner & ~_cut(flat, edges, planes)].ravel()] = True
+    return found
+
+
+def _edges(flat: Floats, triangles: Ints) -> tuple[Ints, Bools]:
+    """Edges (e, 2), in the order of the triangles, and which have two of them."""
+    edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    _, first, count = np.unique(edge_keys(edges, len(flat)), return_index=True, return_counts=True)
+    order = np.argsort(first)
+    return edges[first[order]], count[order] == 2
+
+
+def _cut(flat: Floats, edges: Ints, planes: Sequence[int]) -> Bools:
+    """Which edges lie in a plane."""
+    found = np.zeros(len(edges), dtype=bool)
+    for axis in planes:
+        found |= (flat[edges, axis] == 0).all(axis=1)
+    return found
+
+
+def _without_bridges(
+    flat: Floats, triangles: Ints, sewn: Bools, planes: Sequence[int]
+) -> tuple[Floats, Ints, Bools]:
+    """Halve every edge that leads through the inside, or along a cut, from outline to outline.
+
+    Two panels would both have it between the same sewn vertices: inside, four triangles would
+    meet there; at a cut, it would be closed.
+    """
+    while True:
+        edges, inner = _edges(flat, triangles)
+        bridges = edges[(inner | _cut(flat, edges, planes)) & sewn[edges].all(axis=1)]
+        if len(bridges) == 0:
+            return flat, triangles, sewn
+        ends = bridges[0]
+        middle = len(flat)
+        flat = np.concatenate([flat, flat[ends].mean(axis=0)[None]])
+        sewn = np.append(sewn, False)
+        beside = np.flatnonzero(np.isin(triangles, ends).sum(axis=1) == 2)
+        halves = [np.where(triangles[beside] == end, middle, triangles[beside]) for end in ends]
+        triangles = np.concatenate([np.delete(triangles, beside, axis=0), *halves])

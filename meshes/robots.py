@@ -1,0 +1,199 @@
+"""Flat robots of two panels: a walker, a finger, a gripper.
+
+The paper shows the walker (Figs. 9, 10) and the gripper (Fig. 1) and gives no sizes: all here are
+ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from toros_fem.meshes.outline import two_panels
+from toros_fem.meshes.pattern import Floats, Pattern
+from toros_fem.meshes.planar import Line, arc, rounded
+
+from toros_fem.errors import OutlineError
+from toros_fem.parameters import require_count, require_positive
+
+
+@dataclass(frozen=True)
+class Star:
+    """A round body with equal arms that end in half circles.
+
+    Attributes:
+        arms: How many, at least 2.
+        arm_length: From the body's circle to the tip, in m.
+        arm_width: In m.
+        body_radius: In m.
+        corner_radius: Of the fillets between arm and body, or between two arms, in m.
+        angle: Of the first arm from the x axis, in rad.
+
+    Raises:
+        OutlineError: The arms are wider than the body, or shorter than the fillets.
+        ParameterError: A number is out of bounds.
+    """
+
+    arms: int
+    arm_length: float
+    arm_width: float
+    body_radius: float
+    corner_radius: float
+    angle: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_count(2, arms=self.arms)
+        require_positive(
+            arm_length=self.arm_length,
+            arm_width=self.arm_width,
+            body_radius=self.body_radius,
+            corner_radius=self.corner_radius,
+        )
+        if self.arm_width > 2 * self.body_radius:
+            raise OutlineError(
+                f"arm_width = {self.arm_width} m must be at most the body's diameter of "
+                f"{2 * self.body_radius:.6g} m."
+            )
+        room = self.reach - self.arm_width / 2 - self.root
+        if room <= 0:
+            raise OutlineError(
+                f"arm_length = {self.arm_length} m must exceed {self.arm_length - room:.6g} m, "
+                "where the fillet ends and the round tip begins. Lengthen the arms, or lower "
+                "corner_radius or arm_width."
+            )
+
+    @property
+    def reach(self) -> float:
+        """Distance of the tips from the centre in m."""
+        return self.body_radius + self.arm_length
+
+    @property
+    def root(self) -> float:
+        """Distance from the centre, in m, from which on the arms have their width."""
+        return float(self._fillet[0])
+
+    @property
+    def directions(self) -> Floats:
+        """Unit vectors along the arms, (arms, 2), counter-clockwise."""
+        angle = self.angle + 2 * np.pi * np.arange(self.arms) / self.arms
+        return np.column_stack([np.cos(angle), np.sin(angle)])
+
+    @property
+    def roots(self) -> tuple[Line, ...]:
+        """Lines across the arms at their roots, in m."""
+        aside = self.directions[:, ::-1] * [-1, 1] * (self.arm_width / 2)
+        middle = self.root * self.directions
+        begin, end = middle - aside, middle + aside
+        return tuple(
+            ((float(a[0]), float(a[1])), (float(b[0]), float(b[1])))
+            for a, b in zip(begin, end, strict=True)
+        )
+
+    @property
+    def outline(self) -> Floats:
+        """Points of the outline, (k, 2), in m, counter-clockwise."""
+        half, step = self.arm_width / 2, np.pi / self.arms
+        centre = self._fillet
+        tip = arc([self.reach - half, 0], half, 0, np.pi / 2)
+        # The body's circle and the fillet touch on the line between their centres.
+        touch = np.arctan2(centre[1], centre[0])
+        end = min(touch, step)
+        fillet = arc(centre, self.corner_radius, -np.pi / 2, end - np.pi)
+        body = arc([0, 0], self.body_radius, touch, step)[1:] if touch < step else fillet[:0]
+        upper = np.concatenate([tip, fillet, body])
+        # The last point lies on the border to the next sector, the first on the arm's axis.
+        sector = np.concatenate([upper[:0:-1] * [1, -1], upper])[1:]
+        left = self.directions[:, ::-1] * [-1, 1]
+        turned = sector[:, 0, None] * self.directions[:, None] + sector[:, 1, None] * left[:, None]
+        return turned.reshape(-1, 2)
+
+    @property
+    def _fillet(self) -> Floats:
+        """Centre of the fillet on the left of an arm along x, (2,), in m."""
+        aside = self.arm_width / 2 + self.corner_radius
+        step = np.pi / self.arms
+        out = np.sqrt((self.body_radius + self.corner_radius) ** 2 - aside**2)
+        # Where the arms meet before they reach the body, the fillet touches both.
+        return np.array([max(out, aside / np.tan(step)), aside])
+
+
+WALKER = Star(4, 0.06, 0.024, 0.02, 6e-3, np.pi / 4)
+GRIPPER = Star(3, 0.09, 0.025, 0.025, 6e-3)
+
+
+def walker(
+    comm: MPI.Comm, edge_length: float, star: Star = WALKER, *, planes: Sequence[int] = ()
+) -> Pattern:
+    """A body with legs, by default four along the diagonals (paper Figs. 9, 10).
+
+    The legs' roots are mesh edges, so that body and legs can be told apart: a triangle of
+    `plane_centroids` c belongs to leg k where c · star.directions[k] > star.root.
+
+    Args:
+        comm: Communicator.
+        edge_length: Wanted edge length in m.
+        star: Sizes; the paper gives none.
+        planes: () for the whole, (0,) or (1,) for half of it, (0, 1) for a quarter with one leg.
+
+    Raises:
+        OutlineError: As `two_panels` does.
+    """
+    return two_panels(comm, star.outline, edge_length, lines=star.roots, planes=planes)
+
+
+def gripper(
+    comm: MPI.Comm, edge_length: float, star: Star = GRIPPER, *, planes: Sequence[int] = ()
+) -> Pattern:
+    """A palm with fingers, by default three at 120° (paper Fig. 1), the first along +x.
+
+    Args:
+        comm: Communicator.
+        edge_length: Wanted edge length in m.
+        star: Sizes; the paper gives none.
+        planes: () for the whole, (1,) for the half at y ≥ 0.
+
+    Raises:
+        OutlineError: As `two_panels` does.
+    """
+    return two_panels(comm, star.outline, edge_length, lines=star.roots, planes=planes)
+
+
+def finger(
+    comm: MPI.Comm,
+    edge_length: float,
+    *,
+    length: float = 0.09,
+    width: float = 0.025,
+    root: float = 0.015,
+    corner_radius: float = 4e-3,
+    planes: Sequence[int] = (),
+) -> Pattern:
+    """A straight finger along +x from x = 0, closed all around, its tip a half circle.
+
+    The defaults are ours: the paper gives no sizes.
+
+    Args:
+        comm: Communicator.
+        edge_length: Wanted edge length in m.
+        length, width: In m.
+        root: A line of mesh edges at x = root marks off what a mount holds, in m.
+        corner_radius: Of the two corners at x = 0, in m.
+        planes: () for the whole, (1,) for the half at y ≥ 0.
+
+    Raises:
+        OutlineError: Root and tip overlap, or as `rounded` and `two_panels` do.
+        ParameterError: A size is not positive.
+    """
+    require_positive(length=length, width=width, root=root, corner_radius=corner_radius)
+    half = width / 2
+    if not corner_radius < root < length - half:
+        raise OutlineError(
+            f"root = {root} m must lie between the corners' arcs and the round tip, "
+            f"{corner_radius:.6g} to {length - half:.6g} m."
+        )
+    corners = [(0.0, -half), (length, -half), (length, half), (0.0, half)]
+    outline = rounded(corners, (corner_radius, half, half, corner_radius))
+    line = ((root, -half), (root, half))
+    return two_panels(comm, outline, edge_length, lines=[line], planes=planes)
