@@ -22,13 +22,16 @@ class Mirrored:
     Attributes:
         pattern: The whole. A panel that is cut goes on across the cut, without a seam.
         vertex: Vertex of the part that each assembled vertex is an image of, shape (n,).
-        cell: Triangle of the part that each triangle is an image of, shape (t,).
+        cell: Triangle of the part that each triangle is an image of, shape (t,). The part's own
+            come first, with their flat places.
+        flat: Flat point of the part that each flat point is an image of, shape (m,).
         signs: What the coordinates of an image are multiplied by, ±1, shape (n, 3).
     """
 
     pattern: Pattern
     vertex: Ints
     cell: Ints
+    flat: Ints
     signs: Floats
 
     def at_vertices(self, positions: Floats) -> Floats:
@@ -55,6 +58,7 @@ def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
         pattern,
         np.arange(len(pattern.points)),
         np.arange(len(pattern.panel)),
+        np.arange(len(pattern.flat_points)),
         np.ones_like(pattern.points),
     )
     for axis in axes:
@@ -94,6 +98,7 @@ def _doubled(part: Mirrored, axis: int) -> Mirrored:
         ),
         vertex=np.concatenate([part.vertex, part.vertex[~shared]]),
         cell=np.concatenate([part.cell, part.cell]),
+        flat=np.concatenate([part.flat, part.flat[~kept]]),
         signs=np.concatenate([part.signs, flip * part.signs[~shared]]),
     )
 

@@ -22,7 +22,7 @@ LAYERS = [
     ["factor"],
     ["newton"],
     ["equilibrium"],
-    ["rotation"],
+    ["rotation", "slabs"],
     ["measure"],
     ["estimate", "path"],
     ["objective"],

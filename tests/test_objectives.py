@@ -13,14 +13,15 @@ from toros_fem.alignment import AlignedObjective
 from toros_fem.measure import Figure, bend_angle, shortening, swelling, twist_angle
 from toros_fem.objective import Objective, ShapeObjective, SumObjective
 from toros_fem.rotation import axial, best_rotation, polar_rotation
-from toros_fem.sections import SectionObjective, Sections, slabs
+from toros_fem.sections import SectionObjective, Sections
+from toros_fem.slabs import slabs
 
 LENGTH = 0.06
 TARGET = compose(twist(4.0, LENGTH), bend(1.0, LENGTH))
 
 
 def sections(skin: Skin, turn: float = 1.0) -> Sections:
-    label = slabs(skin.pattern, "wall", 5)
+    label = slabs(skin.pattern, skin.pattern.vertices_of("wall"), (0, 0, 1), 5)
     return Sections(label, np.tile([1.0, 2.0, 3.0], (6, 1)), turn * np.arange(1, 7))
 
 

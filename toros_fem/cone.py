@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
+from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 from toros_fem.stencil import (
     Neighbourhood,
@@ -34,6 +35,7 @@ class ConeFilter:
         radius: R in m.
         lattice: The two vectors, (2, 2), in m, by which a tile repeats: distances are taken on
             the torus.
+        whole: What the skin is a part of, `meshes.mirrored`: its images count too.
 
     Raises:
         ParameterError: The radius is not positive, or does not fit the tile.
@@ -44,8 +46,14 @@ class ConeFilter:
 
     name = "cone"
 
-    def __init__(self, skin: Skin, radius: float, lattice: Floats | None = None) -> None:
-        self._near = Neighbourhood(skin.pattern, radius, lattice)
+    def __init__(
+        self,
+        skin: Skin,
+        radius: float,
+        lattice: Floats | None = None,
+        whole: Mirrored | None = None,
+    ) -> None:
+        self._near = Neighbourhood(skin.pattern, radius, lattice, whole)
         warn_if_unresolved(skin, radius)
         self.radius = radius
         self._skin, self._areas = skin, skin.pattern.areas

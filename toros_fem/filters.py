@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from toros_fem.cone import ConeFilter
 from toros_fem.helmholtz import HelmholtzFilter
+from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 from toros_fem.parameters import require_choice
 
@@ -49,16 +50,23 @@ class Filter(Protocol):
         ...
 
 
-def make_filter(name: str, skin: Skin, radius: float, lattice: Floats | None = None) -> Filter:
+def make_filter(
+    name: str,
+    skin: Skin,
+    radius: float,
+    lattice: Floats | None = None,
+    whole: Mirrored | None = None,
+) -> Filter:
     """The filter of a name.
 
     Args:
         name: "cone" (`ConeFilter`) or "helmholtz" (`HelmholtzFilter`).
         skin: The sewn skin.
         radius: R in m.
-        lattice: As for `ConeFilter`; the Helmholtz filter crosses all seams as it is.
+        lattice, whole: As for `ConeFilter`; the Helmholtz filter crosses all seams as it is, and
+            its free borders are planes of symmetry.
     """
     require_choice("filter", name, FILTERS)
     if name == "cone":
-        return ConeFilter(skin, radius, lattice)
+        return ConeFilter(skin, radius, lattice, whole)
     return HelmholtzFilter(skin, radius)

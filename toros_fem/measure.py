@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.rotation import best_rotation
+from toros_fem.slabs import groups, slabs
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -60,21 +61,32 @@ class Figure:
 UNITS = {"deg": ("degrees", "°"), "percent": ("per cent", " %"), "mm": ("mm", " mm")}
 
 
-def sections_of(
-    pattern: Pattern, panel: str, count: int, axis: int = 2
-) -> list[npt.NDArray[np.int64]]:
-    """Vertices of a panel in slabs of equal length along an assembled axis, and its far end.
+def turn_angle(
+    pattern: Pattern,
+    positions: Floats,
+    sections: Sequence[Ints],
+    along: npt.ArrayLike,
+    toward: npt.ArrayLike,
+) -> float:
+    """Angle in rad by which the last of a body's sections has turned in a plane.
 
-    Slabs with fewer than six vertices are left out. The last section is the far border alone.
+    Each section's best rigid rotation turns the direction `along` into n; its angle is
+    atan2(n·toward, n·along), followed continuously from section to section so that it may pass
+    180°.
+
+    Args:
+        pattern: The pattern.
+        positions: Deformed positions of all assembled vertices, (n, 3), in m.
+        sections: Vertices of each section, from the body's root on.
+        along, toward: Perpendicular unit vectors, (3,): of the assembled body, and to where it
+            bends.
     """
-    wall = pattern.vertices_of(panel)
-    height = pattern.points[wall, axis]
-    low, high = height.min(), height.max()
-    edges = np.linspace(low, high, count + 1)
-    slabs = [wall[(height >= below) & (height <= above)] for below, above in pairwise(edges)]
-    slabs = [slab for slab in slabs if len(slab) >= 6]
-    slabs.append(wall[height > high - 1e-9 * (high - low)])
-    return slabs
+    plane = np.array([toward, along], dtype=np.float64)
+    angles = []
+    for ring in sections:
+        n = best_rotation(pattern.points[ring], positions[ring]) @ plane[1]
+        angles.append(np.arctan2(*(plane @ n)))
+    return float(np.unwrap(np.array(angles))[-1])
 
 
 def bend_angle(
@@ -82,22 +94,17 @@ def bend_angle(
 ) -> float:
     """Angle in rad by which a tube along z bends in the x-z plane towards +x.
 
-    The wall's vertices are cut into sections of equal length along the assembled z. Each
-    section's best rigid rotation turns e_z into a direction n; its angle is atan2(n_x, n_z),
-    followed continuously from the base so that it may pass 180°. The result is the angle of the
-    ring at the tip, the counterpart of `meshes.bend`'s angle.
+    `turn_angle` of the ring at the tip, after slabs of the wall of equal length along the assembled
+    z: the counterpart of `meshes.bend`'s angle.
 
     Args:
         pattern: The pattern, assembled along z from z = 0.
         positions: Deformed positions of all assembled vertices, (n, 3), in m.
         panel: Name of the wall's panel.
-        sections: How many sections; each should span at least one ring of vertices.
+        sections: How many slabs; each should span at least one ring of vertices.
     """
-    angles = []
-    for ring in sections_of(pattern, panel, sections):
-        n = best_rotation(pattern.points[ring], positions[ring])[:, 2]
-        angles.append(np.arctan2(n[0], n[2]))
-    return float(np.unwrap(np.array(angles))[-1])
+    rings = _rings(pattern, panel, sections)
+    return turn_angle(pattern, positions, rings, (0, 0, 1), (1, 0, 0))
 
 
 def twist_angle(
@@ -116,7 +123,7 @@ def twist_angle(
         panel: Name of the wall's panel.
         sections: How many sections; from one to the next the twist must stay under 180°.
     """
-    rings = sections_of(pattern, panel, sections)
+    rings = _rings(pattern, panel, sections)
     rotations = [best_rotation(pattern.points[ring], positions[ring]) for ring in rings]
     first = 2 * np.arctan2(*_swing_free(rotations[0]))
     steps = [2 * np.arctan2(*_swing_free(a.T @ b)) for a, b in pairwise(rotations)]
@@ -153,7 +160,7 @@ def swelling(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
         positions: Deformed positions of all assembled vertices, (n, 3), in m.
         panel: Name of the wall's panel.
     """
-    rings = sections_of(pattern, panel, 12)[4:8]
+    rings = _rings(pattern, panel, 12)[4:8]
     ring = np.unique(np.concatenate(rings))
 
     def radius(points: Floats) -> float:
@@ -163,6 +170,11 @@ def swelling(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
         return float(np.linalg.norm(arm - np.outer(arm @ along, along), axis=1).mean())
 
     return radius(positions) / radius(pattern.points)
+
+
+def _rings(pattern: Pattern, panel: str, count: int) -> list[Ints]:
+    """Vertices of a panel in slabs along z, and those of its far end."""
+    return groups(slabs(pattern, pattern.vertices_of(panel), (0, 0, 1), count), least=6)
 
 
 def _swing_free(rotation: Floats) -> tuple[float, float]:

@@ -7,6 +7,7 @@ import numpy.typing as npt
 from scipy.integrate import quad
 
 from toros_fem._mpi import dot
+from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 from toros_fem.parameters import require_positive
 from toros_fem.stencil import (
@@ -36,7 +37,7 @@ class Perimeter:
         window: Radius r of the window in m; about the filter's.
         sharpness: w.
         plain: Whether triangles count alike, as in the paper, instead of by area.
-        lattice: As for `ConeFilter`.
+        lattice, whole: As for `ConeFilter`.
 
     Raises:
         ParameterError: A parameter is not positive.
@@ -50,6 +51,7 @@ class Perimeter:
         *,
         plain: bool = False,
         lattice: Floats | None = None,
+        whole: Mirrored | None = None,
     ) -> None:
         require_positive(sharpness=sharpness)
         self.window, self.sharpness = window, sharpness
@@ -60,7 +62,7 @@ class Perimeter:
             weight = np.ones(len(pairs.cell)) if plain else areas[pairs.cell]
             return [weight / pairs.sums(weight)[pairs.row]]
 
-        near = Neighbourhood(skin.pattern, window, lattice)
+        near = Neighbourhood(skin.pattern, window, lattice, whole)
         (self._matrix,) = stencil_matrices(skin, near, shares)
         if plain:
             self._weight: Floats = np.ones(len(skin.owned_cells))

@@ -9,10 +9,8 @@ import numpy.typing as npt
 
 from toros_fem._mpi import sum_over_ranks
 from toros_fem.errors import ParameterError
-from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 from toros_fem.objective import checked_target
-from toros_fem.parameters import require_count
 from toros_fem.rotation import axial, polar_rotation
 
 Floats = npt.NDArray[np.float64]
@@ -53,28 +51,6 @@ class Sections:
         both = np.column_stack([self.centre, self.turn])
         if not (np.isfinite(both).all() and both.min() >= 0 and both.max() > 0):
             raise ParameterError("centre and turn must be finite, not negative, not all zero.")
-
-
-def slabs(pattern: Pattern, panel: str, count: int, axis: int = 2) -> Ints:
-    """Section of each vertex of a panel, in slabs of equal length along an assembled axis.
-
-    Vertices at the far end, where the panel is sewn to an end plate, make a section of their own,
-    the last one; −1 for vertices of other panels.
-
-    Args:
-        pattern: The pattern.
-        panel: Name of the panel.
-        count: How many slabs; there is one section more.
-        axis: 0, 1 or 2.
-    """
-    require_count(1, count=count)
-    label = np.full(len(pattern.points), -1)
-    wall = pattern.vertices_of(panel)
-    height = pattern.points[wall, axis]
-    share = (height - height.min()) / np.ptp(height)
-    label[wall] = np.minimum((share * count).astype(int), count - 1)
-    label[wall[share > 1 - 1e-9]] = count
-    return label
 
 
 class SectionObjective:

@@ -13,6 +13,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
 from toros_fem.errors import ParameterError
+from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 from toros_fem.parameters import require_positive
@@ -53,28 +54,38 @@ class Neighbourhood:
     """Finds the centroids within a radius of points of the same panel.
 
     A print does not cross a seam, so that distances are taken inside one panel; on a periodic
-    tile they are taken on the torus.
+    tile they are taken on the torus, and on a part of a symmetric skin across its planes.
 
     Args:
         pattern: The pattern.
         radius: Radius in m.
         lattice: The two vectors, (2, 2), in m, by which a tile repeats; None if nothing does.
+        whole: What the pattern is a part of, `meshes.mirrored`; None if it is whole.
 
     Raises:
         ParameterError: The radius is not positive, or a tile is not wider than twice the radius.
     """
 
-    def __init__(self, pattern: Pattern, radius: float, lattice: Floats | None = None) -> None:
+    def __init__(
+        self,
+        pattern: Pattern,
+        radius: float,
+        lattice: Floats | None = None,
+        whole: Mirrored | None = None,
+    ) -> None:
         require_positive(radius=radius)
         self.radius = radius
-        # Panels are told apart by a third coordinate that neither radius nor panel bridges.
-        self._floor = 3 * radius + 2 * float(np.ptp(pattern.flat_points, axis=0).max())
         cells: Ints = np.arange(len(pattern.panel), dtype=np.int64)
-        points = pattern.centroids
-        if lattice is not None:
+        points, panel = pattern.centroids, pattern.panel
+        if whole is not None:
+            cells, points, panel = whole.cell, whole.pattern.centroids, whole.pattern.panel
+        elif lattice is not None:
             points, cells = _repeated(points, np.asarray(lattice, dtype=np.float64), radius)
+            panel = panel[cells]
+        # Panels are told apart by a third coordinate that neither radius nor panel bridges.
+        self._floor = 3 * radius + 2 * float(np.ptp(points, axis=0).max())
         self._cells = cells
-        self._points = np.column_stack([points, self._floor * pattern.panel[cells]])
+        self._points = np.column_stack([points, self._floor * panel])
         self._tree = cKDTree(self._points)
         share = np.pi * radius**2 / float(pattern.areas.mean())
         self._chunk = max(1, int(PAIRS / min(max(share, 1.0), float(len(cells)))))
@@ -174,7 +185,8 @@ def stencil_matrices(
         rows = np.arange(begin, begin + pairs.rows, dtype=PETSc.IntType) + first
         start = np.searchsorted(pairs.row, np.arange(pairs.rows + 1)).astype(PETSc.IntType)
         for matrix, weight in zip(matrices, weigh(pairs), strict=True):
-            matrix.setValuesIJV(start, column[pairs.cell], weight, rowmap=rows)
+            # A triangle and its image may both be near.
+            matrix.setValuesIJV(start, column[pairs.cell], weight, addv=True, rowmap=rows)
         begin += pairs.rows
     for matrix in matrices:
         matrix.assemble()

@@ -15,7 +15,8 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
 from toros_fem.parameters import require_between, require_count, require_positive
 from toros_fem.scene import Scene
-from toros_fem.sections import Sections, slabs
+from toros_fem.sections import Sections
+from toros_fem.slabs import slabs
 from toros_fem.supports import Supports, clamp
 
 Floats = npt.NDArray[np.float64]
@@ -133,7 +134,7 @@ def section_scene(
         passive=_caps(pattern),
         start=start,
         sections=Sections(
-            slabs(pattern, WALL, count),
+            slabs(pattern, pattern.vertices_of(WALL), (0, 0, 1), count),
             np.outer(share, [1.0, 1.0, o["along"]]),
             # If each of n sections is off by δ/n from the one before, the tip is off by δ.
             np.full(count + 1, (count + 1) * o["tip_weight"] * (o["lever"] / pattern.size) ** 2),
