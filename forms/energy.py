@@ -41,7 +41,7 @@ class SkinForms:
 
     Attributes:
         energy: E of eq. (8), in J.
-        volume: Enclosed volume, in m³.
+        volume: Enclosed volume, in m³; of several chambers the sum weighted by `chosen`.
         residual: First variation of E, the negative of the force of eq. (9), in N.
         load: First variation of the volume, in m²: the force of a unit pressure.
         tangent: Entries of the second variation of E, in N/m: for each triangle the upper
@@ -66,6 +66,7 @@ def skin_forms(
     reinforcement: Section,
     bounds: tuple[Any, Any],
     pressure: Any | None,
+    chosen: Any | None,
     geometric: Any,
     edges: Edges | None,
 ) -> SkinForms:
@@ -81,6 +82,7 @@ def skin_forms(
         fabric, reinforcement: Section stiffness of the two materials.
         bounds: c₁ and c₂ of eq. (1).
         pressure: Pressure in Pa, or None for a skin that no pressure acts on.
+        chosen: With several chambers, how much each counts in volume and load; None for one.
         edges: Constants of each triangle's edges; None for a skin without bending.
     """
     space = q.ufl_function_space()
@@ -115,10 +117,11 @@ def skin_forms(
 
     volume = load = None
     if pressure is not None:
-        volume = enclosed_volume(corners) / flat_area(jacobian) * dx
+        enclosed = enclosed_volume(corners) / flat_area(jacobian)
+        volume = (enclosed if chosen is None else chosen * enclosed) * dx
         load = ufl.derivative(volume, q, test)
-        energy += -pressure * volume
-        residual += -pressure * load
+        energy += -pressure * enclosed * dx
+        residual += ufl.derivative(-pressure * enclosed * dx, q, test)
         pressure_blocks(blocks, nodes[:3], jacobian, geometric * pressure)
 
     tangent = balanced_sum([value * entries[n] for n, value in enumerate(blocks.upper())]) * dx

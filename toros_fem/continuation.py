@@ -16,20 +16,32 @@ EASY = 10
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """A pressure in Pa, and dead forces in N on all assembled vertices."""
+    """What acts on a skin.
 
-    pressure: float
+    Attributes:
+        pressure: In Pa, of all chambers or of each, (k,).
+        force: Dead forces in N on all assembled vertices, (n, 3); None for none.
+    """
+
+    pressure: float | Floats
     force: Floats | None
 
     def __bool__(self) -> bool:
-        return self.pressure > 0 or self.force is not None
+        return self.largest > 0 or self.force is not None
 
     def __str__(self) -> str:
-        if self.force is None:
-            return f"{self.pressure:g} Pa"
-        total = np.linalg.norm(self.force, axis=1).sum()
-        forces = f"forces of {total:.4g} N in all"
-        return f"{self.pressure:g} Pa and {forces}" if self.pressure else forces
+        parts = []
+        if self.largest > 0 or not self:
+            parts.append(" and ".join(f"{p:g}" for p in np.atleast_1d(self.pressure)) + " Pa")
+        if self.force is not None:
+            total = np.linalg.norm(self.force, axis=1).sum()
+            parts.append(f"forces of {total:.4g} N in all")
+        return " and ".join(parts)
+
+    @property
+    def largest(self) -> float:
+        """Largest pressure in Pa."""
+        return float(np.max(self.pressure))
 
     def share(self, share: float) -> Load:
         """A share of it."""
@@ -37,11 +49,18 @@ class Load:
 
     def towards(self, other: Load, share: float) -> Load:
         """What lies between, share of the way to another."""
-        pressure = self.pressure + share * (other.pressure - self.pressure)
-        if self.force is None and other.force is None:
-            return Load(pressure, None)
-        mine, theirs = (0.0 if load.force is None else load.force for load in (self, other))
-        return Load(pressure, np.asarray(mine + share * (theirs - mine)))
+        return Load(
+            self.pressure + share * (other.pressure - self.pressure),
+            _between(self.force, other.force, share),
+        )
+
+
+def _between(one: Floats | None, other: Floats | None, share: float) -> Floats | None:
+    """Share of the way from one to the other, None standing for zero."""
+    if one is None and other is None:
+        return None
+    begin, end = (np.zeros(1) if values is None else values for values in (one, other))
+    return np.asarray(begin + share * (end - begin))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,14 +10,16 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from toros_fem._mpi import norm, raise_together
+from toros_fem.chambers import Chambers
 from toros_fem.continuation import Climb, Load, climb
 from toros_fem.density import check_density
 from toros_fem.errors import ParameterError, TorosError
 from toros_fem.factor import PREFIX, Factor
 from toros_fem.meshes.skin import Skin
 from toros_fem.model import SkinModel
-from toros_fem.newton import STAGNATED, NewtonStep, RegularisedNewton
+from toros_fem.newton import NewtonStep, RegularisedNewton
 from toros_fem.parameters import Composite, NewtonOptions
+from toros_fem.reasons import failure, success
 from toros_fem.supports import Supports
 
 Floats = npt.NDArray[np.float64]
@@ -27,8 +28,6 @@ Floats = npt.NDArray[np.float64]
 FIRST_SHARE = 1 / 16
 # How many times `max_steps` the last attempt may take, from where the first cold one stopped.
 PATIENCE = 6
-# A hinge folded by so much, in rad, is near the angle where its energy jumps.
-FOLDED = math.radians(170)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +38,13 @@ class EquilibriumResult:
         converged: Whether `state` is a stable equilibrium under the asked load.
         share: Which share of the asked load, pressure and forces, acts on `state`.
         reason: Why the solve ended, as a sentence.
-        pressure: Pressure of `state` in Pa.
+        pressure: Pressure of `state` in Pa, the largest of all chambers.
+        pressures: Of each chamber.
         state: Owned unknowns in m, a flat array, as `SkinModel` has them.
         positions: Positions of the owned nodes in m, (n, 3), a view of `state`.
         energy: Energy of eq. (8) in J, less what dead forces do from the assembled positions on.
         volume: Enclosed volume in m³.
+        volumes: Of each chamber.
         stretch_use: Largest share of the stretch bounds that a triangle uses, < 1.
         residual: Norm of the first variation over the applied load.
         steps: Newton steps, each with a factorisation of its own.
@@ -56,10 +57,12 @@ class EquilibriumResult:
     share: float
     reason: str
     pressure: float
+    pressures: tuple[float, ...]
     state: Floats
     positions: Floats
     energy: float
     volume: float
+    volumes: tuple[float, ...]
     stretch_use: float
     residual: float
     steps: int
@@ -85,6 +88,7 @@ class EquilibriumSolver:
         supports: What is held.
         options: How hard to try.
         log: Called with every row of a solve's history as it comes, on every rank.
+        chambers: Pressure chambers; None for one.
     """
 
     def __init__(
@@ -94,9 +98,11 @@ class EquilibriumSolver:
         supports: Supports,
         options: NewtonOptions | None = None,
         log: Callable[[NewtonStep], None] | None = None,
+        *,
+        chambers: Chambers | None = None,
     ) -> None:
         self.skin = skin
-        self.model = SkinModel(skin, composite, supports)
+        self.model = SkinModel(skin, composite, supports, chambers)
         self.options = options or NewtonOptions()
         self._factor = Factor(self.model)
         self._newton = RegularisedNewton(self.model, self._factor, self.options, log)
@@ -119,7 +125,7 @@ class EquilibriumSolver:
     def solve(
         self,
         density: Floats,
-        pressure: float,
+        pressure: float | Sequence[float],
         *,
         force: Floats | None = None,
         start: Floats | None = None,
@@ -129,7 +135,7 @@ class EquilibriumSolver:
 
         Args:
             density: Projected density of the owned triangles, in [0, 1].
-            pressure: Pressure in Pa, ≥ 0.
+            pressure: Pressure in Pa, ≥ 0, of all chambers or of each.
             force: Dead forces in N on all assembled vertices, (n, 3).
             start: Owned unknowns to start from at the full load, a neighbouring equilibrium's
                 say, or positions of the owned nodes, (n, 3), as with another bending term; held
@@ -147,7 +153,8 @@ class EquilibriumSolver:
             EquilibriumError: No equilibrium was found; the error holds the last good state.
         """
         self._check(density, pressure, force, start)
-        load = Load(pressure, None if force is None else np.array(force, dtype=np.float64))
+        pressures = np.full(len(self.model.pressures), pressure, dtype=np.float64)
+        load = Load(pressures, None if force is None else np.array(force, dtype=np.float64))
         self.model.set_density(density)
         newton = self._newton
         last, self._factorised_at = self._factorised_at, None
@@ -174,15 +181,18 @@ class EquilibriumSolver:
         converged = reached == 1.0
         self._apply(load.share(reached or 0.0))
         state.setflags(write=False)
+        volumes = tuple(self.model.volumes(state).tolist())
         result = EquilibriumResult(
             converged=converged,
             share=reached or 0.0,
-            reason=self._sentence(end.outcome, load, reached, state),
+            reason=self._reason(end, load),
             pressure=newton.pressure,
+            pressures=tuple(self.model.pressures.tolist()),
             state=state,
             positions=self.model.positions(state),
             energy=self.model.energy(state),
-            volume=self.model.volume(state),
+            volume=sum(volumes),
+            volumes=volumes,
             stretch_use=self.model.bounds.worst(self.model.corners(state)),
             residual=self._residual_over_load(state),
             steps=sum(row.step > 0 and not row.chord for row in newton.history),
@@ -249,7 +259,7 @@ class EquilibriumSolver:
         unfinished = found
         # A pressure that strains by a few per cent.
         small = 0.1 * self.model.composite.fabric.membrane_stiffness / self.skin.pattern.size
-        increment = min(small / load.pressure, 1 / 4) if load.pressure else FIRST_SHARE
+        increment = min(small / load.largest, 1 / 4) if load.largest else FIRST_SHARE
 
         def raise_load(of: Floats) -> Climb:
             begin = Climb(self.model.assembled, None, outcome)
@@ -303,7 +313,7 @@ class EquilibriumSolver:
     def _apply(self, load: Load) -> None:
         self.model.set_pressure(load.pressure)
         self.model.set_force(load.force)
-        self._newton.pressure = load.pressure
+        self._newton.pressure = load.largest
 
     def _residual(self, _: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         f.array_w[:] = self.model.residual(x.array_r)
@@ -312,52 +322,31 @@ class EquilibriumSolver:
         self._factor.assemble(x.array_r)
         self._factor.fill(0.0)
 
-    def _sentence(self, outcome: int, load: Load, reached: float | None, state: Floats) -> str:
-        if reached == 1.0:
-            found = f"A stable equilibrium was found at {load}."
-            residual = self._residual_over_load(state)
-            if residual > STAGNATED:
-                found += f" Rounding leaves a residual of {residual:.0e} of the load."
-            return found
-        why = {
-            int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT): (
-                f"Newton's method took {self.options.max_steps} steps without converging"
-            ),
-            int(PETSc.SNES.ConvergedReason.DIVERGED_INNER): "what was found is not stable",
-        }.get(outcome, "no step lowered the energy any more")
-        bounds = f"c1 = {self.model.composite.c1:g}, c2 = {self.model.composite.c2:g}"
-        begin = f"No equilibrium inside the stretch bounds ({bounds}) was found at {load}, at "
-        begin += f"once, by raising the load, or by stiffening the plain fabric: {why}."
-        folds = self.model.folds(self._x.array_r.copy(), FOLDED)
-        if folds:  # each edge is seen from both sides
-            begin += (
-                f" Where the last attempt ended {folds // 2} edges are folded by more than "
-                f"{math.degrees(FOLDED):.0f} degrees: the skin collapses onto itself there, and "
-                "contact is not modelled. A skin sewn from flat layers wants hinged seams."
-            )
-        if reached is None:
-            return (
-                f"{begin} Nor was there any under a lower load; the state is the one started from. "
-                "Check materials and supports, start from a neighbouring equilibrium, allow more "
-                "steps, or refine the mesh."
-            )
-        use = self.model.bounds.worst(self.model.corners(state))
-        return (
-            f"{begin} The last equilibrium is at {load.share(reached)}, {100 * reached:.3g} % of "
-            f"the load, where the most stretched triangle uses {100 * use:.1f} % of the bounds. "
-            "Lower the load to about that, stiffen the skin, or refine the mesh where it is most "
-            "stretched."
-        )
+    def _reason(self, end: Climb, load: Load) -> str:
+        if end.reached == 1.0:
+            return success(load, self._residual_over_load(end.state))
+        tried = self._x.array_r.copy()
+        return failure(self.model, self.options, end.outcome, load, end.reached, end.state, tried)
 
     def _residual_over_load(self, state: Floats) -> float:
         return norm(self.skin.comm, self.model.residual(state)) / self._newton.reference(state)
 
     def _check(
-        self, density: Floats, pressure: float, force: Floats | None, start: Floats | None
+        self,
+        density: Floats,
+        pressure: float | Sequence[float],
+        force: Floats | None,
+        start: Floats | None,
     ) -> None:
-        if not (math.isfinite(pressure) and pressure >= 0):
+        values, count = np.asarray(pressure, dtype=np.float64), len(self.model.pressures)
+        if not (np.isfinite(values) & (values >= 0)).all():
             raise ParameterError(f"pressure = {pressure} Pa must be finite and at least 0.")
-        if pressure > 0 and not self.model.closed:
+        if values.shape not in ((), (count,)):
+            raise ParameterError(
+                f"pressure = {pressure} Pa must be one number, or one for each of the {count} "
+                "chambers."
+            )
+        if values.any() and not self.model.closed:
             self.skin.pattern.require_closed()
         check_density(self.skin, density)
         error = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -95,10 +95,13 @@ def estimate_error(
     whole = skin.gather_cells(density)
     fine_skin = sew(skin.comm, finer.pattern)
     held = supports(finer.pattern) if supports else _refined(finer, solver.model.supports)
-    fine = EquilibriumSolver(fine_skin, composite, held, solver.options)
+    chambers = solver.model.chambers
+    if chambers is not None:
+        chambers = replace(chambers, of_cell=chambers.of_cell[finer.cell])
+    fine = EquilibriumSolver(fine_skin, composite, held, solver.options, chambers=chambers)
     found = fine.solve(
         whole[finer.cell][fine_skin.owned_cells],
-        result.pressure,
+        result.pressures,
         force=None if force is None else force(finer.pattern),
         start=finer.at_vertices(positions)[fine_skin.owned_vertices],
     )

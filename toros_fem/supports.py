@@ -71,9 +71,23 @@ class Supports:
         The wall missing in a coordinate plane through the origin has no share in the volume of
         eq. (7).
         """
-        ends = pattern.free_edges
-        there = self.held & (np.abs(pattern.points) <= FLAT * pattern.size)
+        ends, there = pattern.free_edges, self._flat(pattern)
         return bool((there[ends[:, 0]] & there[ends[:, 1]]).any(axis=1).all())
+
+    def in_planes(self, pattern: Pattern) -> npt.NDArray[np.bool_]:
+        """Whether a vertex lies in the symmetry plane across x, y or z, (n, 3).
+
+        Where edges are guided their normals tell: a clamp may hold more.
+        """
+        across = np.zeros(self.held.shape, dtype=bool)
+        lengths = np.linalg.norm(self.normals, axis=1)[:, None]
+        for k in range(2):
+            np.logical_or.at(across, self.guided[:, k], np.abs(self.normals) > 0.999 * lengths)
+        return self._flat(pattern) & (across | ~across.any(axis=1)[:, None])
+
+    def _flat(self, pattern: Pattern) -> npt.NDArray[np.bool_]:
+        """Components held at 0."""
+        return self.held & (np.abs(pattern.points) <= FLAT * pattern.size)
 
     def require_no_rigid_motion(self, pattern: Pattern, *, bends: bool = True) -> None:
         """Check that no rigid motion of the assembled skin is left free.
