@@ -19,7 +19,7 @@ LAYERS = [
     ["patch", "assembly"],
     ["pressure"],
     ["model"],
-    ["tangent"],
+    ["tangent", "displacement", "request"],
     ["factor"],
     ["newton"],
     ["reasons"],

@@ -21,13 +21,15 @@ class Load:
     Attributes:
         pressure: In Pa, of all chambers or of each, (k,).
         force: Dead forces in N on all assembled vertices, (n, 3); None for none.
+        displacement: Way in m of held components of all assembled vertices, (n, 3); None for none.
     """
 
     pressure: float | Floats
     force: Floats | None
+    displacement: Floats | None = None
 
     def __bool__(self) -> bool:
-        return self.largest > 0 or self.force is not None
+        return self.largest > 0 or self.force is not None or self.displacement is not None
 
     def __str__(self) -> str:
         parts = []
@@ -36,6 +38,9 @@ class Load:
         if self.force is not None:
             total = np.linalg.norm(self.force, axis=1).sum()
             parts.append(f"forces of {total:.4g} N in all")
+        if self.displacement is not None:
+            way = np.linalg.norm(self.displacement, axis=1).max()
+            parts.append(f"supports moved by up to {way:.4g} m")
         return " and ".join(parts)
 
     @property
@@ -52,6 +57,7 @@ class Load:
         return Load(
             self.pressure + share * (other.pressure - self.pressure),
             _between(self.force, other.force, share),
+            _between(self.displacement, other.displacement, share),
         )
 
 

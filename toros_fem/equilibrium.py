@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from toros_fem._mpi import norm, raise_together
+from toros_fem._mpi import norm
 from toros_fem.chambers import Chambers
 from toros_fem.continuation import Climb, Load, climb
 from toros_fem.density import check_density
+from toros_fem.displacement import Placement
 from toros_fem.errors import ParameterError, TorosError
 from toros_fem.factor import PREFIX, Factor
 from toros_fem.meshes.skin import Skin
@@ -20,6 +21,7 @@ from toros_fem.model import SkinModel
 from toros_fem.newton import NewtonStep, RegularisedNewton
 from toros_fem.parameters import Composite, NewtonOptions
 from toros_fem.reasons import failure, success
+from toros_fem.request import check_start, requested_load
 from toros_fem.supports import Supports
 
 Floats = npt.NDArray[np.float64]
@@ -118,6 +120,7 @@ class EquilibriumSolver:
         snes.setPythonContext(self._newton)
         snes.setFromOptions()
         self._snes = snes
+        self._place = Placement(self.model)
         self._factorised_at: EquilibriumResult | None = None
         self._density: Floats = np.zeros(0)  # of that equilibrium
         self._load = Load(0.0, None)  # of that equilibrium
@@ -128,6 +131,7 @@ class EquilibriumSolver:
         pressure: float | Sequence[float],
         *,
         force: Floats | None = None,
+        displacement: Floats | None = None,
         start: Floats | None = None,
         raise_on_failure: bool = True,
     ) -> EquilibriumResult:
@@ -137,6 +141,7 @@ class EquilibriumSolver:
             density: Projected density of the owned triangles, in [0, 1].
             pressure: Pressure in Pa, ≥ 0, of all chambers or of each.
             force: Dead forces in N on all assembled vertices, (n, 3).
+            displacement: Where supports are held instead of by their own `displacement`, (n, 3).
             start: Owned unknowns to start from at the full load, a neighbouring equilibrium's
                 say, or positions of the owned nodes, (n, 3), as with another bending term; held
                 components are put where they belong. Without it the solve starts from
@@ -147,14 +152,14 @@ class EquilibriumSolver:
                 good state with `converged` False.
 
         Raises:
-            ParameterError: The pressure is negative or not finite, or force or start do not fit.
+            ParameterError: The pressure is negative or not finite, or an array does not fit.
             DensityError: The density does not fit, or leaves [0, 1].
             OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
             EquilibriumError: No equilibrium was found; the error holds the last good state.
         """
-        self._check(density, pressure, force, start)
-        pressures = np.full(len(self.model.pressures), pressure, dtype=np.float64)
-        load = Load(pressures, None if force is None else np.array(force, dtype=np.float64))
+        load = requested_load(self.model, pressure, force, displacement)
+        check_density(self.skin, density)
+        check_start(self.model, start)
         self.model.set_density(density)
         newton = self._newton
         last, self._factorised_at = self._factorised_at, None
@@ -163,13 +168,11 @@ class EquilibriumSolver:
         newton.held = near is not None
         newton.history = []
         before = self._factor.count
-        held = ~self.model.free
         state = self.model.assembled
         if start is not None and start.ndim == 2:
             self.model.positions(state)[:] = start
-            state = np.where(held, self.model.assembled, state)
         elif start is not None:
-            state = np.where(held, state, start)
+            state = start
         use = self.model.bounds.worst(self.model.corners(state))
         if not use < 1:
             raise ParameterError(
@@ -216,12 +219,30 @@ class EquilibriumSolver:
         Raises:
             ParameterError: The solver has solved for something else since.
         """
+        self._require_last(at)
+        return self._factor.solve(rhs * self.model.free)
+
+    def reactions(self, at: EquilibriumResult) -> Floats:
+        """Forces in N by which the supports pull at all assembled vertices (collective).
+
+        Args:
+            at: The last equilibrium this solver found.
+
+        Returns:
+            Shape (n, 3), zero at free components, on every rank.
+
+        Raises:
+            ParameterError: The solver has solved for something else since.
+        """
+        self._require_last(at)
+        return self.skin.gather_vertices(self.model.positions(self.model.reaction(at.state)))
+
+    def _require_last(self, at: EquilibriumResult) -> None:
         if at is not self._factorised_at:
             raise ParameterError(
                 "the tangent is that of another state: the solver has been used since. Solve for "
-                "this state again, then ask for its tangent or gradient."
+                "this state again, then ask for its tangent, gradient or reactions."
             )
-        return self._factor.solve(rhs * self.model.free)
 
     def _continue(
         self,
@@ -299,7 +320,7 @@ class EquilibriumSolver:
         """One solve of the SNES: the state, its converged reason, and how many steps it took."""
         self.model.set_density(density)
         self._apply(load)
-        self._x.array[:] = start
+        self._x.array[:] = self._place(start, load.displacement)
         rows = len(self._newton.history)
         self._snes.solve(None, self._x)
         state = self._x.array.copy()
@@ -313,6 +334,7 @@ class EquilibriumSolver:
     def _apply(self, load: Load) -> None:
         self.model.set_pressure(load.pressure)
         self.model.set_force(load.force)
+        self.model.displaced = load.displacement is not None
         self._newton.pressure = load.largest
 
     def _residual(self, _: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
@@ -330,35 +352,3 @@ class EquilibriumSolver:
 
     def _residual_over_load(self, state: Floats) -> float:
         return norm(self.skin.comm, self.model.residual(state)) / self._newton.reference(state)
-
-    def _check(
-        self,
-        density: Floats,
-        pressure: float | Sequence[float],
-        force: Floats | None,
-        start: Floats | None,
-    ) -> None:
-        values, count = np.asarray(pressure, dtype=np.float64), len(self.model.pressures)
-        if not (np.isfinite(values) & (values >= 0)).all():
-            raise ParameterError(f"pressure = {pressure} Pa must be finite and at least 0.")
-        if values.shape not in ((), (count,)):
-            raise ParameterError(
-                f"pressure = {pressure} Pa must be one number, or one for each of the {count} "
-                "chambers."
-            )
-        if values.any() and not self.model.closed:
-            self.skin.pattern.require_closed()
-        check_density(self.skin, density)
-        error = None
-        points = self.skin.pattern.points.shape
-        if force is not None and not (force.shape == points and np.isfinite(force).all()):
-            error = ParameterError(
-                f"force has shape {force.shape}; it must be finite and of shape {points}, in N."
-            )
-        unknowns, nodes = (self.model.size_local,), self.model.positions(self.model.assembled).shape
-        if start is not None and start.shape not in (unknowns, nodes):
-            error = ParameterError(
-                f"start has shape {start.shape}; on this rank it must be {unknowns}, the unknowns "
-                f"of this bending term, or {nodes}, positions."
-            )
-        raise_together(self.skin.comm, error)

@@ -114,10 +114,14 @@ def estimate_error(
 def _refined(finer: Refinement, supports: Supports) -> Supports:
     """A middle is held as both its ends are; a guided edge makes two."""
     held = np.asarray(supports.held[finer.ends].all(axis=1))
+    displacement = None
+    if supports.displacement is not None:
+        displacement = supports.displacement[finer.ends].mean(axis=1)
     if not len(supports.guided):
-        return Supports(held)
+        return Supports(held, displacement=displacement)
     count = len(supports.held)
     known = edge_keys(finer.ends[count:], count)
     middle = count + np.searchsorted(known, edge_keys(supports.guided, count))
     halves = np.stack([supports.guided, np.repeat(middle[:, None], 2, axis=1)], axis=2)
-    return Supports(held, halves.reshape(-1, 2), np.repeat(supports.normals, 2, axis=0))
+    normals = np.repeat(supports.normals, 2, axis=0)
+    return Supports(held, halves.reshape(-1, 2), normals, displacement)

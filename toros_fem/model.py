@@ -41,6 +41,7 @@ class SkinModel:
         held: Held unknowns among the local ones, ghosts included.
         free: Those owned unknowns that are not held.
         loaded: Whether there are dead forces.
+        displaced: Whether supports are moved, so that their pull is part of the load.
         pressures: Pressure of each chamber in Pa, (k,).
 
     Args:
@@ -112,6 +113,7 @@ class SkinModel:
         index_map = self.space.dofmap.index_map
         self.size_local: int = index_map.size_local
         self.loaded, self._force = False, np.zeros(self.size_local)
+        self.displaced = False
         self.held = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
         self.held[self._patch.position_dofs] = supports.held[skin.vertex]
         if self._hinges is not None and rotations:
