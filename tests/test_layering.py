@@ -14,7 +14,7 @@ LAYERS = [
     ["parameters"],
     ["meshes"],
     ["forms"],
-    ["feasibility", "supports", "density", "continuation"],
+    ["feasibility", "supports", "density", "continuation", "loads"],
     ["hinges", "chambers"],
     ["patch", "assembly"],
     ["pressure"],

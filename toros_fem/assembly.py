@@ -11,8 +11,9 @@ from dolfinx import fem, la
 from mpi4py import MPI
 
 from toros_fem.forms.bending import Edges
-from toros_fem.forms.energy import Section
+from toros_fem.forms.energy import Masses, Section
 from toros_fem.hinges import Hinges
+from toros_fem.loads import Weight
 from toros_fem.meshes.skin import Skin
 from toros_fem.parameters import Material
 
@@ -37,6 +38,12 @@ def section(domain: Any, material: Material) -> Section:
     h = material.thickness
     values = (h * material.mu, h * material.lam, h**3 / 12 * material.mu, h**3 / 12 * material.lam)
     return Section(*(fem.Constant(domain, value) for value in values))
+
+
+def masses(domain: Any, weight: Weight, gravity: Any) -> Masses:
+    """What the materials weigh, as constants, under an acceleration that is one already."""
+    values = weight.fabric, weight.reinforcement
+    return Masses(*(fem.Constant(domain, value) for value in values), gravity)
 
 
 def edge_coefficients(skin: Skin, hinges: Hinges, rotations: bool) -> Edges:

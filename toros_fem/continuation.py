@@ -22,14 +22,17 @@ class Load:
         pressure: In Pa, of all chambers or of each, (k,).
         force: Dead forces in N on all assembled vertices, (n, 3); None for none.
         displacement: Way in m of held components of all assembled vertices, (n, 3); None for none.
+        weight: Share of the skin's own weight.
     """
 
     pressure: float | Floats
     force: Floats | None
     displacement: Floats | None = None
+    weight: float = 0.0
 
     def __bool__(self) -> bool:
-        return self.largest > 0 or self.force is not None or self.displacement is not None
+        dead = self.force is not None or self.weight > 0
+        return self.largest > 0 or dead or self.displacement is not None
 
     def __str__(self) -> str:
         parts = []
@@ -38,6 +41,9 @@ class Load:
         if self.force is not None:
             total = np.linalg.norm(self.force, axis=1).sum()
             parts.append(f"forces of {total:.4g} N in all")
+        if self.weight > 0:
+            share = "" if self.weight == 1 else f"{100 * self.weight:.3g} % of "
+            parts.append(f"{share}its own weight")
         if self.displacement is not None:
             way = np.linalg.norm(self.displacement, axis=1).max()
             parts.append(f"supports moved by up to {way:.4g} m")
@@ -58,6 +64,7 @@ class Load:
             self.pressure + share * (other.pressure - self.pressure),
             _between(self.force, other.force, share),
             _between(self.displacement, other.displacement, share),
+            self.weight + share * (other.weight - self.weight),
         )
 
 

@@ -78,6 +78,7 @@ class DesignProblem:
             weight · perimeter/L, L the size of the skin. A weight of 0 leaves it out.
         weight: That weight, a pure number.
         length_scale: Constraints on the widths of lines and gaps.
+        force: Dead forces in N on all assembled vertices, (n, 3), whatever the design.
     """
 
     solver: EquilibriumSolver
@@ -90,6 +91,7 @@ class DesignProblem:
     perimeter: Perimeter | None = None
     weight: float = 0.0
     length_scale: LengthScaleConstraints | None = None
+    force: Floats | None = None
 
     def __post_init__(self) -> None:
         require_between(0.0, np.inf, weight=self.weight)
@@ -216,9 +218,8 @@ class DesignProblem:
         if self.length_scale is not None:
             widths = self.length_scale.forward(density, filtered, projected)
         begin = time.perf_counter()
-        equilibrium = self.solver.solve(
-            projected, self.pressure if pressure is None else pressure, start=start
-        )
+        wanted = self.pressure if pressure is None else pressure
+        equilibrium = self.solver.solve(projected, wanted, force=self.force, start=start)
         seconds = {"equilibrium": time.perf_counter() - begin}
         shape = self.objective.forward(equilibrium.positions)
         return Evaluation(

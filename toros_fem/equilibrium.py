@@ -16,6 +16,7 @@ from toros_fem.density import check_density
 from toros_fem.displacement import Placement
 from toros_fem.errors import ParameterError, TorosError
 from toros_fem.factor import PREFIX, Factor
+from toros_fem.loads import Weight
 from toros_fem.meshes.skin import Skin
 from toros_fem.model import SkinModel
 from toros_fem.newton import NewtonStep, RegularisedNewton
@@ -91,6 +92,7 @@ class EquilibriumSolver:
         options: How hard to try.
         log: Called with every row of a solve's history as it comes, on every rank.
         chambers: Pressure chambers; None for one.
+        weight: The skin's own weight; None for none.
     """
 
     def __init__(
@@ -102,9 +104,10 @@ class EquilibriumSolver:
         log: Callable[[NewtonStep], None] | None = None,
         *,
         chambers: Chambers | None = None,
+        weight: Weight | None = None,
     ) -> None:
         self.skin = skin
-        self.model = SkinModel(skin, composite, supports, chambers)
+        self.model = SkinModel(skin, composite, supports, chambers, weight)
         self.options = options or NewtonOptions()
         self._factor = Factor(self.model)
         self._newton = RegularisedNewton(self.model, self._factor, self.options, log)
@@ -279,7 +282,7 @@ class EquilibriumSolver:
                 return Climb(found, 1.0, outcome)
         unfinished = found
         # A pressure that strains by a few per cent.
-        small = 0.1 * self.model.composite.fabric.membrane_stiffness / self.skin.pattern.size
+        small = 0.1 * self.model.composite.least_stiffness / self.skin.pattern.size
         increment = min(small / load.largest, 1 / 4) if load.largest else FIRST_SHARE
 
         def raise_load(of: Floats) -> Climb:
@@ -334,6 +337,7 @@ class EquilibriumSolver:
     def _apply(self, load: Load) -> None:
         self.model.set_pressure(load.pressure)
         self.model.set_force(load.force)
+        self.model.set_weight(load.weight)
         self.model.displaced = load.displacement is not None
         self._newton.pressure = load.largest
 

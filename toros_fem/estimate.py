@@ -98,7 +98,9 @@ def estimate_error(
     chambers = solver.model.chambers
     if chambers is not None:
         chambers = replace(chambers, of_cell=chambers.of_cell[finer.cell])
-    fine = EquilibriumSolver(fine_skin, composite, held, solver.options, chambers=chambers)
+    fine = EquilibriumSolver(
+        fine_skin, composite, held, solver.options, chambers=chambers, weight=solver.model.weight
+    )
     found = fine.solve(
         whole[finer.cell][fine_skin.owned_cells],
         result.pressures,

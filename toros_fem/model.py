@@ -11,12 +11,13 @@ import ufl
 from dolfinx import fem, la
 
 from toros_fem._mpi import dot, total
-from toros_fem.assembly import assembled, edge_coefficients, section, work_vector
+from toros_fem.assembly import assembled, edge_coefficients, masses, section, work_vector
 from toros_fem.chambers import Chambers
 from toros_fem.feasibility import StretchBounds
 from toros_fem.forms.energy import SkinForms, skin_forms
 from toros_fem.forms.interpolation import interpolate
 from toros_fem.hinges import edge_angles, find_hinges
+from toros_fem.loads import Weight
 from toros_fem.meshes.skin import Skin
 from toros_fem.parameters import Composite
 from toros_fem.patch import make_patch
@@ -49,6 +50,7 @@ class SkinModel:
         composite: The two materials and the stretch bounds.
         supports: Held components and directions.
         chambers: Pressure chambers; None for one.
+        weight: The skin's own weight; None for none.
 
     Raises:
         ParameterError: The supports leave a rigid motion, or are made for another pattern; or the
@@ -61,6 +63,7 @@ class SkinModel:
         composite: Composite,
         supports: Supports,
         chambers: Chambers | None = None,
+        weight: Weight | None = None,
     ) -> None:
         supports.require_no_rigid_motion(skin.pattern, bends=composite.bending is not None)
         self.skin = skin
@@ -84,7 +87,9 @@ class SkinModel:
         self._entry_space = fem.functionspace(domain, entry)
         nodes = self._patch.position_count
         numbers = self.space.dofmap.index_map.local_range[0] + np.arange(nodes).reshape(-1, 3)
-        self.chambers = chambers
+        self.chambers, self.weight = chambers, weight
+        self._gravity = fem.Constant(domain, np.zeros(3))
+        bladder = composite.bladder
         self._pressure = PressureLoad(skin, chambers, supports, numbers)
         self._geometric = fem.Constant(domain, 1.0)
         self.ufl_forms: SkinForms = skin_forms(
@@ -98,9 +103,9 @@ class SkinModel:
             self._pressure.coefficient if self.closed else None,
             self._pressure.chosen,
             self._geometric,
-            None
-            if self._hinges is None
-            else edge_coefficients(skin, self._hinges, rotations=rotations),
+            None if self._hinges is None else edge_coefficients(skin, self._hinges, rotations),
+            None if bladder is None else fem.Constant(domain, bladder.membrane_stiffness / 3),
+            None if weight is None else masses(domain, weight, self._gravity),
         )
         self._energy = fem.form(self.ufl_forms.energy)
         self._residual = fem.form(self.ufl_forms.residual)
@@ -108,6 +113,7 @@ class SkinModel:
         self._buffer = work_vector(self.space)
         if self.closed:
             self._pressure.compile(self.ufl_forms, self._buffer)
+        self._weight = None if weight is None else fem.form(self.ufl_forms.weight)
         self._sensitivity: Any = None  # compiled when a gradient is first asked for
 
         index_map = self.space.dofmap.index_map
@@ -166,6 +172,11 @@ class SkinModel:
         self._force[:] = 0
         if force is not None:
             self.positions(self._force)[:] = force[self.skin.owned_vertices]
+
+    def set_weight(self, share: float) -> None:
+        """Let a share of the skin's own weight act, if it has one."""
+        if self.weight is not None:
+            self._gravity.value[:] = share * np.asarray(self.weight.gravity)
 
     def set_density(self, density: Floats) -> None:
         """Set the projected density from owned values."""
@@ -233,15 +244,23 @@ class SkinModel:
         return self._pressure.load(self.positions(state), weights) * self.free
 
     def applied_load(self, state: Floats) -> Floats:
-        """Force of pressure and dead forces in N, zero at held components."""
+        """Force of pressure, dead forces and weight in N, zero at held components."""
         load = self._force * self.free
         if self.pressures.any():
             load = load + self._weighted_load(state, self.pressures)
-        return load
+        return load + self._weight_force() * self.free
+
+    def _weight_force(self) -> Floats:
+        if self._weight is None:
+            return np.zeros(self.size_local)
+        return -assembled(self._weight, self._buffer)
 
     def work(self, state: Floats) -> float:
-        """Size in J of what pressure and dead forces add to the energy, for its rounding."""
-        by_force = dot(self.skin.comm, np.abs(self._force), np.abs(state - self.assembled))
+        """Size in J of what pressure, forces and weight add to the energy, for its rounding."""
+        parts = np.abs(self._force) * np.abs(state - self.assembled)
+        by_force = total(
+            self.skin.comm, float((parts + np.abs(self._weight_force() * state)).sum())
+        )
         return float(self.pressures @ np.abs(self.volumes(state))) + by_force
 
     def volume(self, state: Floats) -> float:
@@ -314,10 +333,12 @@ class SkinModel:
         return 1e-14 * widest * self.mean_modulus() * float(self.skin.pattern.areas.sum())
 
     def mean_modulus(self) -> float:
-        """Mean over the flat area of h (2μ + λ), in N/m."""
+        """Mean over the flat area of h (2μ + λ), the bladder's included, in N/m."""
         mixed = _membrane_modulus(self.composite, self.density.x.array[: len(self._areas)])
         area = float(self.skin.pattern.areas.sum())
-        return dot(self.skin.comm, mixed, self._areas) / area
+        bladder = self.composite.bladder  # μ = E/3, λ = 2 μ
+        rubber = 0.0 if bladder is None else 4 / 3 * bladder.membrane_stiffness
+        return dot(self.skin.comm, mixed, self._areas) / area + rubber
 
 
 def _membrane_modulus(composite: Composite, density: Floats) -> Floats:

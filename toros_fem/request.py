@@ -59,7 +59,8 @@ def requested_load(
                 "the displacement moves a border out of its symmetry plane; move it in the plane "
                 "only, or simulate the whole skin."
             )
-    return Load(np.full(count, values), _copy(force), _copy(displacement))
+    weight = 0.0 if model.weight is None else 1.0
+    return Load(np.full(count, values), _copy(force), _copy(displacement), weight)
 
 
 def check_start(model: SkinModel, start: Floats | None) -> None:
