@@ -195,6 +195,7 @@ def test_cut_skin_equals_the_whole(comm: MPI.Comm, planes: tuple[int, ...], alon
         return EquilibriumSolver(sew(comm, of), composite, held, chambers=chambers)
 
     one, other = solver_of(pattern), solver_of(part)
+    assert other.model.chambers is not None
     wall = find_walls(part, other.model.chambers, other.model.supports)[0]
     assert not wall.closed
     found, cut = (s.solve(np.zeros(len(s.skin.owned_cells)), (900.0, 300.0)) for s in (one, other))
@@ -206,6 +207,21 @@ def test_cut_skin_equals_the_whole(comm: MPI.Comm, planes: tuple[int, ...], alon
     )
     place = [int(np.argmin(np.linalg.norm(pattern.points - p, axis=1))) for p in part.points]
     assert piece == pytest.approx(whole[place], abs=1e-9)
+
+
+def test_a_wall_that_crosses_the_skin_is_told(grid: Skin) -> None:
+    """Three chambers side by side bend the tube; far apart, the walls give way."""
+    held = clamp(grid.pattern, ["base"])
+    solver = EquilibriumSolver(grid, Composite(), held, chambers=sectors(grid.pattern, 3))
+    plain = np.zeros(len(grid.owned_cells))
+    bent = solver.solve(plain, (3e3, 2e3, 2e3))
+    assert min(bent.volumes) > 0
+    assert "crosses" not in bent.reason
+    tip = grid.pattern.vertices_of("tip")
+    assert np.linalg.norm(grid.gather_vertices(bent.positions)[tip].mean(axis=0)[:2]) > LENGTH / 4
+    crossed = solver.solve(plain, (4e3, 1e3, 1e3), start=bent.state)
+    assert min(crossed.volumes) < 0
+    assert "has a volume of -" in crossed.reason
 
 
 def test_gradient_by_each_pressure(grid: Skin, two: EquilibriumSolver) -> None:

@@ -42,8 +42,8 @@ def section(domain: Any, material: Material) -> Section:
 
 def masses(domain: Any, weight: Weight, gravity: Any) -> Masses:
     """What the materials weigh, as constants, under an acceleration that is one already."""
-    values = weight.fabric, weight.reinforcement
-    return Masses(*(fem.Constant(domain, value) for value in values), gravity)
+    fabric, reinforcement = weight.fabric, weight.reinforcement
+    return Masses(fem.Constant(domain, fabric), fem.Constant(domain, reinforcement), gravity)
 
 
 def edge_coefficients(skin: Skin, hinges: Hinges, rotations: bool) -> Edges:

@@ -117,7 +117,7 @@ class Wall:
             next_one[-1] = 0
         across = np.einsum("ij,ab->iajb", next_one, -_skew(self._mean(x)[None])[0])
         half = (both + across).reshape(3 * count, 3 * count)
-        return (half + half.T) / 6
+        return np.asarray((half + half.T) / 6)
 
     def _mean(self, x: Floats) -> Floats:
         return np.asarray(self.kept * (self.weights @ x))
@@ -136,7 +136,8 @@ class Wall:
 
 def _skew(a: Floats) -> Floats:
     """The matrices (m, 3, 3) of x ↦ a × x for vectors (m, 3)."""
-    return np.cross(a[:, None, :], np.eye(3)).transpose(0, 2, 1)
+    turned: Floats = np.cross(a[:, None, :], np.eye(3)).astype(np.float64)
+    return turned.transpose(0, 2, 1)
 
 
 def find_walls(pattern: Pattern, chambers: Chambers, supports: Supports) -> list[Wall]:
@@ -217,10 +218,11 @@ def _wall(
             f"{path[-1]}: it must be a loop, or have both ends held in symmetry planes, or join "
             "other borders at both. Move the chambers' borders, or simulate the whole skin."
         )
-    weights = np.ones(len(path))  # a mirrored whole has the inner ones twice as often
+    weights: Floats = np.ones(len(path))  # a mirrored whole has the inner ones twice as often
     weights[[0, -1]] = 0.5
-    kept = 1.0 - in_plane[cut].any(axis=0)
-    return Wall(np.array(path), False, sides, weights / weights.sum(), kept)
+    weights /= weights.sum()
+    kept = np.where(in_plane[cut].any(axis=0), 0.0, 1.0)
+    return Wall(np.array(path), False, sides, weights, kept)
 
 
 def _require_bodies(chords: list[tuple[tuple[int, int], int, int]], chambers: Chambers) -> None:

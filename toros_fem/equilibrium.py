@@ -187,13 +187,13 @@ class EquilibriumSolver:
         converged = reached == 1.0
         self._apply(load.share(reached or 0.0))
         state.setflags(write=False)
-        volumes = tuple(self.model.volumes(state).tolist())
+        volumes = tuple(float(v) for v in self.model.volumes(state))
         result = EquilibriumResult(
             converged=converged,
             share=reached or 0.0,
-            reason=self._reason(end, load),
+            reason=self._reason(end, load, volumes),
             pressure=newton.pressure,
-            pressures=tuple(self.model.pressures.tolist()),
+            pressures=tuple(float(p) for p in self.model.pressures),
             state=state,
             positions=self.model.positions(state),
             energy=self.model.energy(state),
@@ -348,9 +348,9 @@ class EquilibriumSolver:
         self._factor.assemble(x.array_r)
         self._factor.fill(0.0)
 
-    def _reason(self, end: Climb, load: Load) -> str:
+    def _reason(self, end: Climb, load: Load, volumes: Sequence[float]) -> str:
         if end.reached == 1.0:
-            return success(load, self._residual_over_load(end.state))
+            return success(self.model, load, self._residual_over_load(end.state), volumes)
         tried = self._x.array_r.copy()
         return failure(self.model, self.options, end.outcome, load, end.reached, end.state, tried)
 

@@ -40,7 +40,6 @@ class DesignResult:
     Attributes:
         density: Final ρ at owned triangles.
         pressure: Final pressure in Pa, the largest of all chambers.
-        pressures: Of each chamber.
         final: Evaluation of the two.
         history: One row for the start of each stage and one for each step, the last one being
             the final design.
@@ -51,12 +50,16 @@ class DesignResult:
 
     density: Floats
     pressure: float
-    pressures: tuple[float, ...]
     final: Evaluation
     history: tuple[Iteration, ...]
     reason: str
     seconds: dict[str, float]
     designed: npt.NDArray[np.bool_]
+
+    @property
+    def pressures(self) -> tuple[float, ...]:
+        """Final pressure of each chamber in Pa."""
+        return self.final.equilibrium.pressures
 
 
 Callback = Callable[[Iteration, Evaluation], None]
@@ -104,7 +107,6 @@ def optimise(
     return DesignResult(
         density=loop.evaluation.density,
         pressure=loop.evaluation.equilibrium.pressure,
-        pressures=loop.evaluation.equilibrium.pressures,
         final=loop.evaluation,
         history=tuple(loop.history),
         reason=loop.reason,

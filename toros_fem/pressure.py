@@ -55,8 +55,9 @@ class PressureLoad:
         self.chosen = fem.Function(skin.density_space, name="chosen chambers")
         self._of_cell = chambers.of_cell[skin.cell]
         self._walls = find_walls(skin.pattern, chambers, supports)
-        vertices = np.unique(np.concatenate([wall.vertices for wall in self._walls] or [[]]))
-        self._vertices = vertices.astype(np.int64)
+        none: Ints = np.zeros(0, dtype=np.int64)
+        vertices = np.unique(np.concatenate([none, *(wall.vertices for wall in self._walls)]))
+        self._vertices = vertices
         self._at = [np.searchsorted(vertices, wall.vertices) for wall in self._walls]
         self._own = np.flatnonzero(np.isin(skin.owned_vertices, vertices))
         self._place = np.searchsorted(vertices, skin.owned_vertices[self._own])
@@ -139,7 +140,7 @@ class PressureLoad:
         if not self._walls:
             return np.zeros(0)
         x = self._spread(nodes[self._own])
-        parts = [np.zeros(0)]
+        parts: list[Floats] = [np.zeros(0)]
         for wall, at, jump, (rows, columns) in zip(
             self._walls, self._at, self._jumps(self.values), self._entries, strict=True
         ):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -19,11 +20,18 @@ Floats = npt.NDArray[np.float64]
 FOLDED = math.radians(170)
 
 
-def success(load: Load, residual: float) -> str:
-    """What was found, and whether rounding spoils it."""
+def success(model: SkinModel, load: Load, residual: float, volumes: Sequence[float]) -> str:
+    """What was found, and whether rounding or a wall that crosses the skin spoils it."""
     found = f"A stable equilibrium was found at {load}."
     if residual > STAGNATED:
         found += f" Rounding leaves a residual of {residual:.0e} of the load."
+    if model.chambers is not None and min(volumes) < 0:
+        name = model.chambers.names[int(np.argmin(volumes))]
+        found += (
+            f" But chamber {name!r} has a volume of {min(volumes):.3g} m³: its wall, which has no "
+            "stiffness, crosses the skin. Lower the difference of the pressures, or stiffen the "
+            "skin where the wall is fixed."
+        )
     return found
 
 

@@ -98,13 +98,14 @@ class Supports:
         lengths = np.linalg.norm(self.normals, axis=1)[:, None]
         for k in range(2):
             np.logical_or.at(across, self.guided[:, k], np.abs(self.normals) > 0.999 * lengths)
-        return self._flat(pattern) & (across | ~across.any(axis=1)[:, None])
+        told = np.asarray(across.any(axis=1))[:, None]
+        return np.asarray(self._flat(pattern) & (across | ~told))
 
     def _flat(self, pattern: Pattern) -> npt.NDArray[np.bool_]:
         """Components held at 0."""
         there = pattern.points if self.displacement is None else pattern.points + self.displacement
         at_rest = np.abs(pattern.points) <= FLAT * pattern.size
-        return self.held & at_rest & (np.abs(there) <= FLAT * pattern.size)
+        return np.asarray(self.held & at_rest & (np.abs(there) <= FLAT * pattern.size))
 
     def require_no_rigid_motion(self, pattern: Pattern, *, bends: bool = True) -> None:
         """Check that no rigid motion of the assembled skin is left free.

@@ -58,7 +58,7 @@ class Variables:
             shares = self._comm.bcast(x.array[self._count :] if self._carried else None, root=0)
             moved = self._low * (self._high / self._low) ** shares
             pressures[self._which] = np.clip(moved, self._low, self._high)
-        return density, tuple(pressures.tolist())
+        return density, tuple(float(p) for p in pressures)
 
     def gradient(self, evaluation: Evaluation, scale: float) -> PETSc.Vec:
         """Gradient of scale · T by the variables."""
