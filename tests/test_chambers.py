@@ -123,7 +123,7 @@ def test_derivatives_with_two_pressures(two: EquilibriumSolver) -> None:
     product = product[index_map.local_range[0] : index_map.local_range[1]]
     step = 1e-7
     ends = [model.residual(state + sign * step * direction) for sign in (1, -1)]
-    expected = (ends[0] - ends[1]) / (2 * step)
+    expected = np.asarray((ends[0] - ends[1]) / (2 * step), dtype=np.float64)
     assert norm(comm, product - expected) < 1e-7 * norm(comm, expected)
     material = np.zeros_like(entries)
     tangent.assemble(state, material, geometric=0.0)
