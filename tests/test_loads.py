@@ -5,10 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 from mpi4py import MPI
-from toros_fem.meshes import Skin
+from toros_fem.meshes import Skin, sew
 
 from toros_fem import errors
 from toros_fem._mpi import total
+from toros_fem.chambers import Chambers
 from toros_fem.cone import ConeFilter
 from toros_fem.continuation import Load
 from toros_fem.density import random_density
@@ -16,8 +17,8 @@ from toros_fem.design import DesignProblem
 from toros_fem.equilibrium import EquilibriumSolver
 from toros_fem.loads import Weight, held_load
 from toros_fem.objective import ShapeObjective
-from toros_fem.parameters import Composite
-from toros_fem.supports import clamp
+from toros_fem.parameters import Bladder, Composite
+from toros_fem.supports import clamp, displace
 
 HEAVY = Weight(fabric=0.2, reinforcement=2.0, gravity=(9.0, 0.0, -3.0))
 
@@ -94,3 +95,30 @@ def test_bad_loads(tube: Skin) -> None:
         held_load(tube.pattern, "tip", [1.0, np.inf, 0.0])
     with pytest.raises(errors.PanelError, match="no panel is named 'top'"):
         held_load(tube.pattern, "top", [1.0, 0.0, 0.0])
+
+
+def test_ranks_agree_on_a_scene_that_has_it_all(tube: Skin, comm: MPI.Comm) -> None:
+    """Two chambers, a moved end, weight, a held load and a bladder; cold, then warm."""
+    if comm.size == 1:
+        pytest.skip("needs two ranks to compare with one")
+    pattern = tube.pattern
+    upper = pattern.points[pattern.triangles].mean(axis=1)[:, 2] > 0.03
+    supports = clamp(pattern, ["base"]) | displace(pattern, ["tip"], [0.004, 0.0, 0.006])
+    composite = dataclasses.replace(Composite(), bladder=Bladder(0.29e6, 0.2e-3))
+    force = held_load(pattern, "wall", [0.0, 0.1, 0.0])
+    whole = np.random.default_rng(5).random(len(pattern.panel))
+    found = []
+    for skin in (tube, sew(MPI.COMM_SELF, pattern)):
+        chambers = Chambers(("lower", "upper"), upper.astype(int))
+        solver = EquilibriumSolver(skin, composite, supports, chambers=chambers, weight=HEAVY)
+        density = whole[skin.owned_cells]
+        cold = solver.solve(density, (4e3, 1e3), force=force)
+        warm = solver.solve(density, (2e3, 3e3), force=force, start=cold.state)
+        for result in (cold, warm):
+            found.append((skin.gather_vertices(result.positions), result, solver))
+    for (x, result, _), (y, alone, _) in zip(found[:2], found[2:], strict=True):
+        assert x == pytest.approx(y, abs=1e-8 * pattern.size)
+        assert result.volumes == pytest.approx(alone.volumes, rel=1e-7)
+    assert found[1][2].reactions(found[1][1]) == pytest.approx(
+        found[3][2].reactions(found[3][1]), abs=1e-6
+    )
