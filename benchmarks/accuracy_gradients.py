@@ -225,7 +225,7 @@ def whole_chain(formulation: str, sides: int) -> Measured:
     assert base.pressure_gradient is not None
     assert base.length_scale_gradients is not None
     slopes = [inner(by, at.direction) for by in (base.gradient, *base.length_scale_gradients)]
-    slopes[0] += base.pressure_gradient * PRESSURE
+    slopes[0] += base.pressure_gradient[0] * PRESSURE
 
     @cache
     def values(h: float) -> list[float]:

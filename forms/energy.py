@@ -16,8 +16,9 @@ from toros_fem.forms.kinematics import (
     right_cauchy_green,
     stretch_invariants,
 )
-from toros_fem.forms.membrane import barrier_membrane, membrane_blocks
+from toros_fem.forms.membrane import barrier_membrane, membrane_blocks, neo_hooke
 from toros_fem.forms.pressure import enclosed_volume, pressure_blocks
+from toros_fem.forms.weight import weight_potential
 
 
 @dataclass(frozen=True)
@@ -36,14 +37,29 @@ class Section:
 
 
 @dataclass(frozen=True)
+class Masses:
+    """The weight of two materials, as UFL constants.
+
+    Attributes:
+        fabric, reinforcement: Mass per flat area in kg/m².
+        gravity: Acceleration in m/s², a vector.
+    """
+
+    fabric: Any
+    reinforcement: Any
+    gravity: Any
+
+
+@dataclass(frozen=True)
 class SkinForms:
     """UFL forms of one skin; `None` where the scene has no such term.
 
     Attributes:
         energy: E of eq. (8), in J.
-        volume: Enclosed volume, in m³.
+        volume: Enclosed volume, in m³; of several chambers the sum weighted by `chosen`.
         residual: First variation of E, the negative of the force of eq. (9), in N.
         load: First variation of the volume, in m²: the force of a unit pressure.
+        weight: First variation of the weight's potential, in N: the negative of its force.
         tangent: Entries of the second variation of E, in N/m: for each triangle the upper
             triangle of its element matrix, row by row, as a linear form on piecewise constants.
         sensitivity: ∂(residual · adjoint)/∂ρ̄ as a linear form on the density space, in J.
@@ -53,6 +69,7 @@ class SkinForms:
     volume: Any | None
     residual: Any
     load: Any | None
+    weight: Any | None
     tangent: Any
     sensitivity: Any
 
@@ -66,8 +83,11 @@ def skin_forms(
     reinforcement: Section,
     bounds: tuple[Any, Any],
     pressure: Any | None,
+    chosen: Any | None,
     geometric: Any,
     edges: Edges | None,
+    bladder: Any | None,
+    masses: Masses | None,
 ) -> SkinForms:
     """Energy, first variation and tangent of a skin, eqs. (8-10).
 
@@ -81,7 +101,11 @@ def skin_forms(
         fabric, reinforcement: Section stiffness of the two materials.
         bounds: c₁ and c₂ of eq. (1).
         pressure: Pressure in Pa, or None for a skin that no pressure acts on.
+        chosen: With several chambers, how much each counts in volume and load; None for one.
+        geometric: 1 for the tangent, 0 for its material part.
         edges: Constants of each triangle's edges; None for a skin without bending.
+        bladder: Shear modulus times thickness of a rubber layer, in N/m; None for none.
+        masses: What the skin weighs; None for nothing.
     """
     space = q.ufl_function_space()
     mesh = space.ufl_domain()
@@ -96,11 +120,14 @@ def skin_forms(
 
     s, p = stretch_invariants(right_cauchy_green(deformation_gradient(corners, jacobian)))
     sheet = mixed("mu"), mixed("lam")
-    energy = barrier_membrane(s, p, *sheet, *bounds) * dx
+    stretching = barrier_membrane(s, p, *sheet, *bounds)
+    if bladder is not None:
+        stretching += neo_hooke(s, p, bladder)
+    energy = stretching * dx
     residual = ufl.derivative(energy, q, test)
     nodes = [components(node) for node in patch]
     blocks = Blocks(len(nodes))
-    membrane_blocks(blocks, nodes[:3], jacobian, sheet, bounds, geometric)
+    membrane_blocks(blocks, nodes[:3], jacobian, sheet, bounds, bladder, geometric)
 
     if edges is not None:
         Lambda, variation = curvature(patch, ufl.split(test), edges)
@@ -109,17 +136,26 @@ def skin_forms(
         residual += ufl.inner(moment(Lambda, *stiffness), variation) * dx
         bending_blocks(blocks, patch, edges, stiffness, geometric)
 
-    # What depends on the density is what carries stiffness: the pressure is left out here.
+    weight = None
+    if masses is not None:
+        mass = interpolate(density, masses.fabric, masses.reinforcement)
+        potential = weight_potential(nodes[:3], mass, masses.gravity) * dx
+        weight = ufl.derivative(potential, q, test)
+        energy += potential
+        residual += weight
+
+    # What depends on the density is what carries stiffness or weighs: the pressure is left out.
     parts = ufl.replace(residual, {test: adjoint})
     sensitivity = ufl.derivative(parts, density, ufl.TestFunction(density.ufl_function_space()))
 
     volume = load = None
     if pressure is not None:
-        volume = enclosed_volume(corners) / flat_area(jacobian) * dx
+        enclosed = enclosed_volume(corners) / flat_area(jacobian)
+        volume = (enclosed if chosen is None else chosen * enclosed) * dx
         load = ufl.derivative(volume, q, test)
-        energy += -pressure * volume
-        residual += -pressure * load
+        energy += -pressure * enclosed * dx
+        residual += ufl.derivative(-pressure * enclosed * dx, q, test)
         pressure_blocks(blocks, nodes[:3], jacobian, geometric * pressure)
 
     tangent = balanced_sum([value * entries[n] for n, value in enumerate(blocks.upper())]) * dx
-    return SkinForms(energy, volume, residual, load, tangent, sensitivity)
+    return SkinForms(energy, volume, residual, load, weight, tangent, sensitivity)

@@ -1,4 +1,4 @@
-"""Membrane energy: a log barrier in the principal stretches, eq. (1), and its tangent."""
+"""Membrane energy: a log barrier in the stretches, eq. (1), a rubber layer, and their tangent."""
 
 from __future__ import annotations
 
@@ -41,12 +41,28 @@ def barrier_membrane(s: Any, p: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any
     return shear - lam / 2 * b * ufl.ln(1 - (s - 2) ** 2 / b)
 
 
+def neo_hooke(s: Any, p: Any, mu: Any) -> Any:
+    """Energy per flat area of a thin incompressible neo-Hookean layer in plane stress.
+
+    ψ = μ/2 (λ₁² + λ₂² + λ₃² − 3) with λ₃ = 1/(λ₁λ₂) (Treloar 1943), in s = λ₁ + λ₂ and p = λ₁ λ₂.
+
+    Args:
+        s, p: λ₁ + λ₂ and λ₁ λ₂.
+        mu: Shear modulus times thickness, in N/m; μ = E/3.
+
+    Returns:
+        Energy per flat area in J/m².
+    """
+    return mu / 2 * (s * s - 2 * p + 1 / (p * p) - 3)
+
+
 def membrane_blocks(
     blocks: Blocks,
     corners: Sequence[Vector],
     jacobian: Any,
     stiffness: tuple[Any, Any],
     bounds: tuple[Any, Any],
+    bladder: Any | None,
     geometric: Any,
 ) -> None:
     """Add the second variation of ψ(s, p), eq. (1), per flat area.
@@ -61,10 +77,14 @@ def membrane_blocks(
         jacobian: Jacobian of the flat chart.
         stiffness: Plane-stress Lamé parameters times thickness.
         bounds: c₁ and c₂.
+        bladder: Shear modulus times thickness of `neo_hooke`; None for none.
+        geometric: 1 for the whole, 0 for its part made positive, without rotations of stress.
     """
     gradient = deformation_gradient([ufl.as_vector(corner) for corner in corners], jacobian)
     s, p = (ufl.variable(value) for value in stretch_invariants(right_cauchy_green(gradient)))
     psi = barrier_membrane(s, p, *stiffness, *bounds)
+    if bladder is not None:
+        psi += neo_hooke(s, p, bladder)
     d_s, d_p = ufl.diff(psi, s), ufl.diff(psi, p)
     d_ss, d_sp, d_pp = ufl.diff(d_s, s), ufl.diff(d_s, p), ufl.diff(d_p, p)
     e = (minus(corners[1], corners[0]), minus(corners[2], corners[0]))

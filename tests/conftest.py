@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
+from toros_fem.meshes.pattern import Panel
 from toros_fem.meshes.sheet import one_panel
 
 from toros_fem.equilibrium import EquilibriumSolver
@@ -68,6 +69,42 @@ def square(points: np.ndarray | None = None, n: int = 4, size: float = 0.02) -> 
     a, b, c, d = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
     triangles = np.stack([np.stack([a, b, c], 2), np.stack([b, d, c], 2)], 2).reshape(-1, 3)
     return one_panel(flat, triangles, None if points is None else lambda _: points)
+
+
+def part_of(pattern: Pattern, keep: np.ndarray) -> Pattern:
+    """Those triangles alone, each panel's."""
+    panels = []
+    for k, name in enumerate(pattern.panel_names):
+        cells = pattern.flat_triangles[keep & (pattern.panel == k)]
+        if not len(cells):
+            continue
+        used, inverse = np.unique(cells, return_inverse=True)
+        panels.append(
+            Panel(name, pattern.flat_points[used], inverse.reshape(-1, 3),
+                  pattern.points[pattern.sewn[used]])
+        )  # fmt: skip
+    return Pattern.from_panels(panels, tolerance=1e-6)
+
+
+def box() -> Pattern:
+    """A box around the z axis, on meshes that the planes x = 0 and y = 0 mirror."""
+    size, n = 0.02, 4
+    u, v = (a.ravel() for a in np.meshgrid(*[np.linspace(-1, 1, n + 1)] * 2))
+    node = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    a, b, c, d = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
+    falling = np.stack([np.stack([a, b, c], 2), np.stack([b, d, c], 2)], 2)
+    rising = np.stack([np.stack([a, b, d], 2), np.stack([a, d, c], 2)], 2)
+    which = np.not_equal.outer(np.arange(n) < n / 2, np.arange(n) < n / 2)
+    tri = np.where(which[:, :, None, None], falling, rising).reshape(-1, 3)
+    flat = size / 2 * np.stack([u, v], axis=1)
+    one = np.full(len(u), 1.0)
+    faces = {
+        "top": (u, v, one), "bottom": (u, -v, -one), "front": (u, -one, v), "back": (-u, one, v),
+        "right": (one, u, v), "left": (-one, -u, v),
+    }  # fmt: skip
+    panels = [Panel(name, flat, tri, size / 2 * np.stack(face, axis=1) + [0, 0, size / 2])
+              for name, face in faces.items()]  # fmt: skip
+    return Pattern.from_panels(panels, tolerance=1e-6)
 
 
 @pytest.fixture(scope="session")

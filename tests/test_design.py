@@ -119,13 +119,13 @@ def test_taylor_of_everything_by_density_and_pressure(
     drawn = np.random.default_rng(9).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
     direction, pressure = drawn * chain.designed, 4e3
     along = lambda g: comm.allreduce(float(g @ direction))  # noqa: E731
-    by_pressure = base.pressure_gradient * pressure
+    by_pressure = base.pressure_gradient[0] * pressure
     slopes = [along(base.gradient) + by_pressure, *map(along, base.length_scale_gradients)]
     assert abs(by_pressure) > 1e-2 * abs(slopes[0]), "the pressure must matter"
     gaps = []
     for step in 1e-2 * 0.5 ** np.arange(6):
         there = chain.simulate(
-            density + step * direction, base.equilibrium.state, chain.pressure + step * pressure
+            density + step * direction, base.equilibrium.state, chain.pressures[0] + step * pressure
         )
         assert there.length_scale is not None
         values = np.array([there.objective - base.objective,

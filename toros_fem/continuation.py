@@ -16,20 +16,43 @@ EASY = 10
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """A pressure in Pa, and dead forces in N on all assembled vertices."""
+    """What acts on a skin.
 
-    pressure: float
+    Attributes:
+        pressure: In Pa, of all chambers or of each, (k,).
+        force: Dead forces in N on all assembled vertices, (n, 3); None for none.
+        displacement: Way in m of held components of all assembled vertices, (n, 3); None for none.
+        weight: Share of the skin's own weight.
+    """
+
+    pressure: float | Floats
     force: Floats | None
+    displacement: Floats | None = None
+    weight: float = 0.0
 
     def __bool__(self) -> bool:
-        return self.pressure > 0 or self.force is not None
+        dead = self.force is not None or self.weight > 0
+        return self.largest > 0 or dead or self.displacement is not None
 
     def __str__(self) -> str:
-        if self.force is None:
-            return f"{self.pressure:g} Pa"
-        total = np.linalg.norm(self.force, axis=1).sum()
-        forces = f"forces of {total:.4g} N in all"
-        return f"{self.pressure:g} Pa and {forces}" if self.pressure else forces
+        parts = []
+        if self.largest > 0 or not self:
+            parts.append(" and ".join(f"{p:g}" for p in np.atleast_1d(self.pressure)) + " Pa")
+        if self.force is not None:
+            total = np.linalg.norm(self.force, axis=1).sum()
+            parts.append(f"forces of {total:.4g} N in all")
+        if self.weight > 0:
+            share = "" if self.weight == 1 else f"{100 * self.weight:.3g} % of "
+            parts.append(f"{share}its own weight")
+        if self.displacement is not None:
+            way = np.linalg.norm(self.displacement, axis=1).max()
+            parts.append(f"supports moved by up to {way:.4g} m")
+        return " and ".join(parts)
+
+    @property
+    def largest(self) -> float:
+        """Largest pressure in Pa."""
+        return float(np.max(self.pressure))
 
     def share(self, share: float) -> Load:
         """A share of it."""
@@ -37,11 +60,20 @@ class Load:
 
     def towards(self, other: Load, share: float) -> Load:
         """What lies between, share of the way to another."""
-        pressure = self.pressure + share * (other.pressure - self.pressure)
-        if self.force is None and other.force is None:
-            return Load(pressure, None)
-        mine, theirs = (0.0 if load.force is None else load.force for load in (self, other))
-        return Load(pressure, np.asarray(mine + share * (theirs - mine)))
+        return Load(
+            self.pressure + share * (other.pressure - self.pressure),
+            _between(self.force, other.force, share),
+            _between(self.displacement, other.displacement, share),
+            self.weight + share * (other.weight - self.weight),
+        )
+
+
+def _between(one: Floats | None, other: Floats | None, share: float) -> Floats | None:
+    """Share of the way from one to the other, None standing for zero."""
+    if one is None and other is None:
+        return None
+    begin, end = (np.zeros(1) if values is None else values for values in (one, other))
+    return np.asarray(begin + share * (end - begin))
 
 
 @dataclass(frozen=True, eq=False)

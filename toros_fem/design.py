@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +22,8 @@ from toros_fem.perimeter import Perimeter
 from toros_fem.projection import Projection
 
 Floats = npt.NDArray[np.float64]
+Bounds = tuple[float, float]
+Pressure = float | Sequence[float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +37,8 @@ class Evaluation:
         length_scale: (g_r, g_t) of eqs. (13, 14); None where they are not asked for.
         gradient: dT/dρ at owned triangles, zero where the density is not designed; None if it
             was not asked for.
-        pressure_gradient: dT/dP in 1/Pa; None if it was not asked for.
+        pressure_gradient: dT/dP in 1/Pa by the pressure of each chamber, (k,), zero where it is
+            not designed; None if it was not asked for, or none is.
         length_scale_gradients: dg_r/dρ and dg_t/dρ, as `gradient`; None if not asked for.
         density: ρ at owned triangles.
         filtered, projected: ρ̃ and ρ̄ at owned triangles.
@@ -46,7 +51,7 @@ class Evaluation:
     perimeter: float | None
     length_scale: Floats | None
     gradient: Floats | None
-    pressure_gradient: float | None
+    pressure_gradient: Floats | None
     length_scale_gradients: list[Floats] | None
     density: Floats
     filtered: Floats
@@ -63,39 +68,43 @@ class DesignProblem:
         solver: Equilibrium solver of the scene.
         objective: Distance from the target, of the positions.
         filter: Filter of the densities.
-        pressure: Pressure in Pa, the first guess if it is designed too.
+        pressure: Pressure in Pa, of all chambers or of each; the first guess where designed.
         projection: Smoothed step; replaced by the loop when β is raised.
         passive: Projected density that is given, at owned triangles; NaN where it is designed.
             None designs every triangle.
-        pressure_bounds: Least and largest pressure in Pa; None keeps the pressure as given.
+        pressure_bounds: Least and largest pressure in Pa of all chambers, or such a pair for each;
+            None keeps the pressure, or that chamber's, as given.
         perimeter: Penalty on the length of the print's border, and its weight: T grows by
             weight · perimeter/L, L the size of the skin. A weight of 0 leaves it out.
         weight: That weight, a pure number.
         length_scale: Constraints on the widths of lines and gaps.
+        force: Dead forces in N on all assembled vertices, (n, 3), whatever the design.
     """
 
     solver: EquilibriumSolver
     objective: Objective
     filter: Filter
-    pressure: float
+    pressure: Pressure
     projection: Projection = field(default_factory=Projection)
     passive: Floats | None = None
-    pressure_bounds: tuple[float, float] | None = None
+    pressure_bounds: Bounds | Sequence[Bounds | None] | None = None
     perimeter: Perimeter | None = None
     weight: float = 0.0
     length_scale: LengthScaleConstraints | None = None
+    force: Floats | None = None
 
     def __post_init__(self) -> None:
         require_between(0.0, np.inf, weight=self.weight)
-        if self.pressure_bounds is not None:
-            low, high = self.pressure_bounds
-            require_positive(least_pressure=low, largest_pressure=high)
-            if not low < high:
-                raise ParameterError(
-                    f"the pressure's bounds {low:g} and {high:g} Pa leave it no room; the second "
-                    "must be larger. To keep the pressure as it is, give no bounds."
-                )
-            require_between(low, high, pressure=self.pressure)
+        for pressure, bounds in zip(self.pressures, self.pressure_ranges, strict=True):
+            if bounds is not None:
+                low, high = bounds
+                require_positive(least_pressure=low, largest_pressure=high)
+                if not low < high:
+                    raise ParameterError(
+                        f"the pressure's bounds {low:g} and {high:g} Pa leave it no room; the "
+                        "second must be larger. To keep the pressure as it is, give no bounds."
+                    )
+                require_between(low, high, pressure=pressure)
         if self.passive is None:
             return
         skin = self.solver.skin
@@ -116,6 +125,28 @@ class DesignProblem:
             raise DensityError("passive gives the density of every triangle: none is designed.")
 
     @property
+    def pressures(self) -> tuple[float, ...]:
+        """Pressure of each chamber in Pa, the first guess where it is designed."""
+        return self._for_each(self.pressure, "pressure", np.isscalar(self.pressure))
+
+    @property
+    def pressure_ranges(self) -> tuple[Bounds | None, ...]:
+        """Least and largest pressure of each chamber in Pa; None where it is not designed."""
+        bounds = self.pressure_bounds
+        alike = bounds is None or np.isscalar(bounds[0])
+        return self._for_each(bounds, "pressure_bounds", alike)
+
+    def _for_each(self, given: Any, name: str, alike: bool) -> tuple[Any, ...]:
+        count = len(self.solver.model.pressures)
+        values = (given,) * count if alike else tuple(given)
+        if len(values) != count:
+            raise ParameterError(
+                f"{name} has {len(values)} entries; it must have one for each of the {count} "
+                "chambers, or be given once for all."
+            )
+        return values
+
+    @property
     def designed(self) -> npt.NDArray[np.bool_]:
         """Which owned triangles are designed."""
         if self.passive is None:
@@ -134,7 +165,7 @@ class DesignProblem:
         return filtered, self.completed(self.projection.forward(filtered))
 
     def simulate(
-        self, density: Floats, start: Floats | None = None, pressure: float | None = None
+        self, density: Floats, start: Floats | None = None, pressure: Pressure | None = None
     ) -> Evaluation:
         """T without its gradient, by one equilibrium, eq. (17) (collective).
 
@@ -142,7 +173,7 @@ class DesignProblem:
             density: ρ at owned triangles, in [0, 1].
             start: `EquilibriumResult.state` to start the equilibrium from, of a neighbouring
                 design say.
-            pressure: In Pa; None takes `self.pressure`.
+            pressure: In Pa, of all chambers or of each; None takes `self.pressure`.
 
         Raises:
             DensityError: The density does not fit or leaves [0, 1].
@@ -169,7 +200,7 @@ class DesignProblem:
         projected = self.completed(printed.astype(np.float64))
         equilibrium = like.equilibrium
         return self._evaluate(
-            like.density, like.filtered, projected, equilibrium.state, equilibrium.pressure
+            like.density, like.filtered, projected, equilibrium.state, equilibrium.pressures
         )
 
     def _evaluate(
@@ -178,7 +209,7 @@ class DesignProblem:
         filtered: Floats,
         projected: Floats,
         start: Floats | None,
-        pressure: float | None,
+        pressure: Pressure | None,
     ) -> Evaluation:
         perimeter = None
         if self.perimeter is not None and self.weight > 0:
@@ -187,9 +218,8 @@ class DesignProblem:
         if self.length_scale is not None:
             widths = self.length_scale.forward(density, filtered, projected)
         begin = time.perf_counter()
-        equilibrium = self.solver.solve(
-            projected, self.pressure if pressure is None else pressure, start=start
-        )
+        wanted = self.pressure if pressure is None else pressure
+        equilibrium = self.solver.solve(projected, wanted, force=self.force, start=start)
         seconds = {"equilibrium": time.perf_counter() - begin}
         shape = self.objective.forward(equilibrium.positions)
         return Evaluation(
@@ -222,8 +252,12 @@ class DesignProblem:
         if self.perimeter is not None and self.weight > 0:
             by_projected += self._price * self.perimeter.backward(e.projected)
         pressure_gradient = None
-        if self.pressure_bounds is not None:
-            pressure_gradient = dot(self.solver.skin.comm, adjoint, self.solver.model.load(state))
+        designed = [k for k, bounds in enumerate(self.pressure_ranges) if bounds is not None]
+        if designed:
+            pressure_gradient = np.zeros(len(self.pressures))
+            for k in designed:
+                load = self.solver.model.load(state, k)
+                pressure_gradient[k] = dot(self.solver.skin.comm, adjoint, load)
         gradient = self._pull_back(e, None, by_projected)
         widths = None
         if self.length_scale is not None:
@@ -241,7 +275,7 @@ class DesignProblem:
         )
 
     def evaluate(
-        self, density: Floats, start: Floats | None = None, pressure: float | None = None
+        self, density: Floats, start: Floats | None = None, pressure: Pressure | None = None
     ) -> Evaluation:
         """T and its gradients: `simulate`, then `differentiate` (collective)."""
         return self.differentiate(self.simulate(density, start, pressure))

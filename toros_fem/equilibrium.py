@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from toros_fem._mpi import norm, raise_together
+from toros_fem._mpi import norm
+from toros_fem.chambers import Chambers
 from toros_fem.continuation import Climb, Load, climb
 from toros_fem.density import check_density
+from toros_fem.displacement import Placement
 from toros_fem.errors import ParameterError, TorosError
 from toros_fem.factor import PREFIX, Factor
+from toros_fem.loads import Weight
 from toros_fem.meshes.skin import Skin
 from toros_fem.model import SkinModel
-from toros_fem.newton import STAGNATED, NewtonStep, RegularisedNewton
+from toros_fem.newton import NewtonStep, RegularisedNewton
 from toros_fem.parameters import Composite, NewtonOptions
+from toros_fem.reasons import failure, success
+from toros_fem.request import check_start, requested_load
 from toros_fem.supports import Supports
 
 Floats = npt.NDArray[np.float64]
@@ -27,8 +31,6 @@ Floats = npt.NDArray[np.float64]
 FIRST_SHARE = 1 / 16
 # How many times `max_steps` the last attempt may take, from where the first cold one stopped.
 PATIENCE = 6
-# A hinge folded by so much, in rad, is near the angle where its energy jumps.
-FOLDED = math.radians(170)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +41,13 @@ class EquilibriumResult:
         converged: Whether `state` is a stable equilibrium under the asked load.
         share: Which share of the asked load, pressure and forces, acts on `state`.
         reason: Why the solve ended, as a sentence.
-        pressure: Pressure of `state` in Pa.
+        pressure: Pressure of `state` in Pa, the largest of all chambers.
+        pressures: Of each chamber.
         state: Owned unknowns in m, a flat array, as `SkinModel` has them.
         positions: Positions of the owned nodes in m, (n, 3), a view of `state`.
         energy: Energy of eq. (8) in J, less what dead forces do from the assembled positions on.
         volume: Enclosed volume in m³.
+        volumes: Of each chamber.
         stretch_use: Largest share of the stretch bounds that a triangle uses, < 1.
         residual: Norm of the first variation over the applied load.
         steps: Newton steps, each with a factorisation of its own.
@@ -56,10 +60,12 @@ class EquilibriumResult:
     share: float
     reason: str
     pressure: float
+    pressures: tuple[float, ...]
     state: Floats
     positions: Floats
     energy: float
     volume: float
+    volumes: tuple[float, ...]
     stretch_use: float
     residual: float
     steps: int
@@ -85,6 +91,8 @@ class EquilibriumSolver:
         supports: What is held.
         options: How hard to try.
         log: Called with every row of a solve's history as it comes, on every rank.
+        chambers: Pressure chambers; None for one.
+        weight: The skin's own weight; None for none.
     """
 
     def __init__(
@@ -94,9 +102,12 @@ class EquilibriumSolver:
         supports: Supports,
         options: NewtonOptions | None = None,
         log: Callable[[NewtonStep], None] | None = None,
+        *,
+        chambers: Chambers | None = None,
+        weight: Weight | None = None,
     ) -> None:
         self.skin = skin
-        self.model = SkinModel(skin, composite, supports)
+        self.model = SkinModel(skin, composite, supports, chambers, weight)
         self.options = options or NewtonOptions()
         self._factor = Factor(self.model)
         self._newton = RegularisedNewton(self.model, self._factor, self.options, log)
@@ -112,6 +123,7 @@ class EquilibriumSolver:
         snes.setPythonContext(self._newton)
         snes.setFromOptions()
         self._snes = snes
+        self._place = Placement(self.model)
         self._factorised_at: EquilibriumResult | None = None
         self._density: Floats = np.zeros(0)  # of that equilibrium
         self._load = Load(0.0, None)  # of that equilibrium
@@ -119,9 +131,10 @@ class EquilibriumSolver:
     def solve(
         self,
         density: Floats,
-        pressure: float,
+        pressure: float | Sequence[float],
         *,
         force: Floats | None = None,
+        displacement: Floats | None = None,
         start: Floats | None = None,
         raise_on_failure: bool = True,
     ) -> EquilibriumResult:
@@ -129,8 +142,9 @@ class EquilibriumSolver:
 
         Args:
             density: Projected density of the owned triangles, in [0, 1].
-            pressure: Pressure in Pa, ≥ 0.
+            pressure: Pressure in Pa, ≥ 0, of all chambers or of each.
             force: Dead forces in N on all assembled vertices, (n, 3).
+            displacement: Where supports are held instead of by their own `displacement`, (n, 3).
             start: Owned unknowns to start from at the full load, a neighbouring equilibrium's
                 say, or positions of the owned nodes, (n, 3), as with another bending term; held
                 components are put where they belong. Without it the solve starts from
@@ -141,13 +155,14 @@ class EquilibriumSolver:
                 good state with `converged` False.
 
         Raises:
-            ParameterError: The pressure is negative or not finite, or force or start do not fit.
+            ParameterError: The pressure is negative or not finite, or an array does not fit.
             DensityError: The density does not fit, or leaves [0, 1].
             OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
             EquilibriumError: No equilibrium was found; the error holds the last good state.
         """
-        self._check(density, pressure, force, start)
-        load = Load(pressure, None if force is None else np.array(force, dtype=np.float64))
+        load = requested_load(self.model, pressure, force, displacement)
+        check_density(self.skin, density)
+        check_start(self.model, start)
         self.model.set_density(density)
         newton = self._newton
         last, self._factorised_at = self._factorised_at, None
@@ -156,13 +171,11 @@ class EquilibriumSolver:
         newton.held = near is not None
         newton.history = []
         before = self._factor.count
-        held = ~self.model.free
         state = self.model.assembled
         if start is not None and start.ndim == 2:
             self.model.positions(state)[:] = start
-            state = np.where(held, self.model.assembled, state)
         elif start is not None:
-            state = np.where(held, state, start)
+            state = start
         use = self.model.bounds.worst(self.model.corners(state))
         if not use < 1:
             raise ParameterError(
@@ -174,15 +187,18 @@ class EquilibriumSolver:
         converged = reached == 1.0
         self._apply(load.share(reached or 0.0))
         state.setflags(write=False)
+        volumes = tuple(float(v) for v in self.model.volumes(state))
         result = EquilibriumResult(
             converged=converged,
             share=reached or 0.0,
-            reason=self._sentence(end.outcome, load, reached, state),
+            reason=self._reason(end, load, volumes),
             pressure=newton.pressure,
+            pressures=tuple(float(p) for p in self.model.pressures),
             state=state,
             positions=self.model.positions(state),
             energy=self.model.energy(state),
-            volume=self.model.volume(state),
+            volume=sum(volumes),
+            volumes=volumes,
             stretch_use=self.model.bounds.worst(self.model.corners(state)),
             residual=self._residual_over_load(state),
             steps=sum(row.step > 0 and not row.chord for row in newton.history),
@@ -206,12 +222,30 @@ class EquilibriumSolver:
         Raises:
             ParameterError: The solver has solved for something else since.
         """
+        self._require_last(at)
+        return self._factor.solve(rhs * self.model.free)
+
+    def reactions(self, at: EquilibriumResult) -> Floats:
+        """Forces in N by which the supports pull at all assembled vertices (collective).
+
+        Args:
+            at: The last equilibrium this solver found.
+
+        Returns:
+            Shape (n, 3), zero at free components, on every rank.
+
+        Raises:
+            ParameterError: The solver has solved for something else since.
+        """
+        self._require_last(at)
+        return self.skin.gather_vertices(self.model.positions(self.model.reaction(at.state)))
+
+    def _require_last(self, at: EquilibriumResult) -> None:
         if at is not self._factorised_at:
             raise ParameterError(
                 "the tangent is that of another state: the solver has been used since. Solve for "
-                "this state again, then ask for its tangent or gradient."
+                "this state again, then ask for its tangent, gradient or reactions."
             )
-        return self._factor.solve(rhs * self.model.free)
 
     def _continue(
         self,
@@ -248,8 +282,8 @@ class EquilibriumSolver:
                 return Climb(found, 1.0, outcome)
         unfinished = found
         # A pressure that strains by a few per cent.
-        small = 0.1 * self.model.composite.fabric.membrane_stiffness / self.skin.pattern.size
-        increment = min(small / load.pressure, 1 / 4) if load.pressure else FIRST_SHARE
+        small = 0.1 * self.model.composite.least_stiffness / self.skin.pattern.size
+        increment = min(small / load.largest, 1 / 4) if load.largest else FIRST_SHARE
 
         def raise_load(of: Floats) -> Climb:
             begin = Climb(self.model.assembled, None, outcome)
@@ -289,7 +323,7 @@ class EquilibriumSolver:
         """One solve of the SNES: the state, its converged reason, and how many steps it took."""
         self.model.set_density(density)
         self._apply(load)
-        self._x.array[:] = start
+        self._x.array[:] = self._place(start, load.displacement)
         rows = len(self._newton.history)
         self._snes.solve(None, self._x)
         state = self._x.array.copy()
@@ -303,7 +337,9 @@ class EquilibriumSolver:
     def _apply(self, load: Load) -> None:
         self.model.set_pressure(load.pressure)
         self.model.set_force(load.force)
-        self._newton.pressure = load.pressure
+        self.model.set_weight(load.weight)
+        self.model.displaced = load.displacement is not None
+        self._newton.pressure = load.largest
 
     def _residual(self, _: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         f.array_w[:] = self.model.residual(x.array_r)
@@ -312,64 +348,11 @@ class EquilibriumSolver:
         self._factor.assemble(x.array_r)
         self._factor.fill(0.0)
 
-    def _sentence(self, outcome: int, load: Load, reached: float | None, state: Floats) -> str:
-        if reached == 1.0:
-            found = f"A stable equilibrium was found at {load}."
-            residual = self._residual_over_load(state)
-            if residual > STAGNATED:
-                found += f" Rounding leaves a residual of {residual:.0e} of the load."
-            return found
-        why = {
-            int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT): (
-                f"Newton's method took {self.options.max_steps} steps without converging"
-            ),
-            int(PETSc.SNES.ConvergedReason.DIVERGED_INNER): "what was found is not stable",
-        }.get(outcome, "no step lowered the energy any more")
-        bounds = f"c1 = {self.model.composite.c1:g}, c2 = {self.model.composite.c2:g}"
-        begin = f"No equilibrium inside the stretch bounds ({bounds}) was found at {load}, at "
-        begin += f"once, by raising the load, or by stiffening the plain fabric: {why}."
-        folds = self.model.folds(self._x.array_r.copy(), FOLDED)
-        if folds:  # each edge is seen from both sides
-            begin += (
-                f" Where the last attempt ended {folds // 2} edges are folded by more than "
-                f"{math.degrees(FOLDED):.0f} degrees: the skin collapses onto itself there, and "
-                "contact is not modelled. A skin sewn from flat layers wants hinged seams."
-            )
-        if reached is None:
-            return (
-                f"{begin} Nor was there any under a lower load; the state is the one started from. "
-                "Check materials and supports, start from a neighbouring equilibrium, allow more "
-                "steps, or refine the mesh."
-            )
-        use = self.model.bounds.worst(self.model.corners(state))
-        return (
-            f"{begin} The last equilibrium is at {load.share(reached)}, {100 * reached:.3g} % of "
-            f"the load, where the most stretched triangle uses {100 * use:.1f} % of the bounds. "
-            "Lower the load to about that, stiffen the skin, or refine the mesh where it is most "
-            "stretched."
-        )
+    def _reason(self, end: Climb, load: Load, volumes: Sequence[float]) -> str:
+        if end.reached == 1.0:
+            return success(self.model, load, self._residual_over_load(end.state), volumes)
+        tried = self._x.array_r.copy()
+        return failure(self.model, self.options, end.outcome, load, end.reached, end.state, tried)
 
     def _residual_over_load(self, state: Floats) -> float:
         return norm(self.skin.comm, self.model.residual(state)) / self._newton.reference(state)
-
-    def _check(
-        self, density: Floats, pressure: float, force: Floats | None, start: Floats | None
-    ) -> None:
-        if not (math.isfinite(pressure) and pressure >= 0):
-            raise ParameterError(f"pressure = {pressure} Pa must be finite and at least 0.")
-        if pressure > 0 and not self.model.closed:
-            self.skin.pattern.require_closed()
-        check_density(self.skin, density)
-        error = None
-        points = self.skin.pattern.points.shape
-        if force is not None and not (force.shape == points and np.isfinite(force).all()):
-            error = ParameterError(
-                f"force has shape {force.shape}; it must be finite and of shape {points}, in N."
-            )
-        unknowns, nodes = (self.model.size_local,), self.model.positions(self.model.assembled).shape
-        if start is not None and start.shape not in (unknowns, nodes):
-            error = ParameterError(
-                f"start has shape {start.shape}; on this rank it must be {unknowns}, the unknowns "
-                f"of this bending term, or {nodes}, positions."
-            )
-        raise_together(self.skin.comm, error)

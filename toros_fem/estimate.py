@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -96,10 +96,15 @@ def estimate_error(
     whole = skin.gather_cells(density)
     fine_skin = sew(skin.comm, finer.pattern)
     held = supports(finer.pattern) if supports else _refined(finer, solver.model.supports)
-    fine = EquilibriumSolver(fine_skin, composite, held, solver.options)
+    chambers = solver.model.chambers
+    if chambers is not None:
+        chambers = replace(chambers, of_cell=chambers.of_cell[finer.cell])
+    fine = EquilibriumSolver(
+        fine_skin, composite, held, solver.options, chambers=chambers, weight=solver.model.weight
+    )
     found = fine.solve(
         whole[finer.cell][fine_skin.owned_cells],
-        result.pressure,
+        result.pressures,
         force=None if force is None else force(finer.pattern),
         start=finer.at_vertices(positions)[fine_skin.owned_vertices],
     )
@@ -115,10 +120,14 @@ def estimate_error(
 def _refined(finer: Refinement, supports: Supports) -> Supports:
     """A middle is held as both its ends are; a guided edge makes two."""
     held = np.asarray(supports.held[finer.ends].all(axis=1))
+    displacement = None
+    if supports.displacement is not None:
+        displacement = supports.displacement[finer.ends].mean(axis=1)
     if not len(supports.guided):
-        return Supports(held)
+        return Supports(held, displacement=displacement)
     count = len(supports.held)
     known = edge_keys(finer.ends[count:], count)
     middle = count + np.searchsorted(known, edge_keys(supports.guided, count))
     halves = np.stack([supports.guided, np.repeat(middle[:, None], 2, axis=1)], axis=2)
-    return Supports(held, halves.reshape(-1, 2), np.repeat(supports.normals, 2, axis=0))
+    normals = np.repeat(supports.normals, 2, axis=0)
+    return Supports(held, halves.reshape(-1, 2), normals, displacement)

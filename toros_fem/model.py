@@ -9,17 +9,19 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem, la
-from mpi4py import MPI
 
 from toros_fem._mpi import dot, total
+from toros_fem.assembly import assembled, edge_coefficients, masses, section, work_vector
+from toros_fem.chambers import Chambers
 from toros_fem.feasibility import StretchBounds
-from toros_fem.forms.bending import Edges
-from toros_fem.forms.energy import Section, SkinForms, skin_forms
+from toros_fem.forms.energy import SkinForms, skin_forms
 from toros_fem.forms.interpolation import interpolate
-from toros_fem.hinges import Hinges, edge_angles, find_hinges
+from toros_fem.hinges import edge_angles, find_hinges
+from toros_fem.loads import Weight
 from toros_fem.meshes.skin import Skin
-from toros_fem.parameters import Composite, Material
+from toros_fem.parameters import Composite
 from toros_fem.patch import make_patch
+from toros_fem.pressure import PressureLoad
 from toros_fem.supports import Supports
 
 Floats = npt.NDArray[np.float64]
@@ -40,17 +42,29 @@ class SkinModel:
         held: Held unknowns among the local ones, ghosts included.
         free: Those owned unknowns that are not held.
         loaded: Whether there are dead forces.
+        displaced: Whether supports are moved, so that their pull is part of the load.
+        pressures: Pressure of each chamber in Pa, (k,).
 
     Args:
         skin: The sewn skin.
         composite: The two materials and the stretch bounds.
         supports: Held components and directions.
+        chambers: Pressure chambers; None for one.
+        weight: The skin's own weight; None for none.
 
     Raises:
-        ParameterError: The supports leave a rigid motion, or are made for another pattern.
+        ParameterError: The supports leave a rigid motion, or are made for another pattern; or the
+            walls between the chambers are not known.
     """
 
-    def __init__(self, skin: Skin, composite: Composite, supports: Supports) -> None:
+    def __init__(
+        self,
+        skin: Skin,
+        composite: Composite,
+        supports: Supports,
+        chambers: Chambers | None = None,
+        weight: Weight | None = None,
+    ) -> None:
         supports.require_no_rigid_motion(skin.pattern, bends=composite.bending is not None)
         self.skin = skin
         self.composite = composite
@@ -71,31 +85,41 @@ class SkinModel:
         size = self.space.element.space_dimension
         entry = basix.ufl.element("DG", "triangle", 0, shape=(size * (size + 1) // 2,))
         self._entry_space = fem.functionspace(domain, entry)
-        self._pressure = fem.Constant(domain, 0.0)
+        nodes = self._patch.position_count
+        numbers = self.space.dofmap.index_map.local_range[0] + np.arange(nodes).reshape(-1, 3)
+        self.chambers, self.weight = chambers, weight
+        self._gravity = fem.Constant(domain, np.zeros(3))
+        bladder = composite.bladder
+        self._pressure = PressureLoad(skin, chambers, supports, numbers)
         self._geometric = fem.Constant(domain, 1.0)
         self.ufl_forms: SkinForms = skin_forms(
             self.q,
             self.adjoint,
             ufl.TestFunction(self._entry_space),
             self.density,
-            _section(domain, composite.fabric),
-            _section(domain, composite.reinforcement),
+            section(domain, composite.fabric),
+            section(domain, composite.reinforcement),
             (fem.Constant(domain, composite.c1), fem.Constant(domain, composite.c2)),
-            self._pressure if self.closed else None,
+            self._pressure.coefficient if self.closed else None,
+            self._pressure.chosen,
             self._geometric,
-            None if self._hinges is None else _edges(skin, self._hinges, rotations=rotations),
+            None if self._hinges is None else edge_coefficients(skin, self._hinges, rotations),
+            None if bladder is None else fem.Constant(domain, bladder.membrane_stiffness / 3),
+            None if weight is None else masses(domain, weight, self._gravity),
         )
         self._energy = fem.form(self.ufl_forms.energy)
         self._residual = fem.form(self.ufl_forms.residual)
         self._tangent = fem.form(self.ufl_forms.tangent)
-        self._volume = fem.form(self.ufl_forms.volume) if self.closed else None
-        self._load = fem.form(self.ufl_forms.load) if self.closed else None
-        self._buffer = _work_vector(self.space)
+        self._buffer = work_vector(self.space)
+        if self.closed:
+            self._pressure.compile(self.ufl_forms, self._buffer)
+        self._weight = None if weight is None else fem.form(self.ufl_forms.weight)
         self._sensitivity: Any = None  # compiled when a gradient is first asked for
 
         index_map = self.space.dofmap.index_map
         self.size_local: int = index_map.size_local
         self.loaded, self._force = False, np.zeros(self.size_local)
+        self.displaced = False
         self.held = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
         self.held[self._patch.position_dofs] = supports.held[skin.vertex]
         if self._hinges is not None and rotations:
@@ -132,9 +156,15 @@ class SkinModel:
         """Positions (n, 3) of the owned nodes in a state, as a view; also of forces."""
         return state[: self._patch.position_count].reshape(-1, 3)
 
-    def set_pressure(self, pressure: float) -> None:
-        """Set the pressure in Pa."""
-        self._pressure.value = pressure
+    @property
+    def pressures(self) -> Floats:
+        """Pressure of each chamber in Pa, (k,)."""
+        return self._pressure.values
+
+    def set_pressure(self, pressure: float | Floats) -> None:
+        """Set the pressure in Pa, of all chambers or of each, (k,)."""
+        values = np.broadcast_to(np.asarray(pressure, dtype=np.float64), self.pressures.shape)
+        self._pressure.set(np.array(values))
 
     def set_force(self, force: Floats | None) -> None:
         """Set dead forces in N on all assembled vertices, (n, 3); None for none."""
@@ -142,6 +172,11 @@ class SkinModel:
         self._force[:] = 0
         if force is not None:
             self.positions(self._force)[:] = force[self.skin.owned_vertices]
+
+    def set_weight(self, share: float) -> None:
+        """Let a share of the skin's own weight act, if it has one."""
+        if self.weight is not None:
+            self._gravity.value[:] = share * np.asarray(self.weight.gravity)
 
     def set_density(self, density: Floats) -> None:
         """Set the projected density from owned values."""
@@ -178,42 +213,67 @@ class SkinModel:
         if not self.bounds.worst(self.corners(state)) < 1:
             return np.inf
         work = self._force @ (state - self.assembled) if self.loaded else 0.0
-        return total(self.skin.comm, fem.assemble_scalar(self._energy) - work)
+        whole = total(self.skin.comm, fem.assemble_scalar(self._energy) - work)
+        return whole - self._pressure.wall_volume(self.positions(state), self.pressures)
 
     def residual(self, state: Floats) -> Floats:
         """First variation of E in N, zero at held components."""
-        self.set_state(state)
-        return (_assembled(self._residual, self._buffer) - self._force) * self.free
+        return self._variation(state) * self.free
 
     def reaction(self, state: Floats) -> Floats:
         """Force in N by which the supports pull at the skin, zero at free components."""
-        self.set_state(state)
-        return (_assembled(self._residual, self._buffer) - self._force) * ~self.free
+        return self._variation(state) * ~self.free
 
-    def load(self, state: Floats) -> Floats:
-        """Force of a unit pressure in m², zero at held components."""
+    def _variation(self, state: Floats) -> Floats:
         self.set_state(state)
-        if self._load is None:
+        out = assembled(self._residual, self._buffer) - self._force
+        self.positions(out)[:] -= self._pressure.wall_load(self.positions(state), self.pressures)
+        return np.asarray(out)
+
+    def load(self, state: Floats, chamber: int | None = None) -> Floats:
+        """Force of a unit pressure in m², in one chamber or in all, zero at held components."""
+        weights = np.ones(len(self.pressures))
+        if chamber is not None:
+            weights = np.eye(len(weights))[chamber]
+        return self._weighted_load(state, weights)
+
+    def _weighted_load(self, state: Floats, weights: Floats) -> Floats:
+        self.set_state(state)
+        if not self.closed:
             return np.zeros(self.size_local)
-        return _assembled(self._load, self._buffer) * self.free
+        return self._pressure.load(self.positions(state), weights) * self.free
 
     def applied_load(self, state: Floats) -> Floats:
-        """Force of pressure and dead forces in N, zero at held components."""
-        pressure = float(self._pressure.value)
+        """Force of pressure, dead forces and weight in N, zero at held components."""
         load = self._force * self.free
-        return load + pressure * self.load(state) if pressure else load
+        if self.pressures.any():
+            load = load + self._weighted_load(state, self.pressures)
+        return load + self._weight_force() * self.free
+
+    def _weight_force(self) -> Floats:
+        if self._weight is None:
+            return np.zeros(self.size_local)
+        return -assembled(self._weight, self._buffer)
 
     def work(self, state: Floats) -> float:
-        """Size in J of what pressure and dead forces add to the energy, for its rounding."""
-        by_force = dot(self.skin.comm, np.abs(self._force), np.abs(state - self.assembled))
-        return abs(float(self._pressure.value) * self.volume(state)) + by_force
+        """Size in J of what pressure, forces and weight add to the energy, for its rounding."""
+        parts = np.abs(self._force) * np.abs(state - self.assembled)
+        by_force = total(
+            self.skin.comm, float((parts + np.abs(self._weight_force() * state)).sum())
+        )
+        return float(self.pressures @ np.abs(self.volumes(state))) + by_force
 
     def volume(self, state: Floats) -> float:
         """Enclosed volume in m³; 0 for an open skin."""
+        return float(self.volumes(state).sum())
+
+    def volumes(self, state: Floats) -> Floats:
+        """Volume of each chamber in m³, (k,), of closed bodies; 0 for an open skin."""
         self.set_state(state)
-        if self._volume is None:
-            return 0.0
-        return total(self.skin.comm, fem.assemble_scalar(self._volume))
+        if not self.closed:
+            return np.zeros(len(self.pressures))
+        nodes, each = self.positions(state), np.eye(len(self.pressures))
+        return np.array([self._pressure.volume(nodes, weights) for weights in each])
 
     @property
     def tangent_layout(self) -> tuple[Ints, Ints, npt.NDArray[np.bool_]]:
@@ -235,22 +295,32 @@ class SkinModel:
 
         Args:
             state: Owned unknowns.
-            out: Its first entries receive them, a row of 45, 171 or 231 for each owned triangle.
+            out: Its first entries receive them, a row of 45, 171 or 231 for each owned triangle;
+                then follow those of `wall_pairs`.
+            geometric: 1 for the tangent, 0 for its material part, which no pressure is in.
         """
         self.set_state(state)
         self._geometric.value = geometric
-        out[: len(self._dofs) * self._entry_space.dofmap.bs] = 0
+        cells = len(self._dofs) * self._entry_space.dofmap.bs
+        out[:cells] = 0
         fem.assemble_vector(out, self._tangent)
+        walls = self._pressure.wall_tangent(self.positions(state))
+        out[cells : cells + len(walls)] = geometric * walls
+
+    @property
+    def wall_pairs(self) -> npt.NDArray[np.int64]:
+        """Global rows and columns, (2, p), of what the walls between chambers add."""
+        return self._pressure.pairs
 
     def density_sensitivity(self, state: Floats, adjoint: Floats) -> Floats:
         """∂(residual · adjoint)/∂ρ̄ at owned triangles, in J."""
         if self._sensitivity is None:
             self._sensitivity = fem.form(self.ufl_forms.sensitivity)
-            self._gradient = _work_vector(self.skin.density_space)
+            self._gradient = work_vector(self.skin.density_space)
         self.set_state(state)
         self.adjoint.x.array[: self.size_local] = adjoint
         self.adjoint.x.scatter_forward()
-        return _assembled(self._sensitivity, self._gradient)
+        return assembled(self._sensitivity, self._gradient)
 
     def energy_rounding(self) -> float:
         """Bound in J on what rounding adds to the stretching energy.
@@ -263,51 +333,12 @@ class SkinModel:
         return 1e-14 * widest * self.mean_modulus() * float(self.skin.pattern.areas.sum())
 
     def mean_modulus(self) -> float:
-        """Mean over the flat area of h (2μ + λ), in N/m."""
+        """Mean over the flat area of h (2μ + λ), the bladder's included, in N/m."""
         mixed = _membrane_modulus(self.composite, self.density.x.array[: len(self._areas)])
         area = float(self.skin.pattern.areas.sum())
-        return dot(self.skin.comm, mixed, self._areas) / area
-
-
-def _work_vector(space: fem.FunctionSpace) -> Any:
-    """A vector to assemble into, made once: to plan its exchange between ranks is dear."""
-    return la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
-
-
-def _assembled(form: Any, vector: Any) -> Floats:
-    """Owned entries of an assembled linear form."""
-    vector.array[:] = 0
-    fem.assemble_vector(vector.array, form)
-    vector.scatter_reverse(la.InsertMode.add)
-    return np.array(vector.array[: vector.index_map.size_local * vector.block_size])
-
-
-def _edges(skin: Skin, hinges: Hinges, *, rotations: bool) -> Edges:
-    """Constants of the triangles' edges as coefficients, compiled only where there are any."""
-    element = basix.ufl.element("DG", "triangle", 0, shape=(3,))
-    space = fem.functionspace(skin.mesh, element)
-
-    def coefficient(values: Floats) -> Any:
-        function = fem.Function(space)
-        function.x.array.reshape(-1, 3)[space.dofmap.list[:, 0]] = values
-        return function
-
-    mirrored, shaped = (
-        skin.comm.allreduce(bool(values.any()), op=MPI.LOR)
-        for values in (hinges.mirror, hinges.rest)
-    )
-    return Edges(
-        tensors=[coefficient(hinges.tensors[:, i]) for i in range(3)],
-        rests=coefficient(hinges.rest) if shaped else None,
-        turns=coefficient(hinges.rotation) if rotations else None,
-        mirrors=[coefficient(hinges.mirror[:, i]) for i in range(3)] if mirrored else None,
-    )
-
-
-def _section(domain: Any, material: Material) -> Section:
-    h = material.thickness
-    values = (h * material.mu, h * material.lam, h**3 / 12 * material.mu, h**3 / 12 * material.lam)
-    return Section(*(fem.Constant(domain, value) for value in values))
+        bladder = self.composite.bladder  # μ = E/3, λ = 2 μ
+        rubber = 0.0 if bladder is None else 4 / 3 * bladder.membrane_stiffness
+        return dot(self.skin.comm, mixed, self._areas) / area + rubber
 
 
 def _membrane_modulus(composite: Composite, density: Floats) -> Floats:

@@ -196,11 +196,13 @@ class RegularisedNewton:
             point = new
 
     def reference(self, state: Floats) -> float:
-        """Norm of the applied load in N; without any, of the supports' pull.
+        """Norm of the applied load in N; without any, or where they move, of the supports' pull.
 
         A skin that nothing pulls at is measured by the force of a strain of 1e-4.
         """
         load = norm(self.comm, self.model.applied_load(state))
+        if load > 0 and self.model.displaced:
+            return max(load, norm(self.comm, self.model.reaction(state)))
         if load > 0:
             return load
         pattern = self.model.skin.pattern

@@ -39,7 +39,7 @@ class DesignResult:
 
     Attributes:
         density: Final ρ at owned triangles.
-        pressure: Final pressure in Pa.
+        pressure: Final pressure in Pa, the largest of all chambers.
         final: Evaluation of the two.
         history: One row for the start of each stage and one for each step, the last one being
             the final design.
@@ -55,6 +55,11 @@ class DesignResult:
     reason: str
     seconds: dict[str, float]
     designed: npt.NDArray[np.bool_]
+
+    @property
+    def pressures(self) -> tuple[float, ...]:
+        """Final pressure of each chamber in Pa."""
+        return self.final.equilibrium.pressures
 
 
 Callback = Callable[[Iteration, Evaluation], None]
@@ -123,7 +128,7 @@ class _Loop:
         self.problem, self.options, self.callback = problem, options, callback
         self.comm = problem.solver.skin.comm
         self.variables = Variables(problem, options)
-        self.x = self.variables.vector(problem.completed(density), problem.pressure)
+        self.x = self.variables.vector(problem.completed(density), problem.pressures)
         self.areas = problem.solver.skin.pattern.areas[problem.solver.skin.owned_cells]
         self.areas = self.areas * problem.designed
         self.evaluation: Evaluation | None = None
@@ -138,7 +143,7 @@ class _Loop:
         """Take over what a loop before arrived at, but for the density."""
         self.evaluation, self.history = result.final, list(result.history)
         self.phases, self.steps_done = dict(result.seconds), result.history[-1].iteration
-        self.x = self.variables.vector(self.problem.completed(density), result.pressure)
+        self.x = self.variables.vector(self.problem.completed(density), result.pressures)
 
     def run(self, number: int, stage: Stage, *, last: bool) -> None:
         """One stage, from the design at hand."""
@@ -241,7 +246,7 @@ class _Loop:
         ]
         rows = []
         for target, part in zip(targets, evaluation.length_scale_gradients, strict=True):
-            rows.append(self.variables.vector(np.asarray(part / target), None))
+            rows.append(self.variables.vector(np.asarray(part / target)))
         return targets, self.measured(evaluation, targets), rows
 
     def measured(self, evaluation: Evaluation, targets: list[float]) -> list[float]:
@@ -302,9 +307,9 @@ class _Loop:
     def simulate(self, start: Floats | None) -> Evaluation:
         """The design that the variables stand for; what it costs is added up."""
         begin = time.perf_counter()
-        density, pressure = self.variables.design(self.x)
+        density, pressures = self.variables.design(self.x)
         try:
-            found = self.problem.simulate(density, start, pressure)
+            found = self.problem.simulate(density, start, pressures)
         except EquilibriumError as error:
             self.steps += error.result.steps
             self.factorisations += error.result.factorisations

@@ -121,6 +121,29 @@ class Bending:
 
 
 @dataclass(frozen=True)
+class Bladder:
+    """A thin airtight layer of incompressible rubber that moves with the skin.
+
+    It is neo-Hookean, in plane stress, and so thin that its own bending does not count.
+
+    Attributes:
+        young: Young's modulus in Pa at small strain; the shear modulus is a third of it.
+        thickness: In m, undeformed.
+    """
+
+    young: float
+    thickness: float
+
+    def __post_init__(self) -> None:
+        require_positive(young=self.young, thickness=self.thickness)
+
+    @property
+    def membrane_stiffness(self) -> float:
+        """E h in N/m."""
+        return self.young * self.thickness
+
+
+@dataclass(frozen=True)
 class Composite:
     """A fabric and what it becomes where it is reinforced, eqs. (1-3).
 
@@ -133,6 +156,7 @@ class Composite:
         c1: Bound on a principal stretch, > 1; the stretches stay in (2 − c₁, c₁).
         c2: Bound on their sum, > 1; the sum stays in (3 − c₂, 1 + c₂).
         bending: How the sheet resists bending; None makes the skin a membrane.
+        bladder: A rubber layer under both materials; None for none.
     """
 
     fabric: Material = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3)
@@ -140,8 +164,11 @@ class Composite:
     c1: float = 1.9
     c2: float = 2.6
     bending: Bending | None = Bending()
+    bladder: Bladder | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.bladder, Bladder | None):
+            raise ParameterError(f"bladder = {self.bladder!r} must be a Bladder, or None.")
         if not isinstance(self.bending, Bending | None):
             raise ParameterError(
                 f"bending = {self.bending!r} must be a Bending, or None for a membrane."
@@ -152,6 +179,12 @@ class Composite:
                     f"{name} = {value} must be a finite number greater than 1: it bounds "
                     + ("a principal stretch." if name == "c1" else "λ₁ + λ₂ − 1.")
                 )
+
+    @property
+    def least_stiffness(self) -> float:
+        """E h in N/m of the plain fabric, with the bladder if there is one."""
+        bladder = 0.0 if self.bladder is None else self.bladder.membrane_stiffness
+        return self.fabric.membrane_stiffness + bladder
 
 
 @dataclass(frozen=True)

@@ -112,7 +112,7 @@ class Iteration:
         shape: Its part that measures the distance from the target.
         perimeter: Length in m of the print's border; 0 where nothing asks for it.
         solid, void: g_r and g_t of eqs. (13, 14); 0 where nothing asks for them.
-        pressure: In Pa.
+        pressure: In Pa, the largest of all chambers.
         gradient_norm: Euclidean norm of dT/dρ over all triangles.
         kkt: KKT residual of MMA's scaled problem; infinite before the first step of a stage.
         volume_fraction: Share of the designed area that is reinforced.

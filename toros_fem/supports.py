@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import permutations, product
 
 import numpy as np
 import numpy.typing as npt
@@ -37,16 +38,22 @@ class Supports:
             Whether the edge itself is held is told by `held`.
         normals: Normal of each of these planes, shape (k, 3), perpendicular to the edge, of any
             length. An edge that is not held may move, but its plane does not turn.
+        displacement: Way in m from the assembled position to where a vertex is held, shape
+            (n, 3), read at held components; None holds all where they are assembled. It is part
+            of the load and raised together with it.
 
     Raises:
-        ParameterError: `guided` and `normals` do not fit together, or a normal is zero.
+        ParameterError: `guided` and `normals` do not fit together, or a normal is zero; or the
+            displacement has another shape than `held`, or is not finite.
     """
 
     held: npt.NDArray[np.bool_]
     guided: Ints = field(default_factory=_no_edges)
     normals: Floats = field(default_factory=_no_normals)
+    displacement: Floats | None = None
 
     def __post_init__(self) -> None:
+        require_displacement(self.displacement, self.held.shape)
         count = len(self.guided)
         if self.guided.shape != (count, 2) or self.normals.shape != (count, 3):
             raise ParameterError(
@@ -58,11 +65,19 @@ class Supports:
             raise ParameterError("each row of normals must be finite and not zero.")
 
     def __or__(self, other: Supports) -> Supports:
-        """What either holds; where both guide an edge, the second counts."""
+        """What either holds; where both do, the second's displacement and direction count."""
+        displacement = None
+        if self.displacement is not None or other.displacement is not None:
+            mine, theirs = (
+                np.zeros(s.held.shape) if s.displacement is None else s.displacement
+                for s in (self, other)
+            )
+            displacement = np.where(other.held, theirs, np.where(self.held, mine, 0.0))
         return Supports(
             self.held | other.held,
             np.concatenate([self.guided, other.guided]),
             np.concatenate([self.normals, other.normals]),
+            displacement,
         )
 
     def close(self, pattern: Pattern) -> bool:
@@ -71,9 +86,26 @@ class Supports:
         The wall missing in a coordinate plane through the origin has no share in the volume of
         eq. (7).
         """
-        ends = pattern.free_edges
-        there = self.held & (np.abs(pattern.points) <= FLAT * pattern.size)
+        ends, there = pattern.free_edges, self._flat(pattern)
         return bool((there[ends[:, 0]] & there[ends[:, 1]]).any(axis=1).all())
+
+    def in_planes(self, pattern: Pattern) -> npt.NDArray[np.bool_]:
+        """Whether a vertex lies in the symmetry plane across x, y or z, (n, 3).
+
+        Where edges are guided their normals tell: a clamp may hold more.
+        """
+        across = np.zeros(self.held.shape, dtype=bool)
+        lengths = np.linalg.norm(self.normals, axis=1)[:, None]
+        for k in range(2):
+            np.logical_or.at(across, self.guided[:, k], np.abs(self.normals) > 0.999 * lengths)
+        told = np.asarray(across.any(axis=1))[:, None]
+        return np.asarray(self._flat(pattern) & (across | ~told))
+
+    def _flat(self, pattern: Pattern) -> npt.NDArray[np.bool_]:
+        """Components held at 0."""
+        there = pattern.points if self.displacement is None else pattern.points + self.displacement
+        at_rest = np.abs(pattern.points) <= FLAT * pattern.size
+        return np.asarray(self.held & at_rest & (np.abs(there) <= FLAT * pattern.size))
 
     def require_no_rigid_motion(self, pattern: Pattern, *, bends: bool = True) -> None:
         """Check that no rigid motion of the assembled skin is left free.
@@ -130,6 +162,21 @@ class Supports:
             )
 
 
+def require_displacement(displacement: Floats | None, shape: tuple[int, ...]) -> None:
+    """Check shape and values of a displacement of all assembled vertices; None is none.
+
+    Raises:
+        ParameterError: It does not fit, or is not finite.
+    """
+    if displacement is None:
+        return
+    if displacement.shape != shape or not np.isfinite(displacement).all():
+        raise ParameterError(
+            f"displacement has shape {displacement.shape}; it must be finite and of shape "
+            f"{shape}, in m, one row for each assembled vertex."
+        )
+
+
 def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
     """Hold every vertex of the named panels in all three components.
 
@@ -143,6 +190,68 @@ def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
     for name in panels:
         held[pattern.vertices_of(name)] = True
     return Supports(held)
+
+
+def displace(
+    pattern: Pattern, panels: Sequence[str], displacement: Sequence[float] | Floats
+) -> Supports:
+    """Hold every vertex of the named panels in all components, moved by one vector.
+
+    Args:
+        pattern: The pattern.
+        panels: Names of the panels.
+        displacement: From the assembled positions, (3,), in m.
+
+    Raises:
+        PanelError: A panel of that name does not exist.
+        ParameterError: No panel is named, or the displacement is no finite vector.
+    """
+    held = clamp(pattern, panels).held
+    vector = np.asarray(displacement, dtype=np.float64)
+    if vector.shape != (3,):
+        raise ParameterError(f"displacement = {displacement} must be a vector (3,), in m.")
+    return Supports(held, displacement=np.where(held, vector, 0.0))
+
+
+def pin(pattern: Pattern, panel: str | None = None) -> Supports:
+    """Hold six components, so that nothing but rigid motion is taken away.
+
+    Of three vertices far apart one is held in three components, one in two, one in one (the
+    3-2-1 rule of fixtures), those that resist the weakest rigid motion best. An inflated skin
+    pulls at none of them.
+
+    Args:
+        pattern: The pattern.
+        panel: Where the three vertices are to lie; None for anywhere.
+
+    Raises:
+        PanelError: There is no such panel.
+        ParameterError: The vertices lie on a line.
+    """
+    among = np.arange(len(pattern.points)) if panel is None else pattern.vertices_of(panel)
+    arm = (pattern.points[among] - pattern.points[among].mean(axis=0)) / pattern.size
+    first = int(np.argmax(np.linalg.norm(arm, axis=1)))
+    second = int(np.argmax(np.linalg.norm(arm - arm[first], axis=1)))
+    third = int(np.argmax(np.linalg.norm(np.cross(arm - arm[first], arm[second] - arm[first]),
+                                         axis=1)))  # fmt: skip
+    turns = np.stack([np.cross(axis, arm) for axis in np.eye(3)], axis=2)
+    motions = np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2)
+    best, chosen = 0.0, None
+    for a, b, c in permutations((first, second, third)):
+        for left_out, last in product(range(3), range(3)):
+            held = np.zeros(arm.shape, dtype=bool)
+            held[a], held[b], held[c, last] = True, np.arange(3) != left_out, True
+            stiffness = float(np.linalg.svd(motions[held], compute_uv=False)[-1])
+            if held.sum() == 6 and stiffness > best * (1 + 1e-9):  # the first of equals
+                best, chosen = stiffness, held
+    if chosen is None or best < 1e-4:
+        raise ParameterError(
+            "the vertices to pin lie on a line, so that the skin could turn about it; give a panel "
+            "that spans an area, or none."
+        )
+    whole = np.zeros(pattern.points.shape, dtype=bool)
+    whole[among] = chosen
+    return Supports(whole)
 
 
 def symmetry_plane(pattern: Pattern, axis: int) -> Supports:

@@ -99,8 +99,9 @@ class UpperTangent:
 def _contributions(model: SkinModel) -> tuple[Ints, Floats]:
     """For each number an assembly starts from, its entry row · size + column, −1 if it has none.
 
-    The numbers are those of `SkinModel.tangent_entries`, then a 1 for each held dof. The second
-    array holds their weights: where a patch meets one vertex twice, (i, j) and (j, i) coincide.
+    The numbers are those of `SkinModel.tangent_entries`, of triangles and of walls, then a 1 for
+    each held dof. The second array holds their weights: where a patch meets one vertex twice,
+    (i, j) and (j, i) coincide.
     """
     index_map = model.space.dofmap.index_map
     size = index_map.size_global
@@ -119,8 +120,9 @@ def _contributions(model: SkinModel) -> tuple[Ints, Floats]:
         keys[place, n] = np.where(counts[:, i] & counts[:, j], entry, -1)
         if i != j:
             weights[place, n] = np.where(a == b, 2.0, 1.0)
+    walls = model.wall_pairs[0] * size + model.wall_pairs[1]
     held = number[np.flatnonzero(~model.free)]
     return (
-        np.concatenate([keys.ravel(), held * (size + 1)]),
-        np.concatenate([weights.ravel(), np.ones(len(held))]),
+        np.concatenate([keys.ravel(), walls, held * (size + 1)]),
+        np.concatenate([weights.ravel(), np.ones(len(walls) + len(held))]),
     )
