@@ -16,6 +16,7 @@ from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import DensityError, ParameterError
 from toros_fem.filters import Filter
 from toros_fem.length_scale import LengthScaleConstraints
+from toros_fem.meshes.mirror import Mirrored
 from toros_fem.objective import Objective
 from toros_fem.parameters import require_between, require_positive
 from toros_fem.perimeter import Perimeter
@@ -79,6 +80,8 @@ class DesignProblem:
         weight: That weight, a pure number.
         length_scale: Constraints on the widths of lines and gaps.
         force: Dead forces in N on all assembled vertices, (n, 3), whatever the design.
+        whole: What the skin is a part of, `meshes.mirrored`; None if it is whole. What is printed
+            is drawn and measured on the whole.
     """
 
     solver: EquilibriumSolver
@@ -92,6 +95,7 @@ class DesignProblem:
     weight: float = 0.0
     length_scale: LengthScaleConstraints | None = None
     force: Floats | None = None
+    whole: Mirrored | None = None
 
     def __post_init__(self) -> None:
         require_between(0.0, np.inf, weight=self.weight)

@@ -14,6 +14,7 @@ from toros_fem.contours import printed_regions
 from toros_fem.design import DesignProblem, Evaluation
 from toros_fem.equilibrium import EquilibriumError
 from toros_fem.manufacture import Printability, PrintLimits, printability, printed_cells
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.optimise import DesignResult
 from toros_fem.pieces import Cleaned, clean
 
@@ -22,20 +23,22 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class PrintedDesign:
-    """What leaves the printer, and what it does.
+    """What leaves the printer, and what it does; of the whole where a part is designed.
 
     Attributes:
+        pattern: What is printed on.
         bare: The contours of ρ̃ at η on each panel, in m.
         cleaned: What is printed on each panel, with what was dropped and filled on the way.
         limits: Below which widths and gaps count as offences.
         before: Printability of the bare contours.
         after: Printability of what is printed.
-        cells: Which triangles of the pattern are printed, (t,).
+        cells: Which of its triangles are printed, (t,).
         evaluation: The binary pattern simulated at the design's pressure; None if it has no
             equilibrium there.
         failure: Why it has none.
     """
 
+    pattern: Pattern
     bare: list[BaseGeometry]
     cleaned: Cleaned
     limits: PrintLimits
@@ -76,6 +79,8 @@ def drawn(problem: DesignProblem, density: Floats) -> tuple[Floats, Floats]:
 
 def without_islands(problem: DesignProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
     """ρ at owned triangles without what makes free islands of its contours (collective).
+
+    Of a whole its part has the first triangles and panels, at the same flat places.
 
     Args:
         problem: The design problem.
@@ -121,8 +126,11 @@ def print_design(
         hole_area: Holes smaller than this, in m², are filled.
     """
     skin = problem.solver.skin
-    pattern, comm = skin.pattern, skin.comm
+    pattern, comm, whole = skin.pattern, skin.comm, problem.whole
     at_points, at_centroids = drawn(problem, result.density)
+    if whole is not None:
+        pattern = whole.pattern
+        at_points, at_centroids = at_points[whole.flat], whole.at_cells(at_centroids)
 
     def inspect() -> tuple[
         list[BaseGeometry], Cleaned, Printability, Printability, npt.NDArray[np.bool_]
@@ -140,4 +148,6 @@ def print_design(
         evaluation = problem.simulate_binary(cells[skin.owned_cells], result.final)
     except EquilibriumError as caught:  # raised by all ranks or by none
         failure = str(caught)
-    return PrintedDesign(regions, cleaned, limits, before, after, cells, evaluation, failure)
+    return PrintedDesign(
+        pattern, regions, cleaned, limits, before, after, cells, evaluation, failure
+    )

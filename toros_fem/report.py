@@ -121,7 +121,7 @@ class Reporter:
             inputs: Everything that went in.
             figures: What else to add to the summary.
         """
-        skin, pattern, final = self._skin, self._skin.pattern, result.final
+        skin, final, whole = self._skin, result.final, problem.whole
         made = printed.evaluation
         shown = made or final
         positions = skin.gather_vertices(shown.equilibrium.positions)
@@ -129,8 +129,13 @@ class Reporter:
             "rho": skin.gather_cells(result.density),
             "rho_filtered": skin.gather_cells(final.filtered),
             "rho_projected": skin.gather_cells(final.projected),
-            "printed": printed.cells.astype(np.float64),
         }
+        parts = 1
+        if whole is not None:
+            parts = len(whole.cell) // len(skin.pattern.panel)
+            positions, target = whole.at_vertices(positions), whole.at_vertices(target)
+            fields = {name: whole.at_cells(values) for name, values in fields.items()}
+        fields["printed"] = printed.cells.astype(np.float64)
         first, last = result.history[0], result.history[-1]
         limits, widths = problem.length_scale, final.length_scale
         seconds = {"setup": self._begin - self._whole_begin, **result.seconds}
@@ -140,7 +145,7 @@ class Reporter:
             **{f"{f.name}_target_{f.unit}": f.asked for f in self._figures},
             **figures,
             "pressure_pa": final.equilibrium.pressure,
-            "volume_m3": made and made.equilibrium.volume,
+            "volume_m3": made and parts * made.equilibrium.volume,
             "stretch_use": made and made.equilibrium.stretch_use,
             "printed_objective": made and made.shape,
             "printed_failure": printed.failure or None,
@@ -150,7 +155,7 @@ class Reporter:
                 **self.reached[-1],
                 "shape": last.shape,
                 "perimeter_m": final.perimeter,
-                "volume_m3": final.equilibrium.volume,
+                "volume_m3": parts * final.equilibrium.volume,
                 "kkt_residual": last.kkt if np.isfinite(last.kkt) else None,
             },
             "gradient_norm_first": first.gradient_norm,
@@ -179,8 +184,9 @@ class Reporter:
             "rejected": sum(row.rejected for row in result.history),
             "newton_steps": sum(row.newton_steps for row in result.history),
             "factorisations": sum(row.factorisations for row in result.history),
-            "triangles": len(pattern.panel),
-            "vertices": len(pattern.points),
+            "triangles": len(skin.pattern.panel),
+            "vertices": len(skin.pattern.points),
+            "parts_by_symmetry": parts,
             "ranks": skin.comm.size,
             "reason": result.reason,
             "seconds": seconds,
@@ -192,7 +198,7 @@ class Reporter:
             self._clear()
             seconds["total"] = time.perf_counter() - self._whole_begin
             write_json(self._folder / "summary.json", summary)
-            write_fields(self._folder / "skin.vtu", pattern, positions, fields)
+            write_fields(self._folder / "skin.vtu", printed.pattern, positions, fields)
             self._draw(result, printed, positions, target, summary)
 
         self._on_first_rank(write)
@@ -212,7 +218,7 @@ class Reporter:
         target: Floats,
         summary: dict[str, Any],
     ) -> None:
-        pattern, folder = self._skin.pattern, self._folder
+        pattern, folder = printed.pattern, self._folder
         write_svg(folder / "pattern.svg", pattern, printed.regions)
         try:
             from toros_fem.plotting import (

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem.alignment import AlignedObjective
+from toros_fem.chambers import Chambers
 from toros_fem.density import check_density, random_density
 from toros_fem.design import DesignProblem, Evaluation
 from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
@@ -20,6 +21,7 @@ from toros_fem.filters import make_filter
 from toros_fem.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.manufacture import PrintLimits
 from toros_fem.measure import Figure
+from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin, sew
 from toros_fem.mma import MMAOptions
@@ -29,6 +31,7 @@ from toros_fem.parameters import (
     CURVATURES,
     SEAMS,
     Bending,
+    Bladder,
     Composite,
     Material,
     require_between,
@@ -62,6 +65,9 @@ class Scene:
         sections: Cross-sections whose place and orientation count besides.
         start: Density of all triangles to start from, (t,), within [0.1, 0.9]: noise of 0.1 is
             added. None: 0.5.
+        symmetry: Axes of the planes that the pattern is cut at, as for `meshes.mirrored`: what is
+            shown and printed is the whole.
+        chambers: Pressure chambers; None for one.
         aligned: Whether shape counts wherever the skin is and however it is turned.
     """
 
@@ -74,6 +80,8 @@ class Scene:
     relative: Floats | None = None
     sections: Sections | None = None
     start: Floats | None = None
+    symmetry: tuple[int, ...] = ()
+    chambers: Chambers | None = None
     aligned: bool = False
 
     def objective(self, skin: Skin) -> Objective:
@@ -97,6 +105,8 @@ class Settings:
         fabric_young, reinforcement_young: Young's moduli in Pa.
         poisson, thickness: Of both sheets; the thickness in m.
         c1, c2: Stretch bounds.
+        bladder_young, bladder_thickness: Of a rubber bladder that moves with the skin, in Pa and
+            m; a thickness of 0 leaves it out.
         bending: "average", "quadratic" or "midedge" curvature; "none" for a membrane.
         seams: "continuous" or "hinged".
         filter: "cone" or "helmholtz".
@@ -126,6 +136,8 @@ class Settings:
     thickness: float = 0.5e-3
     c1: float = 1.9
     c2: float = 2.6
+    bladder_young: float = 0.29e6
+    bladder_thickness: float = 0.0
     bending: str = Bending.curvature
     seams: str = Bending.seams
     filter: str = "cone"
@@ -166,6 +178,9 @@ class Settings:
             c1=self.c1,
             c2=self.c2,
             bending=None if self.bending == "none" else Bending(self.bending, self.seams),
+            bladder=Bladder(self.bladder_young, self.bladder_thickness)
+            if self.bladder_thickness
+            else None,
         )
 
     @property
@@ -213,20 +228,26 @@ def make_problem(
     s = settings
     skin = sew(comm, scene.pattern)
     passive = None if scene.passive is None else scene.passive[skin.owned_cells]
+    whole = mirrored(scene.pattern, scene.symmetry) if scene.symmetry else None
     problem = DesignProblem(
         solver=EquilibriumSolver(
-            skin, s.composite, scene.supports, log=print_step(comm) if verbose else None
+            skin,
+            s.composite,
+            scene.supports,
+            log=print_step(comm) if verbose else None,
+            chambers=scene.chambers,
         ),
         objective=scene.objective(skin),
-        filter=make_filter(s.filter, skin, s.radius),
+        filter=make_filter(s.filter, skin, s.radius, whole=whole),
         pressure=s.pressure,
         projection=Projection(s.beta, s.eta),
         passive=passive,
         pressure_bounds=s.pressure_bounds,
         weight=s.perimeter,
+        whole=whole,
     )
     if s.perimeter > 0:
-        problem.perimeter = Perimeter(skin, s.window * s.radius, s.sharpness)
+        problem.perimeter = Perimeter(skin, s.window * s.radius, s.sharpness, whole=whole)
     if s.constrained > 0:
         wanted = LengthScale(line=s.line or None, gap=s.gap or None)
         problem.length_scale = LengthScaleConstraints(

@@ -1,0 +1,107 @@
+"""Flat limbs of two panels, the walker's legs and the gripper's fingers: what their demos share."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from toros_fem.errors import ParameterError
+from toros_fem.measure import Figure, turn_angle
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.sections import Sections
+from toros_fem.slabs import groups, slabs
+from toros_fem.supports import Supports
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+# The angle of a limb is that of so much of its length, at the tip.
+OUTER = 1 / 3
+
+
+def limb_vertices(pattern: Pattern, along: npt.ArrayLike, root: float) -> Ints:
+    """Vertices that lie further than `root` m along a direction, (3,), in the assembled skin.
+
+    Of a star these are one arm's only if the direction is that arm's and `root` its root.
+
+    Raises:
+        ParameterError: There is none.
+    """
+    found = np.flatnonzero(pattern.points @ np.asarray(along, dtype=np.float64) > root)
+    if len(found) == 0:
+        raise ParameterError(f"no vertex lies further than root = {root} m along {along!r}.")
+    return found
+
+
+def limb_sections(
+    pattern: Pattern,
+    along: npt.ArrayLike,
+    root: float,
+    count: int,
+    place: float,
+    lever: float,
+) -> Sections:
+    """Sections of a limb whose orientation counts, and less its centre line.
+
+    Args:
+        pattern: The pattern.
+        along: Unit vector along the limb, (3,).
+        root: Where it begins, in m along that.
+        count: How many sections.
+        place: Weight of the centre line, over that of the orientations.
+        lever: Length in m: the tip turned by 0.1 rad counts as if the whole skin were off by a
+            tenth of that.
+    """
+    vertices = limb_vertices(pattern, along, root)
+    label = slabs(pattern, vertices, along, count, border=False)
+    turn = np.full(count, count * (lever / pattern.size) ** 2)
+    return Sections(label, np.full((count, 3), place / count), turn)
+
+
+def limb_figure(
+    asked: float, along: npt.ArrayLike, toward: npt.ArrayLike, root: float, name: str = "angle"
+) -> Figure:
+    """The angle in degrees by which the outer third of a limb has turned.
+
+    `measure.turn_angle` of all vertices of that third, after six slabs of the limb.
+
+    Args:
+        asked: In degrees.
+        along, toward: Unit vectors, (3,): of the limb, and to where it bends.
+        root: Where it begins, in m along `along`.
+        name: What it is called.
+    """
+
+    def measure(pattern: Pattern, positions: Floats) -> float:
+        vertices = limb_vertices(pattern, along, root)
+        label = slabs(pattern, vertices, along, 12, border=False)
+        inner = groups(label)[: round(12 * (1 - OUTER))]
+        outer = np.flatnonzero(label >= round(12 * (1 - OUTER)))
+        angle = turn_angle(pattern, positions, [*inner, outer], along, toward)
+        return float(np.degrees(angle))
+
+    return Figure(name, "deg", asked, measure)
+
+
+def tips(pattern: Pattern, positions: Floats, directions: Floats, share: float = 0.05) -> Floats:
+    """Where the ends of limbs are, (k, 3), in m: the mean of what lies outermost as assembled.
+
+    Args:
+        pattern: The pattern.
+        positions: Deformed positions of all assembled vertices, (n, 3), in m.
+        directions: Unit vectors along the limbs in the assembled skin, (k, 2).
+        share: Of the reach along a limb, counted from its tip.
+    """
+    far = pattern.points[:, :2] @ directions.T
+    return np.array(
+        [positions[row > (1 - share) * row.max()].mean(axis=0) for row in far.T]
+    )
+
+
+def rest_at_middle(pattern: Pattern, panel: str = "bottom") -> Supports:
+    """Hold the height of the vertex of a panel that lies nearest to the z axis."""
+    vertices = pattern.vertices_of(panel)
+    middle = vertices[np.argmin(np.linalg.norm(pattern.points[vertices, :2], axis=1))]
+    held = np.zeros((len(pattern.points), 3), dtype=bool)
+    held[middle, 2] = True
+    return Supports(held)
