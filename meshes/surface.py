@@ -92,7 +92,7 @@ class Surface:
                 raise SurfaceError(f"{name} has shape {array.shape}; it must be {wanted}.")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        names = self.part_names or tuple(f"part {k}" for k in range(1 + int(self.parts.max())))
+        names = self.part_names or tuple(f"part-{k}" for k in range(1 + int(self.parts.max())))
         object.__setattr__(self, "part_names", names)
         self._check_sizes()
         check_manifold(self.points, self.triangles)

@@ -168,7 +168,7 @@ def _parts(mesh: Any, tags: Ints) -> tuple[Ints, tuple[str, ...]]:
     """Parts numbered from 0, and what the file calls them."""
     known, parts = np.unique(tags, return_inverse=True)
     named = {int(tag): name for name, (tag, dim) in mesh.field_data.items() if dim == 2}
-    return parts.ravel(), tuple(named.get(int(tag), f"part {tag}") for tag in known)
+    return parts.ravel(), tuple(named.get(int(tag), f"part-{tag}") for tag in known)
 
 
 def _obj_lines(path: Path) -> Ints:
