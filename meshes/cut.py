@@ -92,8 +92,9 @@ def disc_cuts(points: Floats, triangles: Ints, *, tips: bool) -> Ints:
     seams = np.zeros(len(edges.ends), dtype=bool)
     chi = euler(triangles)
     groups = _borders(edges, len(points))
-    cones = _cones(points, triangles, edges) if tips else np.zeros(0, dtype=np.int64)
-    groups[cones] = groups.max() + 1 + np.arange(len(cones))
+    if tips:
+        found = cones(points, triangles, edges)
+        groups[found] = groups.max() + 1 + np.arange(len(found))
     if groups.max() < 0 and chi == 2:
         groups[_far_apart(points, edges)] = 0, 1
     if groups.max() > 0:
@@ -121,7 +122,8 @@ def _borders(edges: Edges, size: int) -> Ints:
     return np.unique(np.append(label, -1), return_inverse=True)[1].ravel()[:-1] - 1
 
 
-def _cones(points: Floats, triangles: Ints, edges: Edges) -> Ints:
+def cones(points: Floats, triangles: Ints, edges: Edges) -> Ints:
+    """Inner vertices that are tips, (k,), if they hold most of the curvature; else none."""
     defect = np.abs(angle_defects(triangles, edges, corner_angles(points, triangles)))
     tips = np.flatnonzero(defect > CONE)
     return tips if defect[tips].sum() > defect.sum() / 2 else tips[:0]

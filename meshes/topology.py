@@ -69,6 +69,12 @@ def pieces(edges: Edges, crossed: Ints) -> Ints:
     return np.argsort(np.argsort(first))[inverse.ravel()].astype(np.int64)
 
 
+def between(edges: Edges, label: Ints) -> Bools:
+    """Whether each edge, (e,), parts triangles of different labels (t,)."""
+    one, two = label[edges.sides].T
+    return (edges.count == 2) & (one != two)
+
+
 def components(triangles: Ints) -> Ints:
     """Connected component of each triangle, (t,), by common edges, however many share one."""
     of_triangle = edges_of(triangles).of_triangle

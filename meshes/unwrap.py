@@ -9,13 +9,14 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from toros_fem.meshes.arrange import arranged
-from toros_fem.meshes.chart import METHODS, ChartError, lay_flat
+from toros_fem.meshes.chart import METHODS
 from toros_fem.meshes.cut import cut_open
 from toros_fem.meshes.distortion import Distortion, distortion
 from toros_fem.meshes.pattern import Ints, Pattern
-from toros_fem.meshes.regions import crease_regions, halves
+from toros_fem.meshes.panels import flat_panels
+from toros_fem.meshes.regions import crease_regions
 from toros_fem.meshes.surface import Surface
-from toros_fem.meshes.topology import Bools, Edges, edges_of, pieces
+from toros_fem.meshes.topology import Bools, Edges, between, edges_of
 
 from toros_fem._mpi import on_first_rank
 from toros_fem.errors import SurfaceError
@@ -92,7 +93,7 @@ def unwrap(
         bound, automatic = max_stretch, cuts is None
         if cuts is None:
             region = crease_regions(surface.points, surface.triangles, crease_angle)
-            cuts = _between(edges, region)
+            cuts = between(edges, region)
             bound = MAX_STRETCH if max_stretch is None else max_stretch
         limit = np.inf if bound is None else bound
         return _unwrap(surface, edges, cuts, automatic, method, limit)
@@ -106,7 +107,7 @@ def _given(surface: Surface, edges: Edges, seams: Seams) -> Bools | None:
         require_choice("seams", seams, (AUTOMATIC,))
         return None
     if seams is None:
-        own = _between(edges, surface.parts) | _named(surface, edges, surface.seams)
+        own = between(edges, surface.parts) | _named(surface, edges, surface.seams)
         return own if own[edges.inner].any() else None
     pairs = np.asarray(seams)
     if pairs.size == 0:
@@ -136,36 +137,16 @@ def _named(surface: Surface, edges: Edges, pairs: Ints) -> Bools:
     return np.isin(known, keys)
 
 
-def _between(edges: Edges, label: Ints) -> Bools:
-    """Edges between triangles of different labels."""
-    one, two = label[edges.sides].T
-    return (edges.count == 2) & (one != two)
-
-
 def _unwrap(
     surface: Surface, edges: Edges, cuts: Bools, automatic: bool, method: str, max_stretch: float
 ) -> Unwrapped:
-    region = pieces(edges, edges.inner[~cuts[edges.inner]])
-    waiting = [np.flatnonzero(region == k) for k in range(region.max() + 1)][::-1]
-    charts = []
-    while waiting:
-        cells = waiting.pop()
-        piece = surface.triangles[cells], cuts[edges.of_triangle[cells]]
-        try:
-            chart = lay_flat(surface.points, *piece, method, max_stretch, tips=automatic)
-        except ChartError as error:
-            if len(cells) < 2:
-                raise SurfaceError(f"triangle {cells[0]} cannot be laid flat: {error}") from error
-            waiting += [cells[part] for part in _parted(surface, *piece, cells)]
-        else:
-            charts.append((cells, chart))
-    charts.sort(key=lambda pair: (int(surface.parts[pair[0][0]]), int(pair[0][0])))
+    charts = flat_panels(surface, edges, cuts, method, max_stretch, tips=automatic)
     label = np.zeros(len(surface.triangles), dtype=np.int64)
     seams = cuts.copy()
     for number, (cells, chart) in enumerate(charts):
         label[cells] = number
         seams[edges.of_triangle[cells][chart.slits]] = True
-    seams |= _between(edges, label)
+    seams |= between(edges, label)
     cut = cut_open(surface.triangles, edges, seams)
     flat = np.zeros((len(cut.sewn), 2))
     placed = arranged([chart.corners.reshape(-1, 2) for _, chart in charts])
@@ -187,16 +168,6 @@ def _unwrap(
         seams=edges.ends[seams & (edges.count == 2)],
         methods=tuple(chart.method for _, chart in charts),
     )
-
-
-def _parted(surface: Surface, triangles: Ints, cut_sides: Bools, cells: Ints) -> list[Ints]:
-    """The pieces, by index, that a piece falls into when it is parted in two."""
-    side = halves(surface.points, triangles)
-    local = edges_of(triangles)
-    whole = np.ones(len(local.ends), dtype=bool)
-    whole[local.of_triangle[cut_sides]] = False
-    label = pieces(local, np.flatnonzero(whole & (local.count == 2) & ~_between(local, side)))
-    return [np.flatnonzero(label == k) for k in range(label.max(), -1, -1)]
 
 
 def _names(surface: Surface, charts: Sequence[Ints]) -> tuple[str, ...]:
