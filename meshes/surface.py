@@ -95,8 +95,9 @@ class Surface:
         names = self.part_names or tuple(f"part-{k}" for k in range(1 + int(self.parts.max())))
         object.__setattr__(self, "part_names", names)
         self._check_sizes()
-        check_manifold(self.points, self.triangles)
+        check_edges(self.points, self.triangles)
         self._check_orientation()
+        check_fans(self.points, self.triangles)
 
     @property
     def area(self) -> float:
@@ -208,11 +209,11 @@ def oriented(triangles: Ints) -> Ints:
     return np.where(turned[:, None], triangles[:, ::-1], triangles)
 
 
-def check_manifold(points: Floats, triangles: Ints) -> None:
-    """Check that a surface has two sides at each edge and one fan at each vertex.
+def check_edges(points: Floats, triangles: Ints) -> None:
+    """Check that no edge has more than two triangles.
 
     Raises:
-        ManifoldError: Naming the edge or vertex, where it lies, and its triangles.
+        ManifoldError: Naming the edge, where it lies, and its triangles.
     """
     edges = edges_of(triangles)
     many = np.flatnonzero(edges.count > 2)
@@ -224,6 +225,15 @@ def check_manifold(points: Floats, triangles: Ints) -> None:
             f"{b} at {points[[a, b]].mean(axis=0)} m with triangles {users.tolist()}. A sewn skin "
             "has one inside and one outside: remove inner walls, or export the outer hull alone."
         )
+
+
+def check_fans(points: Floats, triangles: Ints) -> None:
+    """Check that the triangles around each vertex, which must agree, are one fan.
+
+    Raises:
+        ManifoldError: Naming the vertex and where it lies.
+    """
+    edges = edges_of(triangles)
     fan = fans(triangles, edges, edges.inner)
     if fan.max() + 1 > len(points):
         pairs = np.unique(np.stack([triangles.ravel(), fan.ravel()], axis=1), axis=0)

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import io
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
 import meshio
 import numpy as np
+from dolfinx.io import XDMFFile
 from mpi4py import MPI
 from toros_fem.meshes.pattern import Floats, Ints
 from toros_fem.meshes.repair import mend, weld
-from toros_fem.meshes.surface import Repairs, Surface, check_manifold, oriented, volume
+from toros_fem.meshes.surface import Repairs, Surface, check_edges, oriented, volume
 from toros_fem.meshes.topology import components, edges_of, normals
 
 from toros_fem._mpi import on_first_rank
@@ -55,6 +57,8 @@ def read_surface(
 def _read(path: Path, scale: float, component: int | None) -> Surface:
     mesh = _load(path)
     points = np.asarray(mesh.points, dtype=np.float64) * scale
+    if not len(points) or not mesh.cells:
+        raise SurfaceError(f"{path} holds no triangles. Save the surface, not points or volumes.")
     if points.ndim != 2 or points.shape[1] != 3:
         raise SurfaceError(f"{path} holds points of shape {points.shape}; a surface needs (n, 3).")
     triangles, tags = _triangles(path, mesh, points)
@@ -82,8 +86,7 @@ def _read(path: Path, scale: float, component: int | None) -> Surface:
 
     chosen = _component(path, points, triangles, component)
     triangles, tags = triangles[chosen], tags[chosen]
-    check_manifold(points[np.unique(triangles)], np.unique(triangles, return_inverse=True)[1]
-                   .reshape(-1, 3))  # fmt: skip
+    check_edges(points, triangles)
     filed, triangles = triangles, _outwards(points, triangles)
     turned = int(np.any(filed != triangles, axis=1).sum())
     parts, names = _parts(mesh, tags)
@@ -117,17 +120,37 @@ def _load(path: Path) -> Any:
             np.errstate(over="ignore"),
         ):
             return meshio.read(path)
-    except ImportError as error:
-        raise SurfaceError(
-            f"{path} needs the Python package h5py. Install it, or save the file with its data as "
-            'XML (meshio: data_format="XML"), or as MSH.'
-        ) from error
+    except ImportError:  # meshio wants h5py for any XDMF; dolfinx reads HDF5 as well
+        return _xdmf(path)
     except (Exception, SystemExit) as error:
         why = said.getvalue().strip() or f"{type(error).__name__}: {error}"
         raise SurfaceError(
             f"{path} cannot be read as a mesh ({' '.join(why.split())}). Save it as STL, OBJ, PLY, "
             "MSH or XDMF."
         ) from error
+
+
+def _xdmf(path: Path) -> Any:
+    """Points and triangles of the first grid of an XDMF file."""
+    grid = ET.parse(path).find(".//Grid[Topology][Geometry]")
+    items = [None if grid is None else grid.find(f"{name}/DataItem") for name in ("Geometry", "Topology")]
+    kind = "" if grid is None else grid.find("Topology").get("TopologyType", "")
+    if grid is None or None in items or kind.lower() != "triangle":
+        raise SurfaceError(
+            f"{path} has a first grid of type {kind!r}, but without the Python package h5py only "
+            "'Triangle' is read. Install it, or save the surface as MSH."
+        )
+    try:
+        if all(item.get("Format", "XML") == "XML" for item in items):
+            points, triangles = (np.array(item.text.split(), dtype=np.float64) for item in items)
+        else:
+            with XDMFFile(MPI.COMM_SELF, str(path), "r") as file:
+                name = grid.get("Name", "mesh")
+                points, triangles = file.read_geometry_data(name), file.read_topology_data(name)
+        cells = triangles.reshape(-1, 3).astype(np.int64)
+        return meshio.Mesh(points.reshape(-1, 3), [("triangle", cells)])
+    except (RuntimeError, ValueError) as error:
+        raise SurfaceError(f"{path} cannot be read as a mesh: {error}") from error
 
 
 def _triangles(path: Path, mesh: Any, points: Floats) -> tuple[Ints, Ints]:
