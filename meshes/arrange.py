@@ -25,11 +25,13 @@ def arranged(panels: Sequence[Floats]) -> list[Floats]:
     sizes = np.array([points.max(axis=0) for points in upright])
     side = float(np.sqrt(sizes.prod(axis=1).sum()))
     width = max(1.3 * side, float(sizes[:, 0].max()))
-    placed, corner, height = [], np.zeros(2), 0.0
-    for points, size in zip(upright, sizes, strict=True):
+    placed = list(upright)
+    corner, height = np.zeros(2), 0.0
+    for k in np.argsort(-sizes[:, 1].round(9), kind="stable"):  # the tallest first
+        size = sizes[k]
         if corner[0] > 0 and corner[0] + size[0] > width:
             corner, height = np.array([0.0, corner[1] + height + GAP * side]), 0.0
-        placed.append(points + corner)
+        placed[k] = upright[k] + corner
         corner = corner + [size[0] + GAP * side, 0]
         height = max(height, float(size[1]))
     return placed
