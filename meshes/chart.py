@@ -101,8 +101,8 @@ def _mapped(points: Floats, triangles: Ints, method: str) -> tuple[Floats, str]:
             defect = np.abs(angle_defects(triangles, edges_of(triangles), angles))
             vertex = int(np.argmax(defect))
             raise SurfaceError(
-                f"a piece of {len(triangles)} triangles is not developable: unrolled, edges are off "
-                f"by {error:.2g} (bound {DEVELOPABLE:g}); the angles around the vertex at "
+                f"a piece of {len(triangles)} triangles is not developable: unrolled, edges are "
+                f"off by {error:.2g} (bound {DEVELOPABLE:g}); the angles around the vertex at "
                 f"{points[vertex]} m miss 2π by {defect[vertex]:.2g} rad. Cut through such "
                 "vertices, or take method 'auto'."
             )

@@ -72,11 +72,12 @@ def euler(triangles: Ints) -> int:
 def disc_cuts(points: Floats, triangles: Ints, *, tips: bool) -> Ints:
     """Edges along which to cut a connected piece so that it becomes a disc.
 
-    Borders and, if asked, tips (vertices of high curvature) are joined by a tree of shortest paths, the
-    approximation of a Steiner tree by Mehlhorn (1988, doi:10.1016/0020-0190(88)90066-X); Sheffer
-    and Hart (2002, Seamster) cut through such tips. A piece without either is slit between two
-    vertices far apart. What handles are left are cut along the shortest loops of a tree-cotree
-    decomposition (Erickson and Whittlesey 2005, greedy homotopy generators).
+    Borders and, if asked, tips (vertices of high curvature) are joined by a tree of shortest
+    paths, the approximation of a Steiner tree by Mehlhorn (1988,
+    doi:10.1016/0020-0190(88)90066-X); Sheffer and Hart (2002, Seamster) cut through such tips. A
+    piece without either is slit between two vertices far apart. What handles are left are cut
+    along the shortest loops of a tree-cotree decomposition (Erickson and Whittlesey 2005, greedy
+    homotopy generators).
 
     Args:
         points: Vertices (n, 3) in m.

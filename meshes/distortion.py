@@ -54,12 +54,12 @@ class Distortion:
     def table(self) -> str:
         """Worst and mean figures of each panel and of all, as lines of text."""
         head = (
-            "panel             triangles  area/cm²   stretch        area ratio     angle error/deg\n"
+            "panel             triangles  area/cm²   stretch        area ratio     angle error\n"
             "                                       worst   mean    min    max     worst   mean"
         )
-        rows = [
-            self._row(name, self.panel == k) for k, name in enumerate(self.panel_names)
-        ] + [self._row("all", np.ones(len(self.panel), dtype=bool))]
+        rows = [self._row(name, self.panel == k) for k, name in enumerate(self.panel_names)] + [
+            self._row("all", np.ones(len(self.panel), dtype=bool))
+        ]
         return "\n".join([head, *rows, f"longest difference at a seam: {self.worst_seam:.2%}"])
 
     def _row(self, name: str, cells: np.ndarray) -> str:
@@ -69,7 +69,7 @@ class Distortion:
             f"{name[:16]:16s}  {cells.sum():9d}  {1e4 * weight.sum():8.2f}"
             f"  {strain.max():6.2%} {np.average(strain, weights=weight):6.2%}"
             f"  {ratio.min():5.3f}  {ratio.max():5.3f}"
-            f"  {angle.max():7.2f}  {np.average(angle, weights=weight):5.2f}"
+            f"  {angle.max():6.2f}°  {np.average(angle, weights=weight):5.2f}°"
         )
 
 

@@ -196,5 +196,3 @@ def abf_angles(triangles: Ints, angles: Floats) -> Floats:
 def _by_triangle(count: int) -> csr_array:
     corner = np.arange(3 * count)
     return csr_array((np.ones(3 * count), (corner, corner // 3)), shape=(3 * count, count))
-
-

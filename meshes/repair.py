@@ -102,9 +102,7 @@ class _Pass:
             near = np.unique(self.triangles[np.concatenate([self.star(v) for v in corners])])
             if self.gone[t] or self.locked[near].any():
                 continue
-            side = np.linalg.norm(
-                self.points[np.roll(corners, -1)] - self.points[corners], axis=1
-            )
+            side = np.linalg.norm(self.points[np.roll(corners, -1)] - self.points[corners], axis=1)
             edge, opposite = int(np.argmax(side)), corners[(int(np.argmax(side)) + 2) % 3]
             if side.min() < 2 * THIN * side.max() and self.collapse(t, int(np.argmin(side))):
                 done["collapsed"] += 1
@@ -158,9 +156,10 @@ class _Pass:
         lost = ring[np.isin(self.triangles[ring], [a, b]).sum(axis=1) == 2]
         ring = np.setdiff1d(ring, lost)
         new = np.where(self.triangles[ring] == goes, stays, self.triangles[ring])
-        before, proper = normals(self.points, self.triangles[ring]), shapes(
-            self.points, self.triangles[ring]
-        ) > THIN
+        before, proper = (
+            normals(self.points, self.triangles[ring]),
+            shapes(self.points, self.triangles[ring]) > THIN,
+        )
         old = self.points[stays].copy()
         self.points[stays] = place
         turned = np.einsum("ij,ij->i", before, normals(self.points, new)) <= 0

@@ -57,8 +57,8 @@ class Surface:
     Args:
         points: Vertices, shape (n, 3), in m.
         triangles: Corners of each triangle, shape (t, 3), counter-clockwise seen from outside.
-        parts: Number of the part of each triangle, shape (t,), from 0; None is one part. Borders
-            between parts are seams.
+        parts: Number of the part of each triangle, shape (t,), from 0; empty is one part.
+            Borders between parts are seams.
         part_names: A name for each part.
         seams: Edges to cut along, pairs of vertices, shape (k, 2).
         repairs: What was mended on the way here.
@@ -72,14 +72,14 @@ class Surface:
 
     points: Floats
     triangles: Ints
-    parts: Ints | None = None
+    parts: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     part_names: tuple[str, ...] = ()
     seams: Ints = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     repairs: Repairs = Repairs()
 
     def __post_init__(self) -> None:
-        parts = np.zeros(len(self.triangles)) if self.parts is None else self.parts
-        object.__setattr__(self, "parts", parts)
+        if len(self.parts) == 0:
+            object.__setattr__(self, "parts", np.zeros(len(self.triangles)))
         for name, kind, width in (
             ("points", np.float64, 3),
             ("triangles", np.int64, 3),
@@ -92,7 +92,9 @@ class Surface:
                 raise SurfaceError(f"{name} has shape {array.shape}; it must be {wanted}.")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        names = self.part_names or tuple(f"part-{k}" for k in range(1 + int(self.parts.max())))
+        names = self.part_names or tuple(
+            f"part-{k}" for k in range(1 + int(self.parts.max(initial=0)))
+        )
         object.__setattr__(self, "part_names", names)
         self._check_sizes()
         check_edges(self.points, self.triangles)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -74,6 +75,9 @@ def _read(path: Path, scale: float, component: int | None) -> Surface:
         lines.append(_obj_lines(path))
     seams = np.concatenate([*lines, np.zeros((0, 2), dtype=np.int64)]).astype(np.int64)
 
+    if seams.size and (seams.min() < 0 or seams.max() >= len(points)):
+        raise SurfaceError(f"{path} has lines at vertices that are not there. Export it again.")
+
     used = np.unique(triangles)
     stands_for, stay = weld(points[used], np.searchsorted(used, triangles))
     merged = len(used) - len(np.unique(stands_for))
@@ -132,22 +136,25 @@ def _load(path: Path) -> Any:
 
 def _xdmf(path: Path) -> Any:
     """Points and triangles of the first grid of an XDMF file."""
-    grid = ET.parse(path).find(".//Grid[Topology][Geometry]")
-    items = [None if grid is None else grid.find(f"{name}/DataItem") for name in ("Geometry", "Topology")]
-    kind = "" if grid is None else grid.find("Topology").get("TopologyType", "")
-    if grid is None or None in items or kind.lower() != "triangle":
+    try:
+        grid = ET.parse(path).find(".//Grid[Topology][Geometry]")
+    except ET.ParseError as error:
+        raise SurfaceError(f"{path} cannot be read as XML: {error}.") from error
+    if grid is None or grid.find("Topology[@TopologyType='Triangle']") is None:
         raise SurfaceError(
-            f"{path} has a first grid of type {kind!r}, but without the Python package h5py only "
-            "'Triangle' is read. Install it, or save the surface as MSH."
+            f"{path} has no first grid of the type 'Triangle', the only one that is read without "
+            "the Python package h5py. Install it, or save the surface as MSH."
         )
     try:
-        if all(item.get("Format", "XML") == "XML" for item in items):
-            points, triangles = (np.array(item.text.split(), dtype=np.float64) for item in items)
+        items = [grid.find(f"{name}/DataItem") for name in ("Geometry", "Topology")]
+        texts = [item.text or "" for item in items if item is not None]
+        if all(item is not None and item.get("Format", "XML") == "XML" for item in items):
+            points, corners = (np.array(text.split(), dtype=np.float64) for text in texts)
         else:
             with XDMFFile(MPI.COMM_SELF, str(path), "r") as file:
                 name = grid.get("Name", "mesh")
-                points, triangles = file.read_geometry_data(name), file.read_topology_data(name)
-        cells = triangles.reshape(-1, 3).astype(np.int64)
+                points, corners = file.read_geometry_data(name), file.read_topology_data(name)
+        cells = corners.reshape(-1, 3).astype(np.int64)
         return meshio.Mesh(points.reshape(-1, 3), [("triangle", cells)])
     except (RuntimeError, ValueError) as error:
         raise SurfaceError(f"{path} cannot be read as a mesh: {error}") from error
@@ -184,7 +191,7 @@ def _triangles(path: Path, mesh: Any, points: Floats) -> tuple[Ints, Ints]:
 
 def _tags(mesh: Any, name: str) -> bool:
     values = [np.asarray(v).ravel() for v in mesh.cell_data[name]]
-    return bool(len(values)) and np.any(np.concatenate(values) != 0)
+    return len(values) > 0 and bool(np.any(np.concatenate(values) != 0))
 
 
 def _parts(mesh: Any, tags: Ints) -> tuple[Ints, tuple[str, ...]]:
@@ -201,7 +208,7 @@ def _obj_lines(path: Path) -> Ints:
         word = line.split()
         if word[:1] == ["l"]:
             chain = [int(item.split("/")[0]) - 1 for item in word[1:]]
-            ends += zip(chain, chain[1:], strict=False)
+            ends += itertools.pairwise(chain)
     return np.array(ends, dtype=np.int64).reshape(-1, 2)
 
 

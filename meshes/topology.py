@@ -137,13 +137,14 @@ def corner_angles(points: Floats, triangles: Ints) -> Floats:
         sine = np.abs(u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0])
     else:
         sine = np.linalg.norm(np.cross(u, v), axis=2)
-    return np.arctan2(sine, np.einsum("tij,tij->ti", u, v))
+    return np.asarray(np.arctan2(sine, np.einsum("tij,tij->ti", u, v)), dtype=np.float64)
 
 
 def angle_defects(triangles: Ints, edges: Edges, angles: Floats) -> Floats:
     """2π less the angles around each inner vertex, (n,), in rad; 0 at border vertices."""
     count = int(triangles.max()) + 1
-    defect = 2 * np.pi - np.bincount(triangles.ravel(), angles.ravel(), minlength=count)
+    around = np.bincount(triangles.ravel(), angles.ravel(), minlength=count)
+    defect: Floats = 2 * np.pi - around.astype(np.float64)
     defect[edges.ends[edges.border]] = 0
     return defect
 

@@ -12,8 +12,8 @@ from toros_fem.meshes.arrange import arranged
 from toros_fem.meshes.chart import METHODS
 from toros_fem.meshes.cut import cut_open
 from toros_fem.meshes.distortion import Distortion, distortion
-from toros_fem.meshes.pattern import Ints, Pattern
 from toros_fem.meshes.panels import flat_panels
+from toros_fem.meshes.pattern import Ints, Pattern
 from toros_fem.meshes.regions import crease_regions
 from toros_fem.meshes.surface import Surface
 from toros_fem.meshes.topology import Bools, Edges, between, edges_of

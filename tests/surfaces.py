@@ -85,7 +85,10 @@ def sphere(steps: int = 2, radius: float = 0.01) -> Surface:
         ab, bc, ca = len(points) + number.reshape(3, -1)
         points = np.vstack([points, points[edge].mean(axis=1)])
         triangles = np.concatenate(
-            [np.stack(corner, 1) for corner in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+            [
+                np.stack(corner, 1)
+                for corner in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+            ]
         )
     return Surface(radius * points / np.linalg.norm(points, axis=1)[:, None], triangles)
 

@@ -25,9 +25,7 @@ def folder(comm: MPI.Comm, tmp_path: Path) -> Path:
     return Path(comm.bcast(tmp_path, root=0))
 
 
-def write(
-    comm: MPI.Comm, path: Path, points: np.ndarray, cells: object, **options: object
-) -> Path:
+def write(comm: MPI.Comm, path: Path, points: np.ndarray, cells: object, **options: object) -> Path:
     """Write a mesh on the first rank."""
     if comm.rank == 0:
         more = {k: options.pop(k) for k in ("cell_data", "field_data") if k in options}
@@ -130,7 +128,9 @@ def test_needles_and_caps_are_mended(comm: MPI.Comm, folder: Path) -> None:
     p, q, r = triangles[200]
     points = np.vstack([points, (points[p] + points[q]) / 2 + 1e-6 * (points[r] - points[p])])
     new = len(points) - 1
-    triangles = np.vstack([np.delete(triangles, 200, axis=0), [[p, q, new], [q, r, new], [r, p, new]]])
+    triangles = np.vstack(
+        [np.delete(triangles, 200, axis=0), [[p, q, new], [q, r, new], [r, p, new]]]
+    )
     assert shapes(points, triangles).min() < 1e-4
     path = write(comm, folder / "bad.obj", points, [("triangle", triangles)])
     found = read_surface(comm, path)

@@ -11,9 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
-from toros_fem.meshes.unwrap import Unwrapped
 
 from toros_fem.contours import panel_outline
+from toros_fem.meshes.unwrap import Unwrapped
 
 Floats = npt.NDArray[np.float64]
 
@@ -22,6 +22,8 @@ SEAM = (0.05, 0.05, 0.05, 1.0)
 DPI = 150
 # Area ratios that differ from 1 by less than this need no colour.
 LEAST_RANGE = 0.01
+# The name of a panel so much higher than wide is written upwards.
+NARROW = 2.5
 DIRECTIONS = ((20, 35), (20, 215))
 
 
@@ -45,12 +47,16 @@ def plot_unwrapped(path: Path, unwrapped: Unwrapped) -> None:
         _draw_surface(axes, unwrapped, colours, elevation, turn)
     axes = figure.add_subplot(grid[:, 1])
     corners = 1e3 * pattern.corners
-    axes.add_collection(PolyCollection(list(corners), facecolors=colours, edgecolors="face", lw=0.3))
+    axes.add_collection(
+        PolyCollection(list(corners), facecolors=colours, edgecolors="face", lw=0.3)
+    )
     for panel, name in enumerate(pattern.panel_names):
         outline = panel_outline(pattern, panel)
         axes.plot(*(1e3 * np.asarray(outline.exterior.coords).T), color=SEAM, lw=1)
         middle = 1e3 * np.asarray(outline.point_on_surface().coords)[0]
-        axes.annotate(name, tuple(middle), ha="center", va="center", fontsize=9)
+        left, low, high, top = outline.bounds
+        upright = 90 if top - low > NARROW * (high - left) else 0
+        axes.annotate(name, tuple(middle), ha="center", va="center", fontsize=8, rotation=upright)
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.set_xlabel("mm")
