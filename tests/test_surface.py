@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import basix.ufl
 import dolfinx.mesh
@@ -41,7 +42,7 @@ def text(comm: MPI.Comm, path: Path, content: str) -> Path:
     return path
 
 
-FORMATS = {
+FORMATS: dict[str, dict[str, Any]] = {
     "stl": {"file_format": "stl", "binary": True},
     "obj": {},
     "ply": {},
