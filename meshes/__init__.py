@@ -9,7 +9,10 @@ from toros_fem.meshes.planar import rounded
 from toros_fem.meshes.robots import GRIPPER, WALKER, Star, finger, gripper, walker
 from toros_fem.meshes.sheet import disc, rectangle
 from toros_fem.meshes.skin import Skin, sew
+from toros_fem.meshes.surface import Surface
+from toros_fem.meshes.surface_file import read_surface
 from toros_fem.meshes.targets import Deformer, bend, compose, contract, curl, stand, twist
+from toros_fem.meshes.unwrap import Unwrapped, unwrap
 
 __all__ = [
     "GRIPPER",
@@ -19,6 +22,8 @@ __all__ = [
     "Pattern",
     "Skin",
     "Star",
+    "Surface",
+    "Unwrapped",
     "bend",
     "compose",
     "contract",
@@ -30,11 +35,13 @@ __all__ = [
     "gripper",
     "mirrored",
     "plane_centroids",
+    "read_surface",
     "rectangle",
     "rounded",
     "sew",
     "stand",
     "twist",
     "two_panels",
+    "unwrap",
     "walker",
 ]

@@ -43,7 +43,7 @@ LAYERS = [
     ["contours", "widths", "io"],
     ["pieces"],
     ["manufacture"],
-    ["export", "plotting", "printed"],
+    ["export", "plotting", "printed", "surface_plot"],
     ["comparison"],
     ["report"],
     ["scene"],

@@ -51,3 +51,7 @@ class DensityError(TorosError, ValueError):
 
 class OutputError(TorosError, OSError):
     """A result could not be written; the message names the place."""
+
+
+class SurfaceError(TorosError, ValueError):
+    """A surface cannot be read, cut or unwrapped; the message names file, place or chart."""

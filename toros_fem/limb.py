@@ -93,9 +93,7 @@ def tips(pattern: Pattern, positions: Floats, directions: Floats, share: float =
         share: Of the reach along a limb, counted from its tip.
     """
     far = pattern.points[:, :2] @ directions.T
-    return np.array(
-        [positions[row > (1 - share) * row.max()].mean(axis=0) for row in far.T]
-    )
+    return np.array([positions[row > (1 - share) * row.max()].mean(axis=0) for row in far.T])
 
 
 def rest_at_middle(pattern: Pattern, panel: str = "bottom") -> Supports:

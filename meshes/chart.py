@@ -1,0 +1,146 @@
+"""One piece of a surface: opened to a disc, laid flat, checked."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from toros_fem.meshes.cut import cones, cut_open, disc_cuts, euler
+from toros_fem.meshes.distortion import principal_stretches
+from toros_fem.meshes.flatten import abf_angles, closure_error, conformal, unrolled
+from toros_fem.meshes.pattern import MIN_HEIGHT_RATIO, Floats, Ints
+from toros_fem.meshes.topology import (
+    Bools,
+    angle_defects,
+    corner_angles,
+    edges_of,
+    normals,
+    shapes,
+)
+
+from toros_fem.errors import SurfaceError
+
+METHODS = ("auto", "exact", "abf", "lscm")
+# Edges whose lengths differ by less than this share are equal: an STL has seven digits.
+DEVELOPABLE = 1e-4
+# On so small a share of a piece's area the bound on stretch may be exceeded: at rough spots.
+SPOTS = 0.02
+
+
+class ChartError(Exception):
+    """A piece cannot be laid flat in one; parting it may help."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """A piece laid flat.
+
+    Attributes:
+        corners: Flat corners of each triangle, shape (t, 3, 2), in m.
+        slits: Whether the piece was cut from corner i to i + 1 of each triangle, to be a disc,
+            shape (t, 3).
+        method: "exact", "abf" or "lscm".
+    """
+
+    corners: Floats
+    slits: Bools
+    method: str
+
+
+def lay_flat(
+    points: Floats, triangles: Ints, cuts: Bools, method: str, max_stretch: float, tips: bool
+) -> Chart:
+    """Open a connected piece to a disc and lay it flat, with the area that it has in space.
+
+    Args:
+        points: Vertices of the whole surface (n, 3) in m.
+        triangles: Triangles of the piece (t, 3).
+        cuts: Whether it is already cut from corner i to i + 1 of each triangle, (t, 3).
+        method: One of `METHODS`.
+        max_stretch: Bound on stretch and compression.
+        tips: Whether cuts may go through tips of high curvature.
+
+    Raises:
+        ChartError: The flat piece is turned over, overlaps itself or is stretched too far.
+        SurfaceError: "exact" was asked for a piece that is not developable.
+    """
+    edges = edges_of(triangles)
+    seams = np.zeros(len(edges.ends), dtype=bool)
+    seams[edges.of_triangle[cuts]] = True
+    cut = cut_open(triangles, edges, seams)
+    if tips and len(edges.border) == 0 and not len(cones(points, triangles, edges)):
+        raise ChartError("it is closed and round.")
+    further = disc_cuts(points[cut.sewn], cut.triangles, tips=tips)
+    slits = np.isin(edges_of(cut.triangles).of_triangle, further)
+    seams[edges.of_triangle[slits]] = True
+    cut = cut_open(triangles, edges, seams)
+    if cut.chart.max() > 0 or euler(cut.triangles) != 1:
+        raise ChartError("its cuts do not open it to a disc.")
+    embedded = points[cut.sewn]
+    flat, used = _mapped(embedded, cut.triangles, method)
+    corners = flat[cut.triangles]
+    _check_injective(flat, cut.triangles)
+    if np.isfinite(max_stretch):
+        stretches = principal_stretches(corners, embedded[cut.triangles])
+        strain = np.maximum(stretches[:, 0], 1 / stretches[:, 1]) - 1
+        area = np.linalg.norm(normals(points, triangles), axis=1)
+        if area[strain > max_stretch].sum() > SPOTS * area.sum():
+            raise ChartError(f"its stretch of {strain.max():.2g} exceeds {max_stretch:g}.")
+    return Chart(corners, slits, used)
+
+
+def _mapped(points: Floats, triangles: Ints, method: str) -> tuple[Floats, str]:
+    angles = corner_angles(points, triangles)
+    if method in ("auto", "exact"):
+        flat = unrolled(points, triangles)
+        error = closure_error(points, flat, triangles)
+        if error <= DEVELOPABLE:
+            return flat, "exact"
+        if method == "exact":
+            defect = np.abs(angle_defects(triangles, edges_of(triangles), angles))
+            vertex = int(np.argmax(defect))
+            raise SurfaceError(
+                f"a piece of {len(triangles)} triangles is not developable: unrolled, edges are "
+                f"off by {error:.2g} (bound {DEVELOPABLE:g}); the angles around the vertex at "
+                f"{points[vertex]} m miss 2π by {defect[vertex]:.2g} rad. Cut through such "
+                "vertices, or take method 'auto'."
+            )
+    if method != "lscm":
+        try:
+            flat = _scaled(points, triangles, conformal(triangles, abf_angles(triangles, angles)))
+            return flat, "abf"
+        except SurfaceError as error:
+            if method == "abf":
+                raise ChartError(str(error)) from error
+    return _scaled(points, triangles, conformal(triangles, angles)), "lscm"
+
+
+def _scaled(points: Floats, triangles: Ints, flat: Floats) -> Floats:
+    wanted = np.linalg.norm(normals(points, triangles), axis=1).sum()
+    return flat * np.sqrt(wanted / np.abs(_double_areas(flat, triangles).sum()))
+
+
+def _double_areas(flat: Floats, triangles: Ints) -> Floats:
+    a, b, c = np.moveaxis(flat[triangles], 1, 0)
+    u, v = b - a, c - a
+    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+
+
+def _check_injective(flat: Floats, triangles: Ints) -> None:
+    """A map of a disc that turns no triangle over is one-to-one if it is so on the border."""
+    area = _double_areas(flat, triangles)
+    if np.any(area <= 0) or np.any(shapes(np.pad(flat, ((0, 0), (0, 1))), triangles)
+                                   <= 2 * MIN_HEIGHT_RATIO):  # fmt: skip
+        raise ChartError(f"{np.sum(area <= 0)} of its {len(area)} triangles are turned over.")
+    edges = edges_of(triangles)
+    tri = edges.sides[edges.border, 0]
+    side = np.argmax(edges.of_triangle[tri] == edges.border[:, None], axis=1)
+    follow = dict(zip(triangles[tri, side].tolist(), triangles[tri, (side + 1) % 3].tolist(),
+                      strict=True))  # fmt: skip
+    start = here = next(iter(follow))
+    loop = [start]
+    while (here := follow[here]) != start:
+        loop.append(here)
+    if not shapely.is_simple(shapely.linearrings(flat[loop])):
+        raise ChartError("its border overlaps itself.")

@@ -1,0 +1,198 @@
+"""Discs laid flat: triangle by triangle, by least angle distortion, by least conformal energy."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array, csc_array, csr_array
+from scipy.sparse.csgraph import breadth_first_order
+from scipy.sparse.linalg import splu
+from toros_fem.meshes.pattern import Floats, Ints
+from toros_fem.meshes.topology import edges_of, lengths
+
+from toros_fem.errors import SurfaceError
+
+ROUNDS = 500
+
+
+def unrolled(points: Floats, triangles: Ints) -> Floats:
+    """A developable disc laid out triangle by triangle, breadth first, (n, 2) in m.
+
+    Args:
+        points: Vertices (n, 3) in m.
+        triangles: Oriented triangles of a disc (t, 3) that use all of them.
+    """
+    edges = edges_of(triangles)
+    size = len(triangles)
+    one, two = edges.sides[edges.inner].T
+    dual = csr_array((np.ones(len(one)), (one, two)), shape=(size, size))
+    order, before = breadth_first_order(dual, 0, directed=False)
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    # Place of corner i + 2 if corner i lies at 0 and corner i + 1 at 1, as a complex number.
+    ratio = np.stack([_third(a, b, c), _third(b, c, a), _third(c, a, b)], axis=1)
+    place = np.full(len(points), np.nan, dtype=complex)
+    first = triangles[order[0]]
+    place[first[0]], place[first[1]] = 0, np.linalg.norm(b[order[0]] - a[order[0]])
+    place[first[2]] = place[first[1]] * ratio[order[0], 0]
+    for t in order[1:]:
+        side = int(np.argmax(np.isin(edges.of_triangle[t], edges.of_triangle[before[t]])))
+        i, j, k = (triangles[t, (side + shift) % 3] for shift in range(3))
+        if np.isnan(place[k]):
+            place[k] = place[i] + (place[j] - place[i]) * ratio[t, side]
+    return np.column_stack([place.real, place.imag])
+
+
+def _third(a: Floats, b: Floats, c: Floats) -> np.ndarray:
+    u, v = b - a, c - a
+    square = np.einsum("ij,ij->i", u, u)
+    along = np.einsum("ij,ij->i", u, v) / square
+    return along + 1j * np.linalg.norm(np.cross(u, v), axis=1) / square
+
+
+def closure_error(points: Floats, flat: Floats, triangles: Ints) -> float:
+    """Largest relative difference between lengths of edges in the plane and in space."""
+    ends = edges_of(triangles).ends
+    return float(np.abs(lengths(flat, ends) / lengths(points, ends) - 1).max())
+
+
+def conformal(triangles: Ints, angles: Floats) -> Floats:
+    """The layout of a disc of least conformal energy for given angles, (n, 2), of any size.
+
+    The energy is that of least squares conformal maps (Lévy et al. 2002, doi:10.1145/566654.
+    566590). Instead of two pinned vertices, of which the result would depend, the border's
+    spread is fixed: the smallest eigenvector of Mullen et al. (2008, spectral conformal
+    parameterization, doi:10.1111/j.1467-8659.2008.01289.x, eq. 5), here in complex numbers, so
+    that it is a simple one, by inverse iteration.
+
+    Args:
+        triangles: Oriented triangles of a disc (t, 3) that use the vertices 0 … n − 1.
+        angles: Angle at each corner, (t, 3), in rad: the surface's, or what `abf_angles` found.
+    """
+    size = int(triangles.max()) + 1
+    weight = 1 / (4 * np.tan(angles.ravel()))
+    a, b = np.roll(triangles, -1, axis=1).ravel(), np.roll(triangles, -2, axis=1).ravel()
+    edges = edges_of(triangles)
+    border = edges.border
+    tri = edges.sides[border, 0]
+    side = np.argmax(edges.of_triangle[tri] == border[:, None], axis=1)
+    p, q = triangles[tri, side], triangles[tri, (side + 1) % 3]
+    area = np.full(len(p), -0.25j)
+    rows = np.concatenate([a, b, a, b, p, q])
+    cols = np.concatenate([a, b, b, a, q, p])
+    values = np.concatenate([weight, weight, -weight, -weight, -area, area])
+    energy = csc_array(coo_array((values, (rows, cols)), shape=(size, size)))
+    # Of a developable disc the energy has a kernel; the shift is below rounding elsewhere.
+    shift = 1e-13 * np.abs(energy.diagonal()).mean()
+    kept = np.delete(np.arange(size), p[0])
+    factor = splu(
+        csc_array(energy[kept][:, kept] + shift * _identity(size - 1)), permc_spec="MMD_AT_PLUS_A"
+    )
+    rim = np.unique(p)
+    z = np.random.default_rng(0).standard_normal((size, 2)) @ [1, 1j]
+    for _ in range(ROUNDS):
+        load = np.zeros(size, dtype=complex)
+        load[rim] = z[rim] - z[rim].mean()
+        new = np.zeros(size, dtype=complex)
+        new[kept] = factor.solve(load[kept])
+        new -= new[rim].mean()
+        new /= np.linalg.norm(new[rim])
+        new *= np.exp(-1j * np.angle(np.vdot(z[rim], new[rim])))
+        change, z = np.abs(new - z).max(), new
+        if change < 1e-13:
+            break
+    return np.column_stack([z.real, z.imag])
+
+
+def _identity(size: int) -> csc_array:
+    return csc_array((np.ones(size), (np.arange(size),) * 2), shape=(size, size))
+
+
+def abf_angles(triangles: Ints, angles: Floats) -> Floats:
+    """Angles of a flat disc that differ least from a surface's, (t, 3), in rad.
+
+    Angle-based flattening, Sheffer et al. 2005 (ABF++, doi:10.1145/1061347.1061354): the least
+    relative change (eq. 1) under the constraints that triangles sum up to π (eq. 2), wheels to 2π
+    (eq. 3), and wheels close in length (eq. 4, here as a sum of logarithms, which makes the
+    Hessian of the Lagrangian diagonal). Newton's steps come from a system of two unknowns an
+    inner vertex, angles and triangle constraints being eliminated (section 3).
+
+    Args:
+        triangles: Oriented triangles of a disc (t, 3) that use the vertices 0 … n − 1.
+        angles: Angle at each corner on the surface, (t, 3), in rad.
+
+    Raises:
+        SurfaceError: Newton's method did not converge.
+    """
+    size, count = triangles.size, len(triangles)
+    edges = edges_of(triangles)
+    inner = np.ones(int(triangles.max()) + 1, dtype=bool)
+    inner[edges.ends[edges.border]] = False
+    if not inner.any():
+        return angles
+    around = np.bincount(triangles.ravel(), angles.ravel())
+    scale = np.where(inner, 2 * np.pi / around, 1.0)
+    wanted = (angles * scale[triangles]).ravel()
+    weight = 2 / wanted**2
+    number = np.cumsum(inner) - 1
+    corner = np.flatnonzero(inner[triangles.ravel()])
+    row = number[triangles.ravel()[corner]]
+    tri, place = np.divmod(corner, 3)
+    ahead, behind = 3 * tri + (place + 1) % 3, 3 * tri + (place + 2) % 3
+    wheels = int(inner.sum())
+    alpha = angles.ravel().copy()
+    of_triangle, of_wheel = np.zeros(count), np.zeros(2 * wheels)
+    for _ in range(60):
+        cot, square = 1 / np.tan(alpha), 1 / np.sin(alpha) ** 2
+        log = np.log(np.sin(alpha))
+        jacobian = coo_array(
+            (
+                np.concatenate([np.ones(len(corner)), cot[ahead], -cot[behind]]),
+                (
+                    np.concatenate([row, wheels + row, wheels + row]),
+                    np.concatenate([corner, ahead, behind]),
+                ),
+            ),
+            shape=(2 * wheels, size),
+        ).tocsr()
+        sums = alpha.reshape(-1, 3).sum(axis=1) - np.pi
+        closing = np.concatenate(
+            [
+                np.bincount(row, alpha[corner], wheels) - 2 * np.pi,
+                np.bincount(row, log[ahead] - log[behind], wheels),
+            ]
+        )
+        force = -weight * (alpha - wanted) - np.repeat(of_triangle, 3) - jacobian.T @ of_wheel
+        done = max(np.abs(sums).max(), np.abs(closing).max(), np.abs(force / weight).max())
+        if done < 1e-12:
+            break
+        bend = np.bincount(behind, of_wheel[wheels + row], size) - np.bincount(
+            ahead, of_wheel[wheels + row], size
+        )
+        diagonal = np.maximum(weight + bend * square, 0.25 * weight)
+        # Angles first, then the multipliers of triangles: both blocks are diagonal.
+        soft = 1 / diagonal
+        pivot = soft.reshape(-1, 3).sum(axis=1)
+        load = (soft * force).reshape(-1, 3).sum(axis=1) + sums
+        scaled = jacobian.multiply(soft).tocsr()
+        coupling = scaled @ _by_triangle(count)
+        reduced = scaled @ jacobian.T - coupling.multiply(1 / pivot) @ coupling.T
+        right = scaled @ force + closing - coupling @ (load / pivot)
+        wheel_step = splu(csc_array(reduced)).solve(right)
+        triangle_step = (load - coupling.T @ wheel_step) / pivot
+        step = soft * (force - np.repeat(triangle_step, 3) - jacobian.T @ wheel_step)
+        # An angle goes at most nine tenths of the way to 0 or π.
+        room = np.where(step < 0, alpha, np.pi - alpha) / np.maximum(np.abs(step), 1e-300)
+        share = min(1.0, 0.9 * float(room.min()))
+        alpha += share * step
+        of_triangle += share * triangle_step
+        of_wheel += share * wheel_step
+    else:
+        raise SurfaceError(
+            f"angle-based flattening did not converge on a chart of {count} triangles (residual "
+            f"{done:.1g}). Cut the chart, or unwrap by method 'lscm'."
+        )
+    return alpha.reshape(-1, 3)
+
+
+def _by_triangle(count: int) -> csr_array:
+    corner = np.arange(3 * count)
+    return csr_array((np.ones(3 * count), (corner, corner // 3)), shape=(3 * count, count))

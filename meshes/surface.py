@@ -1,0 +1,246 @@
+"""A triangulated surface in space, as one models or scans it, ready to be cut and unwrapped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from toros_fem.meshes.pattern import Floats, Ints
+from toros_fem.meshes.topology import edges_of, fans, normals, pieces, shapes
+
+from toros_fem.errors import (
+    DegenerateTriangleError,
+    ManifoldError,
+    OrientationError,
+    SurfaceError,
+)
+
+# Thinner triangles (height over longest edge) spoil every map to the plane.
+MIN_SHAPE = 1e-5
+
+
+@dataclass(frozen=True)
+class Repairs:
+    """What was mended when a surface was read.
+
+    Attributes:
+        merged: Vertices dropped because they lay where another one does.
+        dropped: Triangles dropped: the same as another one, with a corner twice, or a flat ear.
+        collapsed: Edges collapsed in needles.
+        flipped: Edges flipped in caps.
+        turned: Triangles turned round to agree with their neighbours or to face outwards.
+    """
+
+    merged: int = 0
+    dropped: int = 0
+    collapsed: int = 0
+    flipped: int = 0
+    turned: int = 0
+
+    def __str__(self) -> str:
+        done = {
+            "coincident vertices merged": self.merged,
+            "triangles dropped": self.dropped,
+            "edges collapsed": self.collapsed,
+            "edges flipped": self.flipped,
+            "triangles turned round": self.turned,
+        }
+        return ", ".join(f"{count} {what}" for what, count in done.items() if count) or "none"
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """One connected, oriented, manifold surface; validated on construction.
+
+    Args:
+        points: Vertices, shape (n, 3), in m.
+        triangles: Corners of each triangle, shape (t, 3), counter-clockwise seen from outside.
+        parts: Number of the part of each triangle, shape (t,), from 0; empty is one part.
+            Borders between parts are seams.
+        part_names: A name for each part.
+        seams: Edges to cut along, pairs of vertices, shape (k, 2).
+        repairs: What was mended on the way here.
+
+    Raises:
+        SurfaceError: The arrays do not fit together, hold NaN, or the surface is in pieces.
+        DegenerateTriangleError: Triangles are thinner than `MIN_SHAPE`.
+        ManifoldError: An edge has more than two triangles, or a vertex two fans of them.
+        OrientationError: Neighbours are oriented differently, or a closed surface inwards.
+    """
+
+    points: Floats
+    triangles: Ints
+    parts: Ints = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    part_names: tuple[str, ...] = ()
+    seams: Ints = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    repairs: Repairs = Repairs()
+
+    def __post_init__(self) -> None:
+        if len(self.parts) == 0:
+            object.__setattr__(self, "parts", np.zeros(len(self.triangles)))
+        for name, kind, width in (
+            ("points", np.float64, 3),
+            ("triangles", np.int64, 3),
+            ("parts", np.int64, 0),
+            ("seams", np.int64, 2),
+        ):
+            array = np.array(getattr(self, name), dtype=kind)
+            if array.ndim != (2 if width else 1) or (width and array.shape[1] != width):
+                wanted = f"(…, {width})" if width else "(…,)"
+                raise SurfaceError(f"{name} has shape {array.shape}; it must be {wanted}.")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        names = self.part_names or tuple(
+            f"part-{k}" for k in range(1 + int(self.parts.max(initial=0)))
+        )
+        object.__setattr__(self, "part_names", names)
+        self._check_sizes()
+        check_edges(self.points, self.triangles)
+        self._check_orientation()
+        check_fans(self.points, self.triangles)
+
+    @property
+    def area(self) -> float:
+        """Area of the surface in m²."""
+        return float(np.linalg.norm(normals(self.points, self.triangles), axis=1).sum() / 2)
+
+    @property
+    def closed(self) -> bool:
+        """Whether the surface has no border."""
+        return len(edges_of(self.triangles).border) == 0
+
+    def _check_sizes(self) -> None:
+        n = len(self.points)
+        if len(self.triangles) == 0:
+            raise SurfaceError("the surface has no triangle.")
+        if len(self.parts) != len(self.triangles):
+            raise SurfaceError(f"parts has {len(self.parts)} entries, not one for each triangle.")
+        if not np.all(np.isfinite(self.points)):
+            row = int(np.flatnonzero(~np.isfinite(self.points).all(axis=1))[0])
+            raise SurfaceError(f"points[{row}] = {self.points[row]} is not finite.")
+        for name, array, bound in (
+            ("triangles", self.triangles, n),
+            ("seams", self.seams, n),
+            ("parts", self.parts, len(self.part_names)),
+        ):
+            if array.size and (array.min() < 0 or array.max() >= bound):
+                wrong = array.min() if array.min() < 0 else array.max()
+                raise SurfaceError(f"{name} holds {wrong}; entries must lie in 0 … {bound - 1}.")
+        unused = np.setdiff1d(np.arange(n), self.triangles)
+        if len(unused):
+            raise SurfaceError(f"vertex {unused[0]} belongs to no triangle.")
+        shape = shapes(self.points, self.triangles)
+        thin = np.flatnonzero(shape < MIN_SHAPE)
+        if len(thin):
+            worst = int(np.argmin(shape))
+            raise DegenerateTriangleError(
+                f"{len(thin)} triangles are thinner than {MIN_SHAPE:g} of their longest edge, the "
+                f"worst, {worst}, at {self.points[self.triangles[worst]].mean(axis=0)} m with "
+                f"{shape[worst]:.2g}. Remesh the surface."
+            )
+        edges = edges_of(self.triangles)
+        label = pieces(edges, np.flatnonzero(edges.count > 1))
+        if label.max() > 0:
+            raise SurfaceError(
+                f"the surface is in {label.max() + 1} pieces, of {np.bincount(label).tolist()} "
+                "triangles. Give one of them, or join them."
+            )
+
+    def _check_orientation(self) -> None:
+        wrong = inconsistent(self.triangles)
+        if len(wrong):
+            a, b = wrong[0]
+            raise OrientationError(
+                f"the triangles at edge {a}-{b} run through it in the same direction. Turn one of "
+                "them round; a surface with one side only cannot be sewn."
+            )
+        if self.closed and volume(self.points, self.triangles) <= 0:
+            raise OrientationError(
+                "the closed surface faces inwards: its volume is not positive. Swap two corners "
+                "of every triangle."
+            )
+
+
+def volume(points: Floats, triangles: Ints) -> float:
+    """Volume in m³ that a closed oriented surface encloses; negative if it faces inwards."""
+    a, b, c = np.moveaxis(points[triangles] - points.mean(axis=0), 1, 0)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def inconsistent(triangles: Ints) -> Ints:
+    """Edges (k, 2) that two triangles run through in the same direction."""
+    directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+    size = np.int64(triangles.max()) + 1
+    found, count = np.unique(directed @ [size, 1], return_counts=True)
+    return np.stack(np.divmod(found[count > 1], size), axis=1)
+
+
+def oriented(triangles: Ints) -> Ints:
+    """Triangles (t, 3) of manifold pieces turned round to agree with the first of each piece.
+
+    Raises:
+        OrientationError: A piece has one side only, as a Möbius strip has.
+    """
+    edges = edges_of(triangles)
+    one, two = edges.sides[edges.inner].T
+    start = lambda side: np.take_along_axis(  # noqa: E731
+        triangles[side],
+        np.argmax(edges.of_triangle[side] == edges.inner[:, None], axis=1)[:, None],
+        axis=1,
+    )[:, 0]
+    # Two triangles agree if they run through their edge from different ends.
+    clash = start(one) == start(two)
+    size = len(triangles)
+    # In the doubled graph (triangle, turned?) the first triangle as it is reaches each one once.
+    rows = np.concatenate([one, one + size])
+    cols = np.concatenate([two + size * clash, two + size * ~clash])
+    graph = coo_array((np.ones(len(rows)), (rows, cols)), shape=(2 * size, 2 * size))
+    label = connected_components(graph, directed=False)[1]
+    if np.any(label[:size] == label[size:]):
+        k = int(np.flatnonzero(label[:size] == label[size:])[0])
+        raise OrientationError(
+            f"the surface has one side only around triangle {k}, vertices "
+            f"{triangles[k].tolist()}: outside and inside cannot be told apart. Cut it, or remove "
+            "the faces that join its two sides."
+        )
+    piece = pieces(edges, edges.inner)
+    root = np.unique(piece, return_index=True)[1][piece]
+    turned = label[:size] != label[root]
+    return np.where(turned[:, None], triangles[:, ::-1], triangles)
+
+
+def check_edges(points: Floats, triangles: Ints) -> None:
+    """Check that no edge has more than two triangles.
+
+    Raises:
+        ManifoldError: Naming the edge, where it lies, and its triangles.
+    """
+    edges = edges_of(triangles)
+    many = np.flatnonzero(edges.count > 2)
+    if len(many):
+        a, b = edges.ends[many[0]]
+        users = np.flatnonzero(np.any(edges.of_triangle == many[0], axis=1))
+        raise ManifoldError(
+            f"{len(many)} edges have more than two triangles, the first between vertices {a} and "
+            f"{b} at {points[[a, b]].mean(axis=0)} m with triangles {users.tolist()}. A sewn skin "
+            "has one inside and one outside: remove inner walls, or export the outer hull alone."
+        )
+
+
+def check_fans(points: Floats, triangles: Ints) -> None:
+    """Check that the triangles around each vertex, which must agree, are one fan.
+
+    Raises:
+        ManifoldError: Naming the vertex and where it lies.
+    """
+    edges = edges_of(triangles)
+    fan = fans(triangles, edges, edges.inner)
+    if fan.max() + 1 > len(points):
+        pairs = np.unique(np.stack([triangles.ravel(), fan.ravel()], axis=1), axis=0)
+        vertex = int(np.flatnonzero(np.bincount(pairs[:, 0]) > 1)[0])
+        raise ManifoldError(
+            f"vertex {vertex} at {points[vertex]} m joins fans of triangles that share no edge "
+            "there; the surface pinches to a point. Separate the fans."
+        )

@@ -1,0 +1,255 @@
+"""Reading a surface from a file: STL, OBJ, PLY, MSH, XDMF and what else meshio reads."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import itertools
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+from dolfinx.io import XDMFFile
+from mpi4py import MPI
+from toros_fem.meshes.pattern import Floats, Ints
+from toros_fem.meshes.repair import mend, weld
+from toros_fem.meshes.surface import Repairs, Surface, check_edges, oriented, volume
+from toros_fem.meshes.topology import components, edges_of, normals
+
+from toros_fem._mpi import on_first_rank
+from toros_fem.errors import SurfaceError
+from toros_fem.parameters import require_count, require_positive
+
+# Names under which files keep the part of each triangle; the first that is there counts.
+PARTS = ("gmsh:physical", "gmsh:geometrical", "obj:group_ids", "medit:ref", "cell_tags", "part")
+
+
+def read_surface(
+    comm: MPI.Comm, path: Path | str, scale: float = 1.0, component: int | None = None
+) -> Surface:
+    """The surface in a mesh file, mended, oriented, the same on all ranks (collective).
+
+    Coincident vertices are merged (an STL tells each one several times), triangles told twice
+    dropped, quadrilaterals split at their shorter diagonal, needles collapsed and caps flipped,
+    triangles turned round to agree and, if the surface is closed, to face outwards.
+    `Surface.repairs` says how many. Vertices are numbered as the triangles first use them, so
+    that the format does not matter. Line elements become seams, cell groups parts.
+
+    Args:
+        comm: Communicator; the first rank reads.
+        path: STL, OBJ, PLY, MSH, XDMF or another format of meshio.
+        scale: Length of the file's unit in m, 1e-3 for mm.
+        component: Which connected component to take, 0 for the one of largest area; None asks
+            for a single one.
+
+    Raises:
+        ParameterError: scale is not positive, or component not a whole number from 0.
+        SurfaceError: The file cannot be read, holds no triangles or several components.
+        ManifoldError, OrientationError, DegenerateTriangleError: As of `Surface`.
+    """
+    require_positive(scale=scale)
+    if component is not None:
+        require_count(0, component=component)
+    return on_first_rank(comm, lambda: _read(Path(path), scale, component))
+
+
+def _read(path: Path, scale: float, component: int | None) -> Surface:
+    mesh = _load(path)
+    points = np.asarray(mesh.points, dtype=np.float64) * scale
+    if not len(points) or not mesh.cells:
+        raise SurfaceError(f"{path} holds no triangles. Save the surface, not points or volumes.")
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise SurfaceError(f"{path} holds points of shape {points.shape}; a surface needs (n, 3).")
+    triangles, tags = _triangles(path, mesh, points)
+    if triangles.min() < 0 or triangles.max() >= len(points):
+        raise SurfaceError(
+            f"{path} has triangles at vertex {triangles.max()}, but {len(points)} vertices. Export "
+            "it again."
+        )
+    if not np.all(np.isfinite(points[triangles])):
+        raise SurfaceError(f"{path} holds coordinates that are not finite. Export it again.")
+    lines = [block.data for block in mesh.cells if block.type == "line"]
+    if path.suffix.lower() == ".obj":
+        lines.append(_obj_lines(path))
+    seams = np.concatenate([*lines, np.zeros((0, 2), dtype=np.int64)]).astype(np.int64)
+
+    if seams.size and (seams.min() < 0 or seams.max() >= len(points)):
+        raise SurfaceError(f"{path} has lines at vertices that are not there. Export it again.")
+
+    used = np.unique(triangles)
+    stands_for, stay = weld(points[used], np.searchsorted(used, triangles))
+    merged = len(used) - len(np.unique(stands_for))
+    place = np.arange(len(points))
+    place[used] = used[stands_for]
+    seams, dropped = place[seams], len(triangles) - len(stay)
+    triangles, tags = place[triangles[stay]], tags[stay]
+    if len(triangles) == 0:
+        raise SurfaceError(f"all triangles of {path} have no area. Is `scale` = {scale:g} right?")
+
+    chosen = _component(path, points, triangles, component)
+    triangles, tags = triangles[chosen], tags[chosen]
+    check_edges(points, triangles)
+    filed, triangles = triangles, _outwards(points, triangles)
+    turned = int(np.any(filed != triangles, axis=1).sum())
+    parts, names = _parts(mesh, tags)
+    points, triangles, parts, stands_for, mended = mend(points, triangles, parts, seams)
+    points, triangles, seams = _renumbered(points, triangles, stands_for[seams])
+    return Surface(
+        points=points,
+        triangles=triangles,
+        parts=parts,
+        part_names=names,
+        seams=seams,
+        repairs=Repairs(
+            merged=merged,
+            dropped=dropped + mended["dropped"],
+            collapsed=mended["collapsed"],
+            flipped=mended["flipped"],
+            turned=turned,
+        ),
+    )
+
+
+def _load(path: Path) -> Any:
+    """The file as meshio reads it, which prints and may leave Python where it cannot."""
+    if not path.is_file():
+        raise SurfaceError(f"there is no file {path}.")
+    said = io.StringIO()
+    try:
+        with (
+            contextlib.redirect_stdout(said),
+            contextlib.redirect_stderr(said),
+            np.errstate(over="ignore"),
+        ):
+            return meshio.read(path)
+    except ImportError:  # meshio wants h5py for any XDMF; dolfinx reads HDF5 as well
+        return _xdmf(path)
+    except (Exception, SystemExit) as error:
+        why = said.getvalue().strip() or f"{type(error).__name__}: {error}"
+        raise SurfaceError(
+            f"{path} cannot be read as a mesh ({' '.join(why.split())}). Save it as STL, OBJ, PLY, "
+            "MSH or XDMF."
+        ) from error
+
+
+def _xdmf(path: Path) -> Any:
+    """Points and triangles of the first grid of an XDMF file."""
+    try:
+        grid = ET.parse(path).find(".//Grid[Topology][Geometry]")
+    except ET.ParseError as error:
+        raise SurfaceError(f"{path} cannot be read as XML: {error}.") from error
+    if grid is None or grid.find("Topology[@TopologyType='Triangle']") is None:
+        raise SurfaceError(
+            f"{path} has no first grid of the type 'Triangle', the only one that is read without "
+            "the Python package h5py. Install it, or save the surface as MSH."
+        )
+    try:
+        items = [grid.find(f"{name}/DataItem") for name in ("Geometry", "Topology")]
+        texts = [item.text or "" for item in items if item is not None]
+        if all(item is not None and item.get("Format", "XML") == "XML" for item in items):
+            points, corners = (np.array(text.split(), dtype=np.float64) for text in texts)
+        else:
+            with XDMFFile(MPI.COMM_SELF, str(path), "r") as file:
+                name = grid.get("Name", "mesh")
+                points, corners = file.read_geometry_data(name), file.read_topology_data(name)
+        cells = corners.reshape(-1, 3).astype(np.int64)
+        return meshio.Mesh(points.reshape(-1, 3), [("triangle", cells)])
+    except (RuntimeError, ValueError) as error:
+        raise SurfaceError(f"{path} cannot be read as a mesh: {error}") from error
+
+
+def _triangles(path: Path, mesh: Any, points: Floats) -> tuple[Ints, Ints]:
+    """Triangles (t, 3) of a mesh, quadrilaterals split, and the tag of each."""
+    name = next((n for n in PARTS if n in mesh.cell_data and _tags(mesh, n)), None)
+    found, tags, other = [], [], []
+    for number, block in enumerate(mesh.cells):
+        tag = mesh.cell_data[name][number] if name else np.zeros(len(block.data))
+        tag = np.asarray(tag).ravel().astype(np.int64)
+        if block.type == "triangle":
+            found.append(block.data)
+            tags.append(tag)
+        elif block.type == "quad":
+            a, b, c, d = (points[block.data[:, k]] for k in range(4))
+            ac = np.linalg.norm(a - c, axis=1) <= np.linalg.norm(b - d, axis=1)
+            halves = np.where(ac[:, None], block.data[:, [0, 1, 2, 0, 2, 3]],
+                              block.data[:, [0, 1, 3, 1, 2, 3]])  # fmt: skip
+            found.append(halves.reshape(-1, 3))
+            tags.append(np.repeat(tag, 2))
+        elif block.type not in ("vertex", "line", "tetra", "hexahedron", "wedge", "pyramid"):
+            other.append(f"{len(block.data)} of type {block.type}")
+    if other:
+        raise SurfaceError(
+            f"{path} holds faces that are neither triangles nor quadrilaterals: "
+            f"{', '.join(other)}. Triangulate it, with straight edges, before saving."
+        )
+    if not found or not sum(len(block) for block in found):
+        raise SurfaceError(f"{path} holds no triangles. Save the surface, not points or volumes.")
+    return np.concatenate(found).astype(np.int64), np.concatenate(tags)
+
+
+def _tags(mesh: Any, name: str) -> bool:
+    values = [np.asarray(v).ravel() for v in mesh.cell_data[name]]
+    return len(values) > 0 and bool(np.any(np.concatenate(values) != 0))
+
+
+def _parts(mesh: Any, tags: Ints) -> tuple[Ints, tuple[str, ...]]:
+    """Parts numbered from 0, and what the file calls them."""
+    known, parts = np.unique(tags, return_inverse=True)
+    named = {int(tag): name for name, (tag, dim) in mesh.field_data.items() if dim == 2}
+    return parts.ravel(), tuple(named.get(int(tag), f"part-{tag}") for tag in known)
+
+
+def _obj_lines(path: Path) -> Ints:
+    """Line elements of an OBJ file, which meshio passes over."""
+    ends: list[tuple[int, int]] = []
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        word = line.split()
+        if word[:1] == ["l"]:
+            chain = [int(item.split("/")[0]) - 1 for item in word[1:]]
+            ends += itertools.pairwise(chain)
+    return np.array(ends, dtype=np.int64).reshape(-1, 2)
+
+
+def _component(path: Path, points: Floats, triangles: Ints, component: int | None) -> Ints:
+    """Triangles of one connected component."""
+    label = components(triangles)
+    area = np.bincount(label, np.linalg.norm(normals(points, triangles), axis=1) / 2)
+    order = np.argsort(-area, kind="stable")
+    if component is None and len(area) > 1:
+        shown = ", ".join(f"{area[k]:.3g}" for k in order[:5])
+        raise SurfaceError(
+            f"{path} holds {len(area)} components, of {shown}{', …' if len(area) > 5 else ''} m². "
+            "Pick one by `component` (0 is the largest), or join them before saving."
+        )
+    if component is not None and component >= len(area):
+        raise SurfaceError(f"component = {component}, but {path} holds {len(area)}, from 0 on.")
+    return np.flatnonzero(label == order[component or 0])
+
+
+def _outwards(points: Floats, triangles: Ints) -> Ints:
+    """Triangles that agree; closed ones face outwards, open ones as most of the file's area."""
+    agreed = oriented(triangles)
+    if len(edges_of(agreed).border) == 0:
+        inwards = volume(points, agreed) < 0
+    else:
+        area = np.linalg.norm(normals(points, triangles), axis=1)
+        turned = np.any(agreed != triangles, axis=1)
+        inwards = area[turned].sum() > area[~turned].sum()
+    return agreed[:, ::-1] if inwards else agreed
+
+
+def _renumbered(points: Floats, triangles: Ints, seams: Ints) -> tuple[Floats, Ints, Ints]:
+    """Vertices in the order of their first use; seams without what is no edge of the surface."""
+    used, first, inverse = np.unique(triangles, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    number = np.full(len(points), -1, dtype=np.int64)
+    number[used] = rank
+    seams = number[seams]
+    seams = np.unique(np.sort(seams[(seams >= 0).all(axis=1)], axis=1), axis=0)
+    triangles = rank[inverse.ravel()].reshape(-1, 3)
+    ends = edges_of(triangles).ends
+    size = len(used)
+    real = np.isin(seams @ [size, 1], ends @ [size, 1])
+    return points[used[np.argsort(first)]], triangles, seams[real]
