@@ -47,7 +47,8 @@ LAYERS = [
     ["comparison"],
     ["report"],
     ["scene"],
-    ["cli", "tube"],
+    ["cli", "tube", "limb"],
+    ["gait"],
 ]
 RANK = {name: level for level, names in enumerate(LAYERS) for name in names}
 

@@ -63,6 +63,7 @@ def plot_shapes(
     shapes: Sequence[tuple[str, Floats]],
     density: Floats,
     view: tuple[float, float] = (0.0, 0.0),
+    columns: int = 6,
 ) -> None:
     """Picture of one skin in several states, in the same scale, in mm.
 
@@ -72,28 +73,57 @@ def plot_shapes(
         shapes: For each its title and the positions of all assembled vertices, (n, 3), in m.
         density: Density of all triangles to colour by, (t,), 1 for reinforced.
         view: Elevation and turn of the viewer, who looks along +y at (0, 0), in degrees.
+        columns: How many stand side by side at most.
     """
     mix = density[:, None]
     colours = (1 - mix) * FABRIC + mix * PRINTED
     right, up, _ = camera(*view)
     every = np.concatenate([positions for _, positions in shapes])
     share = np.ptp(every @ up) / np.ptp(every @ right)
-    width = min(4.0, 16 / len(shapes), 7 / share)
-    figure, row = plt.subplots(
-        1,
-        len(shapes),
-        figsize=((width + 0.6) * len(shapes) + 0.6, width * share + 1.2),
+    across = min(columns, len(shapes))
+    down = -(-len(shapes) // across)
+    width = min(4.5, 16 / across, 7 / share)
+    figure, grid = plt.subplots(
+        down,
+        across,
+        figsize=((width + 0.4) * across + 0.6, (width * share + 0.9) * down + 0.3),
         sharex=True,
         sharey=True,
         squeeze=False,
         layout="constrained",
     )
-    for axes, (title, positions) in zip(row[0], shapes, strict=True):
+    for axes in grid.ravel()[len(shapes) :]:
+        axes.set_axis_off()
+    for axes, (title, positions) in zip(grid.ravel(), shapes, strict=False):
         draw_skin(axes, pattern, positions, colours, *view)
         axes.set_title(title)
         axes.set_aspect("equal")
         axes.autoscale_view()
+    for axes in grid[-1]:
         axes.set_xlabel("mm")
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def plot_tracks(path: Path, feet: Floats, every: int) -> None:
+    """Picture of the paths of feet in the x-z plane, in mm.
+
+    Args:
+        path: PNG file to write.
+        feet: Places, (rows, feet, 3), in m.
+        every: Rows between two marks, the phases of the gait.
+    """
+    figure, axes = plt.subplots(figsize=(8, 4), layout="constrained")
+    for k in range(feet.shape[1]):
+        x, z = 1e3 * feet[:, k, 0], 1e3 * feet[:, k, 2]
+        (line,) = axes.plot(x, z, label=f"foot {k}")
+        axes.plot(x[::every], z[::every], "o", ms=4, color=line.get_color())
+        axes.annotate("start", (x[0], z[0]), (4, 4), textcoords="offset points", fontsize=8)
+    axes.set_xlabel("x in mm, the way the robot goes")
+    axes.set_ylabel("z in mm")
+    axes.set_aspect("equal")
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False, ncols=feet.shape[1], loc="lower center")
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -10,7 +12,7 @@ from toros_fem.measure import Figure, turn_angle
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.sections import Sections
 from toros_fem.slabs import groups, slabs
-from toros_fem.supports import Supports
+from toros_fem.supports import Supports, symmetry_plane
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -96,10 +98,33 @@ def tips(pattern: Pattern, positions: Floats, directions: Floats, share: float =
     return np.array([positions[row > (1 - share) * row.max()].mean(axis=0) for row in far.T])
 
 
-def rest_at_middle(pattern: Pattern, panel: str = "bottom") -> Supports:
-    """Hold the height of the vertex of a panel that lies nearest to the z axis."""
-    vertices = pattern.vertices_of(panel)
-    middle = vertices[np.argmin(np.linalg.norm(pattern.points[vertices, :2], axis=1))]
+def rest_on_body(pattern: Pattern, reach: float, symmetry: Sequence[int] = ()) -> Supports:
+    """Hold a flat star at three vertices of its bottom, so that only rigid motions are held.
+
+    The one nearest to the centre keeps its place, those nearest to `reach` along +x and +y their
+    heights, and the first of them its y: six components, of which a closed skin pulls at none.
+
+    Args:
+        pattern: The pattern, from `two_panels`.
+        reach: Distance from the centre in m, inside the body.
+        symmetry: Axes of the planes that the pattern is cut at: these hold the rest but for the
+            height at the centre.
+    """
+    bottom = pattern.vertices_of("bottom")
     held = np.zeros((len(pattern.points), 3), dtype=bool)
-    held[middle, 2] = True
-    return Supports(held)
+
+    def near(place: tuple[float, float]) -> int:
+        away = pattern.points[bottom, :2] - place
+        return int(bottom[np.argmin(np.linalg.norm(away, axis=1))])
+
+    held[near((0, 0)), 2] = True
+    if 0 not in symmetry:
+        held[near((0, 0)), 0] = held[near((reach, 0)), 2] = True
+    if 1 not in symmetry:
+        held[near((0, 0)), 1] = held[near((0, reach)), 2] = True
+    if not symmetry:
+        held[near((reach, 0)), 1] = True
+    found = Supports(held)
+    for axis in symmetry:
+        found |= symmetry_plane(pattern, axis)
+    return found

@@ -245,7 +245,7 @@ class Reporter:
         plot_convergence(folder / "convergence.png", result.history, self._figures, self.reached)
 
     def _on_first_rank(self, action: Callable[[], None]) -> None:
-        _write(self._skin.comm, self._folder, action)
+        write_together(self._skin.comm, self._folder, action)
 
     def _bar(self, iteration: int) -> None:
         if not sys.stderr.isatty():
@@ -295,7 +295,7 @@ def write_comparison(
             return
         plot_variants(folder / f"{name}.png", pattern, panel, variants)
 
-    _write(comm, folder, write)
+    write_together(comm, folder, write)
 
 
 def write_path(
@@ -345,12 +345,12 @@ def write_path(
         shapes = [(f"{1e-3 * p.result.pressure:.3g} kPa", p.positions) for p in chosen]
         plot_shapes(folder / "shapes.png", pattern, shapes, density)
 
-    _write(comm, folder, write)
+    write_together(comm, folder, write)
     summary["seconds"] = {"total": time.perf_counter() - begin}
     summary["versions"] = versions()
 
 
-def _write(comm: MPI.Comm, folder: Path, action: Callable[[], None]) -> None:
+def write_together(comm: MPI.Comm, folder: Path, action: Callable[[], None]) -> None:
     """Do something with files on the first rank; all ranks raise if it fails (collective)."""
 
     def guarded() -> None:
