@@ -25,7 +25,10 @@ DEFAULTS: dict[str, Any] = {
     **SECTIONS,
     "contraction": 8.0,  # per cent
     "helices": 3,
-    "helix_angle": 25.0,
+    "helix_angle": 28.0,
+    "helix_width": 2.5e-3,
+    "tip_weight": 10.0,
+    "iterations": 90,
     "crossed": 1,
     "pressure": 5e3,
 }

@@ -25,6 +25,9 @@ DEFAULTS: dict[str, Any] = {
     **SECTIONS,
     "twist": 300.0,  # degrees
     "along": 0.0,
+    "helices": 4,
+    "helix_angle": -55.0,  # left-handed ones unwind to the left
+    "helix_width": 2.5e-3,
     "pressure": 15e3,
 }
 COARSE = {"edge_length": 2.85e-3, "radius": 4.4e-3, "iterations": 40, "constrained": 30}

@@ -3,10 +3,10 @@
     python demos/walker.py --coarse
     python demos/walker.py --coarse --motion crawl
 
-Two flat panels, top and bottom, sewn along an X: a body and four legs along the diagonals. A quarter
-is designed, one leg by symmetry, at 20 kPa at most: the leg is to turn down by 90° (stand), or by
-60° while the body reaches out (crawl). What is printed is the whole robot. It is then simulated with
-three chambers, body, front legs and rear legs, through one cycle of a gait.
+Two flat panels, top and bottom, sewn along an X: a body and four legs along the diagonals. A
+quarter is designed, one leg by symmetry, at 20 kPa at most: the leg is to turn down by 90° (stand),
+or by 60° while the body reaches out (crawl). What is printed is the whole robot. It is then
+simulated with three chambers, body, front legs and rear legs, through one cycle of a gait.
 """
 
 from __future__ import annotations
@@ -90,6 +90,8 @@ def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:
         supports=rest_on_body(pattern, body.body_radius, (0, 1)),
         figures=(limb_figure(angle, along, (0, 0, -1), body.root),),
         sections=limb_sections(pattern, along, body.root, o["sections"], o["place"], o["lever"]),
+        # Which side is to stretch is told; otherwise the start knows neither up nor down.
+        start=np.where(pattern.panel == pattern.panel_index("top"), 0.35, 0.65),
         symmetry=(0, 1),
     )
 

@@ -28,7 +28,7 @@ LAYERS = [
     ["measure"],
     ["estimate", "path"],
     ["objective"],
-    ["alignment", "sections"],
+    ["alignment", "sections", "grasp"],
     ["stencil", "projection"],
     ["strip"],
     ["cone", "helmholtz"],
@@ -48,7 +48,7 @@ LAYERS = [
     ["report"],
     ["scene"],
     ["cli", "tube", "limb"],
-    ["gait"],
+    ["gait", "grasp_report"],
 ]
 RANK = {name: level for level, names in enumerate(LAYERS) for name in names}
 

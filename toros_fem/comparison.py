@@ -13,9 +13,10 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.contours import panel_outline
 from toros_fem.measure import Figure
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.plotting import DPI, FABRIC, PRINTED, camera, draw_skin, fill
+from toros_fem.plotting import DPI, FABRIC, PRINTED, TARGET, camera, draw_skin, fill
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
 
 def plot_variants(
@@ -59,7 +60,7 @@ def plot_variants(
 
 def plot_shapes(
     path: Path,
-    pattern: Pattern,
+    triangles: Ints,
     shapes: Sequence[tuple[str, Floats]],
     density: Floats,
     view: tuple[float, float] = (0.0, 0.0),
@@ -69,14 +70,16 @@ def plot_shapes(
 
     Args:
         path: PNG file to write.
-        pattern: The pattern.
+        triangles: Vertices of each triangle, (t, 3).
         shapes: For each its title and the positions of all assembled vertices, (n, 3), in m.
-        density: Density of all triangles to colour by, (t,), 1 for reinforced.
+        density: Density of all triangles to colour by, (t,), 1 for reinforced; NaN for what is
+            not skin.
         view: Elevation and turn of the viewer, who looks along +y at (0, 0), in degrees.
         columns: How many stand side by side at most.
     """
-    mix = density[:, None]
+    mix = np.nan_to_num(density)[:, None]
     colours = (1 - mix) * FABRIC + mix * PRINTED
+    colours[np.isnan(density)] = TARGET
     right, up, _ = camera(*view)
     every = np.concatenate([positions for _, positions in shapes])
     share = np.ptp(every @ up) / np.ptp(every @ right)
@@ -95,7 +98,7 @@ def plot_shapes(
     for axes in grid.ravel()[len(shapes) :]:
         axes.set_axis_off()
     for axes, (title, positions) in zip(grid.ravel(), shapes, strict=False):
-        draw_skin(axes, pattern, positions, colours, *view)
+        draw_skin(axes, triangles, positions, colours, *view)
         axes.set_title(title)
         axes.set_aspect("equal")
         axes.autoscale_view()

@@ -169,7 +169,12 @@ class DesignProblem:
         return filtered, self.completed(self.projection.forward(filtered))
 
     def simulate(
-        self, density: Floats, start: Floats | None = None, pressure: Pressure | None = None
+        self,
+        density: Floats,
+        start: Floats | None = None,
+        pressure: Pressure | None = None,
+        *,
+        patient: bool = True,
     ) -> Evaluation:
         """T without its gradient, by one equilibrium, eq. (17) (collective).
 
@@ -178,6 +183,7 @@ class DesignProblem:
             start: `EquilibriumResult.state` to start the equilibrium from, of a neighbouring
                 design say.
             pressure: In Pa, of all chambers or of each; None takes `self.pressure`.
+            patient: As for `EquilibriumSolver.solve`.
 
         Raises:
             DensityError: The density does not fit or leaves [0, 1].
@@ -187,7 +193,7 @@ class DesignProblem:
         begin = time.perf_counter()
         density = self.completed(density)
         filtered, projected = self.fields(density)
-        found = self._evaluate(density, filtered, projected, start, pressure)
+        found = self._evaluate(density, filtered, projected, start, pressure, patient=patient)
         found.seconds["filter"] = time.perf_counter() - begin - found.seconds["equilibrium"]
         return found
 
@@ -214,6 +220,8 @@ class DesignProblem:
         projected: Floats,
         start: Floats | None,
         pressure: Pressure | None,
+        *,
+        patient: bool = True,
     ) -> Evaluation:
         perimeter = None
         if self.perimeter is not None and self.weight > 0:
@@ -223,7 +231,9 @@ class DesignProblem:
             widths = self.length_scale.forward(density, filtered, projected)
         begin = time.perf_counter()
         wanted = self.pressure if pressure is None else pressure
-        equilibrium = self.solver.solve(projected, wanted, force=self.force, start=start)
+        equilibrium = self.solver.solve(
+            projected, wanted, force=self.force, start=start, patient=patient
+        )
         seconds = {"equilibrium": time.perf_counter() - begin}
         shape = self.objective.forward(equilibrium.positions)
         return Evaluation(

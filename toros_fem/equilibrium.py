@@ -29,6 +29,8 @@ Floats = npt.NDArray[np.float64]
 
 # First step of a continuation from one design to another, as a share of the way.
 FIRST_SHARE = 1 / 16
+# How many steps a solve takes that need not be patient.
+HASTE = 60
 # How many times `max_steps` the last attempt may take, from where the first cold one stopped.
 PATIENCE = 6
 
@@ -137,6 +139,7 @@ class EquilibriumSolver:
         displacement: Floats | None = None,
         start: Floats | None = None,
         raise_on_failure: bool = True,
+        patient: bool = True,
     ) -> EquilibriumResult:
         """The stable equilibrium at a density, a pressure and dead forces (collective).
 
@@ -151,6 +154,8 @@ class EquilibriumSolver:
                 the assembled positions. Where the full load at once fails, it is raised in steps
                 that shrink where they fail; where that fails too, the plain fabric is solved for
                 and then stiffened.
+            patient: Whether to go all these ways; False tries the full load at once and no more,
+                for trials that are easily replaced by a more cautious one.
             raise_on_failure: Whether to raise if no equilibrium is found, or to return the last
                 good state with `converged` False.
 
@@ -182,7 +187,7 @@ class EquilibriumSolver:
                 f"the start leaves the stretch bounds: a triangle uses {use:.3g} of them, the "
                 "bound is 1. Start from the assembled positions, or raise c1 and c2."
             )
-        end = self._continue(state, density, load, near, cold=start is None)
+        end = self._continue(state, density, load, near, cold=start is None, patient=patient)
         state, reached = end.state, end.reached
         converged = reached == 1.0
         self._apply(load.share(reached or 0.0))
@@ -255,15 +260,21 @@ class EquilibriumSolver:
         near: EquilibriumResult | None,
         *,
         cold: bool,
+        patient: bool,
     ) -> Climb:
         """At once, from the near equilibrium, by the load, by the stiffness, patiently.
 
         Returns:
             Which share of the load was reached at the asked density.
         """
+        most = self._snes.getTolerances()[3]
+        self._snes.setTolerances(max_it=most if patient else min(HASTE, most))
         found, outcome, _ = self._attempt(state, density, load)
+        self._snes.setTolerances(max_it=most)
         if outcome > 0:
             return Climb(found, 1.0, outcome)
+        if not patient:
+            return Climb(state, None, outcome)
         least = self.options.min_increment
         if near is not None:
             there, load_there = self._density, self._load
@@ -311,7 +322,6 @@ class EquilibriumSolver:
             )  # fmt: skip
             if stiffened.reached == 1.0:
                 return stiffened
-        most = self._snes.getTolerances()[3]
         self._snes.setTolerances(max_it=PATIENCE * most)
         found, outcome, _ = self._attempt(unfinished, density, load)
         self._snes.setTolerances(max_it=most)

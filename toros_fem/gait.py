@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,7 @@ class Gait:
         """Share of the full pressure in each chamber, row by row, from the start to the start."""
         ends = np.concatenate([self.phases[-1:], self.phases])
         parts = np.arange(1, self.steps + 1)[:, None] / self.steps
-        rows = [a + parts * (b - a) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        rows = [a + parts * (b - a) for a, b in pairwise(ends)]
         return np.concatenate([ends[:1], *rows])
 
 
@@ -141,7 +142,9 @@ def write_gait(
             )
             moved = points[k].positions + [body[k], 0, 0]
             shapes.append((f"{number}: {full or 'none'}", moved))
-        plot_shapes(folder / "gait.png", pattern, shapes, density, view=(20.0, 20.0), columns=4)
+        plot_shapes(
+            folder / "gait.png", pattern.triangles, shapes, density, view=(20.0, 20.0), columns=4
+        )
         plot_tracks(folder / "tracks.png", feet, gait.steps)
 
     write_together(comm, folder, write)

@@ -304,12 +304,12 @@ class _Loop:
         if self.callback is not None:
             self.callback(row, e)
 
-    def simulate(self, start: Floats | None) -> Evaluation:
+    def simulate(self, start: Floats | None, *, patient: bool = True) -> Evaluation:
         """The design that the variables stand for; what it costs is added up."""
         begin = time.perf_counter()
         density, pressures = self.variables.design(self.x)
         try:
-            found = self.problem.simulate(density, start, pressures)
+            found = self.problem.simulate(density, start, pressures, patient=patient)
         except EquilibriumError as error:
             self.steps += error.result.steps
             self.factorisations += error.result.factorisations
@@ -322,7 +322,9 @@ class _Loop:
         return found
 
     def attempt(self, near: Evaluation) -> Evaluation | None:
+        # A step that has no equilibrium near by is replaced; only the last try gets all effort.
+        patient = self.rejected >= self.options.retries
         try:
-            return self.simulate(near.equilibrium.state)
+            return self.simulate(near.equilibrium.state, patient=patient)
         except EquilibriumError:  # raised by all ranks or by none
             return None

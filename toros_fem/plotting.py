@@ -30,6 +30,7 @@ from toros_fem.stages import Iteration
 from toros_fem.widths import Place
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
 FABRIC = np.array([0.93, 0.86, 0.72])
 PRINTED = np.array([0.13, 0.20, 0.33])
@@ -192,10 +193,11 @@ def plot_shape(
     for angles in views.values():
         right, up, _ = camera(*angles)
         shares.append(np.ptp(both @ up) / np.ptp(both @ right))
+    width = min(5.2, 14 / sum(shares))  # slender skins are drawn smaller
     figure, axes = plt.subplots(
         len(views),
         2,
-        figsize=(11, 5.2 * sum(shares) + 2.0),
+        figsize=(max(2 * width + 0.6, 6.0), width * sum(shares) + 2.0),
         sharex="row",
         sharey="row",
         height_ratios=shares,
@@ -205,7 +207,7 @@ def plot_shape(
         for axis, points, colours, what in zip(
             row, (target, positions), (plain, skin), ("target", "inflated skin"), strict=True
         ):
-            draw_skin(axis, pattern, points, colours, *angles)
+            draw_skin(axis, pattern.triangles, points, colours, *angles)
             axis.set_title(f"{what}, {name}")
             axis.set_aspect("equal")
             axis.autoscale_view()
@@ -261,11 +263,11 @@ def camera(elevation: float, turn: float) -> tuple[Floats, Floats, Floats]:
 
 
 def draw_skin(
-    axis: Axes, pattern: Pattern, points: Floats, colours: Floats, elevation: float, turn: float
+    axis: Axes, triangles: Ints, points: Floats, colours: Floats, elevation: float, turn: float
 ) -> None:
     """Shaded triangles seen from −y (turned by angles in degrees), painted back to front."""
     right, up, away = camera(elevation, turn)
-    corner = points[pattern.triangles] * 1e3
+    corner = points[triangles] * 1e3
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
     light = LIGHT / np.linalg.norm(LIGHT)

@@ -343,7 +343,7 @@ def write_path(
         plot_curves(folder / "curve.png", rows, figures)
         chosen = [points[k] for k in np.linspace(0, len(points) - 1, 4).round().astype(int)]
         shapes = [(f"{1e-3 * p.result.pressure:.3g} kPa", p.positions) for p in chosen]
-        plot_shapes(folder / "shapes.png", pattern, shapes, density)
+        plot_shapes(folder / "shapes.png", pattern.triangles, shapes, density)
 
     write_together(comm, folder, write)
     summary["seconds"] = {"total": time.perf_counter() - begin}

@@ -18,6 +18,7 @@ from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.estimate import estimate_error
 from toros_fem.filters import make_filter
+from toros_fem.grasp import Body, GapObjective
 from toros_fem.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.manufacture import PrintLimits
 from toros_fem.measure import Figure
@@ -61,13 +62,15 @@ class Scene:
         figures: What the run is judged by, the most important first.
         passive: Density that is given, of all triangles, (t,); NaN where it is designed.
         weights, relative: Factors on each vertex in the objective, as `ShapeObjective` has; None
-            for both leaves that objective out if there are sections.
+            for both leaves that objective out if there is another one.
         sections: Cross-sections whose place and orientation count besides.
         start: Density of all triangles to start from, (t,), within [0.1, 0.9]: noise of 0.1 is
             added. None: 0.5.
         symmetry: Axes of the planes that the pattern is cut at, as for `meshes.mirrored`: what is
             shown and printed is the whole.
         chambers: Pressure chambers; None for one.
+        grasp: A body, the weight of each vertex's distance from its surface, (n,), and the factor
+            on that term.
         aligned: Whether shape counts wherever the skin is and however it is turned.
     """
 
@@ -82,6 +85,7 @@ class Scene:
     start: Floats | None = None
     symmetry: tuple[int, ...] = ()
     chambers: Chambers | None = None
+    grasp: tuple[Body, Floats, float] | None = None
     aligned: bool = False
 
     def objective(self, skin: Skin) -> Objective:
@@ -89,6 +93,8 @@ class Scene:
         parts: list[Objective] = []
         if self.sections is not None:
             parts.append(SectionObjective(skin, self.target, self.sections))
+        if self.grasp is not None:
+            parts.append(GapObjective(skin, *self.grasp))
         if not parts or self.weights is not None:
             parts.append(ShapeObjective(skin, self.target, self.weights, self.relative))
         found = parts[0] if len(parts) == 1 else SumObjective(*parts)
