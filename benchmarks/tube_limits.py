@@ -48,7 +48,7 @@ def cases() -> list[Case]:
     found += [Case(n, a, 2e-3) for n, a in product((4, 6), (40, 50, 60))]
     # Thin lines need small triangles: where they are as wide as an edge they fray. Of the rough
     # sweep one case each is run again, to see what the mesh does.
-    fine = {"edge": 1.8e-3}
+    fine: Row = {"edge": 1.8e-3}
     found += [Case(4, a, 2e-3, **fine) for a in (60, 65)]
     found += [Case(n, 25, 2e-3, True, **fine) for n in (3, 4)]
     found += [Case(3, 65, 2e-3, **fine), Case(6, 60, 2e-3, **fine)]
