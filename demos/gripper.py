@@ -4,10 +4,11 @@
     python demos/gripper.py --coarse --shape box
 
 Each finger is a flat one of two panels, clamped at its root in a mount; the three hang around the
-object at 120°. Half a finger is designed, by symmetry. Its target is built from the object:
-straight until it touches, then around it, at half a finger's thickness from its surface. The
-distance of the inner panel from the object counts besides. What is printed is simulated again; the
-gap that it leaves is reported, and what the object's weight changes when it hangs on the fingers.
+object at 120°. Half a finger is designed, by symmetry; a line along its inner panel is printed in
+any case, so that this keeps its length. The target is built from the object: straight until the
+finger touches, then around it. The distance of the inner panel from the object counts besides. What
+is printed is simulated again; the gap that it leaves is reported, and what the object's weight
+changes when it hangs on the fingers.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
-from toros_fem.meshes import Pattern, curl, finger
+from toros_fem.meshes import Pattern, curl, finger, plane_centroids
 
 from toros_fem.cli import command_line, last_line
 from toros_fem.equilibrium import EquilibriumError
@@ -29,7 +30,7 @@ from toros_fem.grasp import Body
 from toros_fem.grasp_report import write_grasp
 from toros_fem.limb import limb_figure, limb_sections
 from toros_fem.measure import Figure
-from toros_fem.scene import Outcome, Scene, design, make_problem, merged, settings_of
+from toros_fem.scene import Outcome, Scene, design, merged
 from toros_fem.supports import Supports, symmetry_plane
 
 DEFAULTS: dict[str, Any] = {
@@ -38,13 +39,15 @@ DEFAULTS: dict[str, Any] = {
     "finger_length": 0.09,  # m
     "finger_width": 0.025,  # m
     "root": 0.015,  # m, in the mount
+    "backbone": 6e-3,  # m, width of a line that is printed along the inner panel in any case
     "edge_length": 1.2e-3,  # m
-    "depth": 0.02,  # m, of the inflated finger between inner and outer side, a first guess
+    "depth": 0.016,  # m, of the inflated finger where it is straight, a first guess
     "wrap": 90.0,  # degrees by which the finger goes around the object
+    "tail": 0.015,  # m of the finger that is to lie straight under a box
     "sections": 8,  # of the finger
     "place": 0.05,  # weight of the finger's centre line, over that of its orientation
-    "lever": 0.03,  # m; the tip off by 0.1 rad counts as if all were off by 3 mm
-    "touch": 1.0,  # weight of the inner panel's distance from the object
+    "lever": 0.02,  # m; the tip off by 0.1 rad counts as if all were off by 2 mm
+    "touch": 5.0,  # weight of the inner panel's distance from the object
     "mass": 0.03,  # kg, of the object
     "seams": "hinged",
     "pressure": 10e3,
@@ -54,24 +57,29 @@ ALONG, TOWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 STRIP = 1 / 3  # of the width that is to lie on the object
 
 
-def body(inputs: dict[str, Any]) -> Body:
-    """The object, beside the straight finger, where this is to begin to bend."""
+def begin_of(inputs: dict[str, Any]) -> float:
+    """Where the finger begins to bend, in m from its root, so that its tip ends as it should.
+
+    The inner panel keeps its length: it goes around the object's own radius.
+    """
     o = inputs
-    half, thick = o["size"] / 2, o["depth"] / 2
-    found = Body(o["shape"], o["size"], (0.0, 0.0, half + thick))
-    around = found.radius + thick
-    begin = o["finger_length"] - np.radians(o["wrap"]) * around
-    # A box's bottom is as far below the bend's begin as its edges are round.
-    middle = begin if o["shape"] == "sphere" else begin + found.radius - half
-    return Body(o["shape"], o["size"], (float(middle), 0.0, half + thick))
+    tail = o["tail"] if o["shape"] == "box" else 0.0
+    radius = Body(o["shape"], o["size"], (0.0, 0.0, 0.0)).radius
+    return float(o["finger_length"] - tail - np.radians(o["wrap"]) * radius)
+
+
+def body(inputs: dict[str, Any]) -> Body:
+    """The object, beside the straight finger, round where this is to bend."""
+    o, half = inputs, inputs["size"] / 2
+    radius = Body(o["shape"], o["size"], (0.0, 0.0, 0.0)).radius
+    return Body(o["shape"], o["size"], (begin_of(o) + radius - half, 0.0, half + o["depth"] / 2))
 
 
 def strip(pattern: Pattern, inputs: dict[str, Any]) -> npt.NDArray[np.bool_]:
     """Vertices of the inner panel that are to touch: a strip along its middle, from the bend on."""
     o, inner = inputs, np.zeros(len(pattern.points), dtype=bool)
     inner[pattern.vertices_of("top")] = True
-    around = body(o).radius + o["depth"] / 2
-    begin = o["finger_length"] - np.radians(o["wrap"]) * around
+    begin = begin_of(o)
     x, y, _ = pattern.points.T
     end = o["finger_length"] - o["finger_width"] / 4
     return np.asarray(inner & (x > begin) & (x < end) & (np.abs(y) < STRIP * o["finger_width"] / 2))
@@ -100,28 +108,30 @@ def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:
         root=o["root"],
         planes=(1,),
     )
-    around = thing.radius + o["depth"] / 2
     bend = np.radians(o["wrap"])
     target = curl(
         bend,
-        bend * around,
-        origin=(o["finger_length"] - bend * around, 0, 0),
+        bend * thing.radius,
+        origin=(begin_of(o), 0, o["depth"] / 2),
         along=ALONG,
         toward=TOWARD,
     )
     goal = target(pattern.points)
     turned = limb_figure(0.0, ALONG, TOWARD, o["root"])
+    inner = pattern.panel == pattern.panel_index("top")
+    across = np.abs(plane_centroids(pattern)[:, 1])
     held = np.zeros((len(pattern.points), 3), dtype=bool)
     held[pattern.points[:, 0] <= o["root"] * (1 + 1e-9)] = True
     return Scene(
         pattern=pattern,
         target=goal,
         supports=Supports(held) | symmetry_plane(pattern, 1),
+        passive=np.where(inner & (across < o["backbone"] / 2), 1.0, np.nan),
         figures=(gap_figure(o), replace(turned, asked=turned.measure(pattern, goal))),
         sections=limb_sections(pattern, ALONG, o["root"], o["sections"], o["place"], o["lever"]),
         grasp=(thing, strip(pattern, o).astype(float), o["touch"]),
         # Which side is to stretch is told; otherwise the start knows neither up nor down.
-        start=np.where(pattern.panel == pattern.panel_index("top"), 0.65, 0.35),
+        start=np.where(inner, 0.65, 0.35),
         symmetry=(1,),
     )
 
@@ -147,7 +157,7 @@ def loaded(
 ) -> dict[str, Any]:
     """The printed finger with a third of the object's weight on it, along the finger."""
     pattern, shown = made.pattern, done.printed.evaluation or done.result.final
-    problem = make_problem(comm, made, settings_of(o))
+    problem = done.problem
     skin, solver = problem.solver.skin, problem.solver
     touching = strip(pattern, o)
     # Half a finger bears a sixth of it; it hangs where the finger has gone around.

@@ -3,7 +3,8 @@
     python demos/twist.py --coarse
 
 The tube of `bend.py`; its end plate is to turn by 300° about the axis, every section by its share.
-Where the sections lie along the axis, and how far they swell, is left free.
+Where the sections lie along the axis, and how far they swell, is left free. The start is a guess,
+four left-handed helical lines; `--helices 0` starts without a pattern and ends near 255°.
 """
 
 from __future__ import annotations
@@ -30,7 +31,13 @@ DEFAULTS: dict[str, Any] = {
     "helix_width": 2.5e-3,
     "pressure": 15e3,
 }
-COARSE = {"edge_length": 2.85e-3, "radius": 4.4e-3, "iterations": 40, "constrained": 30}
+COARSE = {
+    "edge_length": 2.85e-3,
+    "radius": 4.4e-3,
+    "helix_width": 4e-3,
+    "iterations": 40,
+    "constrained": 30,
+}
 
 
 def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:

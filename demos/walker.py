@@ -18,7 +18,16 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from toros_fem.meshes import Pattern, Star, compose, plane_centroids, sew, stand, walker
+from toros_fem.meshes import (
+    Pattern,
+    Star,
+    compose,
+    mirrored,
+    plane_centroids,
+    sew,
+    stand,
+    walker,
+)
 
 from toros_fem.chambers import Chambers
 from toros_fem.cli import command_line, last_line
@@ -35,15 +44,16 @@ DEFAULTS: dict[str, Any] = {
     "leg_width": 0.024,  # m
     "body_radius": 0.02,  # m
     "fillet": 6e-3,  # m
-    "edge_length": 1.4e-3,  # m
+    "edge_length": 1.8e-3,  # m
     "curved": 0.03,  # m of each leg that bends, from its root on; the rest is to stay straight
     "sections": 6,  # of the leg
     "place": 0.02,  # weight of the leg's centre line, over that of its orientation
     "lever": 0.03,  # m; the leg's tip off by 0.1 rad counts as if all were off by 3 mm
     "reach": 6e-3,  # m by which the body is to reach out along x to either side, if it crawls
-    "gait_steps": 4,  # equilibria a phase of the gait; 0 leaves it out
-    "gait_pressure": 15e3,  # Pa in a full chamber
+    "gait_steps": 3,  # equilibria a phase of the gait; 0 leaves it out
+    "low": 0.35,  # pressure in a chamber that is let down, over the design's
     "seams": "hinged",
+    "radius": 2.75e-3,
     "pressure": 12e3,
 }
 COARSE = {
@@ -56,16 +66,7 @@ COARSE = {
 ANGLE = {"stand": 90.0, "crawl": 60.0}  # degrees
 CHAMBERS = ("body", "front", "rear")
 # Rear feet grip, the body reaches out, front feet grip, rear feet let go, the body draws in.
-PHASES = np.array(
-    [
-        [0.1, 0.1, 1.0],
-        [1.0, 0.1, 1.0],
-        [1.0, 1.0, 1.0],
-        [1.0, 1.0, 0.1],
-        [0.1, 1.0, 0.1],
-        [0.1, 1.0, 1.0],
-    ]
-)
+PHASES = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [1, 1, 0], [0, 1, 0], [0, 1, 1]], dtype=bool)
 
 
 def star(inputs: dict[str, Any]) -> Star:
@@ -115,18 +116,24 @@ def walk(comm: MPI.Comm, output: Path, inputs: dict[str, Any], done: Outcome) ->
         chambers=chambers(pattern, body),
     )
     feet = tuple(1 if x > 0 else 2 for x in body.directions[:, 0])
-    gait = Gait(CHAMBERS, PHASES, o["gait_steps"], feet)
+    gait = Gait(CHAMBERS, np.where(PHASES, 1.0, o["low"]), o["gait_steps"], feet)
     density = printed.cells.astype(np.float64)
     legs = [
         limb_figure(ANGLE[o["motion"]], np.append(d, 0), (0, 0, -1), body.root, name=f"leg_{k}")
         for k, d in enumerate(body.directions)
     ]
-    levels = o["gait_pressure"] * gait.shares
-    points = list(follow(solver, density[skin.owned_cells], levels.tolist(), legs))
-    return write_gait(
-        comm, output, gait, pattern, points, body.directions, density,
-        {"chambers": CHAMBERS, "pressure_pa": o["gait_pressure"], "triangles": len(density)},
-    )  # fmt: skip
+    shown = printed.evaluation or done.result.final
+    pressure = shown.equilibrium.pressure
+    # All chambers full is how the design is known: from there to where the cycle begins.
+    shares = [np.ones(len(CHAMBERS)), *gait.shares]
+    levels = [(pressure * share).tolist() for share in shares]
+    whole = mirrored(done.problem.solver.skin.pattern, (0, 1))
+    start = whole.at_vertices(done.problem.solver.skin.gather_vertices(shown.equilibrium.positions))
+    points = list(
+        follow(solver, density[skin.owned_cells], levels, legs, start[skin.owned_vertices])
+    )[1:]
+    figures = {"chambers": CHAMBERS, "pressure_pa": pressure, "triangles": len(density)}
+    return write_gait(comm, output, gait, pattern, points, body.directions, density, figures)
 
 
 def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -> dict[str, Any]:

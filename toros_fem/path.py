@@ -37,6 +37,7 @@ def follow(
     density: Floats,
     pressures: Sequence[Pressure],
     figures: Sequence[Figure] = (),
+    start: Floats | None = None,
 ) -> Iterator[PathPoint]:
     """Equilibria at pressures one after the other (collective).
 
@@ -45,11 +46,12 @@ def follow(
         density: Projected density of its owned triangles.
         pressures: In Pa, in the order in which they act; where the skin snaps the order matters.
         figures: What to measure of each.
+        start: As for `EquilibriumSolver.solve`; None starts from the assembled skin.
 
     Raises:
         EquilibriumError: There is no equilibrium at one of them; those before have been given out.
     """
-    skin, start = solver.skin, None
+    skin = solver.skin
     for pressure in pressures:
         result = solver.solve(density, pressure, start=start)
         positions = skin.gather_vertices(result.positions)

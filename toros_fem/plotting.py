@@ -39,6 +39,8 @@ LIGHT = np.array([-0.35, 0.45, 0.82])
 ISLAND, NARROW, TIGHT, HOLE = "#d1242f", "#e0148c", "#0a7fc2", "#2c8f35"
 LABELS = 12
 DPI = 150
+# Height over width from which on all views of a shape stand in one row.
+SLENDER = 2.0
 
 
 def plot_pattern(path: Path, pattern: Pattern, regions: Sequence[BaseGeometry]) -> None:
@@ -187,28 +189,33 @@ def plot_shape(
     mix = density[:, None]
     skin = (1 - mix) * FABRIC + mix * PRINTED
     plain = np.broadcast_to(TARGET, skin.shape)
-    views = {"side (x right, z up)": (0.0, 0.0), "oblique": (25.0, 35.0)}
+    views = {"side": (0.0, 0.0), "oblique": (25.0, 35.0)}
     both = np.concatenate([positions, target])
     shares = []
     for angles in views.values():
         right, up, _ = camera(*angles)
         shares.append(np.ptp(both @ up) / np.ptp(both @ right))
-    width = min(5.2, 14 / sum(shares))  # slender skins are drawn smaller
+    slender = min(shares) > SLENDER
+    across, down = (4, 1) if slender else (2, 2)
+    tall = max(shares) if slender else sum(shares)
+    width = min(5.2, (9 if slender else 14) / tall)
     figure, axes = plt.subplots(
-        len(views),
-        2,
-        figsize=(max(2 * width + 0.6, 6.0), width * sum(shares) + 2.0),
+        down,
+        across,
+        figsize=(across * (width + 0.9) + 0.5, width * tall + 1.2 * down),
         sharex="row",
         sharey="row",
-        height_ratios=shares,
+        squeeze=False,
+        height_ratios=None if slender else shares,
         layout="constrained",
     )
-    for row, (name, angles) in zip(axes, views.items(), strict=True):
+    pairs = axes.reshape(2, 2)
+    for row, (name, angles) in zip(pairs, views.items(), strict=True):
         for axis, points, colours, what in zip(
-            row, (target, positions), (plain, skin), ("target", "inflated skin"), strict=True
+            row, (target, positions), (plain, skin), ("target", "inflated"), strict=True
         ):
             draw_skin(axis, pattern.triangles, points, colours, *angles)
-            axis.set_title(f"{what}, {name}")
+            axis.set_title(f"{what}, {name}", fontsize=9)
             axis.set_aspect("equal")
             axis.autoscale_view()
             axis.set_xlabel("mm")

@@ -211,11 +211,13 @@ class Outcome:
         summary: The figures, as written to summary.json.
         result: What the design loop arrived at.
         printed: What is printed of it.
+        problem: The design problem.
     """
 
     summary: dict[str, Any]
     result: DesignResult
     printed: PrintedDesign
+    problem: DesignProblem
 
 
 def settings_of(inputs: dict[str, Any]) -> Settings:
@@ -313,7 +315,7 @@ def design(
     if settings.refine and made is not None:
         figures.update(_refined_figures(problem, made, scene))
     summary = reporter.finish(problem, result, printed, scene.target, inputs, figures)
-    return Outcome(summary, result, printed)
+    return Outcome(summary, result, printed, problem)
 
 
 def _refined_figures(problem: DesignProblem, made: Evaluation, scene: Scene) -> dict[str, Any]:
