@@ -133,7 +133,9 @@ def walk(comm: MPI.Comm, output: Path, inputs: dict[str, Any], done: Outcome) ->
         follow(solver, density[skin.owned_cells], levels, legs, start[skin.owned_vertices])
     )[1:]
     figures = {"chambers": CHAMBERS, "pressure_pa": pressure, "triangles": len(density)}
-    return write_gait(comm, output, gait, pattern, points, body.directions, density, figures)
+    return write_gait(
+        comm, output, gait, pattern, points, body.directions, body.root, density, figures
+    )
 
 
 def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -> dict[str, Any]:

@@ -123,10 +123,10 @@ def plot_tracks(path: Path, feet: Floats, every: int) -> None:
         axes.plot(x[::every], z[::every], "o", ms=4, color=line.get_color())
         axes.annotate("start", (x[0], z[0]), (4, 4), textcoords="offset points", fontsize=8)
     axes.set_xlabel("x in mm, the way the robot goes")
-    axes.set_ylabel("z in mm")
+    axes.set_ylabel("height in mm")
     axes.set_aspect("equal")
     axes.grid(alpha=0.3)
-    axes.legend(frameon=False, ncols=feet.shape[1], loc="lower center")
+    figure.legend(frameon=False, ncols=feet.shape[1], loc="outside lower center")
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
 

@@ -19,6 +19,7 @@ from toros_fem.limb import tips
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.path import PathPoint
 from toros_fem.report import write_together
+from toros_fem.rotation import best_rotation
 
 Floats = npt.NDArray[np.float64]
 
@@ -58,32 +59,42 @@ class Gait:
         return np.concatenate([ends[:1], *rows])
 
 
-def foot_tracks(
-    gait: Gait, pattern: Pattern, points: Sequence[PathPoint], directions: Floats
-) -> tuple[Floats, Floats]:
-    """Tracks of feet and body along x, the feet that grip staying where they are.
+def placed(
+    gait: Gait, pattern: Pattern, points: Sequence[PathPoint], directions: Floats, root: float
+) -> tuple[list[Floats], Floats]:
+    """The robot on its way: upright, on the feet that grip, these staying where they are.
 
-    Nothing is known of the ground: feet whose legs are bent before and after a step are taken as
-    fixed to it, on average, and all others as sliding freely.
+    Nothing is known of the ground or the weight. The body is turned to how it is assembled, as
+    well as a rotation can; z = 0 is the mean height of feet whose legs are bent; feet whose legs
+    are bent before and after a step are taken as fixed to the ground, on average along x, and all
+    others as sliding freely.
 
     Args:
         gait: The cycle.
         pattern: The whole robot.
         points: Its equilibria, one for each row of `gait.shares`.
         directions: Unit vectors along the legs, (f, 2).
+        root: Distance from the centre where legs begin, in m.
 
     Returns:
-        Places of the feet, (rows, f, 3), and the x of the body, (rows,), in m.
+        Positions of all vertices, (n, 3), and the places of the feet, (rows, f, 3), in m.
     """
-    feet = np.array([tips(pattern, point.positions, directions) for point in points])
+    body = np.flatnonzero((pattern.points[:, :2] @ directions.T <= root).all(axis=1))
     grip = gait.shares[:, list(gait.feet)] >= gait.grips
-    body = np.zeros(len(points))
-    for k in range(1, len(points)):
+    shapes: list[Floats] = []
+    feet: list[Floats] = []
+    for k, point in enumerate(points):
+        middle = point.positions[body].mean(axis=0)
+        turn = best_rotation(pattern.points[body], point.positions[body])
+        shape = (point.positions - middle) @ turn
+        foot = tips(pattern, shape, directions)
+        shift = np.array([0.0, 0.0, -foot[grip[k], 2].mean()])
         both = grip[k] & grip[k - 1]
-        slid = (feet[k] - feet[k - 1])[both, 0]
-        body[k] = body[k - 1] - (slid.mean() if len(slid) else 0.0)
-    feet[:, :, 0] += body[:, None]
-    return feet, body
+        if k > 0 and both.any():
+            shift[0] = (feet[-1] - foot)[both, 0].mean()
+        shapes.append(shape + shift)
+        feet.append(foot + shift)
+    return shapes, np.array(feet)
 
 
 def write_gait(
@@ -93,6 +104,7 @@ def write_gait(
     pattern: Pattern,
     points: Sequence[PathPoint],
     directions: Floats,
+    root: float,
     density: Floats,
     figures: Mapping[str, Any],
 ) -> dict[str, Any]:
@@ -105,28 +117,29 @@ def write_gait(
         pattern: The whole robot.
         points: Its equilibria, one for each row of `gait.shares`.
         directions: Unit vectors along the legs, (f, 2).
+        root: Distance from the centre where legs begin, in m.
         density: Density of all triangles to colour by, (t,).
         figures: What else to write to gait.json.
 
     Raises:
         OutputError: A file cannot be written.
     """
-    feet, body = foot_tracks(gait, pattern, points, directions)
+    shapes, feet = placed(gait, pattern, points, directions, root)
     found = {
         **figures,
-        "stride_mm": 1e3 * float(body[-1]),
-        "foot_lift_mm": 1e3 * float(np.ptp(feet[:, :, 2], axis=0).max()),
+        "stride_mm": 1e3 * float((feet[-1] - feet[0])[:, 0].mean()),
+        "foot_lift_mm": 1e3 * float(feet[:, :, 2].max()),
         "newton_steps": sum(point.result.steps for point in points),
         "equilibria": len(points),
     }
 
     def write() -> None:
         rows = []
-        for point, place, x in zip(points, feet, body, strict=True):
+        for point, place in zip(points, feet, strict=True):
             row = {f"{n}_pa": p for n, p in zip(gait.names, point.result.pressures, strict=True)}
             for k, foot in enumerate(place):
                 row |= {f"foot_{k}_{axis}_m": v for axis, v in zip("xyz", foot, strict=True)}
-            rows.append({**row, "body_x_m": x, **point.figures})
+            rows.append({**row, **point.figures})
         write_table(folder / "gait.csv", rows)
         write_json(folder / "gait.json", found)
         try:
@@ -135,16 +148,12 @@ def write_gait(
             print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
             return
         ends = range(0, len(points), gait.steps)
-        shapes = []
+        shown = []
         for number, k in enumerate(ends):
-            full = ", ".join(
-                n for n, s in zip(gait.names, gait.shares[k], strict=True) if s >= gait.grips
-            )
-            moved = points[k].positions + [body[k], 0, 0]
-            shapes.append((f"{number}: {full or 'none'}", moved))
-        plot_shapes(
-            folder / "gait.png", pattern.triangles, shapes, density, view=(20.0, 20.0), columns=4
-        )
+            full = [n for n, s in zip(gait.names, gait.shares[k], strict=True) if s >= gait.grips]
+            shown.append((f"{number}: {', '.join(full) or 'none'}", shapes[k]))
+        view = (15.0, 15.0)
+        plot_shapes(folder / "gait.png", pattern.triangles, shown, density, view, columns=4)
         plot_tracks(folder / "tracks.png", feet, gait.steps)
 
     write_together(comm, folder, write)
