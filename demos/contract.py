@@ -27,13 +27,12 @@ DEFAULTS: dict[str, Any] = {
     **SECTIONS,
     "contraction": 8.0,  # per cent
     "tip_weight": 10.0,
-    "helices": 6,  # as many each way
+    "helices": 4,  # as many each way
     "helix_angle": 30.0,
-    "helix_width": 2e-3,
+    "helix_width": 2.5e-3,
     "crossed": 1,
-    "edge_length": 1.1e-3,  # thin lines are what it takes: docs/limits.md
-    "radius": 1.65e-3,
-    "pressure": 7e3,
+    "reinforcement_young": 100e6,  # Pa, as measured on prints; what 26e6 gives: docs/limits.md
+    "pressure": 10e3,
 }
 COARSE = {
     "edge_length": 2.85e-3,

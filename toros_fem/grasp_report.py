@@ -91,7 +91,8 @@ def _surface(body: Body, count: int = 48) -> tuple[Floats, Ints]:
     rays = np.stack(
         [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=2
     ).reshape(-1, 3)
-    low, high = np.zeros(len(rays)), np.full(len(rays), 2 * body.size)
+    low: Floats = np.zeros(len(rays))
+    high: Floats = np.full(len(rays), 2 * body.size)
     for _ in range(50):  # each ray from the middle leaves the object once
         middle = (low + high) / 2
         outside = body.distance(body.centre + middle[:, None] * rays)[0] > 0

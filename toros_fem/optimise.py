@@ -225,7 +225,8 @@ class _Loop:
                     good = mma.conservative(self.x, there, others)
                 else:
                     good = merit(there, others) <= bound
-            if good or self.rejected >= o.retries:
+            enough = self.rejected >= (2 * o.retries if trial is None else o.retries)
+            if good or enough:
                 return trial
             self.rejected += 1
             mma.retry(self.x, there, others)
@@ -323,7 +324,7 @@ class _Loop:
 
     def attempt(self, near: Evaluation) -> Evaluation | None:
         # A step that has no equilibrium near by is replaced; only the last try gets all effort.
-        patient = self.rejected >= self.options.retries
+        patient = self.rejected >= 2 * self.options.retries
         try:
             return self.simulate(near.equilibrium.state, patient=patient)
         except EquilibriumError:  # raised by all ranks or by none
