@@ -4,7 +4,7 @@
     python demos/walker.py --coarse --motion crawl
 
 Two flat panels, top and bottom, sewn along an X: a body and four legs along the diagonals. A
-quarter is designed, one leg by symmetry, at 20 kPa at most: the leg is to turn down by 90° (stand),
+quarter is designed, one leg by symmetry, at 20 kPa: the leg is to turn down by 90° (stand),
 or by 60° while the body reaches out (crawl). What is printed is the whole robot. It is then
 simulated with three chambers, body, front legs and rear legs, through one cycle of a gait.
 """
@@ -54,7 +54,9 @@ DEFAULTS: dict[str, Any] = {
     "low": 0.35,  # pressure in a chamber that is let down, over the design's
     "seams": "hinged",
     "radius": 2.75e-3,
-    "pressure": 12e3,
+    "pressure": 20e3,  # Pa, given: as the paper's
+    "pressure_min": 0.0,
+    "pressure_max": 0.0,
 }
 COARSE = {
     "edge_length": 2.8e-3,

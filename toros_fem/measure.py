@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.rotation import best_rotation
+from toros_fem.rotation import best_rotation, polar_rotation
 from toros_fem.slabs import groups, slabs
 
 Floats = npt.NDArray[np.float64]
@@ -170,6 +170,26 @@ def swelling(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
         return float(np.linalg.norm(arm - np.outer(arm @ along, along), axis=1).mean())
 
     return radius(positions) / radius(pattern.points)
+
+
+def distance(
+    pattern: Pattern, positions: Floats, target: Floats, *, aligned: bool = False
+) -> float:
+    """Root mean square distance of all vertices from a target in m, each by its flat area.
+
+    Args:
+        pattern: The pattern.
+        positions: Deformed positions of all assembled vertices, (n, 3), in m.
+        target: Where they are wanted, (n, 3), in m.
+        aligned: Whether the rigid motion that fits best is taken out (Kabsch 1976).
+    """
+    weight = pattern.vertex_areas / pattern.vertex_areas.sum()
+    found = positions
+    if aligned:
+        arm, goal = positions - weight @ positions, target - weight @ target
+        rotation, _ = polar_rotation((weight[:, None] * goal).T @ arm)
+        found = arm @ rotation.T + weight @ target
+    return float(np.sqrt(weight @ ((found - target) ** 2).sum(axis=1)))
 
 
 def _rings(pattern: Pattern, panel: str, count: int) -> list[Ints]:
