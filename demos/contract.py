@@ -27,9 +27,11 @@ DEFAULTS: dict[str, Any] = {
     **SECTIONS,
     "contraction": 8.0,  # per cent
     "tip_weight": 10.0,
-    "helices": 4,  # as many each way
+    "edge_length": 1.1e-3,  # thin lines are what it takes: docs/limits.md
+    "radius": 1.65e-3,
+    "helices": 6,  # as many each way
     "helix_angle": 30.0,
-    "helix_width": 2.5e-3,
+    "helix_width": 2e-3,
     "crossed": 1,
     "reinforcement_young": 100e6,  # Pa, as measured on prints; what 26e6 gives: docs/limits.md
     "pressure": 10e3,

@@ -50,8 +50,8 @@ DEFAULTS: dict[str, Any] = {
     "place": 0.02,  # weight of the leg's centre line, over that of its orientation
     "lever": 0.03,  # m; the leg's tip off by 0.1 rad counts as if all were off by 3 mm
     "reach": 6e-3,  # m by which the body is to reach out along x to either side, if it crawls
-    "gait_steps": 3,  # equilibria a phase of the gait; 0 leaves it out
-    "low": 0.35,  # pressure in a chamber that is let down, over the design's
+    "gait_steps": 2,  # equilibria a phase of the gait; 0 leaves it out
+    "low": 0.5,  # pressure in a chamber that is let down, over the design's
     "seams": "hinged",
     "radius": 2.75e-3,
     "pressure": 20e3,  # Pa, given: as the paper's
@@ -63,7 +63,6 @@ COARSE = {
     "radius": 4.3e-3,
     "iterations": 40,
     "constrained": 30,
-    "gait_steps": 2,
 }
 ANGLE = {"stand": 90.0, "crawl": 60.0}  # degrees
 CHAMBERS = ("body", "front", "rear")

@@ -22,7 +22,7 @@ TARGET = compose(twist(4.0, LENGTH), bend(1.0, LENGTH))
 
 def sections(skin: Skin, turn: float = 1.0) -> Sections:
     label = slabs(skin.pattern, skin.pattern.vertices_of("wall"), (0, 0, 1), 5)
-    return Sections(label, np.tile([1.0, 2.0, 3.0], (6, 1)), turn * np.arange(1, 7))
+    return Sections(label, np.tile([1.0, 2.0, 3.0], (6, 1)), turn * np.arange(1.0, 7.0))
 
 
 def objectives(skin: Skin) -> dict[str, Objective]:
@@ -127,7 +127,7 @@ def test_polar_rotation_and_its_derivative() -> None:
     )
     change, h = rng.standard_normal((4, 3, 3)), 1e-6
     plus, minus = (polar_rotation(moments + s * h * change)[0] for s in (1, -1))
-    spin = np.swapaxes(rotation, 1, 2) @ (plus - minus) / (2 * h)
+    spin = np.asarray(np.swapaxes(rotation, 1, 2) @ (plus - minus) / (2 * h), dtype=np.float64)
     omega = np.linalg.solve(
         matrix, axial(np.swapaxes(rotation, 1, 2) @ change)[:, :, None]
     )[:, :, 0]  # fmt: skip

@@ -28,7 +28,8 @@ def test_design_from_files(comm: MPI.Comm, folder: Path) -> None:
         meshio.write_points_cells(folder / "skin.stl", 1e3 * tube.points, cells)
     comm.barrier()
     pattern = unwrap(comm, read_surface(comm, folder / "skin.stl", scale=1e-3)).pattern
-    assert pattern.areas.sum() == pytest.approx(tube.areas.sum(), rel=5e-3)  # rolled-up triangles are not quite a prism
+    # Triangles across the generators of the wall are not quite a prism's.
+    assert pattern.areas.sum() == pytest.approx(tube.areas.sum(), rel=5e-3)
     # Somebody else's modeller bends it and leaves it somewhere else.
     turn = Rotation.from_rotvec([1.0, 0.5, -0.3]).as_matrix()
     if comm.rank == 0:

@@ -100,7 +100,7 @@ def test_estimate_knows_the_displacement(comm: MPI.Comm) -> None:
     )
     density = np.zeros(len(skin.owned_cells))
     result = solver.solve(density, 0.0)
-    found = estimate_error(solver, density, result, lambda _, x: float(np.ptp(x[:, 1])))
+    (found,) = estimate_error(solver, density, result, [lambda _, x: float(np.ptp(x[:, 1]))])
     assert found.refined == pytest.approx(found.value, rel=1e-7)
 
 
