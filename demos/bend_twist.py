@@ -2,9 +2,10 @@
 
     python demos/bend_twist.py --coarse
 
-The tube of `bend.py`, bent by 90° while its tip turns by 90° about its own axis. Targets are
+The tube of `bend.py`, bent by 90° while its tip turns by 60° about its own axis. Targets are
 composed: first `twist`, then `bend`, which takes the body as lying along z. Wanted are the places
-and orientations of twelve cross-sections and of the tip; how far they swell is left free.
+and orientations of twelve cross-sections and of the tip; how far they swell is left free. The start
+is a guess, helical lines as in `twist.py`.
 """
 
 from __future__ import annotations
@@ -25,11 +26,20 @@ DEFAULTS: dict[str, Any] = {
     **TUBE,
     **SECTIONS,
     "angle": 90.0,  # degrees
-    "twist": 90.0,  # degrees
+    "twist": 60.0,  # degrees
+    "helices": 4,
+    "helix_angle": -45.0,  # left-handed ones unwind to the left
+    "helix_width": 2.5e-3,
     "neutral": 0.01,  # m; the inner side of the bend keeps its length
     "pressure": 10e3,
 }
-COARSE = {"edge_length": 2.85e-3, "radius": 4.4e-3, "iterations": 40, "constrained": 30}
+COARSE = {
+    "edge_length": 2.85e-3,
+    "radius": 4.4e-3,
+    "helix_width": 4e-3,
+    "iterations": 40,
+    "constrained": 30,
+}
 
 
 def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:

@@ -80,6 +80,8 @@ def drawn(problem: DesignProblem, density: Floats) -> tuple[Floats, Floats]:
 def without_islands(problem: DesignProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
     """ρ at owned triangles without what makes free islands of its contours (collective).
 
+    What carries load may be an island: `with_bridges` keeps it.
+
     Of a whole its part has the first triangles and panels, at the same flat places.
 
     Args:
@@ -107,6 +109,37 @@ def without_islands(problem: DesignProblem, result: DesignResult, printed: Print
 
     clear = on_first_rank(comm, find)
     return np.where(clear[skin.owned_cells], 0.0, result.density)
+
+
+def with_bridges(problem: DesignProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
+    """ρ at owned triangles with the free islands of its contours joined to the rest (collective).
+
+    Each by a straight line two filter radii wide, the shortest way to other print of the panel.
+
+    Args:
+        problem: The design problem.
+        result: What the design loop arrived at.
+        printed: What is printed of it.
+    """
+    skin = problem.solver.skin
+    pattern = skin.pattern
+
+    def find() -> npt.NDArray[np.bool_]:
+        joined = np.zeros(len(pattern.panel), dtype=bool)
+        for island in printed.before.free_islands:
+            if island.panel >= len(pattern.panel_names):
+                continue  # an image of one on the part
+            cells = np.flatnonzero(pattern.panel == island.panel)
+            rest = shapely.difference(printed.bare[island.panel], island.polygon)
+            if rest.is_empty:
+                continue
+            line = shapely.shortest_line(island.polygon, rest)
+            at = shapely.points(pattern.centroids[cells])
+            joined[cells] |= shapely.dwithin(at, line, problem.filter.radius)
+        return joined
+
+    joined = on_first_rank(skin.comm, find)
+    return np.where(joined[skin.owned_cells], 1.0, result.density)
 
 
 def print_design(

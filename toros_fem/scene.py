@@ -41,7 +41,7 @@ from toros_fem.parameters import (
     require_positive,
 )
 from toros_fem.perimeter import Perimeter
-from toros_fem.printed import PrintedDesign, print_design, without_islands
+from toros_fem.printed import PrintedDesign, print_design, with_bridges, without_islands
 from toros_fem.projection import Projection
 from toros_fem.report import Reporter, print_step
 from toros_fem.sections import SectionObjective, Sections
@@ -124,8 +124,8 @@ class Settings:
         move: MMA's move limit.
         iterations: Steps before the width constraints are switched on.
         constrained: Steps with them; 0 leaves them out.
-        polish: Steps after all free islands have been taken out, so that the design makes up for
-            them; 0 leaves them in.
+        polish: Steps after all free islands have been taken out, or joined to the rest if that
+            does less harm, so that the design makes up for it; 0 leaves them in.
         island_area: Free islands smaller than this, in m², are not printed.
         refine: 1 simulates what is printed once more on a mesh refined, to estimate by how much
             the mesh falsifies the angle; 0 does not.
@@ -306,7 +306,7 @@ def design(
     printed = print_design(problem, result, limits, settings.island_area)
     if settings.polish and printed.before.free_islands:
         stage = replace(options.stages[-1], iterations=settings.polish)
-        start = without_islands(problem, result, printed)
+        start = _without_islands(problem, result, printed)
         polishing = replace(options, stages=(stage,))
         result = optimise(problem, start, polishing, reporter, after=result)
         printed = print_design(problem, result, limits, settings.island_area)
@@ -316,6 +316,22 @@ def design(
         figures.update(_refined_figures(problem, made, scene))
     summary = reporter.finish(problem, result, printed, scene.target, inputs, figures)
     return Outcome(summary, result, printed, problem)
+
+
+def _without_islands(
+    problem: DesignProblem, result: DesignResult, printed: PrintedDesign
+) -> Floats:
+    """Free islands taken out or joined to the rest, whichever does less harm (collective)."""
+    starts = [make(problem, result, printed) for make in (without_islands, with_bridges)]
+    harm = []
+    for density in starts:
+        try:
+            near = result.final.equilibrium
+            found = problem.simulate(density, near.state, near.pressures, patient=False)
+            harm.append(found.objective)
+        except EquilibriumError:  # raised by all ranks or by none
+            harm.append(np.inf)
+    return starts[int(np.argmin(harm))]
 
 
 def _refined_figures(problem: DesignProblem, made: Evaluation, scene: Scene) -> dict[str, Any]:
