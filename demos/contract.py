@@ -5,8 +5,9 @@
 The tube of `bend.py`, to become 8 % shorter. How far it swells is left free, and it must: the work
 of the pressure on a larger section is what pulls the ends together. Wanted are the places along the
 axis of twelve cross-sections and of the end plate, and that all stay upright on it. The start is a
-guess, helical lines crossing at 30° to the axis as in a McKibben muscle: from a start of no pattern
-the design stays a stiff tube.
+guess, helical lines that cross at 28° to the axis as in a McKibben muscle: from a start of no
+pattern the design stays a stiff tube. 8 % is about the most that the default materials allow, with
+lines finer than these (docs/limits.md).
 """
 
 from __future__ import annotations
@@ -27,19 +28,16 @@ DEFAULTS: dict[str, Any] = {
     **SECTIONS,
     "contraction": 8.0,  # per cent
     "tip_weight": 10.0,
-    "edge_length": 1.1e-3,  # thin lines are what it takes: docs/limits.md
-    "radius": 1.65e-3,
-    "helices": 6,  # as many each way
-    "helix_angle": 30.0,
-    "helix_width": 2e-3,
+    "helices": 3,  # as many each way
+    "helix_angle": 28.0,
+    "helix_width": 2.5e-3,
     "crossed": 1,
-    "reinforcement_young": 100e6,  # Pa, as measured on prints; what 26e6 gives: docs/limits.md
-    "pressure": 10e3,
+    "iterations": 90,
+    "pressure": 5e3,
 }
 COARSE = {
     "edge_length": 2.85e-3,
     "radius": 4.4e-3,
-    "helices": 3,
     "helix_width": 3e-3,
     "iterations": 40,
     "constrained": 30,
