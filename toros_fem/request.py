@@ -37,7 +37,8 @@ def requested_load(
     """
     values, count = np.asarray(pressure, dtype=np.float64), len(model.pressures)
     if not (np.isfinite(values) & (values >= 0)).all():
-        raise ParameterError(f"pressure = {pressure} Pa must be finite and at least 0.")
+        shown = ", ".join(str(float(p)) for p in np.atleast_1d(pressure))
+        raise ParameterError(f"pressure = {shown} Pa must be finite and at least 0.")
     if values.shape not in ((), (count,)):
         raise ParameterError(
             f"pressure = {pressure} Pa must be one number, or one for each of the {count} chambers."
