@@ -22,7 +22,7 @@ from mpi4py import MPI
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT))
 FOLDER = ROOT / "demos" / "expected"
-SHORT = {"iterations": 8, "constrained": 4, "polish": 0}
+SHORT = {"iterations": 4, "constrained": 2, "polish": 0}
 # What each run changes besides, and how far its figures may be off on another machine or on other
 # numbers of ranks: (over their size, absolutely).
 RUNS: dict[str, tuple[dict[str, Any], dict[str, tuple[float, float]]]] = {

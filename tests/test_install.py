@@ -78,7 +78,7 @@ def test_editable(source: Path, site: Path) -> None:
     path = os.pathsep.join(entry for entry in sys.path if "site-packages" in entry)
     run(python, "-m", "pip", "-qq", "install", "--no-deps", "--no-build-isolation",
         "--disable-pip-version-check", "--editable", ".", cwd=source, PYTHONPATH=path)  # fmt: skip
-    said = run(python, "-c", CHECK, cwd=site)
+    said = run(python, "-c", CHECK, cwd=site, PYTHONPATH=path)  # dependencies, not the package
     assert str(source / "meshes" / "pattern.py") in said
 
 
