@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +52,7 @@ DEFAULTS: dict[str, Any] = {
     "lever": 0.03,  # m; the leg's tip off by 0.1 rad counts as if all were off by 3 mm
     "reach": 6e-3,  # m by which the body is to reach out along x to either side, if it crawls
     "gait_steps": 2,  # equilibria a phase of the gait; 0 leaves it out
-    "low": 0.5,  # pressure in a chamber that is let down, over the design's
+    "low": 0.7,  # pressure in a chamber that is let down, over the design's
     "seams": "hinged",
     "radius": 2.75e-3,
     "pressure": 20e3,  # Pa, given: as the paper's
@@ -110,11 +111,16 @@ def walk(comm: MPI.Comm, output: Path, inputs: dict[str, Any], done: Outcome) ->
     o, body, printed = inputs, star(inputs), done.printed
     pattern = printed.pattern
     skin = sew(comm, pattern)
+    shown = printed.evaluation or done.result.final
+    quarter = done.problem.solver.skin
+    start = mirrored(quarter.pattern, (0, 1)).at_vertices(
+        quarter.gather_vertices(shown.equilibrium.positions)
+    )
+    # Held where they are in the design's shape, which is no more than to hold rigid motions.
+    rest = rest_on_body(pattern, body.body_radius)
+    rest = replace(rest, displacement=np.where(rest.held, start - pattern.points, 0.0))
     solver = EquilibriumSolver(
-        skin,
-        settings_of(o).composite,
-        rest_on_body(pattern, body.body_radius),
-        chambers=chambers(pattern, body),
+        skin, settings_of(o).composite, rest, chambers=chambers(pattern, body)
     )
     feet = tuple(1 if x > 0 else 2 for x in body.directions[:, 0])
     gait = Gait(CHAMBERS, np.where(PHASES, 1.0, o["low"]), o["gait_steps"], feet)
@@ -123,13 +129,10 @@ def walk(comm: MPI.Comm, output: Path, inputs: dict[str, Any], done: Outcome) ->
         limb_figure(ANGLE[o["motion"]], np.append(d, 0), (0, 0, -1), body.root, name=f"leg_{k}")
         for k, d in enumerate(body.directions)
     ]
-    shown = printed.evaluation or done.result.final
     pressure = shown.equilibrium.pressure
     # All chambers full is how the design is known: from there to where the cycle begins.
     shares = [np.ones(len(CHAMBERS)), *gait.shares]
     levels = [(pressure * share).tolist() for share in shares]
-    whole = mirrored(done.problem.solver.skin.pattern, (0, 1))
-    start = whole.at_vertices(done.problem.solver.skin.gather_vertices(shown.equilibrium.positions))
     points = list(
         follow(solver, density[skin.owned_cells], levels, legs, start[skin.owned_vertices])
     )[1:]

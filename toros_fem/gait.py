@@ -41,7 +41,7 @@ class Gait:
     phases: Floats
     steps: int
     feet: tuple[int, ...]
-    grips: float = 0.75
+    grips: float = 0.9
 
     def __post_init__(self) -> None:
         if self.phases.ndim != 2 or self.phases.shape[1] != len(self.names):
