@@ -24,14 +24,14 @@ from toros_fem.meshes import bend
 
 from toros_fem.cli import command_line, run_of
 from toros_fem.scene import Scene
-from toros_fem.tube import TUBE, bend_figure, tube_scene
+from toros_fem.tube import COARSE_TUBE, TUBE, bend_figure, tube_scene
 
 DEFAULTS: dict[str, Any] = {
     **TUBE,
     "angle": 180.0,  # degrees
     "neutral": 0.01,  # m; the inner side of the bend keeps its length
 }
-COARSE = {"edge_length": 2.85e-3, "radius": 4.4e-3, "iterations": 40, "constrained": 30}
+COARSE = COARSE_TUBE
 
 
 def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:

@@ -20,7 +20,7 @@ from toros_fem.meshes import bend, compose, twist
 
 from toros_fem.cli import command_line, run_of
 from toros_fem.scene import Scene
-from toros_fem.tube import SECTIONS, TUBE, bend_figure, section_scene, twist_figure
+from toros_fem.tube import COARSE_TUBE, SECTIONS, TUBE, bend_figure, section_scene, twist_figure
 
 DEFAULTS: dict[str, Any] = {
     **TUBE,
@@ -33,13 +33,7 @@ DEFAULTS: dict[str, Any] = {
     "neutral": 0.01,  # m; the inner side of the bend keeps its length
     "pressure": 10e3,
 }
-COARSE = {
-    "edge_length": 2.85e-3,
-    "radius": 4.4e-3,
-    "helix_width": 4e-3,
-    "iterations": 40,
-    "constrained": 30,
-}
+COARSE = {**COARSE_TUBE, "helix_width": 4e-3}
 
 
 def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:

@@ -21,7 +21,7 @@ from toros_fem.meshes import contract
 
 from toros_fem.cli import command_line, run_of
 from toros_fem.scene import Scene
-from toros_fem.tube import SECTIONS, TUBE, section_scene, shortening_figure
+from toros_fem.tube import COARSE_TUBE, SECTIONS, TUBE, section_scene, shortening_figure
 
 DEFAULTS: dict[str, Any] = {
     **TUBE,
@@ -35,13 +35,7 @@ DEFAULTS: dict[str, Any] = {
     "iterations": 90,
     "pressure": 5e3,
 }
-COARSE = {
-    "edge_length": 2.85e-3,
-    "radius": 4.4e-3,
-    "helix_width": 3e-3,
-    "iterations": 40,
-    "constrained": 30,
-}
+COARSE = {**COARSE_TUBE, "helix_width": 3e-3}
 
 
 def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:

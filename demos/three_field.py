@@ -22,7 +22,7 @@ from toros_fem.meshes import bend
 from toros_fem.cli import command_line
 from toros_fem.report import write_comparison
 from toros_fem.scene import design, merged
-from toros_fem.tube import TUBE, bend_figure, tube_scene
+from toros_fem.tube import COARSE_TUBE, TUBE, bend_figure, tube_scene
 
 DEFAULTS: dict[str, Any] = {
     **TUBE,
@@ -31,7 +31,7 @@ DEFAULTS: dict[str, Any] = {
     "polish": 0,  # the bare variants are compared
     "perimeter": 2e-4,  # weight of the perimeter term in the variants that have it
 }
-COARSE = {"edge_length": 2.85e-3, "radius": 4.4e-3, "iterations": 40, "constrained": 30}
+COARSE = COARSE_TUBE
 # β of almost 0 makes the projection the identity.
 PLAIN = 1e-3
 

@@ -22,9 +22,10 @@ import shapely
 from mpi4py import MPI
 from toros_fem.meshes import Surface, read_surface, unwrap
 
-from toros_fem.errors import TorosError
+from toros_fem.cli import parsed, run_guarded
 from toros_fem.export import write_svg
 from toros_fem.io import write_fields, write_json
+from toros_fem.report import write_together
 from toros_fem.surface_plot import plot_unwrapped
 
 DEFAULTS: dict[str, Any] = {
@@ -94,7 +95,8 @@ def run(comm: MPI.Comm, output: Path, *, file: Path | None = None, **inputs: Any
         "worst_seam": distortion.worst_seam,
         "inputs": o,
     }
-    if comm.rank == 0:
+
+    def write() -> None:
         output.mkdir(parents=True, exist_ok=True)
         print(f"{len(surface.triangles)} triangles; repairs: {surface.repairs}")
         print(distortion.table())
@@ -107,6 +109,8 @@ def run(comm: MPI.Comm, output: Path, *, file: Path | None = None, **inputs: Any
         }
         write_fields(output / "surface.vtu", pattern, pattern.points, fields)
         write_json(output / "summary.json", summary)
+
+    write_together(comm, output, write)
     return summary
 
 
@@ -118,21 +122,14 @@ def main(comm: MPI.Comm) -> int:
     parser.add_argument("file", type=Path, nargs="?", help="triangle mesh; none: a capsule")
     folder = Path("output/unwrap")
     parser.add_argument("--output", type=Path, default=folder, help=f"folder, default {folder}")
-    for name, value in DEFAULTS.items():
-        flag = "--" + name.replace("_", "-")
-        parser.add_argument(flag, type=type(value), help=f"default {value}", metavar="X")
-    options = vars(parser.parse_args())
-    file, output = options.pop("file"), options.pop("output")
-    given = {name: value for name, value in options.items() if value is not None}
-    try:
-        run(comm, output, file=file, **given)
-    except TorosError as error:
-        if comm.rank == 0:
-            print(f"{type(error).__name__}: {error}", file=sys.stderr)
-        return 2
-    if comm.rank == 0:
-        print(f"see {output}/")
-    return 0
+    options = parsed(parser, DEFAULTS)
+    file, output = options.pop("file", None), options.pop("output")
+
+    def action() -> str:
+        run(comm, output, file=file, **options)
+        return f"see {output}/"
+
+    return run_guarded(comm, action)
 
 
 if __name__ == "__main__":

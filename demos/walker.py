@@ -23,7 +23,6 @@ from toros_fem.meshes import (
     Pattern,
     Star,
     compose,
-    mirrored,
     plane_centroids,
     sew,
     stand,
@@ -112,10 +111,9 @@ def walk(comm: MPI.Comm, output: Path, inputs: dict[str, Any], done: Outcome) ->
     pattern = printed.pattern
     skin = sew(comm, pattern)
     shown = printed.evaluation or done.result.final
-    quarter = done.problem.solver.skin
-    start = mirrored(quarter.pattern, (0, 1)).at_vertices(
-        quarter.gather_vertices(shown.equilibrium.positions)
-    )
+    quarter, whole = done.problem.solver.skin, done.problem.whole
+    assert whole is not None
+    start = whole.at_vertices(quarter.gather_vertices(shown.equilibrium.positions))
     # Held where they are in the design's shape, which is no more than to hold rigid motions.
     rest = rest_on_body(pattern, body.body_radius)
     rest = replace(rest, displacement=np.where(rest.held, start - pattern.points, 0.0))

@@ -89,19 +89,30 @@ def command_line(
     parser.add_argument("--coarse", action="store_true", help="a small mesh, in about a minute")
     parser.add_argument("--verbose", action="store_true", help="show every Newton step")
     parser.add_argument("--output", type=Path, default=output, help=f"folder, default {output}")
-    for name, value in merged(defaults, {}).items():
+    options = parsed(parser, merged(defaults, {}))
+    folder, small, verbose = (options.pop(name) for name in ("output", "coarse", "verbose"))
+    inputs = {**coarse, **options} if small else options
+    return run_guarded(
+        comm, lambda: f"{sentence(run(comm, folder, verbose=verbose, **inputs))}; see {folder}/"
+    )
+
+
+def parsed(parser: argparse.ArgumentParser, defaults: dict[str, Any]) -> dict[str, Any]:
+    """What the command line gives, each of the defaults an option of its own."""
+    for name, value in defaults.items():
         flag = "--" + name.replace("_", "-")
         parser.add_argument(flag, type=type(value), help=f"default {value}", metavar="X")
-    options = vars(parser.parse_args())
-    folder, small, verbose = (options.pop(name) for name in ("output", "coarse", "verbose"))
-    given = {name: value for name, value in options.items() if value is not None}
-    inputs = {**coarse, **given} if small else given
+    return {name: value for name, value in vars(parser.parse_args()).items() if value is not None}
+
+
+def run_guarded(comm: MPI.Comm, action: Callable[[], str]) -> int:
+    """Print what an action returns, or its error in one line; the exit code is returned."""
     try:
-        summary = run(comm, folder, verbose=verbose, **inputs)
+        said = action()
     except TorosError as error:
         if comm.rank == 0:
             print(f"{type(error).__name__}: {error}", file=sys.stderr)
         return 2
     if comm.rank == 0:
-        print(f"{sentence(summary)}; see {folder}/")
+        print(said)
     return 0

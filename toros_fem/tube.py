@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,13 @@ TUBE: dict[str, Any] = {
     "mesh": "unstructured",
     "tip_weight": 1.0,  # of the tip's place in the objective, over that of all the rest
     "lever": 0.03,  # m; turning the tip by 0.1 rad counts as if the whole skin were off by 3 mm
+}
+# The same on a small mesh, in a minute or two.
+COARSE_TUBE: dict[str, Any] = {
+    "edge_length": 2.85e-3,
+    "radius": 4.4e-3,
+    "iterations": 40,
+    "constrained": 30,
 }
 # What demos whose skin may swell as it likes have besides.
 SECTIONS: dict[str, Any] = {
@@ -86,15 +94,7 @@ def tube_scene(
     relative = np.zeros(len(pattern.points))
     ratio = np.sqrt(2) * o["lever"] / (o["diameter"] / 2)
     relative[ring] = ratio**2 * (area @ weights) / area[ring].sum()
-    return Scene(
-        pattern=pattern,
-        target=target(pattern.points),
-        supports=clamp(pattern, [BASE]),
-        figures=tuple(figures),
-        passive=_caps(pattern),
-        weights=weights,
-        relative=relative,
-    )
+    return replace(_free_scene(pattern, target, figures), weights=weights, relative=relative)
 
 
 def section_scene(
@@ -126,12 +126,8 @@ def section_scene(
         start = np.where(np.any(lines, axis=0), 0.7, 0.3)
     count = o["sections"]
     share = np.append(np.full(count, 1 / count), o["tip_weight"])
-    return Scene(
-        pattern=pattern,
-        target=target(pattern.points),
-        supports=clamp(pattern, [BASE]),
-        figures=tuple(figures),
-        passive=_caps(pattern),
+    return replace(
+        _free_scene(pattern, target, figures),
         start=start,
         sections=Sections(
             slabs(pattern, pattern.vertices_of(WALL), (0, 0, 1), count),
@@ -175,6 +171,17 @@ def helices(pattern: Pattern, count: int, angle: float, width: float) -> npt.NDA
 def _tube(comm: MPI.Comm, o: dict[str, Any]) -> Pattern:
     require_between(0.0, np.inf, tip_weight=o["tip_weight"], lever=o["lever"])
     return cylinder(comm, o["length"], o["diameter"], o["edge_length"], mesh=o["mesh"])
+
+
+def _free_scene(pattern: Pattern, target: Deformer, figures: Sequence[Figure]) -> Scene:
+    """A tube clamped at its base, nothing said yet of what counts how much."""
+    return Scene(
+        pattern=pattern,
+        target=target(pattern.points),
+        supports=clamp(pattern, [BASE]),
+        figures=tuple(figures),
+        passive=_caps(pattern),
+    )
 
 
 def _caps(pattern: Pattern) -> Floats:
