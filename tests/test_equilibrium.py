@@ -260,7 +260,8 @@ def test_beyond_the_limit_point(comm: MPI.Comm) -> None:
     assert stopped.converged
     assert stopped.stretch_use > 0.99
     composite = Composite(fabric=TABLE_A, c1=1e5, c2=1e5, bending=None)
-    solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
+    few = NewtonOptions(max_steps=40)
+    solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]), few)
     below = solver.solve(fabric(skin), 1.2e3)
     assert below.converged
     with pytest.raises(EquilibriumError, match="was found at 2500 Pa, at once") as caught:
