@@ -40,7 +40,11 @@ RUNS: dict[str, tuple[dict[str, Any], dict[str, tuple[float, float]]]] = {
     ),
     "walker": (
         {**SHORT, "gait_steps": 1},
-        {"design.angle_deg": (0.02, 1.0), "gait.stride_mm": (0.1, 0.3)},
+        {
+            "design.angle_deg": (0.02, 1.0),
+            "gait.foot_lift_mm": (0.02, 0.1),
+            "gait.stride_mm": (0.05, 0.1),
+        },
     ),
     "gripper": (SHORT, {"design.gap_mm": (0.05, 0.1), "design.angle_deg": (0.02, 1.0)}),
 }

@@ -25,8 +25,7 @@ from toros_fem.meshes import Surface, read_surface, unwrap
 from toros_fem.cli import parsed, run_guarded
 from toros_fem.export import write_svg
 from toros_fem.io import write_fields, write_json
-from toros_fem.report import write_together
-from toros_fem.surface_plot import plot_unwrapped
+from toros_fem.report import if_plotting, write_together
 
 DEFAULTS: dict[str, Any] = {
     "scale": 1.0,  # m a unit of the file
@@ -101,7 +100,13 @@ def run(comm: MPI.Comm, output: Path, *, file: Path | None = None, **inputs: Any
         print(f"{len(surface.triangles)} triangles; repairs: {surface.repairs}")
         print(distortion.table())
         write_svg(output / "pattern.svg", pattern, [shapely.Polygon()] * len(made.methods))
-        plot_unwrapped(output / "unwrap.png", made)
+
+        def draw() -> None:
+            from toros_fem.surface_plot import plot_unwrapped
+
+            plot_unwrapped(output / "unwrap.png", made)
+
+        if_plotting(draw)
         fields = {
             "area_ratio": distortion.area_ratio,
             "stretch": distortion.strain,

@@ -31,11 +31,11 @@ from toros_fem.meshes import (
 
 from toros_fem.chambers import Chambers
 from toros_fem.cli import command_line, last_line
-from toros_fem.equilibrium import EquilibriumSolver
+from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
 from toros_fem.gait import Gait, write_gait
 from toros_fem.limb import limb_figure, limb_sections, rest_on_body
 from toros_fem.parameters import require_choice
-from toros_fem.path import follow
+from toros_fem.path import PathPoint, follow
 from toros_fem.scene import Outcome, Scene, design, merged, settings_of
 
 DEFAULTS: dict[str, Any] = {
@@ -131,10 +131,16 @@ def walk(comm: MPI.Comm, output: Path, inputs: dict[str, Any], done: Outcome) ->
     # All chambers full is how the design is known: from there to where the cycle begins.
     shares = [np.ones(len(CHAMBERS)), *gait.shares]
     levels = [(pressure * share).tolist() for share in shares]
-    points = list(
-        follow(solver, density[skin.owned_cells], levels, legs, start[skin.owned_vertices])
-    )[1:]
     figures = {"chambers": CHAMBERS, "pressure_pa": pressure, "triangles": len(density)}
+    points: list[PathPoint] = []
+    try:
+        path = follow(solver, density[skin.owned_cells], levels, legs, start[skin.owned_vertices])
+        points.extend(path)
+    except EquilibriumError as caught:  # raised by all ranks or by none
+        figures["failure"] = str(caught)
+    points = points[1:]
+    if not points:
+        return figures
     return write_gait(
         comm, output, gait, pattern, points, body.directions, body.root, density, figures
     )
@@ -160,7 +166,11 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
 def sentence(summary: dict[str, Any]) -> str:
     """The result in words."""
     gait = summary.get("gait")
-    walked = f"; a stride of {gait['stride_mm']:.1f} mm" if gait else ""
+    walked = ""
+    if gait and "failure" in gait:
+        walked = f"; its gait ends after {gait.get('equilibria', 0)} equilibria: {gait['failure']}"
+    elif gait:
+        walked = f"; a stride of {gait['stride_mm']:.1f} mm"
     return last_line(summary) + walked
 
 

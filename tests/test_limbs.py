@@ -18,6 +18,7 @@ from toros_fem.equilibrium import EquilibriumSolver
 from toros_fem.filters import make_filter
 from toros_fem.gait import Gait, placed
 from toros_fem.grasp import Body, GapObjective
+from toros_fem.grasp_report import _surface, _turned
 from toros_fem.limb import limb_figure, limb_sections, limb_vertices, rest_on_body, tips
 from toros_fem.manufacture import PrintLimits
 from toros_fem.objective import ShapeObjective
@@ -179,3 +180,33 @@ def test_feet_that_grip_stay(comm: MPI.Comm) -> None:
     assert tips(pattern, shapes[0], WALKER.directions) == pytest.approx(feet[0])
     with pytest.raises(errors.ParameterError, match="phases has shape"):
         Gait(("one",), np.zeros((2, 2)), 1, (0,))
+    with pytest.raises(errors.ParameterError, match="no foot grips the ground at step 2"):
+        Gait(("front", "rear"), np.array([[1.0, 0], [0, 0], [0, 1]]), 1, (0, 1))
+
+
+def test_a_step_on_other_feet_loses_no_ground(comm: MPI.Comm) -> None:
+    """From front feet to rear feet at once: the body stays above where it got to."""
+    pattern = walker(comm, 8e-3)
+    gait = Gait(("front", "rear"), np.array([[1.0, 1], [1, 0], [0, 1]]), 1, (0, 1, 1, 0))
+    legs = (pattern.points[:, :2] @ WALKER.directions.T > WALKER.root).any(axis=1)
+    points = []
+    for back in np.array([0.0, -3e-3, -3e-3, -3e-3]):
+        moved = pattern.points.copy()
+        moved[legs, 0] += back
+        result: Any = None
+        points.append(PathPoint(0.0, moved, {}, result))
+    shapes, feet = placed(gait, pattern, points, WALKER.directions, WALKER.root)
+    body = ~legs & (np.hypot(*pattern.points[:, :2].T) < 0.01)
+    ahead = [shape[body, 0].mean() for shape in shapes]
+    assert np.diff(ahead) == pytest.approx([3e-3, 0.0, 0.0], abs=1e-9)
+    assert (feet[-1] - feet[0])[:, 0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_fingers_are_shown_from_outside() -> None:
+    """Turning a finger into the room must not turn it inside out."""
+    ball = Body("sphere", 0.04, (0.03, 0.0, 0.02))
+    points, faces = _surface(ball)
+    for angle in (0.0, 1.0):
+        a, b, c = np.moveaxis(_turned(points, ball, angle)[faces], 1, 0)
+        volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6
+        assert volume == pytest.approx(4 / 3 * np.pi * 0.02**3, rel=0.02)

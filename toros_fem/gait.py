@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -18,7 +17,7 @@ from toros_fem.io import write_json, write_table
 from toros_fem.limb import tips
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.path import PathPoint
-from toros_fem.report import write_together
+from toros_fem.report import if_plotting, write_together
 from toros_fem.rotation import best_rotation
 
 Floats = npt.NDArray[np.float64]
@@ -49,6 +48,17 @@ class Gait:
                 f"phases has shape {self.phases.shape}; with chambers {self.names} it must be "
                 f"(…, {len(self.names)})."
             )
+        if not self.gripping.any(axis=1).all():
+            row = int(np.flatnonzero(~self.gripping.any(axis=1))[0])
+            raise ParameterError(
+                f"no foot grips the ground at step {row} of the cycle: all legs are under "
+                f"{self.grips:g} of the full pressure there. Keep one bent at all times."
+            )
+
+    @property
+    def gripping(self) -> npt.NDArray[np.bool_]:
+        """Which feet grip the ground, row by row as `shares`, (rows, f)."""
+        return np.asarray(self.shares[:, list(self.feet)] >= self.grips)
 
     @property
     def shares(self) -> Floats:
@@ -67,12 +77,12 @@ def placed(
     Nothing is known of the ground or the weight. The body is turned to how it is assembled, as
     well as a rotation can; z = 0 is the mean height of feet whose legs are bent; feet whose legs
     are bent before and after a step are taken as fixed to the ground, on average along x, and all
-    others as sliding freely.
+    others as sliding freely. Where there are none, the body stays above where it was.
 
     Args:
         gait: The cycle.
         pattern: The whole robot.
-        points: Its equilibria, one for each row of `gait.shares`.
+        points: Its equilibria, one for each row of `gait.shares`, or for the first of them.
         directions: Unit vectors along the legs, (f, 2).
         root: Distance from the centre where legs begin, in m.
 
@@ -80,18 +90,19 @@ def placed(
         Positions of all vertices, (n, 3), and the places of the feet, (rows, f, 3), in m.
     """
     body = np.flatnonzero((pattern.points[:, :2] @ directions.T <= root).all(axis=1))
-    grip = gait.shares[:, list(gait.feet)] >= gait.grips
+    grip = gait.gripping
     shapes: list[Floats] = []
     feet: list[Floats] = []
+    ahead = 0.0
     for k, point in enumerate(points):
         middle = point.positions[body].mean(axis=0)
         turn = best_rotation(pattern.points[body], point.positions[body])
         shape = (point.positions - middle) @ turn
         foot = tips(pattern, shape, directions)
-        shift = np.array([0.0, 0.0, -foot[grip[k], 2].mean()])
         both = grip[k] & grip[k - 1]
         if k > 0 and both.any():
-            shift[0] = (feet[-1] - foot)[both, 0].mean()
+            ahead = (feet[-1] - foot)[both, 0].mean()
+        shift = np.array([ahead, 0.0, -foot[grip[k], 2].mean()])
         shapes.append(shape + shift)
         feet.append(foot + shift)
     return shapes, np.array(feet)
@@ -115,7 +126,8 @@ def write_gait(
         folder: Output folder, which exists.
         gait: The cycle.
         pattern: The whole robot.
-        points: Its equilibria, one for each row of `gait.shares`.
+        points: Its equilibria, one for each row of `gait.shares`, or for the first of them where
+            the cycle came to an end; then there is no stride.
         directions: Unit vectors along the legs, (f, 2).
         root: Distance from the centre where legs begin, in m.
         density: Density of all triangles to colour by, (t,).
@@ -125,9 +137,10 @@ def write_gait(
         OutputError: A file cannot be written.
     """
     shapes, feet = placed(gait, pattern, points, directions, root)
+    whole = len(points) == len(gait.shares)
     found = {
         **figures,
-        "stride_mm": 1e3 * float((feet[-1] - feet[0])[:, 0].mean()),
+        "stride_mm": 1e3 * float((feet[-1] - feet[0])[:, 0].mean()) if whole else None,
         "foot_lift_mm": 1e3 * float(feet[:, :, 2].max()),
         "newton_steps": sum(point.result.steps for point in points),
         "equilibria": len(points),
@@ -142,19 +155,20 @@ def write_gait(
             rows.append({**row, **point.figures})
         write_table(folder / "gait.csv", rows)
         write_json(folder / "gait.json", found)
-        try:
-            from toros_fem.comparison import plot_shapes, plot_tracks
-        except ImportError as missing:
-            print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
-            return
         ends = range(0, len(points), gait.steps)
         shown = []
         for number, k in enumerate(ends):
             full = [n for n, s in zip(gait.names, gait.shares[k], strict=True) if s >= gait.grips]
             shown.append((f"{number}: {', '.join(full) or 'none'}", shapes[k]))
-        view = (15.0, 15.0)
-        plot_shapes(folder / "gait.png", pattern.triangles, shown, density, view, columns=4)
-        plot_tracks(folder / "tracks.png", feet, gait.steps)
+
+        def draw() -> None:
+            from toros_fem.comparison import plot_shapes, plot_tracks
+
+            view = (15.0, 15.0)
+            plot_shapes(folder / "gait.png", pattern.triangles, shown, density, view, columns=4)
+            plot_tracks(folder / "tracks.png", feet, gait.steps)
+
+        if_plotting(draw)
 
     write_together(comm, folder, write)
     return found

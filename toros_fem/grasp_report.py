@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ from mpi4py import MPI
 
 from toros_fem.grasp import Body
 from toros_fem.io import write_json
-from toros_fem.report import write_together
+from toros_fem.report import if_plotting, write_together
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -48,11 +47,6 @@ def write_grasp(
 
     def write() -> None:
         write_json(folder / "load.json", figures)
-        try:
-            from toros_fem.comparison import plot_shapes
-        except ImportError as missing:
-            print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
-            return
         around = 2 * np.pi * np.arange(FINGERS) / FINGERS
         fingers = [_turned(positions, body, angle) for angle in around]
         ball, faces = _surface(body)
@@ -63,14 +57,20 @@ def write_grasp(
         )
         colours = np.concatenate([np.tile(density, FINGERS), np.full(len(faces), np.nan)])
         shapes = [("closed on the object", points)]
-        plot_shapes(folder / "grasp.png", cells, shapes, colours, view=(15.0, 25.0))
         side = np.concatenate([fingers[0], _turned(ball, body, 0.0)])
-        plot_shapes(
-            folder / "finger.png",
-            np.concatenate([triangles, faces + count]),
-            [("one finger, from the side", side)],
-            np.concatenate([density, np.full(len(faces), np.nan)]),
-        )
+
+        def draw() -> None:
+            from toros_fem.comparison import plot_shapes
+
+            plot_shapes(folder / "grasp.png", cells, shapes, colours, view=(15.0, 25.0))
+            plot_shapes(
+                folder / "finger.png",
+                np.concatenate([triangles, faces + count]),
+                [("one finger, from the side", side)],
+                np.concatenate([density, np.full(len(faces), np.nan)]),
+            )
+
+        if_plotting(draw)
 
     write_together(comm, folder, write)
 
@@ -79,7 +79,7 @@ def _turned(points: Floats, body: Body, angle: float) -> Floats:
     """From a finger's frame to the room: z up, the object's axis at x = y = 0."""
     out = body.centre[2] - points[:, 2]
     c, s = np.cos(angle), np.sin(angle)
-    y = points[:, 1]
+    y = -points[:, 1]  # its own y points the other way, or the skin would be turned inside out
     return np.column_stack([c * out - s * y, s * out + c * y, -points[:, 0]])
 
 
@@ -100,5 +100,4 @@ def _surface(body: Body, count: int = 48) -> tuple[Floats, Ints]:
     node = np.arange(len(rays)).reshape(polar.shape)
     a, b, c, d = node[:-1, :-1], node[:-1, 1:], node[1:, 1:], node[1:, :-1]
     faces = np.stack([np.stack([a, b, c], 2), np.stack([a, c, d], 2)], 2).reshape(-1, 3)
-    # The finger's frame is left-handed in the room once its axes are renamed: see `_turned`.
     return body.centre + low[:, None] * rays, faces

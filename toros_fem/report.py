@@ -154,7 +154,7 @@ class Reporter:
             "design": {
                 **self.reached[-1],
                 "shape": last.shape,
-                "perimeter_m": final.perimeter,
+                "perimeter_m": final.perimeter and parts * final.perimeter,
                 "volume_m3": parts * final.equilibrium.volume,
                 "kkt_residual": last.kkt if np.isfinite(last.kkt) else None,
             },
@@ -220,20 +220,6 @@ class Reporter:
     ) -> None:
         pattern, folder = printed.pattern, self._folder
         write_svg(folder / "pattern.svg", pattern, printed.regions)
-        try:
-            from toros_fem.plotting import (
-                plot_convergence,
-                plot_manufacture,
-                plot_pattern,
-                plot_shape,
-            )
-        except ImportError as missing:
-            print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
-            return
-        plot_pattern(folder / "pattern.png", pattern, printed.regions)
-        plot_manufacture(
-            folder / "manufacture.png", pattern, printed.regions, printed.after, printed.limits
-        )
         what = "as printed" if printed.evaluation else "as designed, not as printed,"
         reached = summary if printed.evaluation else self.reached[-1]
         found = ", ".join(
@@ -241,8 +227,20 @@ class Reporter:
         )
         title = f"{found} {what} at {summary['pressure_pa'] / 1e3:.3g} kPa"
         cells = printed.cells.astype(np.float64)
-        plot_shape(folder / "shape.png", pattern, positions, target, cells, title)
-        plot_convergence(folder / "convergence.png", result.history, self._figures, self.reached)
+
+        def draw() -> None:
+            from toros_fem import plotting
+
+            plotting.plot_pattern(folder / "pattern.png", pattern, printed.regions)
+            plotting.plot_manufacture(
+                folder / "manufacture.png", pattern, printed.regions, printed.after, printed.limits
+            )
+            plotting.plot_shape(folder / "shape.png", pattern, positions, target, cells, title)
+            plotting.plot_convergence(
+                folder / "convergence.png", result.history, self._figures, self.reached
+            )
+
+        if_plotting(draw)
 
     def _on_first_rank(self, action: Callable[[], None]) -> None:
         write_together(self._skin.comm, self._folder, action)
@@ -288,12 +286,13 @@ def write_comparison(
 
     def write() -> None:
         write_json(folder / f"{name}.json", content)
-        try:
+
+        def draw() -> None:
             from toros_fem.comparison import plot_variants
-        except ImportError as missing:
-            print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
-            return
-        plot_variants(folder / f"{name}.png", pattern, panel, variants)
+
+            plot_variants(folder / f"{name}.png", pattern, panel, variants)
+
+        if_plotting(draw)
 
     write_together(comm, folder, write)
 
@@ -332,22 +331,29 @@ def write_path(
         ]
         write_table(folder / "curve.csv", rows)
         write_fields(folder / "skin.vtu", pattern, points[-1].positions, {"density": density})
-        summary["versions"] = versions()
-        summary["seconds"] = {"total": time.perf_counter() - begin}
         write_json(folder / "summary.json", summary)
-        try:
-            from toros_fem.comparison import plot_curves, plot_shapes
-        except ImportError as missing:
-            print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
-            return
-        plot_curves(folder / "curve.png", rows, figures)
         chosen = [points[k] for k in np.linspace(0, len(points) - 1, 4).round().astype(int)]
         shapes = [(f"{1e-3 * p.result.pressure:.3g} kPa", p.positions) for p in chosen]
-        plot_shapes(folder / "shapes.png", pattern.triangles, shapes, density)
 
-    write_together(comm, folder, write)
-    summary["seconds"] = {"total": time.perf_counter() - begin}
+        def draw() -> None:
+            from toros_fem.comparison import plot_curves, plot_shapes
+
+            plot_curves(folder / "curve.png", rows, figures)
+            plot_shapes(folder / "shapes.png", pattern.triangles, shapes, density)
+
+        if_plotting(draw)
+
     summary["versions"] = versions()
+    summary["seconds"] = {"total": time.perf_counter() - begin}
+    write_together(comm, folder, write)
+
+
+def if_plotting(draw: Callable[[], None]) -> None:
+    """Draw pictures, or say what is missing for it."""
+    try:
+        draw()
+    except ImportError as missing:
+        print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
 
 
 def write_together(comm: MPI.Comm, folder: Path, action: Callable[[], None]) -> None:

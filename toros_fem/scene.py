@@ -95,7 +95,7 @@ class Scene:
             parts.append(SectionObjective(skin, self.target, self.sections))
         if self.grasp is not None:
             parts.append(GapObjective(skin, *self.grasp))
-        if not parts or self.weights is not None:
+        if not parts or self.weights is not None or self.relative is not None:
             parts.append(ShapeObjective(skin, self.target, self.weights, self.relative))
         found = parts[0] if len(parts) == 1 else SumObjective(*parts)
         return AlignedObjective(skin, self.target, found) if self.aligned else found
