@@ -16,8 +16,9 @@ from accuracy_scenes import COMM, Floats, membrane
 from mpi4py import MPI
 from toros_fem.meshes import Skin, bend, cylinder, sew
 
+from toros_fem.chain import Evaluation
 from toros_fem.density import random_density
-from toros_fem.design import DesignProblem, Evaluation
+from toros_fem.design import DesignProblem
 from toros_fem.equilibrium import EquilibriumSolver
 from toros_fem.filters import Filter, make_filter
 from toros_fem.length_scale import LengthScale, LengthScaleConstraints

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,7 @@ from toros_fem.forms.kinematics import (
     stretch_invariants,
 )
 from toros_fem.forms.membrane import barrier_membrane, membrane_blocks, neo_hooke
+from toros_fem.forms.periodic import placed
 from toros_fem.forms.pressure import enclosed_volume, pressure_blocks
 from toros_fem.forms.weight import weight_potential
 
@@ -88,6 +90,7 @@ def skin_forms(
     edges: Edges | None,
     bladder: Any | None,
     masses: Masses | None,
+    shares: Sequence[Any] | None = None,
 ) -> SkinForms:
     """Energy, first variation and tangent of a skin, eqs. (8-10).
 
@@ -106,13 +109,17 @@ def skin_forms(
         edges: Constants of each triangle's edges; None for a skin without bending.
         bladder: Shear modulus times thickness of a rubber layer, in N/m; None for none.
         masses: What the skin weighs; None for nothing.
+        shares: Of a tile that repeats, how the lattice moves each corner and flap, as `placed`
+            has them; then F̄n and F̄t are the patch's last two vectors.
     """
     space = q.ufl_function_space()
     mesh = space.ufl_domain()
     test = ufl.TestFunction(space)
     jacobian = ufl.Jacobian(mesh)
     dx = ufl.dx(domain=mesh, metadata=CELL)
-    patch = ufl.split(q)
+    patch, variations = ufl.split(q), ufl.split(test)
+    if shares is not None:
+        patch, variations = placed(patch, shares), placed(variations, shares)
     corners = patch[:3]
 
     def mixed(name: str) -> Any:
@@ -130,7 +137,7 @@ def skin_forms(
     membrane_blocks(blocks, nodes[:3], jacobian, sheet, bounds, bladder, geometric)
 
     if edges is not None:
-        Lambda, variation = curvature(patch, ufl.split(test), edges)
+        Lambda, variation = curvature(patch, variations, edges)
         stiffness = mixed("mu_bend"), mixed("lam_bend")
         energy += bending_energy(Lambda, *stiffness) * dx
         residual += ufl.inner(moment(Lambda, *stiffness), variation) * dx

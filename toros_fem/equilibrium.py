@@ -7,19 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from petsc4py import PETSc
 
 from toros_fem._mpi import norm
 from toros_fem.chambers import Chambers
 from toros_fem.continuation import Climb, Load, climb
 from toros_fem.density import check_density
 from toros_fem.displacement import Placement
-from toros_fem.errors import ParameterError, TorosError
-from toros_fem.factor import PREFIX, Factor
+from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.loads import Weight
 from toros_fem.meshes.skin import Skin
+from toros_fem.minimise import Minimiser
 from toros_fem.model import SkinModel
-from toros_fem.newton import NewtonStep, RegularisedNewton
+from toros_fem.newton import NewtonStep
 from toros_fem.parameters import Composite, NewtonOptions
 from toros_fem.reasons import failure, success
 from toros_fem.request import check_start, requested_load
@@ -76,11 +75,11 @@ class EquilibriumResult:
     history: tuple[NewtonStep, ...]
 
 
-class EquilibriumError(TorosError, RuntimeError):
+class EquilibriumError(NoEquilibriumError):
     """No equilibrium was found; `result` holds the last good state and the history."""
 
     def __init__(self, message: str, result: EquilibriumResult) -> None:
-        super().__init__(message)
+        super().__init__(message, result.steps, result.factorisations)
         self.result = result
 
 
@@ -111,20 +110,8 @@ class EquilibriumSolver:
         self.skin = skin
         self.model = SkinModel(skin, composite, supports, chambers, weight)
         self.options = options or NewtonOptions()
-        self._factor = Factor(self.model)
-        self._newton = RegularisedNewton(self.model, self._factor, self.options, log)
-        self._x, residual = self._factor.matrix.createVecs()
-        snes = PETSc.SNES().create(skin.comm)
-        snes.setOptionsPrefix(PREFIX)
-        snes.setObjective(lambda _, x: self.model.energy(x.array_r))
-        snes.setFunction(self._residual, residual)
-        snes.setJacobian(self._tangent, self._factor.matrix)
-        snes.setKSP(self._factor.ksp)
-        snes.setTolerances(rtol=self.options.tolerance, max_it=self.options.max_steps)
-        snes.setType(PETSc.SNES.Type.PYTHON)
-        snes.setPythonContext(self._newton)
-        snes.setFromOptions()
-        self._snes = snes
+        self._minimise = Minimiser(self.model, self.options, log)
+        self._factor, self._newton = self._minimise.factor, self._minimise.newton
         self._place = Placement(self.model)
         self._factorised_at: EquilibriumResult | None = None
         self._density: Floats = np.zeros(0)  # of that equilibrium
@@ -267,10 +254,9 @@ class EquilibriumSolver:
         Returns:
             Which share of the load was reached at the asked density.
         """
-        most = self._snes.getTolerances()[3]
-        self._snes.setTolerances(max_it=most if patient else min(HASTE, most))
-        found, outcome, _ = self._attempt(state, density, load)
-        self._snes.setTolerances(max_it=most)
+        most = self._minimise.max_steps
+        few = most if patient else min(HASTE, most)
+        found, outcome, _ = self._attempt(state, density, load, few)
         if outcome > 0:
             return Climb(found, 1.0, outcome)
         if not patient:
@@ -322,27 +308,18 @@ class EquilibriumSolver:
             )  # fmt: skip
             if stiffened.reached == 1.0:
                 return stiffened
-        self._snes.setTolerances(max_it=PATIENCE * most)
-        found, outcome, _ = self._attempt(unfinished, density, load)
-        self._snes.setTolerances(max_it=most)
+        found, outcome, _ = self._attempt(unfinished, density, load, PATIENCE * most)
         if outcome > 0:
             return Climb(found, 1.0, outcome)
         return by_load
 
-    def _attempt(self, start: Floats, density: Floats, load: Load) -> tuple[Floats, int, int]:
+    def _attempt(
+        self, start: Floats, density: Floats, load: Load, max_steps: int | None = None
+    ) -> tuple[Floats, int, int]:
         """One solve of the SNES: the state, its converged reason, and how many steps it took."""
         self.model.set_density(density)
         self._apply(load)
-        self._x.array[:] = self._place(start, load.displacement)
-        rows = len(self._newton.history)
-        self._snes.solve(None, self._x)
-        state = self._x.array.copy()
-        outcome = int(self._snes.getConvergedReason())
-        steps = len(self._newton.history) - rows
-        if outcome > 0 and steps == 0 and not self._newton.stable(state):
-            # Another type of SNES, chosen by an option, may have stopped at a saddle.
-            outcome = int(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
-        return state, outcome, steps
+        return self._minimise(self._place(start, load.displacement), max_steps)
 
     def _apply(self, load: Load) -> None:
         self.model.set_pressure(load.pressure)
@@ -351,17 +328,10 @@ class EquilibriumSolver:
         self.model.displaced = load.displacement is not None
         self._newton.pressure = load.largest
 
-    def _residual(self, _: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
-        f.array_w[:] = self.model.residual(x.array_r)
-
-    def _tangent(self, _: PETSc.SNES, x: PETSc.Vec, __: PETSc.Mat, ___: PETSc.Mat) -> None:
-        self._factor.assemble(x.array_r)
-        self._factor.fill(0.0)
-
     def _reason(self, end: Climb, load: Load, volumes: Sequence[float]) -> str:
         if end.reached == 1.0:
             return success(self.model, load, self._residual_over_load(end.state), volumes)
-        tried = self._x.array_r.copy()
+        tried = self._minimise.tried
         return failure(self.model, self.options, end.outcome, load, end.reached, end.state, tried)
 
     def _residual_over_load(self, state: Floats) -> float:

@@ -55,3 +55,16 @@ class OutputError(TorosError, OSError):
 
 class SurfaceError(TorosError, ValueError):
     """A surface cannot be read, cut or unwrapped; the message names file, place or chart."""
+
+
+class NoEquilibriumError(TorosError, RuntimeError):
+    """No equilibrium was found.
+
+    Attributes:
+        steps: Newton steps that it took.
+        factorisations: Factorisations.
+    """
+
+    def __init__(self, message: str, steps: int = 0, factorisations: int = 0) -> None:
+        super().__init__(message)
+        self.steps, self.factorisations = steps, factorisations

@@ -37,6 +37,7 @@ class Factor:
         upper: The upper triangle as a compressed-row matrix.
         matrix: What PETSc factorises: `upper` itself, or in CHOLMOD's format.
         count: Numeric factorisations so far, failed ones included.
+        images: What a tile's images add to the tangent; None for a skin that does not repeat.
         scale: Mean diagonal of each vertex, and that of each rotation, in N/m, zero where held,
             of the last `assemble`.
     """
@@ -45,6 +46,7 @@ class Factor:
         comm = model.skin.comm
         self._model = model
         self._tangent = UpperTangent(model)
+        self.images = self._tangent.images
         self.count = 0
         self.scale: Floats = np.zeros(model.size_local)
         self._exact, self._material, self._data = (

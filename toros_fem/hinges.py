@@ -70,7 +70,7 @@ def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float
         ParameterError: The assembled rest shape is folded flat somewhere.
     """
     corner = skin.position_space.dofmap.list
-    neighbour, opposite = _neighbours(skin)
+    neighbour, opposite = neighbours(skin)
     cell = np.arange(len(corner))[:, None]
     alone = neighbour == cell
     flap = np.where(alone, corner, corner[neighbour, opposite])
@@ -120,7 +120,7 @@ def _rotation_length(skin: Skin) -> float:
     return float(np.sqrt(2 * skin.pattern.areas.mean()))
 
 
-def _neighbours(skin: Skin) -> tuple[Ints, Ints]:
+def neighbours(skin: Skin) -> tuple[Ints, Ints]:
     """Local triangle across each edge, itself if there is none, and its corner off the edge."""
     topology = skin.mesh.topology
     topology.create_connectivity(2, 1)

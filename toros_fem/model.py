@@ -17,6 +17,7 @@ from toros_fem.feasibility import StretchBounds
 from toros_fem.forms.energy import SkinForms, skin_forms
 from toros_fem.forms.interpolation import interpolate
 from toros_fem.hinges import edge_angles, find_hinges
+from toros_fem.lattice import Images, Periodic
 from toros_fem.loads import Weight
 from toros_fem.meshes.skin import Skin
 from toros_fem.parameters import Composite
@@ -51,6 +52,8 @@ class SkinModel:
         supports: Held components and directions.
         chambers: Pressure chambers; None for one.
         weight: The skin's own weight; None for none.
+        periodic: How a tile repeats; None for a skin that does not. The columns of its mean
+            deformation gradient, times its length, are the last unknowns of the first rank.
 
     Raises:
         ParameterError: The supports leave a rigid motion, or are made for another pattern; or the
@@ -64,25 +67,33 @@ class SkinModel:
         supports: Supports,
         chambers: Chambers | None = None,
         weight: Weight | None = None,
+        periodic: Periodic | None = None,
     ) -> None:
-        supports.require_no_rigid_motion(skin.pattern, bends=composite.bending is not None)
+        if periodic is None:
+            supports.require_no_rigid_motion(skin.pattern, bends=composite.bending is not None)
         self.skin = skin
         self.composite = composite
         self.supports = supports
-        self.closed = supports.close(skin.pattern)
+        self.closed = periodic is None and supports.close(skin.pattern)
         self._hinges, rotations = None, False
         if composite.bending is not None:
             poisson = composite.reinforcement.poisson
             self._hinges = find_hinges(skin, composite.bending, supports, poisson)
             rotations = composite.bending.curvature == "midedge"
-        self._patch = make_patch(skin, self._hinges, rotations=rotations)
+        self.periodic, self.images = periodic, None
+        if periodic is not None:
+            self.images = Images(skin, periodic, bends=self._hinges is not None)
+        self._patch = make_patch(
+            skin, self._hinges, rotations=rotations, lattice=periodic is not None
+        )
         self.space = self._patch.space
         self.q = fem.Function(self.space, name="state")
         self.adjoint = fem.Function(self.space, name="adjoint")
         self.density = fem.Function(skin.density_space, name="projected density")
 
         domain = skin.mesh
-        size = self.space.element.space_dimension
+        # The lattice's columns have no entries of their own: they follow from those of the nodes.
+        size = self.space.element.space_dimension - self._patch.lattice_dofs.size
         entry = basix.ufl.element("DG", "triangle", 0, shape=(size * (size + 1) // 2,))
         self._entry_space = fem.functionspace(domain, entry)
         nodes = self._patch.position_count
@@ -106,6 +117,7 @@ class SkinModel:
             None if self._hinges is None else edge_coefficients(skin, self._hinges, rotations),
             None if bladder is None else fem.Constant(domain, bladder.membrane_stiffness / 3),
             None if weight is None else masses(domain, weight, self._gravity),
+            None if self.images is None else self.images.coefficients,
         )
         self._energy = fem.form(self.ufl_forms.energy)
         self._residual = fem.form(self.ufl_forms.residual)
@@ -124,11 +136,13 @@ class SkinModel:
         self.held[self._patch.position_dofs] = supports.held[skin.vertex]
         if self._hinges is not None and rotations:
             self.held[self._patch.rotation_dofs] = self._without_rotation()
+        if periodic is not None:
+            self.held[self._patch.lattice_dofs] = np.array(periodic.held).T
         self.free = ~self.held[: self.size_local]
 
         # Owned triangles come first in the mesh, each with flat corners of its own.
         owned = domain.topology.index_map(2).size_local
-        self._dofs = self.space.dofmap.list[:owned].reshape(owned, size // 3, 3)
+        self._dofs = self.space.dofmap.list[:owned, :size].reshape(owned, size // 3, 3)
         flat = domain.geometry.x[: 3 * owned].reshape(owned, 3, 3)[:, :, :2]
         chart = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
         self.bounds = StretchBounds(skin.comm, np.linalg.inv(chart), composite.c1, composite.c2)
@@ -139,7 +153,7 @@ class SkinModel:
         assert self._hinges is not None
         turns = la.vector(self.space.dofmap.index_map, 1)
         owned = self.skin.mesh.topology.index_map(2).size_local
-        dofs = self.space.dofmap.list[:owned, -3:]
+        dofs = self.space.dofmap.list[:owned, 18:21]
         np.maximum.at(turns.array, dofs, np.abs(self._hinges.rotation[:owned]))
         turns.scatter_reverse(la.InsertMode.add)
         turns.scatter_forward()
@@ -150,7 +164,32 @@ class SkinModel:
         """The assembled positions of the pattern as a state, without rotations."""
         state = np.zeros(self.size_local)
         self.positions(state)[:] = self.skin.pattern.points[self.skin.owned_vertices]
+        if self.periodic is not None:
+            self.set_columns(state, np.eye(3)[:, :2])
         return state
+
+    def set_columns(self, state: Floats, gradient: Floats) -> None:
+        """Write a mean deformation gradient F̄, (3, 2), into the owned unknowns of a state."""
+        assert self.periodic is not None
+        owned = self._patch.lattice_dofs < self.size_local
+        values = self.periodic.length * np.asarray(gradient).T
+        state[self._patch.lattice_dofs[owned]] = values[owned]
+
+    @property
+    def lattice_dofs(self) -> Ints:
+        """Local unknowns of F̄n and F̄t, (2, 3), known on every rank."""
+        return self._patch.lattice_dofs
+
+    def columns_force(self, state: Floats) -> Floats:
+        """First variation of E in N by `columns`, (2, 3), on every rank."""
+        owned = self._patch.lattice_dofs[self._patch.lattice_dofs < self.size_local]
+        force = self._variation(state)[owned].reshape(-1, 3)
+        return np.asarray(self.skin.comm.bcast(force, root=0))
+
+    def columns(self, state: Floats) -> Floats:
+        """F̄n and F̄t of a state times the tile's length, (2, 3), on every rank; sets the state."""
+        self.set_state(state)
+        return np.asarray(self.q.x.array[self._patch.lattice_dofs])
 
     def positions(self, state: Floats) -> Floats:
         """Positions (n, 3) of the owned nodes in a state, as a view; also of forces."""
@@ -191,14 +230,21 @@ class SkinModel:
     def corners(self, state: Floats) -> Floats:
         """Corner positions (n, 3, 3) of the owned triangles; also sets the state."""
         self.set_state(state)
-        return self.q.x.array[self._dofs[:, :3]]
+        return self._seen(3)
+
+    def _seen(self, nodes: int) -> Floats:
+        """Positions of the first corners and flaps of owned triangles where these see them."""
+        seen = self.q.x.array[self._dofs[:, :nodes]]
+        if self.images is not None:
+            seen = seen + self.images.added(self.q.x.array[self._patch.lattice_dofs])[:, :nodes]
+        return np.asarray(seen)
 
     def folds(self, state: Floats, angle: float) -> int:
         """How many hinges of triangles fold by more than an angle in rad; 0 without bending."""
         self.set_state(state)
         count = 0
         if self._hinges is not None:
-            patch = self.q.x.array[self._dofs[:, :6]]
+            patch = self._seen(6)
             cells = slice(0, len(patch))
             inside = self._hinges.has_moment[cells] & ~self._hinges.mirror[cells].any(axis=2)
             angles = edge_angles(patch[:, :3], patch[:, 3:], np.zeros_like(patch[:, 3:]))
@@ -284,7 +330,7 @@ class SkinModel:
             (n, 18) or (n, 21); and which of these there are (a flap may be missing).
         """
         owned = len(self._dofs)
-        dofs = self.space.dofmap.list[:owned]
+        dofs = self._dofs.reshape(owned, -1)
         present = np.ones(dofs.shape, dtype=bool)
         if self._hinges is not None:
             present[:, 9:18] = np.repeat(self._hinges.has_moment[:owned], 3, axis=1)

@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
 from toros_fem._mpi import dot, largest, norm, total
+from toros_fem.chain import DesignChain, Evaluation
 from toros_fem.density import check_density
-from toros_fem.design import DesignProblem, Evaluation
-from toros_fem.equilibrium import EquilibriumError
-from toros_fem.errors import ParameterError
+from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.mma import MMA
 from toros_fem.projection import Projection
 from toros_fem.stages import DesignOptions, Iteration, Stage
@@ -66,7 +65,7 @@ Callback = Callable[[Iteration, Evaluation], None]
 
 
 def optimise(
-    problem: DesignProblem,
+    problem: DesignChain,
     density: Floats,
     options: DesignOptions | None = None,
     callback: Callback | None = None,
@@ -86,11 +85,11 @@ def optimise(
     Raises:
         DensityError: The density does not fit or leaves [0, 1].
         ParameterError: A stage is constrained, the problem has no constraints.
-        EquilibriumError: There is no equilibrium for the start. Later failures are stepped back
+        NoEquilibriumError: There is no equilibrium for the start. Later failures are stepped back
             from.
     """
     options = options or DesignOptions()
-    check_density(problem.solver.skin, density)
+    check_density(problem.skin, density)
     if problem.length_scale is None and any(stage.constrained for stage in options.stages):
         raise ParameterError(
             "a stage asks for constraints on widths, but the problem has no length_scale."
@@ -120,16 +119,16 @@ class _Loop:
 
     def __init__(
         self,
-        problem: DesignProblem,
+        problem: DesignChain,
         density: Floats,
         options: DesignOptions,
         callback: Callback | None,
     ) -> None:
         self.problem, self.options, self.callback = problem, options, callback
-        self.comm = problem.solver.skin.comm
+        self.comm = problem.skin.comm
         self.variables = Variables(problem, options)
         self.x = self.variables.vector(problem.completed(density), problem.pressures)
-        self.areas = problem.solver.skin.pattern.areas[problem.solver.skin.owned_cells]
+        self.areas = problem.skin.pattern.areas[problem.skin.owned_cells]
         self.areas = self.areas * problem.designed
         self.evaluation: Evaluation | None = None
         self.history: list[Iteration] = []
@@ -151,7 +150,7 @@ class _Loop:
         projection, constrained = given.projection, stage.constrained
         if stage.beta is not None:
             projection = Projection(stage.beta, projection.eta)
-        self.problem = problem = replace(given, projection=projection)
+        self.problem = problem = given.with_projection(projection)
         mma = MMA(
             *self.variables.bounds,
             constraints=2 if constrained else 0,
@@ -161,7 +160,7 @@ class _Loop:
         start = None if self.evaluation is None else self.evaluation.equilibrium.state
         try:
             evaluation = self.simulate(start)
-        except EquilibriumError:
+        except NoEquilibriumError:
             if self.evaluation is None:
                 raise
             self.over, self.reason = True, f"Stage {number} has no equilibrium to start from."
@@ -311,9 +310,9 @@ class _Loop:
         density, pressures = self.variables.design(self.x)
         try:
             found = self.problem.simulate(density, start, pressures, patient=patient)
-        except EquilibriumError as error:
-            self.steps += error.result.steps
-            self.factorisations += error.result.factorisations
+        except NoEquilibriumError as error:
+            self.steps += error.steps
+            self.factorisations += error.factorisations
             self.phases["equilibrium"] += time.perf_counter() - begin
             raise
         self.steps += found.equilibrium.steps
@@ -327,5 +326,5 @@ class _Loop:
         patient = self.rejected >= 2 * self.options.retries
         try:
             return self.simulate(near.equilibrium.state, patient=patient)
-        except EquilibriumError:  # raised by all ranks or by none
+        except NoEquilibriumError:  # raised by all ranks or by none
             return None

@@ -10,9 +10,9 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._mpi import on_first_rank
+from toros_fem.chain import DesignChain, Evaluation
 from toros_fem.contours import printed_regions
-from toros_fem.design import DesignProblem, Evaluation
-from toros_fem.equilibrium import EquilibriumError
+from toros_fem.errors import NoEquilibriumError
 from toros_fem.manufacture import Printability, PrintLimits, printability, printed_cells
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.optimise import DesignResult
@@ -54,14 +54,14 @@ class PrintedDesign:
         return self.cleaned.regions
 
 
-def drawn(problem: DesignProblem, density: Floats) -> tuple[Floats, Floats]:
+def drawn(problem: DesignChain, density: Floats) -> tuple[Floats, Floats]:
     """ρ̃ at all flat points and at all centroids, what is given as it is given (collective).
 
     Args:
         problem: The design problem.
         density: ρ at owned triangles.
     """
-    skin = problem.solver.skin
+    skin = problem.skin
     pattern = skin.pattern
     density = problem.completed(density)
     at_points = problem.filter.at_points(density)
@@ -77,7 +77,7 @@ def drawn(problem: DesignProblem, density: Floats) -> tuple[Floats, Floats]:
     return at_points, at_centroids
 
 
-def without_islands(problem: DesignProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
+def without_islands(problem: DesignChain, result: DesignResult, printed: PrintedDesign) -> Floats:
     """ρ at owned triangles without what makes free islands of its contours (collective).
 
     What carries load may be an island: `with_bridges` keeps it.
@@ -89,7 +89,7 @@ def without_islands(problem: DesignProblem, result: DesignResult, printed: Print
         result: What the design loop arrived at.
         printed: What is printed of it.
     """
-    skin = problem.solver.skin
+    skin = problem.skin
     pattern, comm = skin.pattern, skin.comm
 
     def find() -> npt.NDArray[np.bool_]:
@@ -111,7 +111,7 @@ def without_islands(problem: DesignProblem, result: DesignResult, printed: Print
     return np.where(clear[skin.owned_cells], 0.0, result.density)
 
 
-def with_bridges(problem: DesignProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
+def with_bridges(problem: DesignChain, result: DesignResult, printed: PrintedDesign) -> Floats:
     """ρ at owned triangles with the free islands of its contours joined to the rest (collective).
 
     Each by a straight line two filter radii wide, the shortest way to other print of the panel.
@@ -121,7 +121,7 @@ def with_bridges(problem: DesignProblem, result: DesignResult, printed: PrintedD
         result: What the design loop arrived at.
         printed: What is printed of it.
     """
-    skin = problem.solver.skin
+    skin = problem.skin
     pattern = skin.pattern
 
     def find() -> npt.NDArray[np.bool_]:
@@ -143,7 +143,7 @@ def with_bridges(problem: DesignProblem, result: DesignResult, printed: PrintedD
 
 
 def print_design(
-    problem: DesignProblem,
+    problem: DesignChain,
     result: DesignResult,
     limits: PrintLimits,
     island_area: float = 0.0,
@@ -158,7 +158,7 @@ def print_design(
         island_area: Islands that hang on nothing and are smaller than this, in m², are dropped.
         hole_area: Holes smaller than this, in m², are filled.
     """
-    skin = problem.solver.skin
+    skin = problem.skin
     pattern, comm, whole = skin.pattern, skin.comm, problem.whole
     at_points, at_centroids = drawn(problem, result.density)
     if whole is not None:
@@ -179,7 +179,7 @@ def print_design(
     evaluation, failure = None, ""
     try:
         evaluation = problem.simulate_binary(cells[skin.owned_cells], result.final)
-    except EquilibriumError as caught:  # raised by all ranks or by none
+    except NoEquilibriumError as caught:  # raised by all ranks or by none
         failure = str(caught)
     return PrintedDesign(
         pattern, regions, cleaned, limits, before, after, cells, evaluation, failure

@@ -14,7 +14,8 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._mpi import on_first_rank
-from toros_fem.design import DesignProblem, Evaluation
+from toros_fem.chain import Evaluation
+from toros_fem.design import DesignProblem
 from toros_fem.errors import OutputError
 from toros_fem.export import write_svg
 from toros_fem.io import HistoryFile, versions, write_fields, write_json, write_table

@@ -11,9 +11,10 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem.alignment import AlignedObjective
+from toros_fem.chain import Evaluation
 from toros_fem.chambers import Chambers
 from toros_fem.density import check_density, random_density
-from toros_fem.design import DesignProblem, Evaluation
+from toros_fem.design import DesignProblem
 from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.estimate import estimate_error

@@ -7,6 +7,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
+from toros_fem.images import ImageEntries
 from toros_fem.model import SkinModel
 
 Floats = npt.NDArray[np.float64]
@@ -23,6 +24,7 @@ class UpperTangent:
 
     Attributes:
         indptr, columns: Compressed rows: columns are global, sorted, the diagonal comes first.
+        images: What a tile's images add; None for a skin that does not repeat.
 
     Args:
         model: The scene.
@@ -35,6 +37,11 @@ class UpperTangent:
         size = index_map.size_global
         starts = np.array(comm.allgather(index_map.local_range[0]) + [size], dtype=np.int64)
         keys, weights = _contributions(model)
+        self._own = len(keys)
+        self.images = None if model.images is None else ImageEntries(model)
+        if self.images is not None:
+            keys = np.append(keys, self.images.keys)
+            weights = np.append(weights, self.images.weights)
 
         order = np.argsort(keys, kind="stable")
         order = order[np.searchsorted(keys[order], 0) :]
@@ -70,7 +77,8 @@ class UpperTangent:
         begin, end = index_map.local_range
         self.indptr = np.searchsorted(merged, np.arange(begin, end + 1) * size).astype(np.int32)
         self.columns = (merged % size).astype(np.int32)
-        self._entries: Floats = np.ones(len(keys))  # held dofs stand last and keep their 1
+        # Held dofs stand last among the model's own and keep their 1; then follow images.
+        self._entries: Floats = np.ones(len(keys))
 
     @property
     def diagonal(self) -> npt.NDArray[np.int32]:
@@ -86,6 +94,8 @@ class UpperTangent:
             geometric: 1 for K; 0 for its material part M, positive semidefinite.
         """
         self._model.tangent_entries(state, self._entries, geometric)
+        if self.images is not None:
+            self._entries[self._own :] = self.images.values(self._entries)
         out[:] = self._sum @ self._entries
         comm: MPI.Comm = self._model.skin.comm
         if comm.size > 1:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from toros_fem.design import DesignProblem, Evaluation
+from toros_fem.chain import DesignChain, Evaluation
 from toros_fem.stages import DesignOptions
 
 Floats = npt.NDArray[np.float64]
@@ -21,8 +21,8 @@ class Variables:
     step changes it by a factor.
     """
 
-    def __init__(self, problem: DesignProblem, options: DesignOptions) -> None:
-        skin = problem.solver.skin
+    def __init__(self, problem: DesignChain, options: DesignOptions) -> None:
+        skin = problem.skin
         self._comm, self._count = skin.comm, len(skin.owned_cells)
         self._pressures = np.array(problem.pressures, dtype=np.float64)
         ranges = problem.pressure_ranges

@@ -1,0 +1,129 @@
+"""What is wanted of a tile: a profile of stiffness over directions, a contraction, a contrast."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from toros_fem.errors import TargetError
+from toros_fem.profile import Profile
+
+Floats = npt.NDArray[np.float64]
+
+
+class ProfileObjective(Protocol):
+    """A measure T of a profile, and its derivatives."""
+
+    def forward(self, profile: Profile) -> float:
+        """T, a pure number."""
+        ...
+
+    def backward(self, profile: Profile) -> tuple[Floats, Floats]:
+        """dT/d stress in m/N and dT/d contraction, (k,) each."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileTarget:
+    """T = Σ w ((s − s*)/mean s*)² + weight Σ w (c − c*)², over Σ w: least squares.
+
+    s is the secant stiffness, c the lateral contraction; directions without a target, NaN, do not
+    count.
+
+    Attributes:
+        stiffness: s* in N/m, (k,), NaN where any will do; None for all.
+        contraction: c*, (k,), NaN where any will do; None for all.
+        weights: w, (k,); None for 1.
+        weight: Of contractions over stiffnesses.
+
+    Raises:
+        TargetError: Arrays do not fit together, a stiffness is not positive, or nothing is asked.
+    """
+
+    stiffness: Floats | None = None
+    contraction: Floats | None = None
+    weights: Floats | None = None
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        given = [a for a in (self.stiffness, self.contraction, self.weights) if a is not None]
+        shapes = {np.shape(a) for a in given}
+        if len(shapes) != 1:
+            raise TargetError(
+                f"stiffness, contraction and weights have shapes {sorted(shapes)}; give at least "
+                "one, each with one value a direction."
+            )
+        if all(np.isnan(a).all() for a in (self.stiffness, self.contraction) if a is not None):
+            raise TargetError("all stiffnesses and contractions are NaN: nothing is asked for.")
+        if self.stiffness is not None and np.any(self.stiffness <= 0):
+            worst = float(np.nanmin(self.stiffness))
+            raise TargetError(f"a stiffness of {worst:g} N/m is asked for; it must be positive.")
+
+    def _parts(self, profile: Profile) -> tuple[Floats, Floats, Floats, float]:
+        """Shares of the weights, relative differences of both kinds, the scale of stiffness."""
+        count = len(profile.angles)
+        none = np.full(count, np.nan)
+        stiffness = none if self.stiffness is None else self.stiffness
+        contraction = none if self.contraction is None else self.contraction
+        weights = np.ones(count) if self.weights is None else self.weights
+        if len(stiffness) != count or len(contraction) != count or len(weights) != count:
+            raise TargetError(
+                f"the target is of {len(stiffness)} directions, the profile of {count}."
+            )
+        scale = 1.0 if np.isnan(stiffness).all() else float(np.nanmean(stiffness))
+        off = np.nan_to_num((profile.stiffness - stiffness) / scale)
+        wide = np.nan_to_num(profile.contraction - contraction)
+        return weights / weights.sum(), off, wide, scale
+
+    def forward(self, profile: Profile) -> float:
+        """T."""
+        share, off, wide, _ = self._parts(profile)
+        return float(share @ (off**2 + self.weight * wide**2))
+
+    def backward(self, profile: Profile) -> tuple[Floats, Floats]:
+        """Its derivatives."""
+        share, off, wide, scale = self._parts(profile)
+        by_stress = 2 * share * off / (scale * profile.strain)
+        return by_stress, 2 * self.weight * share * wide
+
+    def worst(self, profile: Profile) -> float:
+        """Largest |s/s* − 1| of the directions asked for."""
+        if self.stiffness is None:
+            return 0.0
+        return float(np.nanmax(np.abs(profile.stiffness / self.stiffness - 1)))
+
+
+@dataclass(frozen=True, eq=False)
+class Contrast:
+    """T = mean stiffness of some directions over that of others: the least possible is wanted.
+
+    Attributes:
+        soft, stiff: Which directions, (k,).
+
+    Raises:
+        TargetError: There are none of one kind.
+    """
+
+    soft: npt.NDArray[np.bool_]
+    stiff: npt.NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        if not (self.soft.any() and self.stiff.any()) or self.soft.shape != self.stiff.shape:
+            raise TargetError(
+                f"soft = {self.soft} and stiff = {self.stiff} must each name a direction, of as "
+                "many."
+            )
+
+    def forward(self, profile: Profile) -> float:
+        """T."""
+        stress = profile.stress
+        return float(stress[self.soft].mean() / stress[self.stiff].mean())
+
+    def backward(self, profile: Profile) -> tuple[Floats, Floats]:
+        """Its derivatives."""
+        value, stress = self.forward(profile), profile.stress
+        by = self.soft / self.soft.sum() - value * self.stiff / self.stiff.sum()
+        return np.asarray(by / stress[self.stiff].mean()), np.zeros_like(stress)
