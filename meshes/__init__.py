@@ -12,17 +12,22 @@ from toros_fem.meshes.skin import Skin, sew
 from toros_fem.meshes.surface import Surface
 from toros_fem.meshes.surface_file import read_surface
 from toros_fem.meshes.targets import Deformer, bend, compose, contract, curl, stand, twist
+from toros_fem.meshes.tile import Repeated, Tile, tile
+from toros_fem.meshes.tile_symmetry import SYMMETRIES
 from toros_fem.meshes.unwrap import Unwrapped, unwrap
 
 __all__ = [
     "GRIPPER",
+    "SYMMETRIES",
     "WALKER",
     "Deformer",
     "Mirrored",
     "Pattern",
+    "Repeated",
     "Skin",
     "Star",
     "Surface",
+    "Tile",
     "Unwrapped",
     "bend",
     "compose",
@@ -40,6 +45,7 @@ __all__ = [
     "rounded",
     "sew",
     "stand",
+    "tile",
     "twist",
     "two_panels",
     "unwrap",

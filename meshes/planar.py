@@ -133,11 +133,11 @@ def region_mesh(
                 "border crosses itself. Shorten the edges."
             )
     pieces = polygon_meshes([(polygon, [1] * len(polygon)) for polygon in polygons], edge_length)
-    flat, triangles = _glued(pieces, 1e-3 * edge_length)
+    flat, triangles = glued(pieces, 1e-3 * edge_length)
     for axis in planes:
         flat[np.abs(flat[:, axis]) < TINY * size, axis] = 0.0
     sewn = _on_outline(flat, triangles, planes)
-    return _without_bridges(flat, triangles, sewn, planes)
+    return without_bridges(flat, triangles, sewn, planes)
 
 
 def _checked(points: npt.ArrayLike) -> Floats:
@@ -264,7 +264,7 @@ def _divided(face: Polygon, stops: cKDTree, edge_length: float) -> Floats:
     return np.concatenate(parts)
 
 
-def _glued(pieces: Sequence[tuple[Floats, Ints]], tolerance: float) -> tuple[Floats, Ints]:
+def glued(pieces: Sequence[tuple[Floats, Ints]], tolerance: float) -> tuple[Floats, Ints]:
     """One mesh from pieces whose border points coincide."""
     offsets = np.cumsum([0] + [len(flat) for flat, _ in pieces])[:-1]
     points = np.concatenate([flat for flat, _ in pieces])
@@ -300,7 +300,7 @@ def _cut(flat: Floats, edges: Ints, planes: Sequence[int]) -> Bools:
     return found
 
 
-def _without_bridges(
+def without_bridges(
     flat: Floats, triangles: Ints, sewn: Bools, planes: Sequence[int]
 ) -> tuple[Floats, Ints, Bools]:
     """Halve every edge that leads through the inside, or along a cut, from outline to outline.

@@ -74,7 +74,7 @@ def rectangle(
         if mesh == "equilateral":
             unit, triangles = _staggered(along, across)
         else:
-            unit, triangles = _grid(along, across, mesh)
+            unit, triangles = grid(along, across, mesh)
         return one_panel(unit * [length / along, width / across], triangles, place)
 
     return on_first_rank(comm, build)
@@ -144,7 +144,7 @@ def ringed_disc(around: int, radius: float) -> tuple[Floats, Ints]:
     return points, np.array(triangles, dtype=np.int64)
 
 
-def _grid(along: int, across: int, kind: str) -> tuple[Floats, Ints]:
+def grid(along: int, across: int, kind: str) -> tuple[Floats, Ints]:
     """Unit squares, each cut in two or, if crossed, in four."""
     u, v = np.meshgrid(np.arange(along + 1.0), np.arange(across + 1.0))
     points = np.column_stack([u.ravel(), v.ravel()])

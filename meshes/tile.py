@@ -1,0 +1,194 @@
+"""A rectangular patch of cloth that repeats: sewn into a torus, laid side by side, mirrored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+from scipy.spatial import cKDTree
+from toros_fem.meshes.pattern import Floats, Ints, Pattern
+from toros_fem.meshes.planar import glued
+from toros_fem.meshes.sheet import grid, one_panel
+from toros_fem.meshes.tile_symmetry import SAME, SYMMETRIES, check_symmetry, unstructured
+
+from toros_fem._mpi import on_first_rank
+from toros_fem.errors import ParameterError, PatternError
+from toros_fem.parameters import require_choice, require_count, require_positive
+
+TILE = "tile"
+KINDS = ("right", "crossed", "union-jack", "unstructured")
+
+# With fewer edges along a side two edges of the torus would have the same ends.
+LEAST = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Tile:
+    """A rectangular patch of cloth that repeats, sewn into a torus on its flat pattern.
+
+    Attributes:
+        pattern: One panel, `tile`, its opposite borders sewn to each other. Its flat points fill
+            the closed rectangle [0, a] × [0, b]; each assembled vertex lies at its own place in
+            [0, a) × [0, b), z = 0, in m.
+        lattice: The two vectors by which it repeats, rows of (2, 2), in m.
+        wraps: By how many lattice vectors each corner is away from its vertex's own place, shape
+            (t, 3, 2): corner k of triangle t lies at `points[vertex, :2] + wraps[t, k] @ lattice`.
+    """
+
+    pattern: Pattern
+    lattice: Floats
+    wraps: Ints
+
+    def repeated(self, along: int, across: int) -> Repeated:
+        """The tile made of so many copies of this one along x and y; the first is in place.
+
+        Raises:
+            ParameterError: A number is not whole, or less than 1.
+        """
+        require_count(1, along=along, across=across)
+        j, i = np.divmod(np.arange(along * across), along)
+        copies = np.stack([i, j], axis=1)
+        wraps, home = np.divmod(copies[:, None, None] + self.wraps, [along, across])
+        places = self.pattern.points[:, :2]
+        vertices = self.pattern.triangles + len(places) * (home[..., 0] + along * home[..., 1])
+        return Repeated(
+            tile=_sewn(
+                (places + (copies @ self.lattice)[:, None]).reshape(-1, 2),
+                vertices.reshape(-1, 3),
+                wraps.reshape(-1, 3, 2),
+                self.lattice * [[along], [across]],
+            ),
+            cell=np.tile(np.arange(len(self.wraps)), len(copies)),
+        )
+
+    def sheet(self, along: int, across: int) -> tuple[Pattern, Ints]:
+        """An open sheet of so many tiles along x and y.
+
+        Returns:
+            The pattern, its one panel `sheet` sewn to nothing, and the triangle of this tile that
+            each of its triangles copies, shape (t · along · across,).
+
+        Raises:
+            ParameterError: A number is not whole, or less than 1.
+        """
+        whole = self.repeated(along, across)
+        pattern = whole.tile.pattern
+        return one_panel(pattern.flat_points, pattern.flat_triangles), whole.cell
+
+    def images(self, symmetry: str) -> Ints:
+        """The triangle to which each goes by each operation of a symmetry, shape (g, t).
+
+        Args:
+            symmetry: One of `SYMMETRIES`, which gives the operations in the same order.
+
+        Raises:
+            ParameterError: The symmetry is unknown, or needs a square tile.
+            PatternError: The mesh does not have the symmetry.
+        """
+        size = np.diagonal(self.lattice)
+        check_symmetry(symmetry, size)
+        centroids = self.pattern.centroids
+        tree = cKDTree(centroids / size, boxsize=1.0)
+        images = []
+        for operation in SYMMETRIES[symmetry]:
+            away, found = tree.query(centroids @ operation.T / size % 1.0)
+            worst = int(np.argmax(away))
+            if away[worst] > SAME:
+                raise PatternError(
+                    f"the tile's mesh is not {symmetry}: by {operation.tolist()} triangle {worst} "
+                    f"misses the nearest one by {away[worst]:.2g} of the tile; {SAME:g} is "
+                    f"allowed. Make the tile with symmetry={symmetry!r}, and not of 'right' mesh."
+                )
+            images.append(found)
+        return np.array(images, dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class Repeated:
+    """A tile made of copies of another.
+
+    Attributes:
+        tile: The larger tile.
+        cell: Triangle of the other that each triangle copies, shape (t,).
+    """
+
+    tile: Tile
+    cell: Ints
+
+
+def tile(
+    comm: MPI.Comm,
+    size: float | tuple[float, float],
+    edge_length: float,
+    mesh: str = "crossed",
+    symmetry: str = "none",
+) -> Tile:
+    """A tile [0, a] × [0, b] (collective).
+
+    Args:
+        comm: Communicator.
+        size: Its sides (a, b) in m, or the one of a square.
+        edge_length: Wanted edge length in m; the sides are divided evenly, in 3 at least, and in
+            an even number where the mesh needs it: union-jack, and unstructured with a symmetry.
+        mesh: "right", "crossed", "union-jack" or "unstructured", as of `rectangle`.
+        symmetry: What the mesh has at least: "none", "orthotropic" (mirrors in both middle lines,
+            and so in the borders), "chiral" (turns by 90°) or "tetragonal" (the mirrors, the
+            turns, and mirrors in the diagonals). Crossed and union-jack meshes have all that the
+            sides allow. An unstructured mesh for the turns has the mirrors too.
+
+    Raises:
+        ParameterError: A length is not positive or too large, a name is unknown, or tile or mesh
+            cannot have the symmetry.
+    """
+    sides = np.array(size, dtype=np.float64)
+    if sides.shape not in ((), (2,)):
+        raise ParameterError(f"size = {size!r} must be one side of a square in m, or two (a, b).")
+    sides = np.broadcast_to(sides, 2)
+    require_positive(**{f"size[{k}]": side for k, side in enumerate(sides)})
+    # Anything longer would be rounded to fewer edges along the shorter side.
+    require_positive(edge_length=edge_length, at_most=sides.min() / (LEAST - 0.5))
+    require_choice("mesh", mesh, KINDS)
+    check_symmetry(symmetry, sides)
+    if mesh == "right" and symmetry != "none":
+        raise ParameterError(
+            f"mesh = 'right' cannot be {symmetry}: its diagonals run one way. Take 'crossed', "
+            "'union-jack' or 'unstructured'."
+        )
+
+    def build() -> Tile:
+        if mesh == "union-jack" or (mesh == "unstructured" and symmetry != "none"):
+            counts = np.maximum(2 * np.rint(sides / (2 * edge_length)).astype(int), LEAST + 1)
+        else:
+            counts = np.maximum(np.rint(sides / edge_length).astype(int), LEAST)
+        if mesh == "unstructured":
+            flat, triangles = unstructured(sides, counts, symmetry)
+        else:
+            unit, triangles = grid(int(counts[0]), int(counts[1]), mesh)
+            flat = unit * (sides / counts)
+        near = SAME * (sides / counts).min()
+        wraps = np.floor((flat + near) / sides).astype(int)
+        places = flat - wraps * sides
+        places[np.abs(places) <= near] = 0.0
+        points, vertices = glued([(places, triangles)], near)
+        return _sewn(points, vertices, wraps[triangles], np.diag(sides))
+
+    return on_first_rank(comm, build)
+
+
+def _sewn(places: Floats, vertices: Ints, wraps: Ints, lattice: Floats) -> Tile:
+    """A tile from the places (n, 2) of its vertices, and vertex and wraps of each corner."""
+    # The flat rectangle is closed: it has a vertex on its border once for each way to wrap.
+    shape = (len(places), 2, 2)
+    corners = np.ravel_multi_index((vertices, wraps[..., 0], wraps[..., 1]), shape)
+    flat, flat_triangles = np.unique(corners, return_inverse=True)
+    vertex, *wrap = np.unravel_index(flat, shape)
+    pattern = Pattern(
+        flat_points=places[vertex] + np.stack(wrap, axis=1) @ lattice,
+        flat_triangles=flat_triangles.reshape(-1, 3),
+        panel=np.zeros(len(vertices), dtype=np.int64),
+        sewn=vertex,
+        points=np.column_stack([places, np.zeros(len(places))]),
+        panel_names=(TILE,),
+    )
+    return Tile(pattern, lattice, wraps)
