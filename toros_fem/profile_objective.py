@@ -126,4 +126,5 @@ class Contrast:
         """Its derivatives."""
         value, stress = self.forward(profile), profile.stress
         by = self.soft / self.soft.sum() - value * self.stiff / self.stiff.sum()
-        return np.asarray(by / stress[self.stiff].mean()), np.zeros_like(stress)
+        by_stress: Floats = np.asarray(by / stress[self.stiff].mean(), dtype=np.float64)
+        return by_stress, np.zeros_like(stress)
