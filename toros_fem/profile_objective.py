@@ -125,6 +125,7 @@ class Contrast:
     def backward(self, profile: Profile) -> tuple[Floats, Floats]:
         """Its derivatives."""
         value, stress = self.forward(profile), profile.stress
-        by = self.soft / self.soft.sum() - value * self.stiff / self.stiff.sum()
-        by_stress: Floats = np.asarray(by / stress[self.stiff].mean(), dtype=np.float64)
-        return by_stress, np.zeros_like(stress)
+        by: Floats = np.where(self.soft, 1.0 / self.soft.sum(), 0.0)
+        by -= np.where(self.stiff, value / self.stiff.sum(), 0.0)
+        by /= stress[self.stiff].mean()
+        return by, np.zeros_like(stress)
