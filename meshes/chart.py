@@ -9,12 +9,15 @@ import shapely
 from toros_fem.meshes.cut import cones, cut_open, disc_cuts, euler
 from toros_fem.meshes.distortion import principal_stretches
 from toros_fem.meshes.flatten import abf_angles, closure_error, conformal, unrolled
-from toros_fem.meshes.pattern import MIN_HEIGHT_RATIO, Floats, Ints
+from toros_fem.meshes.pattern import MIN_HEIGHT_RATIO
 from toros_fem.meshes.topology import (
     Bools,
+    Floats,
+    Ints,
     angle_defects,
     corner_angles,
     edges_of,
+    half_edges,
     normals,
     shapes,
 )
@@ -134,10 +137,7 @@ def _check_injective(flat: Floats, triangles: Ints) -> None:
                                    <= 2 * MIN_HEIGHT_RATIO):  # fmt: skip
         raise ChartError(f"{np.sum(area <= 0)} of its {len(area)} triangles are turned over.")
     edges = edges_of(triangles)
-    tri = edges.sides[edges.border, 0]
-    side = np.argmax(edges.of_triangle[tri] == edges.border[:, None], axis=1)
-    follow = dict(zip(triangles[tri, side].tolist(), triangles[tri, (side + 1) % 3].tolist(),
-                      strict=True))  # fmt: skip
+    follow = dict(half_edges(triangles)[edges.twins[edges.border, 0]].tolist())
     start = here = next(iter(follow))
     loop = [start]
     while (here := follow[here]) != start:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from toros_fem.meshes.pattern import Floats, Ints, Pattern, edge_keys
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.topology import Floats, Ints, edge_keys
 
 from toros_fem.errors import ParameterError
 

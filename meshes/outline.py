@@ -9,8 +9,9 @@ import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
-from toros_fem.meshes.pattern import Floats, Ints, Pattern
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import Line, region_mesh
+from toros_fem.meshes.topology import Floats, Ints
 
 from toros_fem._mpi import on_first_rank
 from toros_fem.parameters import require_positive

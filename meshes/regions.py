@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, dijkstra, maximum_flow
-from toros_fem.meshes.pattern import Floats, Ints
 from toros_fem.meshes.topology import (
+    Floats,
+    Ints,
     dihedral_angles,
     edges_of,
     lengths,

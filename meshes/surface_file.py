@@ -13,10 +13,9 @@ import meshio
 import numpy as np
 from dolfinx.io import XDMFFile
 from mpi4py import MPI
-from toros_fem.meshes.pattern import Floats, Ints
 from toros_fem.meshes.repair import mend, weld
 from toros_fem.meshes.surface import Repairs, Surface, check_edges, oriented, volume
-from toros_fem.meshes.topology import components, edges_of, normals
+from toros_fem.meshes.topology import Floats, Ints, components, edges_of, normals
 
 from toros_fem._mpi import on_first_rank
 from toros_fem.errors import SurfaceError

@@ -13,10 +13,10 @@ from toros_fem.meshes.chart import METHODS
 from toros_fem.meshes.cut import cut_open
 from toros_fem.meshes.distortion import Distortion, distortion
 from toros_fem.meshes.panels import flat_panels
-from toros_fem.meshes.pattern import Ints, Pattern
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.regions import crease_regions
 from toros_fem.meshes.surface import Surface
-from toros_fem.meshes.topology import Bools, Edges, between, edges_of
+from toros_fem.meshes.topology import Bools, Edges, Ints, between, edges_of
 
 from toros_fem._mpi import on_first_rank
 from toros_fem.errors import SurfaceError

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from toros_fem.meshes import Pattern, plane_centroids, rounded, two_panels
-from toros_fem.meshes.pattern import edge_keys
+from toros_fem.meshes.topology import edge_keys
 
 from toros_fem.errors import OutlineError
 from toros_fem.supports import symmetry_plane
