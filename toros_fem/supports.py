@@ -10,11 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem.errors import ParameterError
+from toros_fem.meshes.mirror import FLAT, plane_border
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import Floats, Ints, edge_keys, following, half_edges
 
-# How far from a symmetry plane a vertex may lie, over the size of the skin.
-FLAT = 1e-6
 # Cosine between a guided edge and the normal of its plane.
 SQUARE = 1e-3
 
@@ -269,14 +268,7 @@ def symmetry_plane(pattern: Pattern, axis: int) -> Supports:
     """
     if axis not in (0, 1, 2):
         raise ParameterError(f"axis = {axis!r} must be 0, 1 or 2, for x, y or z.")
-    ends = pattern.free_edges
-    flat = np.abs(pattern.points[:, axis]) <= FLAT * pattern.size
-    border = ends[flat[ends].all(axis=1)]
-    if len(border) == 0:
-        raise ParameterError(
-            f"no free edge lies in the plane {'xyz'[axis]} = 0: cut the skin there, and put the "
-            "plane through the origin."
-        )
+    border = half_edges(pattern.triangles)[plane_border(pattern, axis)]
     held = np.zeros((len(pattern.points), 3), dtype=bool)
     held[border.ravel(), axis] = True
     return Supports(held, border, np.tile(np.eye(3)[axis], (len(border), 1)))
