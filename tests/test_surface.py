@@ -142,6 +142,17 @@ def test_needles_and_caps_are_mended(comm: MPI.Comm, folder: Path) -> None:
     assert found.area == pytest.approx(ball.area, rel=0.02)
 
 
+def test_caps_at_a_border_are_dropped_unless_that_tears(comm: MPI.Comm, folder: Path) -> None:
+    """The apex inside, the apex on the border too, an ear, and a cap that is all there is."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0.5, 5e-4, 0], [0, 1, 0], [1, 1, 0]])
+    triangles = np.array([[0, 1, 2], [0, 2, 3], [2, 1, 4], [2, 4, 3]])
+    for kept, dropped in (([0, 1, 2, 3], 1), ([0, 1, 2], 0), ([0, 1], 1), ([0], 0)):
+        path = write(comm, folder / "sheet.ply", points, [("triangle", triangles[kept])])
+        found = read_surface(comm, path)
+        assert found.repairs.dropped == dropped
+        assert len(found.triangles) == len(kept) - dropped
+
+
 def test_seams_and_parts(comm: MPI.Comm, folder: Path) -> None:
     """Lines of MSH and OBJ are seams, cell groups parts; names of physical groups are kept."""
     tube = surfaces.prism(12, 4)
