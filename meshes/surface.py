@@ -11,6 +11,7 @@ from toros_fem.meshes.topology import (
     Floats,
     Ints,
     clashing,
+    components,
     edges_of,
     half_edges,
     normals,
@@ -150,8 +151,7 @@ class Surface:
                 f"worst, {worst}, at {self.points[self.triangles[worst]].mean(axis=0)} m with "
                 f"{shape[worst]:.2g}. Remesh the surface."
             )
-        edges = edges_of(self.triangles)
-        label = pieces(edges, np.flatnonzero(edges.count > 1))
+        label = components(self.triangles)
         if label.max() > 0:
             raise SurfaceError(
                 f"the surface is in {label.max() + 1} pieces, of {np.bincount(label).tolist()} "

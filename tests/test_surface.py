@@ -227,6 +227,8 @@ def test_surfaces_that_cannot_be_sewn(comm: MPI.Comm, folder: Path) -> None:
                  [("triangle", np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]]))])  # fmt: skip
     with pytest.raises(errors.ManifoldError, match=r"more than two triangles.*\[0, 1, 2\]"):
         read_surface(comm, path)
+    with pytest.raises(errors.ManifoldError, match=r"between vertices 0 and 1 .*\[0, 1, 2\]"):
+        Surface(points, np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]]))
     turn = np.arange(5) * np.pi / 4
     ring = np.column_stack([np.cos(turn), np.sin(turn), np.cos(turn / 2)])
     # Five triangles in a ring, each sharing an edge with the next: a Möbius strip.
