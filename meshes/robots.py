@@ -141,7 +141,7 @@ def walker(
     Raises:
         OutlineError: As `two_panels` does.
     """
-    return two_panels(comm, star.outline, edge_length, lines=star.roots, planes=planes)
+    return _star_panels(comm, edge_length, star, planes)
 
 
 def gripper(
@@ -158,7 +158,7 @@ def gripper(
     Raises:
         OutlineError: As `two_panels` does.
     """
-    return two_panels(comm, star.outline, edge_length, lines=star.roots, planes=planes)
+    return _star_panels(comm, edge_length, star, planes)
 
 
 def finger(
@@ -198,3 +198,8 @@ def finger(
     outline = rounded(corners, (corner_radius, half, half, corner_radius))
     line = ((root, -half), (root, half))
     return two_panels(comm, outline, edge_length, lines=[line], planes=planes)
+
+
+def _star_panels(comm: MPI.Comm, edge_length: float, star: Star, planes: Sequence[int]) -> Pattern:
+    """Two panels along a star's outline, the roots of its arms marked off."""
+    return two_panels(comm, star.outline, edge_length, lines=star.roots, planes=planes)
