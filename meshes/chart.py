@@ -9,12 +9,15 @@ import shapely
 from toros_fem.meshes.cut import cones, cut_open, disc_cuts, euler
 from toros_fem.meshes.distortion import principal_stretches
 from toros_fem.meshes.flatten import abf_angles, closure_error, conformal, unrolled
-from toros_fem.meshes.pattern import MIN_HEIGHT_RATIO, Floats, Ints
+from toros_fem.meshes.pattern import MIN_HEIGHT_RATIO
 from toros_fem.meshes.topology import (
     Bools,
+    Floats,
+    Ints,
     angle_defects,
     corner_angles,
     edges_of,
+    half_edges,
     normals,
     shapes,
 )
@@ -24,6 +27,8 @@ from toros_fem.errors import SurfaceError
 METHODS = ("auto", "exact", "abf", "lscm")
 # Edges whose lengths differ by less than this share are equal: an STL has seven digits.
 DEVELOPABLE = 1e-4
+# Flat triangles thinner than this (height over longest edge) are near to what patterns refuse.
+SLIVER = 2 * MIN_HEIGHT_RATIO
 # On so small a share of a piece's area the bound on stretch may be exceeded: at rough spots.
 SPOTS = 0.02
 
@@ -62,7 +67,8 @@ def lay_flat(
         tips: Whether cuts may go through tips of high curvature.
 
     Raises:
-        ChartError: The flat piece is turned over, overlaps itself or is stretched too far.
+        ChartError: The flat piece is turned over, has slivers, overlaps itself or is stretched too
+            far.
         SurfaceError: "exact" was asked for a piece that is not developable.
     """
     edges = edges_of(triangles)
@@ -130,14 +136,16 @@ def _double_areas(flat: Floats, triangles: Ints) -> Floats:
 def _check_injective(flat: Floats, triangles: Ints) -> None:
     """A map of a disc that turns no triangle over is one-to-one if it is so on the border."""
     area = _double_areas(flat, triangles)
-    if np.any(area <= 0) or np.any(shapes(np.pad(flat, ((0, 0), (0, 1))), triangles)
-                                   <= 2 * MIN_HEIGHT_RATIO):  # fmt: skip
+    if np.any(area <= 0):
         raise ChartError(f"{np.sum(area <= 0)} of its {len(area)} triangles are turned over.")
+    thin = shapes(np.pad(flat, ((0, 0), (0, 1))), triangles) <= SLIVER
+    if np.any(thin):
+        raise ChartError(
+            f"{thin.sum()} of its {len(area)} triangles are slivers, thinner than {SLIVER:g} of "
+            "their longest edge."
+        )
     edges = edges_of(triangles)
-    tri = edges.sides[edges.border, 0]
-    side = np.argmax(edges.of_triangle[tri] == edges.border[:, None], axis=1)
-    follow = dict(zip(triangles[tri, side].tolist(), triangles[tri, (side + 1) % 3].tolist(),
-                      strict=True))  # fmt: skip
+    follow = dict(half_edges(triangles)[edges.twins[edges.border, 0]].tolist())
     start = here = next(iter(follow))
     loop = [start]
     while (here := follow[here]) != start:

@@ -7,14 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
-from toros_fem.meshes.pattern import Floats, Ints
 from toros_fem.meshes.topology import (
     Bools,
     Edges,
+    Floats,
+    Ints,
     angle_defects,
     corner_angles,
     edges_of,
     fans,
+    half_edges,
     lengths,
     pieces,
 )
@@ -52,10 +54,8 @@ def cut_open(triangles: Ints, edges: Edges, seams: Bools) -> Cut:
         crossed = edges.inner[~open_edges[edges.inner]]
         fan = fans(triangles, edges, crossed)
         slits = edges.inner[open_edges[edges.inner]]
-        one, two = edges.sides[slits].T
-        i = np.argmax(edges.of_triangle[one] == slits[:, None], axis=1)
-        j = np.argmax(edges.of_triangle[two] == slits[:, None], axis=1)
-        whole = (fan[one, i] == fan[two, (j + 1) % 3]) & (fan[one, (i + 1) % 3] == fan[two, j])
+        ends = half_edges(fan)[edges.twins[slits]]
+        whole = (ends[:, 0] == ends[:, 1, ::-1]).all(axis=1)
         if not whole.any():
             break
         open_edges[slits[whole]] = False

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import meshio
 import numpy as np
 from mpi4py import MPI
-from toros_fem.meshes.pattern import Floats, Ints, Pattern
+from toros_fem.meshes.mesh_file import load
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.topology import Floats, Ints
 
 from toros_fem._mpi import on_first_rank
 from toros_fem.errors import TargetError
@@ -37,14 +38,7 @@ def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
 
 
 def _read(path: Path, pattern: Pattern) -> Floats:
-    if not path.is_file():
-        raise TargetError(f"there is no file {path}.")
-    try:
-        mesh = meshio.read(path)
-    except (Exception, SystemExit) as error:  # meshio exits where it knows no reader
-        raise TargetError(
-            f"{path} cannot be read as a mesh ({error}). Save it as OBJ, PLY or VTU."
-        ) from error
+    mesh = load(path, TargetError, "OBJ, PLY or VTU")
     points = np.asarray(mesh.points, dtype=np.float64)
     if points.shape != pattern.points.shape:
         raise TargetError(

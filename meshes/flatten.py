@@ -6,8 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array, csc_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order
 from scipy.sparse.linalg import splu
-from toros_fem.meshes.pattern import Floats, Ints
-from toros_fem.meshes.topology import edges_of, lengths
+from toros_fem.meshes.topology import Floats, Ints, edges_of, half_edges, lengths
 
 from toros_fem.errors import SurfaceError
 
@@ -71,10 +70,7 @@ def conformal(triangles: Ints, angles: Floats) -> Floats:
     weight = 1 / (4 * np.tan(angles.ravel()))
     a, b = np.roll(triangles, -1, axis=1).ravel(), np.roll(triangles, -2, axis=1).ravel()
     edges = edges_of(triangles)
-    border = edges.border
-    tri = edges.sides[border, 0]
-    side = np.argmax(edges.of_triangle[tri] == border[:, None], axis=1)
-    p, q = triangles[tri, side], triangles[tri, (side + 1) % 3]
+    p, q = half_edges(triangles)[edges.twins[edges.border, 0]].T
     area = np.full(len(p), -0.25j)
     rows = np.concatenate([a, b, a, b, p, q])
     cols = np.concatenate([a, b, b, a, q, p])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from toros_fem.meshes.pattern import Floats, Ints
+from toros_fem.meshes.topology import Floats, Ints
 
 
 def polygon_meshes(

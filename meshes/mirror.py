@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
-from toros_fem.meshes.pattern import Floats, Ints, Pattern, edge_keys
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.topology import Bools, Floats, Ints, half_edges
 
-from toros_fem.errors import ParameterError
+from toros_fem.errors import ParameterError, PatternError
 
-# How far from its plane a cut may lie, over the size of the skin.
+# How far from a symmetry plane a vertex may lie, over the size of the skin.
 FLAT = 1e-6
 
 
@@ -43,6 +43,26 @@ class Mirrored:
         return np.asarray(values[self.cell])
 
 
+def plane_border(pattern: Pattern, axis: int) -> Ints:
+    """Free half-edges, (k,), in a coordinate plane through the origin: where the skin is cut.
+
+    Args:
+        pattern: Half a skin, or a quarter.
+        axis: Normal of the plane, 0 for x = 0, …
+
+    Raises:
+        ParameterError: There is none.
+    """
+    flat = np.abs(pattern.points[:, axis]) <= FLAT * pattern.size
+    border = pattern.edges.border[flat[pattern.free_edges].all(axis=1)]
+    if len(border) == 0:
+        raise ParameterError(
+            f"no free edge lies in the plane {'xyz'[axis]} = 0: cut the skin there, and put the "
+            "plane through the origin."
+        )
+    return pattern.edges.twins[border, 0]
+
+
 def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
     """Complete a skin by its mirror images in coordinate planes through the origin.
 
@@ -70,12 +90,9 @@ def _doubled(part: Mirrored, axis: int) -> Mirrored:
     pattern = part.pattern
     if axis not in (0, 1, 2):
         raise ParameterError(f"axes holds {axis!r}; it may hold 0, 1 and 2, for x, y and z.")
-    flat_cut = _flat_cut(pattern, axis)
-    if len(flat_cut) == 0:
-        raise ParameterError(
-            f"no free edge lies in the plane {'xyz'[axis]} = 0: cut the skin there, and put the "
-            "plane through the origin."
-        )
+    # In the order of the triangles: a panel goes on across its first cut edge.
+    flat_cut = half_edges(pattern.flat_triangles)[np.sort(plane_border(pattern, axis))]
+    _check_side(pattern, axis)
     flip = np.where(np.arange(3) == axis, -1.0, 1.0)
     count = len(pattern.points)
     shared = np.zeros(count, dtype=bool)
@@ -103,19 +120,21 @@ def _doubled(part: Mirrored, axis: int) -> Mirrored:
     )
 
 
-def _flat_cut(pattern: Pattern, axis: int) -> Ints:
-    """Flat edges (k, 2) that lie in the plane and have no neighbour."""
-    triangles = pattern.flat_triangles
-    edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-    count = len(pattern.points)
-    free = np.isin(edge_keys(pattern.sewn[edges], count), edge_keys(pattern.free_edges, count))
-    near = np.abs(pattern.points[:, axis]) <= FLAT * pattern.size
-    return edges[free & near[pattern.sewn[edges]].all(axis=1)]
+def _check_side(pattern: Pattern, axis: int) -> None:
+    """Check that all vertices lie on one side of a plane."""
+    away, name = pattern.points[:, axis], "xyz"[axis]
+    low, high = int(np.argmin(away)), int(np.argmax(away))
+    if -away[low] > FLAT * pattern.size < away[high]:
+        raise PatternError(
+            f"the part reaches across the plane {name} = 0 it is mirrored in: vertex {low} lies at "
+            f"{name} = {away[low]:.6g} m, vertex {high} at {away[high]:.6g} m, where the image of "
+            "the other would be. Cut all of it there, and give what lies on one side."
+        )
 
 
 def _flat_images(
     pattern: Pattern, cut: Ints, plane: str
-) -> tuple[Floats, npt.NDArray[np.bool_], Ints, tuple[str, ...]]:
+) -> tuple[Floats, Bools, Ints, tuple[str, ...]]:
     """Mirror each panel in the line of its first cut edge, to go on there.
 
     A cut elsewhere, as on a tube's wall, becomes a seam; a panel that is not cut gets an image of

@@ -9,14 +9,14 @@ import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
-from toros_fem.meshes.pattern import Floats, Ints, Pattern
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import Line, region_mesh
+from toros_fem.meshes.topology import Bools, Floats, Ints
 
 from toros_fem._mpi import on_first_rank
-from toros_fem.parameters import require_positive
 
 TOP, BOTTOM = "top", "bottom"
-# The mean strain of the assembled panels is half its square: 2e-4.
+# Root mean square slope of the pillow; the mean strain of the assembled panels is half its square.
 SLOPE = 0.02
 
 
@@ -27,7 +27,6 @@ def two_panels(
     *,
     lines: Sequence[Line] = (),
     planes: Sequence[int] = (),
-    slope: float = SLOPE,
 ) -> Pattern:
     """Two equal panels, "top" and "bottom", sewn along an outline; the same on all ranks.
 
@@ -45,19 +44,16 @@ def two_panels(
             panels: ((x, y), (x, y)) in m, each of the whole outline.
         planes: Symmetry planes that cut the skin: 0 keeps x ≥ 0, 1 keeps y ≥ 0. The cut is not
             sewn: `supports.symmetry_plane` holds it, `mirror.mirrored` completes the skin.
-        slope: Root mean square slope of the pillow.
 
     Raises:
         OutlineError: The outline crosses itself, is not symmetric, or does not fit its lines or
             the edge length.
-        ParameterError: The slope is not in (0, 0.5].
     """
-    require_positive(slope=slope, at_most=0.5)
 
     def build() -> Pattern:
         flat, triangles, seam = region_mesh(outline, edge_length, lines, planes)
         count = len(flat)
-        height = _pillow(flat, triangles, seam, slope)
+        height = _pillow(flat, triangles, seam)
         below = np.where(seam, np.arange(count), count + np.cumsum(~seam) - 1)
         return Pattern(
             flat_points=np.concatenate([flat, flat * [1, -1]]),
@@ -81,7 +77,7 @@ def plane_centroids(pattern: Pattern) -> Floats:
     return pattern.points[pattern.triangles, :2].mean(axis=1)
 
 
-def _pillow(flat: Floats, triangles: Ints, seam: npt.NDArray[np.bool_], slope: float) -> Floats:
+def _pillow(flat: Floats, triangles: Ints, seam: Bools) -> Floats:
     """Heights (m,) of a membrane under pressure, −Δu = 1, held on the seam and free at cuts."""
     count = len(flat)
     a, b, c = np.moveaxis(flat[triangles], 1, 0)
@@ -98,4 +94,4 @@ def _pillow(flat: Floats, triangles: Ints, seam: npt.NDArray[np.bool_], slope: f
     height = np.zeros(count)
     height[inner] = spsolve(stiffness[inner][:, inner], load[inner])
     # ∫ |∇u|² = ∫ u, which hardly depends on the mesh; the steepest slope does, at inner corners.
-    return np.asarray(slope * height / np.sqrt(load @ height / area.sum()))
+    return np.asarray(SLOPE * height / np.sqrt(load @ height / area.sum()))

@@ -4,10 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 from toros_fem.meshes.chart import Chart, ChartError, lay_flat
-from toros_fem.meshes.pattern import Ints
 from toros_fem.meshes.regions import halves
 from toros_fem.meshes.surface import Surface
-from toros_fem.meshes.topology import Bools, Edges, between, edges_of, lengths, normals, pieces
+from toros_fem.meshes.topology import (
+    Bools,
+    Edges,
+    Ints,
+    between,
+    edges_of,
+    lengths,
+    normals,
+    pieces,
+)
 
 from toros_fem.errors import SurfaceError
 

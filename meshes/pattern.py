@@ -7,10 +7,20 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from toros_fem.meshes.topology import (
+    Bools,
+    Edges,
+    Floats,
+    Ints,
+    clashing,
+    edges_of,
+    half_edges,
+    pinched,
+    users,
+)
 
 from toros_fem.errors import (
     DegenerateTriangleError,
@@ -21,9 +31,6 @@ from toros_fem.errors import (
     PatternError,
     SeamError,
 )
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 # A triangle thinner than this share of its longest edge has no usable shape functions.
 MIN_HEIGHT_RATIO = 1e-6
@@ -44,18 +51,6 @@ class Panel:
     flat_points: Floats
     triangles: Ints
     points: Floats
-
-
-def edge_keys(ends: Ints, points: int) -> Ints:
-    """One number for each undirected edge, from its ends (…, 2) among so many vertices."""
-    return np.asarray(ends.min(axis=-1) * np.int64(points) + ends.max(axis=-1))
-
-
-def _border(triangles: Ints) -> Ints:
-    """Vertices on edges that one triangle alone has."""
-    directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-    edge, count = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
-    return np.unique(edge[count == 1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,9 +123,9 @@ class Pattern:
         """
         offsets = np.cumsum([0] + [len(panel.flat_points) for panel in panels])
         embedded = np.concatenate([panel.points for panel in panels])
-        border = np.concatenate(
-            [off + _border(p.triangles) for off, p in zip(offsets, panels, strict=False)]
-        )
+        flat = np.concatenate([off + p.triangles for off, p in zip(offsets, panels, strict=False)])
+        edges = edges_of(flat)
+        border = np.unique(edges.ends[edges.border])
         pairs = border[cKDTree(embedded[border]).query_pairs(tolerance, output_type="ndarray")]
         size = len(embedded)
         same = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
@@ -138,9 +133,7 @@ class Pattern:
         _, first = np.unique(sewn, return_index=True)
         return cls(
             flat_points=np.concatenate([panel.flat_points for panel in panels]),
-            flat_triangles=np.concatenate(
-                [off + p.triangles for off, p in zip(offsets, panels, strict=False)]
-            ),
+            flat_triangles=flat,
             panel=np.repeat(np.arange(len(panels)), [len(p.triangles) for p in panels]),
             sewn=sewn.astype(np.int64),
             points=embedded[first],
@@ -203,8 +196,7 @@ class Pattern:
     @cached_property
     def free_edges(self) -> Ints:
         """Assembled edges with one triangle only, shape (k, 2)."""
-        edge, _, count, first = self._edges
-        return edge[first[count == 1]]
+        return half_edges(self.triangles)[self.edges.twins[self.edges.border, 0]]
 
     @cached_property
     def seams(self) -> Ints:
@@ -212,27 +204,20 @@ class Pattern:
 
         Ends correspond: `seams[k, 0, e]` and `seams[k, 1, e]` are sewn to the same vertex.
         """
-        _, group, count, _ = self._edges
-        flat = np.stack([self.flat_triangles, np.roll(self.flat_triangles, -1, axis=1)], axis=2)
-        flat = flat.reshape(-1, 2)
-        order = np.argsort(group, kind="stable")
-        start = np.concatenate([[0], np.cumsum(count)])[:-1]
-        double = count == 2
-        one, two = flat[order[start[double]]], flat[order[start[double] + 1]][:, ::-1]
-        return np.stack([one, two], axis=1)[np.any(one != two, axis=1)]
+        flat = self._flat_sides
+        return flat[np.any(flat[:, 0] != flat[:, 1], axis=1)]
 
     @cached_property
-    def seam_edges(self) -> npt.NDArray[np.bool_]:
+    def seam_edges(self) -> Bools:
         """Whether a triangle is sewn to another piece, or to itself, at edge i, shape (t, 3).
 
         Edge i lies opposite corner i.
         """
-        edge, *_ = self._edges
-        count = len(self.points)
-        seams = edge_keys(self.sewn[self.seams[:, 0]], count)
-        found = np.isin(edge_keys(edge, count), seams)
-        # Directed edge k of a triangle runs from corner k to k + 1.
-        return np.roll(found.reshape(-1, 3), -1, axis=1)
+        flat = self._flat_sides
+        seam = np.zeros(len(self.edges.ends), dtype=bool)
+        seam[self.edges.inner] = np.any(flat[:, 0] != flat[:, 1], axis=1)
+        # The edge from corner i + 1 to i + 2 is the one opposite corner i.
+        return np.roll(seam[self.edges.of_triangle], -1, axis=1)
 
     def require_closed(self) -> None:
         """Check that the skin encloses a volume.
@@ -249,17 +234,16 @@ class Pattern:
             )
 
     @cached_property
-    def _edges(self) -> tuple[Ints, Ints, Ints, Ints]:
-        """Directed edges (3 t, 2), the undirected edge of each, and its count and first use."""
-        tri = self.triangles
-        edge = np.stack([tri, np.roll(tri, -1, axis=1)], axis=2).reshape(-1, 2)
-        _, first, group, count = np.unique(
-            edge_keys(edge, len(self.points)),
-            return_index=True,
-            return_inverse=True,
-            return_counts=True,
-        )
-        return edge, group.ravel(), count, first
+    def edges(self) -> Edges:
+        """Edges of the assembled skin, between its vertices."""
+        return edges_of(self.triangles)
+
+    @cached_property
+    def _flat_sides(self) -> Ints:
+        """Flat ends of both sides of each inner edge, those sewn together at the same place."""
+        sides = half_edges(self.flat_triangles)[self.edges.twins[self.edges.inner]]
+        sides[:, 1] = sides[:, 1, ::-1]
+        return sides
 
     def _check_sizes(self) -> None:
         m, t, n = len(self.flat_points), len(self.flat_triangles), len(self.points)
@@ -326,46 +310,29 @@ class Pattern:
             )
 
     def _check_edges(self) -> None:
-        edge, group, count, first = self._edges
-        if np.any(count > 2):
-            wrong = int(np.flatnonzero(count > 2)[0])
-            users = np.flatnonzero(group == wrong) // 3
-            a, b = edge[first[wrong]]
+        edges = self.edges
+        many = np.flatnonzero(edges.count > 2)
+        if len(many):
+            a, b = self._run(many[0])
             raise ManifoldError(
-                f"the edge between vertices {a} and {b} has {count[wrong]} triangles "
-                f"({users.tolist()}); a skin allows two."
+                f"the edge between vertices {a} and {b} has {edges.count[many[0]]} triangles "
+                f"({users(edges, many[0]).tolist()}); a skin allows two."
             )
-        forward = np.bincount(group, edge[:, 0] < edge[:, 1], minlength=len(count))
-        wrong_way = (count == 2) & (forward != 1)
-        if np.any(wrong_way):
-            wrong = int(np.flatnonzero(wrong_way)[0])
-            users = np.flatnonzero(group == wrong) // 3
-            a, b = edge[first[wrong]]
+        wrong = clashing(self.triangles, edges)
+        if len(wrong):
+            a, b = self._run(wrong[0])
+            one, two = edges.sides[wrong[0]]
             raise OrientationError(
-                f"triangles {users[0]} and {users[1]} run through their common edge {a}-{b} in "
+                f"triangles {one} and {two} run through their common edge {a}-{b} in "
                 "the same direction. Mirror one of their panels, or reverse a seam."
             )
 
     def _check_vertices(self) -> None:
-        # A vertex is manifold if its triangles form one fan, that is if linking neighbours
-        # around it across shared edges leaves one component.
-        _, group, count, _ = self._edges
-        order = np.argsort(group, kind="stable")
-        start = np.concatenate([[0], np.cumsum(count)])[:-1][count == 2]
-        one, two = order[start], order[start + 1]
-        # Corner k of triangle t is node 3 t + k; edge e of t runs from corner e to corner e + 1.
-        after = lambda e: e - e % 3 + (e + 1) % 3  # noqa: E731
-        rows = np.concatenate([one, after(one)])
-        cols = np.concatenate([after(two), two])
-        nodes = 3 * len(self.triangles)
-        links = coo_array((np.ones(len(rows)), (rows, cols)), shape=(nodes, nodes))
-        fans, label = connected_components(links, directed=False)
-        if fans != len(self.points):
-            pairs = np.unique(np.stack([self.triangles.ravel(), label], axis=1), axis=0)
-            vertex = int(np.flatnonzero(np.bincount(pairs[:, 0]) > 1)[0])
+        found = pinched(self.triangles, self.edges)
+        if len(found):
             raise ManifoldError(
-                f"vertex {vertex} at {self.points[vertex]} m joins fans of triangles that share "
-                "no edge there; the skin pinches to a point. Separate the fans."
+                f"vertex {found[0]} at {self.points[found[0]]} m joins fans of triangles that "
+                "share no edge there; the skin pinches to a point. Separate the fans."
             )
 
     def _check_seams(self) -> None:
@@ -386,3 +353,7 @@ class Pattern:
 
     def _panel_of(self, triangle: int) -> str:
         return f"{self.panel[triangle]} ({self.panel_names[self.panel[triangle]]!r})"
+
+    def _run(self, edge: int) -> Ints:
+        """Ends of an edge as its first triangle runs through it."""
+        return half_edges(self.triangles)[self.edges.twins[edge, 0]]

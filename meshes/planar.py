@@ -11,12 +11,11 @@ import shapely
 from scipy.spatial import cKDTree
 from shapely.geometry import LineString, Polygon, box
 from toros_fem.meshes.gmsh_panels import polygon_meshes
-from toros_fem.meshes.pattern import Floats, Ints, edge_keys
+from toros_fem.meshes.topology import Bools, Floats, Ints, edges_of, half_edges
 
 from toros_fem.errors import OutlineError
 from toros_fem.parameters import require_between
 
-Bools = npt.NDArray[np.bool_]
 Line = tuple[tuple[float, float], tuple[float, float]]
 
 # Lengths below this share of the outline's size count as none.
@@ -278,18 +277,17 @@ def glued(pieces: Sequence[tuple[Floats, Ints]], tolerance: float) -> tuple[Floa
 
 def _on_outline(flat: Floats, triangles: Ints, planes: Sequence[int]) -> Bools:
     """Ends of those border edges that lie in no plane."""
-    edges, inner = _edges(flat, triangles)
+    edges, inner = _edges(triangles)
     found = np.zeros(len(flat), dtype=bool)
     found[edges[~inner & ~_cut(flat, edges, planes)].ravel()] = True
     return found
 
 
-def _edges(flat: Floats, triangles: Ints) -> tuple[Ints, Bools]:
+def _edges(triangles: Ints) -> tuple[Ints, Bools]:
     """Edges (e, 2), in the order of the triangles, and which have two of them."""
-    edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-    _, first, count = np.unique(edge_keys(edges, len(flat)), return_index=True, return_counts=True)
-    order = np.argsort(first)
-    return edges[first[order]], count[order] == 2
+    edges = edges_of(triangles)
+    order = np.argsort(edges.twins[:, 0])
+    return half_edges(triangles)[edges.twins[order, 0]], edges.count[order] == 2
 
 
 def _cut(flat: Floats, edges: Ints, planes: Sequence[int]) -> Bools:
@@ -309,7 +307,7 @@ def without_bridges(
     meet there; at a cut, it would be closed.
     """
     while True:
-        edges, inner = _edges(flat, triangles)
+        edges, inner = _edges(triangles)
         bridges = edges[(inner | _cut(flat, edges, planes)) & sewn[edges].all(axis=1)]
         if len(bridges) == 0:
             return flat, triangles, sewn

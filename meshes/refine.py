@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from toros_fem.meshes.pattern import Floats, Ints, Pattern, edge_keys
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.topology import Floats, Ints, edges_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,20 +38,20 @@ def refine(pattern: Pattern) -> Refinement:
         pattern: Any pattern.
     """
     flat, tri = pattern.flat_points, pattern.flat_triangles
-    flat_ends, flat_middle = _edges(tri, len(flat))
+    edges = edges_of(tri)
     # Two flat edges sewn together have one middle.
-    sewn_ends = np.sort(pattern.sewn[flat_ends], axis=1)
+    sewn_ends = np.sort(pattern.sewn[edges.ends], axis=1)
     ends, sewn_middle = np.unique(sewn_ends, axis=0, return_inverse=True)
     count = len(pattern.points)
     a, b, c = tri.T
-    ab, bc, ca = len(flat) + flat_middle.reshape(3, -1)
+    ab, bc, ca = len(flat) + edges.of_triangle.T
     triangles = np.stack(
         [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)], axis=0
     ).transpose(2, 0, 1).reshape(-1, 3)  # fmt: skip
     vertices = np.concatenate([np.repeat(np.arange(count)[:, None], 2, axis=1), ends])
     return Refinement(
         pattern=Pattern(
-            flat_points=np.concatenate([flat, flat[flat_ends].mean(axis=1)]),
+            flat_points=np.concatenate([flat, flat[edges.ends].mean(axis=1)]),
             flat_triangles=triangles,
             panel=np.repeat(pattern.panel, 4),
             sewn=np.concatenate([pattern.sewn, count + sewn_middle.ravel()]),
@@ -61,10 +62,3 @@ def refine(pattern: Pattern) -> Refinement:
         cell=np.repeat(np.arange(len(tri)), 4),
         ends=vertices,
     )
-
-
-def _edges(triangles: Ints, points: int) -> tuple[Ints, Ints]:
-    """Undirected edges (e, 2), and those of each triangle: all ab, then all bc, then all ca."""
-    directed = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    keys, number = np.unique(edge_keys(directed, points), return_inverse=True)
-    return np.stack(np.divmod(keys, points), axis=1), number.ravel()

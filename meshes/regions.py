@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, dijkstra, maximum_flow
-from toros_fem.meshes.pattern import Floats, Ints
 from toros_fem.meshes.topology import (
+    Floats,
+    Ints,
     dihedral_angles,
     edges_of,
     lengths,
@@ -63,7 +64,8 @@ def halves(points: Floats, triangles: Ints) -> Ints:
     one, two = edges.sides[inner].T
     centre = points[triangles].mean(axis=1)
     apart = np.linalg.norm(centre[one] - centre[two], axis=1)
-    # Two triangles may share two edges: the graph would add them up.
+    # Entries at one place are added up: two triangles that share two edges, which is rare,
+    # count as twice as far apart and shift the middle a little.
     dual = coo_array((apart, (one, two)), shape=(size, size)).tocsr()
     near = int(np.argmax(dijkstra(dual, directed=False, indices=0)))
     from_near = dijkstra(dual, directed=False, indices=near)

@@ -6,8 +6,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
-from toros_fem.meshes.pattern import Floats, Ints
-from toros_fem.meshes.topology import edges_of, normals, shapes
+from toros_fem.meshes.topology import Floats, Ints, edges_of, normals, shapes
 
 # Vertices closer than this share of the bounding box's diagonal are one.
 COINCIDENT = 1e-7
@@ -44,9 +43,9 @@ def mend(
 ) -> tuple[Floats, Ints, Ints, Ints, dict[str, int]]:
     """Remove triangles thinner than `THIN`, where that is simple.
 
-    A needle's short edge is collapsed, a cap's long edge is flipped, a cap at a border is
-    dropped; the surface moves by less than `THIN` of the longest edge. What would change
-    the topology, fold the surface over or move a kept edge is left as it is.
+    A needle's short edge is collapsed, a cap's long edge is flipped, or the cap dropped where
+    that edge is a border; the surface moves by less than `THIN` of the longest edge. What would
+    change the topology, fold the surface over or move a kept edge is left as it is.
 
     Args:
         points: Vertices (n, 3).
@@ -89,7 +88,8 @@ class _Pass:
         self.fixed_edge = split | named | (self.edges.count == 1)
         self.fixed = np.zeros(size, dtype=bool)
         self.fixed[ends[self.fixed_edge]] = True
-        self.around: dict[int, Ints] = {}
+        self.at_border = np.zeros(size, dtype=bool)
+        self.at_border[ends[self.edges.border]] = True
         self.order = np.argsort(triangles.ravel(), kind="stable")
         self.start = np.searchsorted(triangles.ravel()[self.order], np.arange(size + 1))
 
@@ -106,8 +106,7 @@ class _Pass:
             edge, opposite = int(np.argmax(side)), corners[(int(np.argmax(side)) + 2) % 3]
             if side.min() < 2 * THIN * side.max() and self.collapse(t, int(np.argmin(side))):
                 done["collapsed"] += 1
-            elif self.edges.count[self.edges.of_triangle[t, edge]] == 1:
-                self.gone[t] = True
+            elif self.drop(t, edge, opposite):
                 done["dropped"] += 1
             elif self.flip(t, edge, opposite):
                 done["flipped"] += 1
@@ -119,6 +118,15 @@ class _Pass:
     def star(self, vertex: int) -> Ints:
         """Triangles around a vertex."""
         return self.order[self.start[vertex] : self.start[vertex + 1]] // 3
+
+    def drop(self, t: int, edge: int, apex: int) -> bool:
+        """Leave out a triangle whose given edge is a border, if that tears nothing apart."""
+        alone = self.edges.count[self.edges.of_triangle[t]] == 1
+        # With its apex on the border too, all but an ear parts what lies on its two sides.
+        if not alone[edge] or (self.at_border[apex] and alone.sum() != 2):
+            return False
+        self.gone[t] = True
+        return True
 
     def flip(self, t: int, edge: int, apex: int) -> bool:
         """Swap the diagonal of the two triangles at an edge, if that makes both better."""

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 from toros_fem.meshes.outline import two_panels
-from toros_fem.meshes.pattern import Floats, Pattern
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import Line, arc, rounded
+from toros_fem.meshes.topology import Floats
 
 from toros_fem.errors import OutlineError
 from toros_fem.parameters import require_count, require_positive
@@ -140,7 +141,7 @@ def walker(
     Raises:
         OutlineError: As `two_panels` does.
     """
-    return two_panels(comm, star.outline, edge_length, lines=star.roots, planes=planes)
+    return _star_panels(comm, edge_length, star, planes)
 
 
 def gripper(
@@ -157,7 +158,7 @@ def gripper(
     Raises:
         OutlineError: As `two_panels` does.
     """
-    return two_panels(comm, star.outline, edge_length, lines=star.roots, planes=planes)
+    return _star_panels(comm, edge_length, star, planes)
 
 
 def finger(
@@ -197,3 +198,8 @@ def finger(
     outline = rounded(corners, (corner_radius, half, half, corner_radius))
     line = ((root, -half), (root, half))
     return two_panels(comm, outline, edge_length, lines=[line], planes=planes)
+
+
+def _star_panels(comm: MPI.Comm, edge_length: float, star: Star, planes: Sequence[int]) -> Pattern:
+    """Two panels along a star's outline, the roots of its arms marked off."""
+    return two_panels(comm, star.outline, edge_length, lines=star.roots, planes=planes)

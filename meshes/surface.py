@@ -7,8 +7,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from toros_fem.meshes.pattern import Floats, Ints
-from toros_fem.meshes.topology import edges_of, fans, normals, pieces, shapes
+from toros_fem.meshes.topology import (
+    Floats,
+    Ints,
+    clashing,
+    components,
+    edges_of,
+    half_edges,
+    normals,
+    pieces,
+    pinched,
+    shapes,
+    users,
+)
 
 from toros_fem.errors import (
     DegenerateTriangleError,
@@ -140,8 +151,7 @@ class Surface:
                 f"worst, {worst}, at {self.points[self.triangles[worst]].mean(axis=0)} m with "
                 f"{shape[worst]:.2g}. Remesh the surface."
             )
-        edges = edges_of(self.triangles)
-        label = pieces(edges, np.flatnonzero(edges.count > 1))
+        label = components(self.triangles)
         if label.max() > 0:
             raise SurfaceError(
                 f"the surface is in {label.max() + 1} pieces, of {np.bincount(label).tolist()} "
@@ -149,9 +159,10 @@ class Surface:
             )
 
     def _check_orientation(self) -> None:
-        wrong = inconsistent(self.triangles)
+        edges = edges_of(self.triangles)
+        wrong = clashing(self.triangles, edges)
         if len(wrong):
-            a, b = wrong[0]
+            a, b = half_edges(self.triangles)[edges.twins[wrong[0], 0]]
             raise OrientationError(
                 f"the triangles at edge {a}-{b} run through it in the same direction. Turn one of "
                 "them round; a surface with one side only cannot be sewn."
@@ -169,14 +180,6 @@ def volume(points: Floats, triangles: Ints) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-def inconsistent(triangles: Ints) -> Ints:
-    """Edges (k, 2) that two triangles run through in the same direction."""
-    directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-    size = np.int64(triangles.max()) + 1
-    found, count = np.unique(directed @ [size, 1], return_counts=True)
-    return np.stack(np.divmod(found[count > 1], size), axis=1)
-
-
 def oriented(triangles: Ints) -> Ints:
     """Triangles (t, 3) of manifold pieces turned round to agree with the first of each piece.
 
@@ -185,13 +188,7 @@ def oriented(triangles: Ints) -> Ints:
     """
     edges = edges_of(triangles)
     one, two = edges.sides[edges.inner].T
-    start = lambda side: np.take_along_axis(  # noqa: E731
-        triangles[side],
-        np.argmax(edges.of_triangle[side] == edges.inner[:, None], axis=1)[:, None],
-        axis=1,
-    )[:, 0]
-    # Two triangles agree if they run through their edge from different ends.
-    clash = start(one) == start(two)
+    clash = np.isin(edges.inner, clashing(triangles, edges))
     size = len(triangles)
     # In the doubled graph (triangle, turned?) the first triangle as it is reaches each one once.
     rows = np.concatenate([one, one + size])
@@ -221,11 +218,11 @@ def check_edges(points: Floats, triangles: Ints) -> None:
     many = np.flatnonzero(edges.count > 2)
     if len(many):
         a, b = edges.ends[many[0]]
-        users = np.flatnonzero(np.any(edges.of_triangle == many[0], axis=1))
         raise ManifoldError(
             f"{len(many)} edges have more than two triangles, the first between vertices {a} and "
-            f"{b} at {points[[a, b]].mean(axis=0)} m with triangles {users.tolist()}. A sewn skin "
-            "has one inside and one outside: remove inner walls, or export the outer hull alone."
+            f"{b} at {points[[a, b]].mean(axis=0)} m with triangles "
+            f"{users(edges, many[0]).tolist()}. A sewn skin has one inside and one outside: remove "
+            "inner walls, or export the outer hull alone."
         )
 
 
@@ -235,11 +232,9 @@ def check_fans(points: Floats, triangles: Ints) -> None:
     Raises:
         ManifoldError: Naming the vertex and where it lies.
     """
-    edges = edges_of(triangles)
-    fan = fans(triangles, edges, edges.inner)
-    if fan.max() + 1 > len(points):
-        pairs = np.unique(np.stack([triangles.ravel(), fan.ravel()], axis=1), axis=0)
-        vertex = int(np.flatnonzero(np.bincount(pairs[:, 0]) > 1)[0])
+    found = pinched(triangles, edges_of(triangles))
+    if len(found):
+        vertex = found[0]
         raise ManifoldError(
             f"vertex {vertex} at {points[vertex]} m joins fans of triangles that share no edge "
             "there; the surface pinches to a point. Separate the fans."

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
-import itertools
-import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
-import meshio
 import numpy as np
-from dolfinx.io import XDMFFile
 from mpi4py import MPI
-from toros_fem.meshes.pattern import Floats, Ints
+from toros_fem.meshes.mesh_file import load, obj_lines
 from toros_fem.meshes.repair import mend, weld
 from toros_fem.meshes.surface import Repairs, Surface, check_edges, oriented, volume
-from toros_fem.meshes.topology import components, edges_of, normals
+from toros_fem.meshes.topology import Floats, Ints, components, edge_keys, edges_of, normals
 
 from toros_fem._mpi import on_first_rank
 from toros_fem.errors import SurfaceError
 from toros_fem.parameters import require_count, require_positive
 
+FORMATS = "STL, OBJ, PLY, MSH or XDMF"
+READ = ("triangle", "quad", "line")
 # Names under which files keep the part of each triangle; the first that is there counts.
 PARTS = ("gmsh:physical", "gmsh:geometrical", "obj:group_ids", "medit:ref", "cell_tags", "part")
 
@@ -35,7 +31,8 @@ def read_surface(
     dropped, quadrilaterals split at their shorter diagonal, needles collapsed and caps flipped,
     triangles turned round to agree and, if the surface is closed, to face outwards.
     `Surface.repairs` says how many. Vertices are numbered as the triangles first use them, so
-    that the format does not matter. Line elements become seams, cell groups parts.
+    that the format does not matter. Line elements become seams, cell groups parts; points of two
+    coordinates lie in z = 0.
 
     Args:
         comm: Communicator; the first rank reads.
@@ -46,7 +43,8 @@ def read_surface(
 
     Raises:
         ParameterError: scale is not positive, or component not a whole number from 0.
-        SurfaceError: The file cannot be read, holds no triangles or several components.
+        SurfaceError: The file cannot be read, holds no triangles, several components, or lines
+            that are no edges of its triangles.
         ManifoldError, OrientationError, DegenerateTriangleError: As of `Surface`.
     """
     require_positive(scale=scale)
@@ -56,29 +54,32 @@ def read_surface(
 
 
 def _read(path: Path, scale: float, component: int | None) -> Surface:
-    mesh = _load(path)
+    mesh = load(path, SurfaceError, FORMATS)
     points = np.asarray(mesh.points, dtype=np.float64) * scale
     if not len(points) or not mesh.cells:
         raise SurfaceError(f"{path} holds no triangles. Save the surface, not points or volumes.")
+    if points.ndim == 2 and points.shape[1] == 2:
+        points = np.pad(points, ((0, 0), (0, 1)))
     if points.ndim != 2 or points.shape[1] != 3:
         raise SurfaceError(f"{path} holds points of shape {points.shape}; a surface needs (n, 3).")
-    triangles, tags = _triangles(path, mesh, points)
-    if triangles.min() < 0 or triangles.max() >= len(points):
-        raise SurfaceError(
-            f"{path} has triangles at vertex {triangles.max()}, but {len(points)} vertices. Export "
-            "it again."
-        )
-    if not np.all(np.isfinite(points[triangles])):
-        raise SurfaceError(f"{path} holds coordinates that are not finite. Export it again.")
-    lines = [block.data for block in mesh.cells if block.type == "line"]
+    cells = [(block.type, block.data) for block in mesh.cells if block.type in READ]
     if path.suffix.lower() == ".obj":
-        lines.append(_obj_lines(path))
+        cells.append(("line", obj_lines(path)))
+    for what, corners in cells:
+        wrong = corners[(corners < 0) | (corners >= len(points))]
+        if len(wrong):
+            raise SurfaceError(
+                f"{path} has a {what} at vertex {wrong[0]}, but its vertices are 0 … "
+                f"{len(points) - 1}. Export it again; an OBJ's faces need positive numbers."
+            )
+    triangles, tags = _triangles(path, mesh, points)
+    lines = [corners for what, corners in cells if what == "line"]
     seams = np.concatenate([*lines, np.zeros((0, 2), dtype=np.int64)]).astype(np.int64)
+    # Lines may have vertices of their own, at the places of the triangles'.
+    used = np.union1d(triangles, seams)
+    if not np.all(np.isfinite(points[used])):
+        raise SurfaceError(f"{path} holds coordinates that are not finite. Export it again.")
 
-    if seams.size and (seams.min() < 0 or seams.max() >= len(points)):
-        raise SurfaceError(f"{path} has lines at vertices that are not there. Export it again.")
-
-    used = np.unique(triangles)
     stands_for, stay = weld(points[used], np.searchsorted(used, triangles))
     merged = len(used) - len(np.unique(stands_for))
     place = np.arange(len(points))
@@ -88,6 +89,8 @@ def _read(path: Path, scale: float, component: int | None) -> Surface:
     if len(triangles) == 0:
         raise SurfaceError(f"all triangles of {path} have no area. Is `scale` = {scale:g} right?")
 
+    seams = seams[seams[:, 0] != seams[:, 1]]
+    _check_seams(path, points, triangles, seams)
     chosen = _component(path, points, triangles, component)
     triangles, tags = triangles[chosen], tags[chosen]
     check_edges(points, triangles)
@@ -110,54 +113,6 @@ def _read(path: Path, scale: float, component: int | None) -> Surface:
             turned=turned,
         ),
     )
-
-
-def _load(path: Path) -> Any:
-    """The file as meshio reads it, which prints and may leave Python where it cannot."""
-    if not path.is_file():
-        raise SurfaceError(f"there is no file {path}.")
-    said = io.StringIO()
-    try:
-        with (
-            contextlib.redirect_stdout(said),
-            contextlib.redirect_stderr(said),
-            np.errstate(over="ignore"),
-        ):
-            return meshio.read(path)
-    except ImportError:  # meshio wants h5py for any XDMF; dolfinx reads HDF5 as well
-        return _xdmf(path)
-    except (Exception, SystemExit) as error:
-        why = said.getvalue().strip() or f"{type(error).__name__}: {error}"
-        raise SurfaceError(
-            f"{path} cannot be read as a mesh ({' '.join(why.split())}). Save it as STL, OBJ, PLY, "
-            "MSH or XDMF."
-        ) from error
-
-
-def _xdmf(path: Path) -> Any:
-    """Points and triangles of the first grid of an XDMF file."""
-    try:
-        grid = ET.parse(path).find(".//Grid[Topology][Geometry]")
-    except ET.ParseError as error:
-        raise SurfaceError(f"{path} cannot be read as XML: {error}.") from error
-    if grid is None or grid.find("Topology[@TopologyType='Triangle']") is None:
-        raise SurfaceError(
-            f"{path} has no first grid of the type 'Triangle', the only one that is read without "
-            "the Python package h5py. Install it, or save the surface as MSH."
-        )
-    try:
-        items = [grid.find(f"{name}/DataItem") for name in ("Geometry", "Topology")]
-        texts = [item.text or "" for item in items if item is not None]
-        if all(item is not None and item.get("Format", "XML") == "XML" for item in items):
-            points, corners = (np.array(text.split(), dtype=np.float64) for text in texts)
-        else:
-            with XDMFFile(MPI.COMM_SELF, str(path), "r") as file:
-                name = grid.get("Name", "mesh")
-                points, corners = file.read_geometry_data(name), file.read_topology_data(name)
-        cells = corners.reshape(-1, 3).astype(np.int64)
-        return meshio.Mesh(points.reshape(-1, 3), [("triangle", cells)])
-    except (RuntimeError, ValueError) as error:
-        raise SurfaceError(f"{path} cannot be read as a mesh: {error}") from error
 
 
 def _triangles(path: Path, mesh: Any, points: Floats) -> tuple[Ints, Ints]:
@@ -201,15 +156,15 @@ def _parts(mesh: Any, tags: Ints) -> tuple[Ints, tuple[str, ...]]:
     return parts.ravel(), tuple(named.get(int(tag), f"part-{tag}") for tag in known)
 
 
-def _obj_lines(path: Path) -> Ints:
-    """Line elements of an OBJ file, which meshio passes over."""
-    ends: list[tuple[int, int]] = []
-    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
-        word = line.split()
-        if word[:1] == ["l"]:
-            chain = [int(item.split("/")[0]) - 1 for item in word[1:]]
-            ends += itertools.pairwise(chain)
-    return np.array(ends, dtype=np.int64).reshape(-1, 2)
+def _check_seams(path: Path, points: Floats, triangles: Ints, seams: Ints) -> None:
+    size = len(points)
+    wrong = ~np.isin(edge_keys(seams, size), edge_keys(edges_of(triangles).ends, size))
+    if wrong.any():
+        a, b = points[seams[np.argmax(wrong)]]
+        raise SurfaceError(
+            f"{wrong.sum()} lines of {path} are no edges of its triangles, the first from {a} to "
+            f"{b} m. Draw seams along the mesh, edge by edge, and delete other lines."
+        )
 
 
 def _component(path: Path, points: Floats, triangles: Ints, component: int | None) -> Ints:
@@ -241,7 +196,10 @@ def _outwards(points: Floats, triangles: Ints) -> Ints:
 
 
 def _renumbered(points: Floats, triangles: Ints, seams: Ints) -> tuple[Floats, Ints, Ints]:
-    """Vertices in the order of their first use; seams without what is no edge of the surface."""
+    """Vertices in the order of their first use; of the seams those that are left of the surface.
+
+    What else there was lies on another component, or went where the surface was mended.
+    """
     used, first, inverse = np.unique(triangles, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))
     number = np.full(len(points), -1, dtype=np.int64)
@@ -249,7 +207,6 @@ def _renumbered(points: Floats, triangles: Ints, seams: Ints) -> tuple[Floats, I
     seams = number[seams]
     seams = np.unique(np.sort(seams[(seams >= 0).all(axis=1)], axis=1), axis=0)
     triangles = rank[inverse.ravel()].reshape(-1, 3)
-    ends = edges_of(triangles).ends
     size = len(used)
-    real = np.isin(seams @ [size, 1], ends @ [size, 1])
+    real = np.isin(edge_keys(seams, size), edge_keys(edges_of(triangles).ends, size))
     return points[used[np.argsort(first)]], triangles, seams[real]

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from toros_fem.meshes.pattern import Floats
+from toros_fem.meshes.topology import Floats
 
 from toros_fem.errors import ParameterError
 from toros_fem.parameters import require_positive

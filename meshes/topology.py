@@ -1,15 +1,17 @@
-"""Edges, fans, angles and creases of a triangulated surface in space."""
+"""Edges, fans, angles and creases of triangulated surfaces."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from toros_fem.meshes.pattern import Floats, Ints, edge_keys
 
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
 
 
@@ -17,17 +19,24 @@ Bools = npt.NDArray[np.bool_]
 class Edges:
     """Undirected edges of triangles.
 
+    Half-edge 3 t + i runs from corner i to corner i + 1 of triangle t.
+
     Attributes:
         ends: Vertices of each edge, the smaller first, shape (e, 2).
         of_triangle: Edge from corner i to corner i + 1 of each triangle, shape (t, 3).
-        sides: The two triangles at each edge, the second −1 at a border, shape (e, 2).
-        count: Number of triangles at each edge, shape (e,); `sides` holds two of them.
+        twins: The two half-edges of each edge, the second −1 at a border, shape (e, 2).
+        count: Number of triangles at each edge, shape (e,); `twins` holds two of them.
     """
 
     ends: Ints
     of_triangle: Ints
-    sides: Ints
+    twins: Ints
     count: Ints
+
+    @cached_property
+    def sides(self) -> Ints:
+        """The two triangles at each edge, the second −1 at a border, shape (e, 2)."""
+        return self.twins // 3
 
     @property
     def inner(self) -> Ints:
@@ -40,22 +49,48 @@ class Edges:
         return np.flatnonzero(self.count == 1)
 
 
+def edge_keys(ends: Ints, points: int) -> Ints:
+    """One number for each undirected edge, from its ends (…, 2) among so many vertices."""
+    return np.asarray(ends.min(axis=-1) * np.int64(points) + ends.max(axis=-1))
+
+
+def half_edges(triangles: Ints) -> Ints:
+    """Start and end of half-edge 3 t + i, from corner i to i + 1 of each triangle, (3 t, 2)."""
+    return np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
+
+
 def edges_of(triangles: Ints) -> Edges:
     """The edges of triangles (t, 3)."""
     size = int(triangles.max()) + 1
-    directed = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
     keys, number, count = np.unique(
-        edge_keys(directed, size), return_inverse=True, return_counts=True
+        edge_keys(half_edges(triangles), size), return_inverse=True, return_counts=True
     )
     number = number.ravel()
     order = np.argsort(number, kind="stable")
     start = np.cumsum(count) - count
-    sides = np.full((len(keys), 2), -1, dtype=np.int64)
-    sides[:, 0] = order[start] // 3
+    twins = np.full((len(keys), 2), -1, dtype=np.int64)
+    twins[:, 0] = order[start]
     double = count > 1
-    sides[double, 1] = order[start[double] + 1] // 3
+    twins[double, 1] = order[start[double] + 1]
     ends = np.stack(np.divmod(keys, size), axis=1)
-    return Edges(ends, number.reshape(-1, 3), sides, count)
+    return Edges(ends, number.reshape(-1, 3), twins, count)
+
+
+def users(edges: Edges, edge: int) -> Ints:
+    """All triangles at an edge, more than two if it is not manifold."""
+    return np.flatnonzero(np.any(edges.of_triangle == edge, axis=1))
+
+
+def clashing(triangles: Ints, edges: Edges) -> Ints:
+    """Edges, (k,), that their two triangles run through in the same direction."""
+    start = triangles.ravel()[edges.twins[edges.inner]]
+    return edges.inner[start[:, 0] == start[:, 1]]
+
+
+def pinched(triangles: Ints, edges: Edges) -> Ints:
+    """Vertices, (k,), around which consistently oriented triangles make more than one fan."""
+    first = np.unique(fans(triangles, edges, edges.inner), return_index=True)[1]
+    return np.flatnonzero(np.bincount(triangles.ravel()[first]) > 1)
 
 
 def pieces(edges: Edges, crossed: Ints) -> Ints:
@@ -98,16 +133,19 @@ def fans(triangles: Ints, edges: Edges, crossed: Ints) -> Ints:
         The fan at each corner, shape (t, 3), numbered by first appearance.
     """
     size = triangles.size
-    one, two = edges.sides[crossed].T
-    at = lambda side: np.argmax(edges.of_triangle[side] == crossed[:, None], axis=1)  # noqa: E731
-    i, j = at(one), at(two)
-    # Edge i of a triangle runs from corner i to i + 1, in the neighbour the other way round.
-    rows = np.concatenate([3 * one + i, 3 * one + (i + 1) % 3])
-    cols = np.concatenate([3 * two + (j + 1) % 3, 3 * two + j])
+    one, two = edges.twins[crossed].T
+    # Corners are numbered as the half-edges they begin; twins run in opposite directions.
+    rows = np.concatenate([one, following(one)])
+    cols = np.concatenate([following(two), two])
     graph = coo_array((np.ones(len(rows)), (rows, cols)), shape=(size, size))
     label = connected_components(graph, directed=False)[1]
     _, first, inverse = np.unique(label, return_index=True, return_inverse=True)
     return np.argsort(np.argsort(first))[inverse.ravel()].reshape(-1, 3).astype(np.int64)
+
+
+def following(half: Ints) -> Ints:
+    """The half-edges that follow others around their triangles."""
+    return np.where(half % 3 == 2, half - 2, half + 1)
 
 
 def normals(points: Floats, triangles: Ints) -> Floats:

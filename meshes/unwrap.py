@@ -13,10 +13,10 @@ from toros_fem.meshes.chart import METHODS
 from toros_fem.meshes.cut import cut_open
 from toros_fem.meshes.distortion import Distortion, distortion
 from toros_fem.meshes.panels import flat_panels
-from toros_fem.meshes.pattern import Ints, Pattern
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.regions import crease_regions
 from toros_fem.meshes.surface import Surface
-from toros_fem.meshes.topology import Bools, Edges, between, edges_of
+from toros_fem.meshes.topology import Bools, Edges, Ints, between, edges_of
 
 from toros_fem._mpi import on_first_rank
 from toros_fem.errors import SurfaceError
@@ -73,10 +73,11 @@ def unwrap(
             and the borders between its parts, or "auto" if it has neither.
         method: "exact" unrolls developable pieces; "abf" keeps angles as well as can be
             (ABF++); "lscm" solves one linear problem for them; "auto" unrolls where it can, else
-            takes "abf".
+            takes "abf", or "lscm" where that does not converge.
         crease_angle: Angle between normals above which an automatic seam follows an edge, in rad.
-        max_stretch: Largest stretch or compression, 0.1 for 10 %, above which a piece is parted;
-            None is 0.15 with automatic seams and no bound with given ones.
+        max_stretch: Largest stretch or compression, 0.1 for 10 %; a piece that exceeds it on more
+            than 2 % of its area is parted. None is 0.15 with automatic seams and no bound with
+            given ones.
 
     Raises:
         ParameterError: An option is out of its range.

@@ -5,7 +5,7 @@ import pytest
 from conftest import taylor_rates
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
-from toros_fem.meshes import Skin, bend, compose, contract, cylinder, sew, twist
+from toros_fem.meshes import Skin, bend, compose, contract, cylinder, rectangle, sew, twist
 
 from toros_fem import errors
 from toros_fem._mpi import dot
@@ -115,6 +115,27 @@ def test_alignment_needs_a_body(tube: Skin) -> None:
     objective = AlignedObjective(tube, line, ShapeObjective(tube, line))
     with pytest.raises(errors.TargetError, match="lies on a line"):
         objective.forward(line[tube.owned_vertices])
+
+
+def test_sections_on_a_line_have_no_orientation(comm: MPI.Comm) -> None:
+    """Slabs of a flat sheet that hold one row of vertices each; their places may count."""
+    pattern = rectangle(comm, 0.06, 0.02, 5e-3)
+    skin = sew(comm, pattern)
+    label = slabs(pattern, np.arange(len(pattern.points)), (1, 0, 0), 12, border=False)
+    places, turns = np.ones((12, 3)), np.ones(12)
+    with pytest.raises(errors.TargetError, match=r"section 0 .* lies on a line.* Take fewer"):
+        SectionObjective(skin, pattern.points, Sections(label, places, turns))
+    objective = SectionObjective(skin, pattern.points, Sections(label, places, 0 * turns))
+    moved = (pattern.points + [1e-3, 2e-3, 0])[skin.owned_vertices]
+    assert objective.forward(moved) == pytest.approx(0.5 * 12 * 5e-6 / pattern.size**2)
+    total = skin.gather_vertices(objective.backward(moved)).sum(axis=0)
+    assert total == pytest.approx(12 * np.array([1e-3, 2e-3, 0]) / pattern.size**2)
+    body = slabs(pattern, np.arange(len(pattern.points)), (1, 0, 0), 3, border=False)
+    whole = SectionObjective(skin, pattern.points, Sections(body, places[:3], turns[:3]))
+    crushed = (pattern.points * [1, 0, 0])[skin.owned_vertices]
+    for act in (whole.forward, whole.backward):
+        with pytest.raises(errors.TargetError, match="section 0 .* lies on a line"):
+            act(crushed)
 
 
 def test_polar_rotation_and_its_derivative() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from toros_fem.meshes import Pattern, plane_centroids, rounded, two_panels
-from toros_fem.meshes.pattern import edge_keys
+from toros_fem.meshes.topology import edges_of
 
 from toros_fem.errors import OutlineError
 from toros_fem.supports import symmetry_plane
@@ -38,14 +38,12 @@ def check_twins(pattern: Pattern) -> None:
 
 def edges_on(pattern: Pattern, panel: str, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Places along a line of the mesh edges that lie on it, sorted, (k, 2), as shares of it."""
-    triangles = pattern.triangles[pattern.cells_of(panel)]
-    edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2)
-    first = np.unique(edge_keys(edges, len(pattern.points)), return_index=True)[1]
+    ends = edges_of(pattern.triangles[pattern.cells_of(panel)]).ends
     along = end - begin
     away = pattern.points[:, :2] - begin
     on = np.abs(away[:, 0] * along[1] - away[:, 1] * along[0]) < 1e-9 * np.linalg.norm(along)
     share = away @ along / (along @ along)
-    found = share[edges[first][on[edges[first]].all(axis=1)]]
+    found = share[ends[on[ends].all(axis=1)]]
     return np.sort(np.sort(found, axis=1), axis=0)
 
 
@@ -68,8 +66,6 @@ def test_panels_fit_and_close(comm: MPI.Comm, outline: np.ndarray, area: float) 
 def test_pillow_hardly_depends_on_the_mesh(comm: MPI.Comm) -> None:
     coarse, fine = (two_panels(comm, ELL, h) for h in (4e-3, 2e-3))
     assert volume(coarse) == pytest.approx(volume(fine), rel=0.05)
-    steep = two_panels(comm, ELL, 4e-3, slope=0.1)
-    assert volume(steep) == pytest.approx(5 * volume(coarse), rel=1e-9)
 
 
 def test_inner_edge_between_borders_is_halved(comm: MPI.Comm) -> None:
@@ -156,7 +152,7 @@ def test_cut_is_free_and_in_its_plane(comm: MPI.Comm, planes: tuple[int, ...]) -
         assert (pattern.points[border, axis] == 0).all()
         assert (pattern.points[:, axis] >= 0).all()
     edges = edges_on(pattern, "bottom", np.array([0, 0]), np.array([0.02, 0.013]))
-    assert edges[0, 0] == pytest.approx(0, abs=1e-12) or planes != (0, 1)
+    assert edges[:, 0] == pytest.approx(np.append(0, edges[:-1, 1]), abs=1e-12)
     assert edges[-1, 1] == pytest.approx(1)
 
 

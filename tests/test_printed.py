@@ -63,6 +63,9 @@ def test_printed_design(tube: Skin, tube_solver: EquilibriumSolver, result: Desi
     assert printed.evaluation is not None
     mine = printed.cells[tube.owned_cells]
     assert np.array_equal(printed.evaluation.projected > 0.5, mine)
+    whole = print_design(chain, result, PrintLimits(), hole_area=math.inf)
+    assert len(whole.cleaned.filled) == len(whole.before.holes) > 0
+    assert not whole.after.holes
     # Without islands to drop the binary pattern is the projected density rounded.
     bare = print_design(chain, result, PrintLimits())
     rounded = result.final.filtered > 0.5

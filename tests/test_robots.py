@@ -10,8 +10,9 @@ from stability_scenes import fan_tube
 from test_outline import check_twins, edges_on, volume
 from toros_fem.meshes import GRIPPER, WALKER, Star, finger, gripper, mirrored, walker
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.sheet import one_panel
 
-from toros_fem.errors import OutlineError, ParameterError
+from toros_fem.errors import OutlineError, ParameterError, PatternError
 
 TWO_ARMS = Star(2, 0.05, 0.01, 0.02, 3e-3, 0.3)
 ARMS_THAT_MEET_OUTSIDE_THE_BODY = Star(6, 0.04, 0.02, 0.01, 2e-3)
@@ -128,6 +129,18 @@ def test_mirrored_half_tube_closes_at_a_second_cut(comm: MPI.Comm) -> None:
     tube.require_closed()
     # Sewn along one generator and around both caps, which go on across the cut.
     assert len(tube.seams) == 7 + 2 * 16
+
+
+def test_part_that_reaches_across_its_plane_is_refused() -> None:
+    """An L-shaped sheet from x = −1 to 1, whose inner side lies in the plane x = 0."""
+    corners = np.array([[-1, 0], [0, 0], [1, 0], [1, 1], [0, 1], [0, 2], [-1, 2], [-1, 1]])
+    triangles = np.array([[0, 1, 7], [1, 4, 7], [1, 2, 4], [2, 3, 4], [7, 4, 6], [4, 5, 6]])
+    ell = one_panel(corners.astype(float), triangles)
+    with pytest.raises(PatternError, match=r"across the plane x = 0 .* vertex 0 lies at x = -1 m"):
+        mirrored(ell, (0,))
+    half = one_panel(corners[[0, 1, 4, 5, 6, 7]].astype(float), np.array(
+        [[0, 1, 5], [1, 2, 5], [5, 2, 4], [2, 3, 4]]))  # fmt: skip
+    assert mirrored(half, (0,)).pattern.areas.sum() == pytest.approx(2 * half.areas.sum())
 
 
 def test_nothing_to_mirror(comm: MPI.Comm) -> None:

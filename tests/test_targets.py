@@ -145,15 +145,18 @@ def test_target_from_a_mesh(comm: MPI.Comm, tmp_path: Path, suffix: str) -> None
         from_mesh(comm, path, pattern)
 
 
-def test_mesh_that_is_none(comm: MPI.Comm, tmp_path: Path) -> None:
+def test_mesh_that_is_none(
+    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     pattern = cylinder(comm, 0.03, 0.02, 6e-3, mesh="structured")
     folder = Path(comm.bcast(str(tmp_path)))
     if comm.rank == 0:
         (folder / "notes.txt").write_text("no mesh", encoding="utf-8")
-        (folder / "broken.vtu").write_text("no mesh", encoding="utf-8")
-    for name in ("notes.txt", "broken.vtu"):
+        (folder / "broken.ply").write_text("no mesh", encoding="utf-8")
+    for name in ("notes.txt", "broken.ply"):
         with pytest.raises(TargetError, match="cannot be read as a mesh"):
             from_mesh(comm, folder / name, pattern)
+    assert capsys.readouterr().out == "", "the error says it all"
     with pytest.raises(TargetError, match="there is no file"):
         from_mesh(comm, folder / "missing.obj", pattern)
 

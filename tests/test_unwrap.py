@@ -13,6 +13,7 @@ from conftest import DATA
 from mpi4py import MPI
 from scipy.optimize import brentq
 from toros_fem.meshes import Surface, sew, unwrap
+from toros_fem.meshes.chart import ChartError, lay_flat
 from toros_fem.meshes.cut import cut_open, disc_cuts, euler
 from toros_fem.meshes.flatten import abf_angles, conformal
 from toros_fem.meshes.surface import volume
@@ -243,6 +244,15 @@ def test_a_strip_that_would_overlap_is_parted(comm: MPI.Comm) -> None:
     made = unwrap(comm, Surface(points, triangles), seams=[])
     assert made.methods in (("exact",) * 2, ("exact",) * 3)
     assert made.distortion.worst_stretch < 1e-12
+
+
+def test_slivers_are_named() -> None:
+    """A flat triangle of no use, though none is turned over."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1e-6, 0], [0.5, -1, 0]])
+    triangles = np.array([[0, 1, 2], [1, 0, 3]])
+    for method in ("exact", "lscm"):
+        with pytest.raises(ChartError, match="1 of its 2 triangles are slivers"):
+            lay_flat(points, triangles, np.zeros((2, 3), dtype=bool), method, np.inf, tips=False)
 
 
 def test_sphere_of_panels_inflates(comm: MPI.Comm) -> None:

@@ -6,15 +6,11 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem._mpi import sum_over_ranks
-from toros_fem.errors import TargetError
 from toros_fem.meshes.skin import Skin
 from toros_fem.objective import Objective, checked_target
-from toros_fem.rotation import polar_rotation
+from toros_fem.rotation import polar_rotation, require_determined
 
 Floats = npt.NDArray[np.float64]
-
-# Smallest eigenvalue of B over the largest: below, the rotation is not determined.
-DETERMINED = 1e-6
 
 
 class AlignedObjective:
@@ -71,10 +67,5 @@ class AlignedObjective:
         arm = positions - mean
         moment = sum_over_ranks(self._comm, (self._weight * self._target).T @ arm)
         rotation, matrix = polar_rotation(moment)
-        values = np.linalg.eigvalsh(matrix)  # the same on all ranks
-        if not values[0] > DETERMINED * values[-1]:
-            raise TargetError(
-                "no rotation maps the skin best onto the target: one of them lies on a line, or "
-                f"is the other's mirror image (eigenvalues {values} m²). Leave out the alignment."
-            )
+        require_determined(matrix[None], ["the skin"], "Leave out the alignment.")
         return arm, rotation, matrix

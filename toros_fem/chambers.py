@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem.errors import ParameterError
-from toros_fem.meshes.pattern import Floats, Ints, Pattern
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.topology import Floats, Ints, between, half_edges
 from toros_fem.supports import Supports
 
 
@@ -176,16 +177,12 @@ def find_walls(pattern: Pattern, chambers: Chambers, supports: Supports) -> list
 
 def _borders(pattern: Pattern, chambers: Chambers) -> tuple[Ints, Ints]:
     """Edges (k, 2) between two chambers as the lower one's triangles run; both chambers (k, 2)."""
-    tri, count = pattern.triangles, np.int64(len(pattern.points))
-    edge = np.stack([tri, np.roll(tri, -1, axis=1)], axis=2).reshape(-1, 2)
-    own = np.repeat(chambers.of_cell, 3)
-    forward, backward = edge[:, 0] * count + edge[:, 1], edge[:, 1] * count + edge[:, 0]
-    order = np.argsort(forward)
-    place = np.minimum(np.searchsorted(forward, backward, sorter=order), len(order) - 1)
-    twin = order[place]
-    there = own[twin]
-    border = (forward[twin] == backward) & (own < there)
-    return edge[border], np.stack([own, there], axis=1)[border]
+    edges = pattern.edges
+    twins = edges.twins[between(edges, chambers.of_cell)]
+    sides = chambers.of_cell[twins // 3]
+    half = np.where(sides[:, 0] < sides[:, 1], twins[:, 0], twins[:, 1])
+    order = np.argsort(half)
+    return half_edges(pattern.triangles)[half[order]], np.sort(sides[order], axis=1)
 
 
 def _paths(following: dict[int, list[int]], stops: npt.NDArray[np.bool_]) -> list[list[int]]:

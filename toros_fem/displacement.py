@@ -10,9 +10,9 @@ from scipy.sparse import coo_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 
 from toros_fem._mpi import largest
+from toros_fem.meshes.mirror import FLAT
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.model import SkinModel
-from toros_fem.supports import FLAT
 
 Floats = npt.NDArray[np.float64]
 

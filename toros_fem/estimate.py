@@ -12,9 +12,10 @@ import numpy.typing as npt
 from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.measure import Measure
-from toros_fem.meshes.pattern import Pattern, edge_keys
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import Refinement, refine
 from toros_fem.meshes.skin import sew
+from toros_fem.meshes.topology import edge_keys
 from toros_fem.supports import Supports
 
 Floats = npt.NDArray[np.float64]

@@ -46,7 +46,8 @@ class Body:
     def distance(self, points: Floats) -> tuple[Floats, Floats]:
         """Signed distance from the surface, (n,), in m, positive outside, and its gradient, (n, 3).
 
-        Where a box's middle planes meet the gradient is that of one side.
+        Inside a box, where two sides are equally near, the gradient is that of one of them; right
+        in the middle of a body it is 0.
         """
         arm = points - self.centre
         # A sphere is a box that is all rounding.

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from toros_fem._mpi import largest
 from toros_fem.errors import ParameterError
-from toros_fem.meshes.pattern import edge_keys
 from toros_fem.meshes.skin import Skin
+from toros_fem.meshes.topology import edge_keys
 from toros_fem.parameters import Bending
 from toros_fem.supports import Supports
 

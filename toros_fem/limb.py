@@ -65,7 +65,8 @@ def limb_figure(
 ) -> Figure:
     """The angle in degrees by which the outer third of a limb has turned.
 
-    `measure.turn_angle` of all vertices of that third, after six slabs of the limb.
+    `measure.turn_angle` of all vertices of that third, after the first eight of the limb's twelve
+    slabs.
 
     Args:
         asked: In degrees.

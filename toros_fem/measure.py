@@ -1,4 +1,4 @@
-"""What a simulated shape has reached, in degrees, per cent and metres."""
+"""What a simulated shape has reached: angles in rad, shares as pure numbers, lengths in m."""
 
 from __future__ import annotations
 
@@ -113,9 +113,10 @@ def twist_angle(
     """Angle in rad by which a tube along z is twisted about its own axis, counter-clockwise.
 
     From section to section the relative rotation RₖᵀRₖ₊₁ is parted into a swing, which bends the
-    axis, and a twist about it, 2 atan2(q_z, q_w) of its quaternion q; the twists add up. For a
-    straight tube that is the angle by which the tip has turned, the counterpart of
-    `meshes.twist`'s; a bent one is not taken for a twisted one.
+    axis, and a twist about it, 2 atan2(q_z, q_w) of its quaternion q; the twists add up. The first
+    section counts against how it is assembled, so the base must be held: a turn of the whole tube
+    is not told from a twist. For a straight tube that is the angle by which the tip has turned, the
+    counterpart of `meshes.twist`'s; a bent one is not taken for a twisted one.
 
     Args:
         pattern: The pattern, assembled along z.

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
+from toros_fem.errors import TargetError
+
 Floats = npt.NDArray[np.float64]
+
+# Smallest eigenvalue of B over the largest: below, the rotation is not determined.
+DETERMINED = 1e-6
 
 
 def polar_rotation(moments: Floats) -> tuple[Floats, Floats]:
@@ -29,6 +36,25 @@ def polar_rotation(moments: Floats) -> tuple[Floats, Floats]:
     stretch = np.swapaxes(rotation, -1, -2) @ moments
     trace = np.trace(stretch, axis1=-2, axis2=-1)[..., None, None]
     return rotation, trace * np.eye(3) - (stretch + np.swapaxes(stretch, -1, -2)) / 2
+
+
+def require_determined(matrices: Floats, names: Sequence[str], remedy: str) -> None:
+    """Check that the best rotations are the only ones.
+
+    Args:
+        matrices: B of `polar_rotation`, in m², shape (k, 3, 3), the same on all ranks.
+        names: What each rotation is to map onto its target.
+        remedy: What to do where it is open.
+
+    Raises:
+        TargetError: A matrix has no inverse, or nearly so.
+    """
+    for name, values in zip(names, np.linalg.eigvalsh(matrices), strict=True):
+        if not values[0] > DETERMINED * values[-1]:
+            raise TargetError(
+                f"no rotation maps {name} best onto the target: one of them lies on a line, or is "
+                f"the other's mirror image (eigenvalues {values} m²). {remedy}"
+            )
 
 
 def axial(matrices: Floats) -> Floats:

@@ -11,7 +11,7 @@ from toros_fem._mpi import sum_over_ranks
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.skin import Skin
 from toros_fem.objective import checked_target
-from toros_fem.rotation import axial, polar_rotation
+from toros_fem.rotation import axial, polar_rotation, require_determined
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -69,7 +69,8 @@ class SectionObjective:
         sections: Groups and weights.
 
     Raises:
-        TargetError: The target does not fit or is not finite.
+        TargetError: The target does not fit or is not finite; or a section whose orientation
+            counts lies on a line, as assembled, in the target, or later in a simulated shape.
         ParameterError: The sections are made for another pattern.
     """
 
@@ -88,11 +89,13 @@ class SectionObjective:
         arm = pattern.points - self._means(pattern.points)[self._label]
         self._arm = arm
         self._goal = self._means(target)
-        self._goal_turn = _turns(polar_rotation(self._moments(target))[0])
+        self._turn = s.turn
+        # Its orientation is compared with that of the section before, and of the one after.
+        self._turns_count = (s.turn > 0) | (np.append(s.turn[1:], 0) > 0)
+        self._goal_turn = _turns(self._rotations(self._moments(target))[0])
         owned = skin.owned_vertices
         self._label, self._weight, self._arm = self._label[owned], weight[owned], arm[owned]
         self._centre = s.centre / pattern.size**2
-        self._turn = s.turn
 
     def forward(self, positions: Floats) -> float:
         """T at positions of the owned nodes, (n, 3) (collective)."""
@@ -118,8 +121,16 @@ class SectionObjective:
     def _gaps(self, positions: Floats) -> tuple[Floats, Floats, Floats]:
         sums = np.concatenate([self._means(positions), self._moments(positions).reshape(-1, 9)], 1)
         sums = sum_over_ranks(self._comm, sums)
-        rotation, matrix = polar_rotation(sums[:, 3:].reshape(-1, 3, 3))
+        rotation, matrix = self._rotations(sums[:, 3:].reshape(-1, 3, 3))
         return sums[:, :3] - self._goal, rotation, matrix
+
+    def _rotations(self, moments: Floats) -> tuple[Floats, Floats]:
+        """R and B of `polar_rotation`; of sections whose orientation does not count B = 1."""
+        rotation, matrix = polar_rotation(moments)
+        matrix = np.where(self._turns_count[:, None, None], matrix, np.eye(3))
+        names = [f"section {k}" for k in range(self._count)]
+        require_determined(matrix, names, "Take fewer sections, or a turn weight of 0 for them.")
+        return rotation, matrix
 
     def _means(self, positions: Floats) -> Floats:
         return self._summed(positions)

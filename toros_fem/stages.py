@@ -63,7 +63,7 @@ class DesignOptions:
     Attributes:
         stages: What is done one after the other.
         retries: How often a step that is no progress is tried again more cautiously; then it is
-            taken. One without an equilibrium is tried again twice as often.
+            taken. One without an equilibrium is tried again twice as often and never taken.
         change: A stage ends when no variable changes by more than this.
         kkt: A stage ends when the KKT residual of MMA's scaled problem falls under this.
         seconds: The loop ends after so much wall time; None: never.

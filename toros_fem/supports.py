@@ -10,10 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem.errors import ParameterError
-from toros_fem.meshes.pattern import Floats, Ints, Pattern, edge_keys
+from toros_fem.meshes.mirror import FLAT, plane_border
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.topology import Floats, Ints, edge_keys, following, half_edges
 
-# How far from a symmetry plane a vertex may lie, over the size of the skin.
-FLAT = 1e-6
 # Cosine between a guided edge and the normal of its plane.
 SQUARE = 1e-3
 
@@ -268,14 +268,7 @@ def symmetry_plane(pattern: Pattern, axis: int) -> Supports:
     """
     if axis not in (0, 1, 2):
         raise ParameterError(f"axis = {axis!r} must be 0, 1 or 2, for x, y or z.")
-    ends = pattern.free_edges
-    flat = np.abs(pattern.points[:, axis]) <= FLAT * pattern.size
-    border = ends[flat[ends].all(axis=1)]
-    if len(border) == 0:
-        raise ParameterError(
-            f"no free edge lies in the plane {'xyz'[axis]} = 0: cut the skin there, and put the "
-            "plane through the origin."
-        )
+    border = half_edges(pattern.triangles)[plane_border(pattern, axis)]
     held = np.zeros((len(pattern.points), 3), dtype=bool)
     held[border.ravel(), axis] = True
     return Supports(held, border, np.tile(np.eye(3)[axis], (len(border), 1)))
@@ -296,23 +289,21 @@ def build_in(pattern: Pattern, vertices: npt.NDArray[np.bool_]) -> Supports:
             f"vertices is {vertices.dtype} of shape {vertices.shape}; it must tell of each of the "
             f"{len(pattern.points)} assembled vertices, True or False, whether it is meant."
         )
-    ends = pattern.free_edges
-    border = ends[vertices[ends].all(axis=1)]
-    if len(border) == 0:
+    meant = vertices[pattern.free_edges].all(axis=1)
+    if not meant.any():
         raise ParameterError("no free edge lies between the vertices to be built in.")
+    ends = pattern.free_edges[meant]
+    border = pattern.edges.twins[pattern.edges.border[meant], 0]
     held = np.zeros((len(pattern.points), 3), dtype=bool)
-    held[border.ravel()] = True
-    return Supports(held, border, _inward_normals(pattern, border))
+    held[ends.ravel()] = True
+    return Supports(held, ends, _inward_normals(pattern, border))
 
 
 def _inward_normals(pattern: Pattern, border: Ints) -> Floats:
-    """Unit vectors (k, 3) in the assembled sheet, across free edges (k, 2) into it."""
-    count, tri = len(pattern.points), pattern.triangles
-    keys = edge_keys(np.stack([tri, np.roll(tri, -1, axis=1)], axis=2), count).ravel()
-    order = np.argsort(keys, kind="stable")
-    cell, k = np.divmod(order[np.searchsorted(keys[order], edge_keys(border, count))], 3)
-    a, b = pattern.points[border[:, 0]], pattern.points[border[:, 1]]
+    """Unit vectors (k, 3) in the assembled sheet, across free half-edges (k,) into it."""
+    a, b = pattern.points[half_edges(pattern.triangles)[border]].transpose(1, 0, 2)
+    across = pattern.triangles.ravel()[following(following(border))]
     along = (b - a) / np.linalg.norm(b - a, axis=1)[:, None]
-    inward = pattern.points[tri[cell, (k + 2) % 3]] - a
+    inward = pattern.points[across] - a
     inward -= np.einsum("ij,ij->i", inward, along)[:, None] * along
     return np.asarray(inward / np.linalg.norm(inward, axis=1)[:, None])
