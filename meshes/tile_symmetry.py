@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from toros_fem.meshes.gmsh_panels import polygon_meshes
-from toros_fem.meshes.pattern import Floats, Ints
 from toros_fem.meshes.planar import without_bridges
+from toros_fem.meshes.topology import Floats, Ints
 
 from toros_fem.errors import ParameterError
 from toros_fem.parameters import require_choice

@@ -6,8 +6,8 @@ import pytest
 import ufl
 from mpi4py import MPI
 from toros_fem.meshes import SYMMETRIES, Tile, sew, tile
-from toros_fem.meshes.pattern import edge_keys
 from toros_fem.meshes.tile import KINDS
+from toros_fem.meshes.topology import edge_keys
 
 from toros_fem._mpi import total
 from toros_fem.errors import ParameterError, PatternError

@@ -86,8 +86,9 @@ class ProfileTarget:
     def backward(self, profile: Profile) -> tuple[Floats, Floats]:
         """Its derivatives."""
         share, off, wide, scale = self._parts(profile)
-        by_stress = 2 * share * off / (scale * profile.strain)
-        return by_stress, 2 * self.weight * share * wide
+        by_stress: Floats = np.asarray(2 * share * off / (scale * profile.strain), dtype=np.float64)
+        by_contraction: Floats = 2 * self.weight * share * wide
+        return by_stress, by_contraction
 
     def worst(self, profile: Profile) -> float:
         """Largest |s/s* − 1| of the directions asked for."""
