@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +16,9 @@ from toros_fem.chambers import Chambers
 from toros_fem.density import check_density, random_density
 from toros_fem.design import DesignProblem
 from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
-from toros_fem.errors import ParameterError
 from toros_fem.estimate import estimate_error
 from toros_fem.filters import make_filter
 from toros_fem.grasp import Body, GapObjective
-from toros_fem.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.manufacture import PrintLimits
 from toros_fem.measure import Figure
 from toros_fem.meshes.mirror import mirrored
@@ -35,17 +33,14 @@ from toros_fem.parameters import (
     Bending,
     Bladder,
     Composite,
-    Material,
-    require_between,
     require_choice,
     require_count,
-    require_positive,
 )
-from toros_fem.perimeter import Perimeter
 from toros_fem.printed import PrintedDesign, print_design, with_bridges, without_islands
 from toros_fem.projection import Projection
 from toros_fem.report import Reporter, print_step
 from toros_fem.sections import SectionObjective, Sections
+from toros_fem.settings import DesignSettings, known_inputs
 from toros_fem.stages import DesignOptions, Stage
 from toros_fem.supports import Supports
 
@@ -103,87 +98,44 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Settings:
-    """The numbers that every design needs; SI units.
+class Settings(DesignSettings):
+    """The numbers that every design under pressure needs; SI units.
 
     Attributes:
         pressure: First guess in Pa.
         pressure_min, pressure_max: Bounds on the pressure in Pa; 0 for both keeps it as it is.
-        fabric_young, reinforcement_young: Young's moduli in Pa.
-        poisson, thickness: Of both sheets; the thickness in m.
-        c1, c2: Stretch bounds.
         bladder_young, bladder_thickness: Of a rubber bladder that moves with the skin, in Pa and
             m; a thickness of 0 leaves it out.
         bending: "average", "quadratic" or "midedge" curvature; "none" for a membrane.
         seams: "continuous" or "hinged".
-        filter: "cone" or "helmholtz".
-        radius: R of the filter in m.
-        beta, eta: Of the projection.
-        line, gap: Widths in m that the constraints ask for; 0 takes R.
-        perimeter: Weight of the perimeter term; 0 leaves it out.
-        window, sharpness: Its window's radius over R, and w.
-        move: MMA's move limit.
-        iterations: Steps before the width constraints are switched on.
-        constrained: Steps with them; 0 leaves them out.
         polish: Steps after all free islands have been taken out, or joined to the rest if that
             does less harm, so that the design makes up for it; 0 leaves them in.
-        island_area: Free islands smaller than this, in m², are not printed.
         refine: 1 simulates what is printed once more on a mesh refined, to estimate by how much
             the mesh falsifies the angle; 0 does not.
-        print_width: Thinnest line and gap in m that the printer makes: below, they are marked.
-        seed: Of the random start.
     """
 
     pressure: float = 5e3
     pressure_min: float = 1e3
     pressure_max: float = 20e3
-    fabric_young: float = 0.1e6
-    reinforcement_young: float = 26e6
-    poisson: float = 0.3
-    thickness: float = 0.5e-3
-    c1: float = 1.9
-    c2: float = 2.6
     bladder_young: float = 0.29e6
     bladder_thickness: float = 0.0
     bending: str = Bending.curvature
     seams: str = Bending.seams
-    filter: str = "cone"
-    radius: float = 2.15e-3
-    beta: float = 20.0
-    eta: float = 0.5
-    line: float = 0.0
-    gap: float = 0.0
-    perimeter: float = 0.0
-    window: float = 1.0
-    sharpness: float = 0.5
-    move: float = 0.2
-    iterations: int = 60
-    constrained: int = 40
     polish: int = 20
-    island_area: float = 20e-6
     refine: int = 0
-    print_width: float = 0.6e-3
-    seed: int = 2
 
     def __post_init__(self) -> None:
-        require_count(1, iterations=self.iterations)
-        require_count(0, constrained=self.constrained, polish=self.polish, seed=self.seed)
+        super().__post_init__()
+        require_count(0, polish=self.polish)
         require_choice("refine", str(self.refine), ("0", "1"))
         require_choice("bending", self.bending, ("none", *CURVATURES))
         require_choice("seams", self.seams, SEAMS)
-        require_positive(print_width=self.print_width, window=self.window)
-        require_between(0.0, np.inf, line=self.line, gap=self.gap, perimeter=self.perimeter)
-        require_between(0.0, np.inf, island_area=self.island_area)
 
     @property
     def composite(self) -> Composite:
         """Fabric and reinforcement."""
-        sheet = {"poisson": self.poisson, "thickness": self.thickness}
-        return Composite(
-            fabric=Material(young=self.fabric_young, **sheet),
-            reinforcement=Material(young=self.reinforcement_young, **sheet),
-            c1=self.c1,
-            c2=self.c2,
+        return replace(
+            super().composite,
             bending=None if self.bending == "none" else Bending(self.bending, self.seams),
             bladder=Bladder(self.bladder_young, self.bladder_thickness)
             if self.bladder_thickness
@@ -221,6 +173,15 @@ class Outcome:
     problem: DesignProblem
 
 
+def merged(defaults: dict[str, Any], inputs: dict[str, Any]) -> dict[str, Any]:
+    """Defaults with what differs from them put in, and all settings.
+
+    Raises:
+        ParameterError: An input is none of them.
+    """
+    return known_inputs(Settings(), defaults, inputs)
+
+
 def settings_of(inputs: dict[str, Any]) -> Settings:
     """Those of some inputs that are settings."""
     return Settings(**{k: v for k, v in inputs.items() if k in Settings.__dataclass_fields__})
@@ -255,13 +216,7 @@ def make_problem(
         weight=s.perimeter,
         whole=whole,
     )
-    if s.perimeter > 0:
-        problem.perimeter = Perimeter(skin, s.window * s.radius, s.sharpness, whole=whole)
-    if s.constrained > 0:
-        wanted = LengthScale(line=s.line or None, gap=s.gap or None)
-        problem.length_scale = LengthScaleConstraints(
-            skin, problem.filter, wanted, problem.designed, problem.projection
-        )
+    s.penalise(problem)
     return problem
 
 
@@ -350,16 +305,3 @@ def _refined_figures(problem: DesignProblem, made: Evaluation, scene: Scene) -> 
         figures[f"{figure.name}_refined_{figure.unit}"] = estimate.refined
         figures[f"{figure.name}_error_{figure.unit}"] = estimate.error
     return figures
-
-
-def merged(defaults: dict[str, Any], inputs: dict[str, Any]) -> dict[str, Any]:
-    """Defaults with what differs from them put in, and all settings.
-
-    Raises:
-        ParameterError: An input is none of them.
-    """
-    known = {**asdict(Settings()), **defaults}
-    unknown = sorted(set(inputs) - set(known))
-    if unknown:
-        raise ParameterError(f"{unknown[0]!r} is no parameter; there are {', '.join(known)}.")
-    return {**known, **inputs}
