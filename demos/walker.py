@@ -51,7 +51,7 @@ DEFAULTS: dict[str, Any] = {
     "lever": 0.03,  # m; the leg's tip off by 0.1 rad counts as if all were off by 3 mm
     "reach": 6e-3,  # m by which the body is to reach out along x to either side, if it crawls
     "gait_steps": 2,  # equilibria a phase of the gait; 0 leaves it out
-    "low": 0.7,  # pressure in a chamber that is let down, over the design's
+    "low": 0.86,  # pressure in a chamber that is let down, over the design's
     "seams": "hinged",
     "radius": 2.75e-3,
     "pressure": 20e3,  # Pa, given: as the paper's

@@ -52,7 +52,10 @@ LAYERS = [
     ["export", "plotting", "printed", "surface_plot"],
     ["comparison"],
     ["report"],
-    ["scene"],
+    ["settings", "tile_pieces", "tile_file"],
+    ["scene", "tile_scene"],
+    ["profile_plot"],
+    ["tile_report"],
     ["cli", "tube", "limb"],
     ["gait", "grasp_report"],
 ]

@@ -13,7 +13,8 @@ from mpi4py import MPI
 
 from toros_fem.errors import TorosError
 from toros_fem.measure import UNITS
-from toros_fem.scene import Scene, design, merged
+from toros_fem.scene import Scene, Settings, design, merged
+from toros_fem.settings import DesignSettings, known_inputs
 
 Run = Callable[..., dict[str, Any]]
 
@@ -69,6 +70,7 @@ def command_line(
     coarse: dict[str, Any],
     output: Path,
     sentence: Callable[[dict[str, Any]], str] = last_line,
+    settings: DesignSettings | None = None,
 ) -> int:
     """Run a demo with what the command line says; the exit code is returned.
 
@@ -78,10 +80,11 @@ def command_line(
         comm: Communicator.
         about: Help text.
         run: `run(comm, output, verbose=…, **inputs)`, which returns the summary.
-        defaults: Numbers of the demo; those of `Settings` are added.
+        defaults: Numbers of the demo; those of the settings are added.
         coarse: What `--coarse` puts in their place.
         output: Default folder.
         sentence: What is said at the end, from the summary.
+        settings: Other numbers that may be given; None for those of `toros_fem.scene`.
     """
     parser = argparse.ArgumentParser(
         description=about, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -89,7 +92,7 @@ def command_line(
     parser.add_argument("--coarse", action="store_true", help="a small mesh, in about a minute")
     parser.add_argument("--verbose", action="store_true", help="show every Newton step")
     parser.add_argument("--output", type=Path, default=output, help=f"folder, default {output}")
-    options = parsed(parser, merged(defaults, {}))
+    options = parsed(parser, known_inputs(settings or Settings(), defaults, {}))
     folder, small, verbose = (options.pop(name) for name in ("output", "coarse", "verbose"))
     inputs = {**coarse, **options} if small else options
     return run_guarded(

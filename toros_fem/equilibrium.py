@@ -79,8 +79,18 @@ class EquilibriumError(NoEquilibriumError):
     """No equilibrium was found; `result` holds the last good state and the history."""
 
     def __init__(self, message: str, result: EquilibriumResult) -> None:
-        super().__init__(message, result.steps, result.factorisations)
+        super().__init__(message)
         self.result = result
+
+    @property
+    def steps(self) -> int:
+        """Newton steps that it took."""
+        return self.result.steps
+
+    @property
+    def factorisations(self) -> int:
+        """Factorisations that it took."""
+        return self.result.factorisations
 
 
 class EquilibriumSolver:

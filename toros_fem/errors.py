@@ -57,14 +57,19 @@ class SurfaceError(TorosError, ValueError):
     """A surface cannot be read, cut or unwrapped; the message names file, place or chart."""
 
 
+class TileFileError(TorosError, ValueError):
+    """A printed tile cannot be read; the message names the file and what is wrong in it."""
+
+
 class NoEquilibriumError(TorosError, RuntimeError):
-    """No equilibrium was found.
+    """No equilibrium was found."""
 
-    Attributes:
-        steps: Newton steps that it took.
-        factorisations: Factorisations.
-    """
+    @property
+    def steps(self) -> int:
+        """Newton steps that it took, as far as is known."""
+        return 0
 
-    def __init__(self, message: str, steps: int = 0, factorisations: int = 0) -> None:
-        super().__init__(message)
-        self.steps, self.factorisations = steps, factorisations
+    @property
+    def factorisations(self) -> int:
+        """Factorisations that it took, as far as is known."""
+        return 0

@@ -28,7 +28,7 @@ class ProfileObjective(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ProfileTarget:
-    """T = Σ w ((s − s*)/mean s*)² + weight Σ w (c − c*)², over Σ w: least squares.
+    """T = Σ w (s/s* − 1)² + weight Σ w (c − c*)², over Σ w: least squares.
 
     s is the secant stiffness, c the lateral contraction; directions without a target, NaN, do not
     count.
@@ -62,8 +62,8 @@ class ProfileTarget:
             worst = float(np.nanmin(self.stiffness))
             raise TargetError(f"a stiffness of {worst:g} N/m is asked for; it must be positive.")
 
-    def _parts(self, profile: Profile) -> tuple[Floats, Floats, Floats, float]:
-        """Shares of the weights, relative differences of both kinds, the scale of stiffness."""
+    def _parts(self, profile: Profile) -> tuple[Floats, Floats, Floats, Floats]:
+        """Shares of the weights, differences of both kinds, and 1/s*, 0 where nothing is asked."""
         count = len(profile.angles)
         none = np.full(count, np.nan)
         stiffness = none if self.stiffness is None else self.stiffness
@@ -73,10 +73,9 @@ class ProfileTarget:
             raise TargetError(
                 f"the target is of {len(stiffness)} directions, the profile of {count}."
             )
-        scale = 1.0 if np.isnan(stiffness).all() else float(np.nanmean(stiffness))
-        off = np.nan_to_num((profile.stiffness - stiffness) / scale)
+        off = np.nan_to_num(profile.stiffness / stiffness - 1)
         wide = np.nan_to_num(profile.contraction - contraction)
-        return weights / weights.sum(), off, wide, scale
+        return weights / weights.sum(), off, wide, np.nan_to_num(1 / stiffness)
 
     def forward(self, profile: Profile) -> float:
         """T."""
@@ -85,8 +84,8 @@ class ProfileTarget:
 
     def backward(self, profile: Profile) -> tuple[Floats, Floats]:
         """Its derivatives."""
-        share, off, wide, scale = self._parts(profile)
-        by_stress: Floats = np.asarray(2 * share * off / (scale * profile.strain), dtype=np.float64)
+        share, off, wide, inverse = self._parts(profile)
+        by_stress: Floats = np.asarray(2 * share * off * inverse / profile.strain, dtype=np.float64)
         by_contraction: Floats = 2 * self.weight * share * wide
         return by_stress, by_contraction
 

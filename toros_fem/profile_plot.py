@@ -1,0 +1,170 @@
+"""Pictures of a tile: its profile over directions, its pattern, its shape when pulled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+from matplotlib.collections import PolyCollection
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.meshes.tile import Tile
+from toros_fem.plotting import DPI, FABRIC, PRINTED, fill
+from toros_fem.profile import Profile
+from toros_fem.stages import Iteration
+
+Floats = npt.NDArray[np.float64]
+
+ASKED = "tab:red"
+
+
+def around(angles: Floats, values: Floats, mirrored: tuple[bool, bool]) -> tuple[Floats, Floats]:
+    """Angles all around and values there, by the symmetry of a profile and by ±n.
+
+    Args:
+        angles: Directions that are known, in rad.
+        values: There.
+        mirrored: Whether it is mirrored in the axes, and in the diagonals too.
+    """
+    parts = [angles]
+    if mirrored[1]:
+        parts = [*parts, *[np.pi / 2 - a for a in parts]]
+    if mirrored[0]:
+        parts = [*parts, *[-a for a in parts]]
+    parts = [*parts, *[a + np.pi for a in parts]]
+    whole = np.mod(np.concatenate(parts), 2 * np.pi)
+    key = np.round(whole, 9)
+    _, first = np.unique(key, return_index=True)
+    every = np.tile(values, len(parts))[first]
+    return np.append(whole[first], whole[first][0] + 2 * np.pi), np.append(every, every[0])
+
+
+def plot_polar(
+    path: Path,
+    profile: Profile,
+    blank: float,
+    mirrored: tuple[bool, bool],
+    angles: Floats,
+    asked: Floats | None,
+) -> None:
+    """Picture of stiffness and contraction over all directions.
+
+    Args:
+        path: PNG file to write.
+        profile: What is printed.
+        blank: Stiffness of the fabric without print, in N/m.
+        mirrored: As for `around`.
+        angles, asked: Directions in rad, and the stiffness in N/m that is asked there; None if
+            none is.
+    """
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(11, 5.5), subplot_kw={"projection": "polar"}, layout="constrained"
+    )
+    left.plot(*around(profile.angles, profile.stiffness, mirrored), color=PRINTED, label="printed")
+    if asked is not None:
+        turn, value = around(angles, asked, mirrored)
+        left.plot(turn, value, "o", ms=5, mfc="none", color=ASKED, label="asked")
+    circle = np.linspace(0, 2 * np.pi, 100)
+    left.plot(circle, np.full(100, blank), "--", color="0.5", label="fabric without print")
+    left.set_rlim(0)
+    left.set_title(f"secant stiffness in N/m at {100 * profile.strain:g} % strain")
+    right.plot(*around(profile.angles, profile.contraction, mirrored), color=PRINTED)
+    low = min(0.0, float(profile.contraction.min()))
+    right.set_rlim(1.2 * low, 1.1 * max(0.1, float(profile.contraction.max())))
+    right.set_title("lateral contraction")
+    figure.legend(loc="outside lower center", ncols=3, frameon=False)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def plot_tiles(path: Path, tile: Tile, region: BaseGeometry, count: int) -> None:
+    """Picture of what is printed on count × count tiles, the border of one shown, in mm.
+
+    Args:
+        path: PNG file to write.
+        tile: The tile.
+        region: What is printed on all of them, in m.
+        count: Tiles a side.
+    """
+    figure, axes = plt.subplots(figsize=(7, 7), layout="constrained")
+    corner = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) @ tile.lattice * 1e3
+    axes.add_collection(PolyCollection([count * corner[:-1]], facecolors=[FABRIC]))
+    fill(axes, region, PRINTED)
+    axes.plot(*(corner + (count // 2) * tile.lattice.sum(axis=0) * 1e3).T, color=ASKED, lw=1)
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.set_xlabel("mm")
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def plot_deformed(
+    path: Path,
+    tile: Tile,
+    printed: npt.NDArray[np.bool_],
+    positions: Floats,
+    gradient: Floats,
+    count: int = 2,
+) -> None:
+    """Picture of count × count tiles, flat and pulled, in mm.
+
+    Args:
+        path: PNG file to write.
+        tile: The tile.
+        printed: Which of its triangles are printed.
+        positions: Places of all its vertices, pulled along the first axis, (n, 3), in m.
+        gradient: The mean deformation gradient, (3, 2).
+        count: Tiles a side.
+    """
+    colours = np.where(printed[:, None], PRINTED, FABRIC)
+    mean = gradient[:2] @ tile.lattice.T
+    flat = tile.pattern.corners
+    moved = positions[tile.pattern.triangles][:, :, :2] + tile.wraps @ mean.T
+    figure, axes = plt.subplots(
+        1, 2, figsize=(12, 6), sharex=True, sharey=True, layout="constrained"
+    )
+    for ax, shape, steps, title in (
+        (axes[0], flat, tile.lattice.T, "flat"),
+        (axes[1], moved, mean, f"pulled by {100 * (gradient[0, 0] - 1):g} %"),
+    ):
+        for i in range(count):
+            for j in range(count):
+                there = 1e3 * (shape + steps @ [i, j])
+                ax.add_collection(
+                    PolyCollection(list(there), facecolors=colours, edgecolors="face", lw=0.2)
+                )
+        ax.set_title(title)
+        ax.set_aspect("equal")
+        ax.autoscale_view()
+        ax.set_xlabel("mm")
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def plot_history(path: Path, history: Sequence[Iteration]) -> None:
+    """Picture of objective, volume and grey level over the iterations of the start gone on with.
+
+    Args:
+        path: PNG file to write.
+        history: Rows of the design loop.
+    """
+    count = np.arange(len(history))
+    figure, (top, bottom) = plt.subplots(2, 1, figsize=(8, 6), sharex=True, layout="constrained")
+    top.semilogy(count, [row.objective for row in history], color=PRINTED)
+    top.set_ylabel("objective T")
+    for k in range(1, len(history)):
+        if history[k].stage != history[k - 1].stage:
+            for axis in (top, bottom):
+                axis.axvline(k, color="0.8", lw=1)
+    bottom.plot(count, [row.volume_fraction for row in history], label="volume fraction")
+    bottom.plot(count, [row.grey_level for row in history], label="grey level")
+    bottom.set_ylim(0, 1)
+    bottom.legend(frameon=False)
+    bottom.set_xlabel("step; lines: β, constraints or target changed")
+    for axis in (top, bottom):
+        axis.grid(alpha=0.3)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
