@@ -48,8 +48,8 @@ COARSE = {
     "radius": 1e-3,
     "starts": 3,
     "trial": 12,
-    "constrained": 20,
-    "correct": 2,
+    "iterations": 16,
+    "correct": 3,
 }
 # Symmetry of the design, and stiffness along x, at 45° and along y, in N/m.
 TARGETS: dict[str, tuple[str, tuple[float, float, float]]] = {
@@ -79,7 +79,7 @@ def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> TileScene:
     symmetry, own = TARGETS[o["target"]]
     reach = np.pi / 4 if symmetry == "tetragonal" else np.pi / 2
     count = o["directions"] * (1 if symmetry == "tetragonal" else 2)
-    angles = np.linspace(0, reach, count + 1)
+    angles = np.asarray(np.linspace(0, reach, count + 1), dtype=np.float64)
     objective: ProfileTarget | Contrast
     if o["target"] == "anisotropic":
         objective = Contrast(soft=angles == reach, stiff=angles == 0)

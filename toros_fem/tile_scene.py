@@ -48,7 +48,10 @@ DOUBLINGS = 2
 class TileSettings(DesignSettings):
     """The numbers that every design of a tile needs; SI units.
 
+    The width constraints hold from the first step on, unless `constrained` is 0.
+
     Attributes:
+        iterations: Steps from the best start on, half as many each time β is doubled.
         strain: At which stiffness counts, λ − 1.
         starts: How many random starts are tried; the best one is gone on with.
         trial: Steps of each of them.
@@ -58,7 +61,8 @@ class TileSettings(DesignSettings):
     """
 
     radius: float = 0.8e-3
-    constrained: int = 40
+    iterations: int = 40
+    constrained: int = 1
     island_area: float = 0.1e-6
     strain: float = 0.1
     starts: int = 8
@@ -227,9 +231,9 @@ def design_tile(
         if harm < best or start is None:
             best, start = harm, result
     assert start is not None
-    steps = max(s.constrained, s.iterations)
-    stages = [Stage(steps, s.beta, constrained=bound)]
-    stages += [Stage(steps // 2, s.beta * 2**k, constrained=bound) for k in range(1, DOUBLINGS + 1)]
+    stages = [Stage(s.iterations, s.beta, constrained=bound)]
+    half = max(1, s.iterations // 2)
+    stages += [Stage(half, s.beta * 2**k, constrained=bound) for k in range(1, DOUBLINGS + 1)]
     result = optimise(
         problem, start.density, replace(options, stages=tuple(stages)), callback, after=start
     )
