@@ -57,6 +57,10 @@ class SurfaceError(TorosError, ValueError):
     """A surface cannot be read, cut or unwrapped; the message names file, place or chart."""
 
 
+class TileFileError(TorosError, ValueError):
+    """A printed tile cannot be read; the message names the file and what is wrong in it."""
+
+
 class NoEquilibriumError(TorosError, RuntimeError):
     """No equilibrium was found.
 
