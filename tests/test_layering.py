@@ -52,7 +52,7 @@ LAYERS = [
     ["export", "plotting", "printed", "surface_plot"],
     ["comparison", "sample_plot"],
     ["report"],
-    ["settings", "tile_pieces", "tile_file"],
+    ["settings", "tile_pieces"],
     ["scene", "tile_scene"],
     ["profile_plot"],
     ["tile_report"],
