@@ -10,6 +10,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from toros_fem._mpi import raise_together, total
 from toros_fem.density import check_density
@@ -119,6 +120,11 @@ class DesignChain(ABC, Generic[R]):
     @abstractmethod
     def skin(self) -> Skin:
         """The skin whose densities are designed."""
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """All ranks that take part."""
+        return self.skin.comm
 
     @abstractmethod
     def with_projection(self, projection: Projection) -> Self:

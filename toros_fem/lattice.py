@@ -45,13 +45,13 @@ class Periodic:
     flat: bool = True
 
     def __post_init__(self) -> None:
-        held = np.array(self.held)
-        if held.shape != (3, 2) or held.dtype != bool:
+        held = np.array(self.held, dtype=object)  # rows may be of different lengths
+        if held.shape != (3, 2) or not all(isinstance(h, bool | np.bool_) for h in held.flat):
             raise ParameterError(
                 f"held has shape {held.shape}; it must tell of the 3 × 2 components of the mean "
                 "deformation gradient, True or False, whether they are given."
             )
-        if not held[2].all() or not (held[1, 0] or held[0, 1]):
+        if not (held[2, 0] and held[2, 1]) or not (held[1, 0] or held[0, 1]):
             raise ParameterError(
                 "the mean deformation gradient may turn the tile: hold its z components, and that "
                 "along t of the column n, or that along n of the column t."

@@ -260,7 +260,7 @@ class _Loop:
         """Whether the stage ends here, and with it perhaps the loop; alike on all ranks."""
         o = self.options
         if o.seconds is not None:
-            spent = largest(self.comm, time.perf_counter() - self.begin)
+            spent = largest(self.problem.comm, time.perf_counter() - self.begin)
             if spent > o.seconds:
                 self.over, self.reason = True, f"{o.seconds:g} s have passed."
                 return True

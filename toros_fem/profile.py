@@ -10,7 +10,8 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem._mpi import raise_together
-from toros_fem.errors import NoEquilibriumError, ParameterError
+from toros_fem.errors import ParameterError, TorosError
+from toros_fem.lattice import UNIAXIAL
 from toros_fem.tile import TileSolver, TileState
 
 Floats = npt.NDArray[np.float64]
@@ -84,8 +85,8 @@ class ProfileSolver:
         batch: Communicator whose ranks share the directions; None for one rank.
 
     Raises:
-        ParameterError: There is no direction, or the strain is 0 or not finite; or both tile and
-            directions are spread over ranks.
+        ParameterError: There is no direction, or the strain is 0 or not finite; or other parts of
+            F̄ are held; or both tile and directions are spread over ranks.
     """
 
     def __init__(
@@ -102,6 +103,11 @@ class ProfileSolver:
             raise ParameterError(f"angles = {angles} must be at least one finite direction in rad.")
         if not np.isfinite(strain) or strain == 0 or strain <= -1:
             raise ParameterError(f"strain = {strain} must be finite, over -1, and not 0.")
+        if not np.array_equal(tile.periodic.held, UNIAXIAL):
+            raise ParameterError(
+                "profiles are of sheets pulled along n and free across: make the tile's solver of "
+                "Periodic(tile), with held = UNIAXIAL."
+            )
         if self.batch.size > 1 and tile.skin.comm.size > 1:
             raise ParameterError(
                 f"the tile is spread over {tile.skin.comm.size} ranks and its directions over "
@@ -140,7 +146,7 @@ class ProfileSolver:
                 state = self.tile.solve(
                     density, float(self.angles[k]), wanted, start=near, patient=patient
                 )
-            except NoEquilibriumError as caught:
+            except TorosError as caught:  # the others wait at the end
                 error = caught
                 break
             states[k] = state

@@ -40,7 +40,8 @@ class ProfileTarget:
         weight: Of contractions over stiffnesses.
 
     Raises:
-        TargetError: Arrays do not fit together, a stiffness is not positive, or nothing is asked.
+        TargetError: Arrays do not fit together, a stiffness is not positive, a weight is negative,
+            or nothing is asked.
     """
 
     stiffness: Floats | None = None
@@ -56,6 +57,9 @@ class ProfileTarget:
                 f"stiffness, contraction and weights have shapes {sorted(shapes)}; give at least "
                 "one, each with one value a direction."
             )
+        weights = self.weights
+        if weights is not None and not (np.all(weights >= 0) and 0 < np.sum(weights) < np.inf):
+            raise TargetError(f"weights = {weights} must not be negative, nor all of them zero.")
         if all(np.isnan(a).all() for a in (self.stiffness, self.contraction) if a is not None):
             raise TargetError("all stiffnesses and contractions are NaN: nothing is asked for.")
         if self.stiffness is not None and np.any(self.stiffness <= 0):
@@ -65,14 +69,15 @@ class ProfileTarget:
     def _parts(self, profile: Profile) -> tuple[Floats, Floats, Floats, Floats]:
         """Shares of the weights, differences of both kinds, and 1/s*, 0 where nothing is asked."""
         count = len(profile.angles)
+        for given in (self.stiffness, self.contraction, self.weights):
+            if given is not None and len(given) != count:
+                raise TargetError(
+                    f"the target is of {len(given)} directions, the profile of {count}."
+                )
         none = np.full(count, np.nan)
         stiffness = none if self.stiffness is None else self.stiffness
         contraction = none if self.contraction is None else self.contraction
         weights = np.ones(count) if self.weights is None else self.weights
-        if len(stiffness) != count or len(contraction) != count or len(weights) != count:
-            raise TargetError(
-                f"the target is of {len(stiffness)} directions, the profile of {count}."
-            )
         off = np.nan_to_num(profile.stiffness / stiffness - 1)
         wide = np.nan_to_num(profile.contraction - contraction)
         return weights / weights.sum(), off, wide, np.nan_to_num(1 / stiffness)

@@ -135,11 +135,13 @@ class TileSolver:
             NoEquilibriumError: There is no equilibrium.
         """
         check_density(self.skin, density)
-        wanted = np.where(self._held, np.asarray(gradient, dtype=np.float64), 0.0)
-        if wanted.shape != (3, 2) or not np.isfinite(wanted).all() or not np.isfinite(angle):
+        given = np.asarray(gradient, dtype=np.float64)
+        fits = given.shape == (3, 2) and np.isfinite(given[self._held]).all()
+        if not (fits and np.isfinite(angle)):
             raise ParameterError(
                 f"gradient = {gradient} at angle = {angle} must be (3, 2) and finite where held."
             )
+        wanted = np.where(self._held, given, 0.0)
         if start is not None and start.angle != angle:
             raise ParameterError(
                 f"the start is that of direction {start.angle:g} rad, not of {angle:g}: start from "

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from toros_fem.chain import DesignChain, Evaluation, Pressure
 from toros_fem.errors import ParameterError
@@ -93,6 +94,12 @@ class TileProblem(DesignChain[Profile]):
     def skin(self) -> Skin:
         """The tile's."""
         return self.solver.tile.skin
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """The batch's ranks, if directions are spread, or else the tile's."""
+        batch = self.solver.batch
+        return batch if batch.size > 1 else self.skin.comm
 
     def with_projection(self, projection: Projection) -> TileProblem:
         """The same with another projection."""
