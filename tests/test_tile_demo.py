@@ -1,0 +1,132 @@
+"""The design of a tile from start to files: starts, print, corrections, report."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from toros_fem.meshes import tile
+
+from demos import tile as demo
+from toros_fem import errors
+from toros_fem.profile_plot import around
+from toros_fem.tile_file import read_tile
+from toros_fem.tile_pieces import loose_pieces
+from toros_fem.tile_scene import TileSettings, wavy
+
+# T of the first start after three steps, the same on any number of ranks.
+FIRST_TRIAL = 0.35834168967
+
+SMALL: dict[str, Any] = {
+    "edge_length": 0.8e-3,
+    "radius": 2e-3,
+    "starts": 2,
+    "trial": 3,
+    "iterations": 4,
+    "correct": 1,
+    "retry": 3,
+}
+
+
+def test_demo(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder = comm.bcast(tmp_path, root=0) / "tile"
+    summary = demo.run(comm, folder, **SMALL)
+    comm.barrier()
+    written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    assert written["ranks"] == comm.size
+    assert written["printed"] == summary["printed"]
+    assert len(summary["trials"]) == 2
+    assert len(summary["corrections_percent"]) in (1, 2)
+    assert summary["worst_percent"] == pytest.approx(min(summary["corrections_percent"]))
+    asked = np.array(summary["asked"]["stiffness_n_per_m"])
+    assert asked[[0, -1]] == pytest.approx([2000, 400])
+    printed = np.array(summary["printed"]["stiffness_n_per_m"])
+    assert summary["worst_percent"] == pytest.approx(100 * np.abs(printed / asked - 1).max())
+    assert summary["trials"][0]["objective"] == pytest.approx(FIRST_TRIAL, rel=1e-6)
+    with (folder / "profile.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert float(rows[0]["stiffness_n_per_m"]) == pytest.approx(printed[0], rel=1e-9)
+    assert summary["blank_n_per_m"] == pytest.approx(50.5, rel=1e-3)
+    made = read_tile(comm, folder)
+    cells = made.tile(comm).pattern.areas[made.printed].sum() / 1e-4
+    assert 0 < cells < 1
+    for name in ("profile", "pattern", "deformed", "convergence"):
+        assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "tile.vtu").exists()
+    assert (folder / "pattern.svg").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"target": "softest"}, "target = 'softest'"),
+        ({"strain": -1.5}, "strain = -1.5"),
+        ({"starts": 0}, "starts = 0"),
+        ({"radius": 6e-3}, "wider than twice the radius"),
+        ({"stiffness_45": -3.0}, "stiffness_45 = -3"),
+        ({"presure": 1.0}, "'presure' is no parameter"),
+    ],
+)
+def test_bad_input(comm: MPI.Comm, tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(errors.ParameterError, match=message):
+        demo.run(comm, tmp_path / "out", **{**SMALL, **changes})
+
+
+@pytest.mark.parametrize("name", list(demo.TARGETS))
+def test_targets(comm: MPI.Comm, name: str) -> None:
+    made = demo.scene(comm, {**demo.DEFAULTS, "edge_length": 1e-3, "target": name})
+    assert made.fine is not None
+    assert len(made.fine.pattern.panel) == 4 * len(made.tile.pattern.panel)
+    assert made.angles[0] == 0
+    assert made.tile.images(made.symmetry).shape[0] in (4, 8)
+
+
+def test_linear_profile() -> None:
+    angles = np.radians([0, 45, 90])
+    assert demo.linear_profile(angles, 5.0, 2.0, 1.0) == pytest.approx([5, 2, 1])
+    assert demo.linear_profile(np.linspace(0, 1, 5), 3.0, 3.0, 3.0) == pytest.approx(3.0)
+
+
+def test_islands_of_a_tile(comm: MPI.Comm) -> None:
+    """A line through the border is none, a spot is one, also across the border."""
+    patch = tile(comm, 0.01, 1e-3)
+    x, y = 1e3 * patch.pattern.centroids.T
+    line = np.abs(y - 5) < 1
+    spot = np.hypot(x - 5, y - 9) < 0.9
+    corner = np.hypot((x + 5) % 10 - 5, (y + 5) % 10 - 5) < 2
+    assert len(loose_pieces(patch, line)) == 0
+    assert len(loose_pieces(patch, np.abs((x + y) % 10 - 5) < 1)) == 0
+    areas = patch.pattern.areas
+    assert loose_pieces(patch, line | spot) == pytest.approx([areas[spot].sum()])
+    assert loose_pieces(patch, corner) == pytest.approx([areas[corner].sum()])
+    assert loose_pieces(patch, corner | line | spot) == pytest.approx(
+        [areas[corner].sum(), areas[spot].sum()]
+    )
+    assert len(loose_pieces(patch, np.ones(len(x), dtype=bool))) == 0
+    assert len(loose_pieces(patch, np.zeros(len(x), dtype=bool))) == 0
+
+
+def test_starts_are_periodic(comm: MPI.Comm) -> None:
+    patch = tile(comm, 0.01, 0.25e-3)
+    density = wavy(patch, 3)
+    assert density.min() >= 0.1
+    assert density.max() <= 0.9
+    x, y = patch.pattern.centroids.T
+    low, high = (x < 0.2e-3), (x > 9.8e-3)
+    left = density[low][np.argsort(y[low], kind="stable")]
+    right = density[high][np.argsort(y[high], kind="stable")]
+    assert np.abs(left - right).mean() < 0.05
+    assert np.abs(left - right[::-1]).mean() > 0.1, "borders do not agree by chance"
+    assert np.ptp(density) > 0.5
+    assert TileSettings(seed=4).seed == 4
+
+
+def test_profile_all_around() -> None:
+    angles = np.radians([0.0, 22.5, 45.0])
+    turn, value = around(angles, np.array([3.0, 2.0, 1.0]), (True, True))
+    assert len(turn) == 17
+    assert np.diff(turn) == pytest.approx(np.pi / 8)
+    assert value == pytest.approx([3, 2, 1, 2] * 4 + [3])
