@@ -445,8 +445,8 @@ def test_copies_of_a_buckled_tile(mesh: str) -> None:
     residual = other.skin.gather_vertices(other.model.positions(other.model.residual(state)))
     inside = one.skin.gather_vertices(one.model.positions(one.model.residual(buckled.state)))
     scale = abs(buckled.stress[0, 0]) * SIDE
-    assert np.abs(inside).max() < 1e-7 * scale
-    assert np.abs(residual).max() < 1e-7 * scale
+    assert np.abs(inside).max() < 1e-9 * scale
+    assert np.abs(residual).max() < 1e-9 * scale
     stress = other.periodic.length * other.model.columns_force(state).T / other.area
     assert stress == pytest.approx(buckled.stress, abs=1e-10 * np.abs(buckled.stress).max())
 

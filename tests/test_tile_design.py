@@ -325,10 +325,11 @@ def test_short_design_run(comm: MPI.Comm) -> None:
 def test_clock_stops_all_ranks(comm: MPI.Comm) -> None:
     """Whose clocks are apart; otherwise some would wait for the others."""
     chain = problem(True, CONTRAST)
+    chain.evaluate(start_of(chain))
     comm.Barrier()
-    if comm.rank == 0:
-        time.sleep(0.4)
-    result = short_run(chain, seconds=0.3)
+    if comm.rank < comm.size - 1:
+        time.sleep(1.0)
+    result = short_run(chain, seconds=0.7)
     counts = comm.allgather(len(result.history))
     assert counts == [counts[0]] * comm.size
     if comm.size > 1:
