@@ -127,7 +127,7 @@ class TileSolver:
             gradient: F̄, (3, 2), read where it is held.
             start: A state near by, of another density or mean deformation, at the same angle;
                 None starts from the sheet stretched as a whole.
-            patient: Whether to go there in steps where it fails at once.
+            patient: Whether to go there in steps from the flat sheet where it fails at once.
 
         Raises:
             ParameterError: The gradient does not fit, or `start` has another angle.
@@ -165,6 +165,8 @@ class TileSolver:
 
         found, outcome, _ = attempt(state, 1.0)
         if outcome <= 0 and patient:
+            begin, state = np.eye(3)[:, :2], self._assembled(angle)
+            change = np.where(self._held, wanted - begin, 0.0)
             done = climb(attempt, Climb(state, 0.0, 1), 1.0, FIRST_SHARE, LEAST_SHARE)
             found, outcome = done.state, done.outcome if done.reached == 1.0 else -1
         if outcome <= 0:
