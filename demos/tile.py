@@ -137,9 +137,12 @@ def sentence(summary: dict[str, Any]) -> str:
     stiffness = ", ".join(f"{s:.0f}" for s in summary["printed"]["stiffness_n_per_m"])
     off = "" if worst is None or not worst else f", at most {worst:.1f} % off what is asked"
     contraction = summary["printed"]["contraction"][0]
+    angles = zip(summary["angles_deg"], summary["buckling"] or [], strict=False)
+    leaning = ", ".join(f"{angle:.0f}°" for angle, buckles in angles if buckles)
+    wrinkles = f"; kept flat: a free sheet buckles when pulled at {leaning}" if leaning else ""
     return (
         f"stiffness {stiffness} N/m as printed{off}; contraction {contraction:.2f} along x; "
-        f"{islands} islands, {seconds:.0f} s"
+        f"{islands} islands{wrinkles}; {seconds:.0f} s"
     )
 
 

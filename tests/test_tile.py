@@ -396,6 +396,9 @@ def test_pressed_tile_buckles() -> None:
         assert one.stable(flat.state, density, angle)
         state = lifted(other, flat)
         assert other.stable(state, density, angle) != buckles
+        assert other.buckles(flat, density) == buckles
+        with pytest.raises(ParameterError, match="flat=False"):
+            one.buckles(flat, density)
         assert other.model.energy(state) / other.area == pytest.approx(flat.energy, rel=1e-12)
         curved = other.solve(density, angle, (1 + strain) * ALONG)
         assert other.stable(curved.state, density, angle)

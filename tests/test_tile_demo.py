@@ -49,6 +49,7 @@ def test_demo(comm: MPI.Comm, tmp_path: Path) -> None:
     with (folder / "profile.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert float(rows[0]["stiffness_n_per_m"]) == pytest.approx(printed[0], rel=1e-9)
+    assert len(summary["buckling"]) == len(asked)
     assert summary["blank_n_per_m"] == pytest.approx(50.5, rel=1e-3)
     made = read_tile(comm, folder)
     cells = made.tile(comm).pattern.areas[made.printed].sum() / 1e-4

@@ -229,6 +229,26 @@ class TileSolver:
         self.model.set_density(density)
         return self._minimise.newton.stable(state)
 
+    def buckles(self, flat: TileState, density: Floats) -> bool:
+        """Whether an equilibrium of the sheet kept flat is unstable once it may leave its plane.
+
+        Args:
+            flat: Found by the solver of the same skin with `flat` = True.
+            density: Projected density of the owned triangles, as it was there.
+
+        Raises:
+            ParameterError: This solver keeps the sheet in its plane itself.
+        """
+        if self.periodic.flat:
+            raise ParameterError(
+                "whether a tile buckles is told by a solver that lets it: Periodic(flat=False), "
+                "and materials that bend."
+            )
+        state: Floats = np.zeros(self.model.size_local)
+        self.model.positions(state)[:] = flat.positions
+        self.model.set_columns(state, flat.gradient)
+        return not self.stable(state, density, flat.angle)
+
     def flat_places(self, angle: float) -> Floats:
         """Places of the owned nodes in the flat sheet in axes n, t, in m, (k, 2)."""
         c, s = np.cos(angle), np.sin(angle)

@@ -127,6 +127,7 @@ def write_tile_design(
         "printed": reached and _measured(reached),
         "design": _measured(designed),
         "blank_n_per_m": findings and findings.blank,
+        "buckling": findings and findings.buckling.tolist(),
         "printed_failure": printed.failure or None,
         "volume_fraction": last.volume_fraction,
         "grey_level": last.grey_level,

@@ -21,7 +21,7 @@ from toros_fem.meshes.tile import Tile
 from toros_fem.mma import MMAOptions
 from toros_fem.newton import NewtonStep
 from toros_fem.optimise import DesignResult, optimise
-from toros_fem.parameters import require_between, require_count, require_positive
+from toros_fem.parameters import Bending, require_between, require_count, require_positive
 from toros_fem.printed import PrintedDesign, print_design
 from toros_fem.profile import Profile, ProfileSolver
 from toros_fem.profile_objective import ProfileObjective, ProfileTarget
@@ -135,12 +135,15 @@ class TileFindings:
     Attributes:
         profile: Of the print on the finer mesh, in all directions that are drawn.
         blank: Stiffness of the fabric without print, in N/m.
+        buckling: Of the directions that count, those in which the flat sheet is unstable out of
+            its plane at this strain, so that a real one wrinkles: (k,).
         mirrored: Whether the profile goes on by mirrors in the axes, so that a quadrant tells all;
             and whether in the diagonals too.
     """
 
     profile: Profile
     blank: float
+    buckling: npt.NDArray[np.bool_]
     mirrored: tuple[bool, bool]
 
 
@@ -288,7 +291,25 @@ def measure_print(
         plain = check.solver.solve(np.zeros_like(cells), gradients=False)
     except NoEquilibriumError:  # raised by all ranks or by none
         return None
-    return TileFindings(profile, float(plain.stiffness[0]), mirrored)
+    buckling = _buckling(batch, scene, settings, outcome)
+    return TileFindings(profile, float(plain.stiffness[0]), buckling, mirrored)
+
+
+def _buckling(
+    batch: MPI.Comm, scene: TileScene, settings: TileSettings, outcome: TileOutcome
+) -> npt.NDArray[np.bool_]:
+    """Whether the print, on the design's mesh, buckles in the directions that count."""
+    found = np.zeros(len(scene.angles), dtype=bool)
+    assert outcome.printed is not None
+    made = outcome.printed.evaluation
+    if made is None:
+        return found
+    composite = replace(settings.composite, bending=Bending())
+    solver = TileSolver(outcome.problem.skin, composite, Periodic(scene.tile, flat=False))
+    for k, state in enumerate(made.equilibrium.state):
+        if state is not None:
+            found[k] = solver.buckles(state, made.projected)
+    return np.asarray(batch.allreduce(found.astype(int)) > 0)
 
 
 class _Check:
