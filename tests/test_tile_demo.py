@@ -54,7 +54,12 @@ def test_demo(comm: MPI.Comm, tmp_path: Path) -> None:
     made = read_tile(comm, folder)
     cells = made.tile(comm).pattern.areas[made.printed].sum() / 1e-4
     assert 0 < cells < 1
-    for name in ("profile", "pattern", "deformed", "convergence"):
+    with (folder / "curves.csv").open(encoding="utf-8") as file:
+        curves = list(csv.DictReader(file))
+    assert len(curves) == 5 * len(asked)
+    assert float(curves[-1]["strain"]) == 0.1
+    assert float(curves[-1]["stiffness_n_per_m"]) == pytest.approx(printed[-1], rel=1e-8)
+    for name in ("profile", "pattern", "deformed", "convergence", "curves"):
         assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
     assert (folder / "tile.vtu").exists()
     assert (folder / "pattern.svg").exists()

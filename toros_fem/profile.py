@@ -189,6 +189,35 @@ class ProfileSolver:
         return np.asarray(self.batch.bcast(whole))
 
 
+def profiles(
+    tile: TileSolver,
+    density: Floats,
+    angles: Sequence[float] | Floats,
+    strains: Sequence[float] | Floats,
+    batch: MPI.Comm | None = None,
+) -> list[Profile]:
+    """The profiles at strains one after the other: stress over strain in each direction.
+
+    Args:
+        tile: The solver.
+        density: Projected density of the owned triangles, in [0, 1].
+        angles: Directions in rad, (k,).
+        strains: λ − 1, each reached from the one before.
+        batch: As for `ProfileSolver`.
+
+    Raises:
+        ParameterError: A direction or a strain is not admissible.
+        DensityError: The density does not fit, or leaves [0, 1].
+        NoEquilibriumError: There is no equilibrium at one of the strains.
+    """
+    found: list[Profile] = []
+    for strain in strains:
+        near = found[-1].state if found else None
+        solver = ProfileSolver(tile, angles, strain, batch)
+        found.append(solver.solve(density, near, gradients=False))
+    return found
+
+
 def effective_tensor(solver: TileSolver, density: Floats) -> Floats:
     """Stiffness of the undeformed tile, by one factorisation (collective).
 

@@ -80,6 +80,29 @@ def plot_polar(
     plt.close(figure)
 
 
+def plot_curves(path: Path, curves: Sequence[Profile]) -> None:
+    """Picture of nominal stress and lateral contraction over strain, a line a direction.
+
+    Args:
+        path: PNG file to write.
+        curves: Profiles at rising strains.
+    """
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
+    strain = [100 * profile.strain for profile in curves]
+    for k, angle in enumerate(curves[0].angles):
+        stress = [profile.stress[k] for profile in curves]
+        left.plot([0.0, *strain], [0.0, *stress], ".-", label=f"{np.degrees(angle):.4g}°")
+        right.plot(strain, [profile.contraction[k] for profile in curves], ".-")
+    left.set_ylabel("nominal stress in N/m")
+    right.set_ylabel("lateral contraction")
+    for axes in (left, right):
+        axes.set_xlabel("strain in %")
+        axes.grid(alpha=0.3)
+    figure.legend(loc="outside right upper", frameon=False)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
 def plot_tiles(path: Path, tile: Tile, region: BaseGeometry, count: int) -> None:
     """Picture of what is printed on count × count tiles, the border of one shown, in mm.
 

@@ -17,9 +17,9 @@ from toros_fem.meshes.skin import Skin
 from toros_fem.meshes.tile import Tile
 from toros_fem.newton import NewtonStep
 from toros_fem.parameters import Composite, NewtonOptions, require_positive
-from toros_fem.profile import ProfileSolver
+from toros_fem.profile import profiles
 from toros_fem.supports import Supports
-from toros_fem.tile import TileSolver, TileState
+from toros_fem.tile import TileSolver
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -163,16 +163,13 @@ def predict(
     """
     wanted = _checked(axis, strains)
     solver = TileSolver(skin, composite, Periodic(tile))
-    stress, contraction, steps = [], [], 0
-    state: tuple[TileState | None, ...] | None = None
-    for strain in wanted:
-        profile = ProfileSolver(solver, [axis * np.pi / 2], strain).solve(
-            density, state, gradients=False
-        )
-        state, steps = profile.state, steps + profile.steps
-        stress.append(profile.stress[0])
-        contraction.append(profile.contraction[0])
-    return PullCurve(wanted, np.array(stress), np.array(contraction), steps)
+    found = profiles(solver, density, [axis * np.pi / 2], wanted)
+    return PullCurve(
+        wanted,
+        np.array([profile.stress[0] for profile in found]),
+        np.array([profile.contraction[0] for profile in found]),
+        sum(profile.steps for profile in found),
+    )
 
 
 def _checked(axis: int, strains: Sequence[float] | Floats) -> Floats:

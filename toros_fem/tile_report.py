@@ -171,6 +171,8 @@ def write_tile_design(
         write_tile(folder, made)
         if findings is not None:
             write_table(folder / "profile.csv", _rows(findings.profile))
+            rows = [row for profile in findings.curves for row in _rows(profile)]
+            write_table(folder / "curves.csv", rows)
 
         def draw() -> None:
             from toros_fem import profile_plot
@@ -178,6 +180,7 @@ def write_tile_design(
             profile_plot.plot_tiles(folder / "pattern.png", tile, region, SIDE)
             profile_plot.plot_history(folder / "convergence.png", result.history)
             if findings is not None:
+                profile_plot.plot_curves(folder / "curves.png", findings.curves)
                 profile_plot.plot_polar(
                     folder / "profile.png",
                     findings.profile,
@@ -231,6 +234,7 @@ def _rows(profile: Profile) -> Sequence[dict[str, float]]:
     return [
         {
             "angle_deg": float(np.degrees(profile.angles[k])),
+            "strain": profile.strain,
             "stress_n_per_m": float(profile.stress[k]),
             "stiffness_n_per_m": float(profile.stiffness[k]),
             "tangent_n_per_m": float(profile.tangent[k]),

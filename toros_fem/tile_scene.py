@@ -23,7 +23,7 @@ from toros_fem.newton import NewtonStep
 from toros_fem.optimise import DesignResult, optimise
 from toros_fem.parameters import Bending, require_between, require_count, require_positive
 from toros_fem.printed import PrintedDesign, print_design
-from toros_fem.profile import Profile, ProfileSolver
+from toros_fem.profile import Profile, ProfileSolver, profiles
 from toros_fem.profile_objective import ProfileObjective, ProfileTarget
 from toros_fem.projection import Projection
 from toros_fem.settings import DesignSettings
@@ -38,6 +38,8 @@ Floats = npt.NDArray[np.float64]
 WAVES = 4
 # A start whose print has islands must be so many times better to be gone on with.
 ISLANDS = 20.0
+# Strains at which the curves of a print are measured.
+LEVELS = 5
 # Between the directions in which a print is measured in the end, in rad.
 STEP = np.radians(7.5)
 # β is doubled so often at the end, that a thresholded design does what the design does.
@@ -134,6 +136,7 @@ class TileFindings:
 
     Attributes:
         profile: Of the print on the finer mesh, in all directions that are drawn.
+        curves: Profiles in the directions that count, at shares of the strain, the last the whole.
         blank: Stiffness of the fabric without print, in N/m.
         buckling: Of the directions that count, those in which the flat sheet is unstable out of
             its plane at this strain, so that a real one wrinkles: (k,).
@@ -142,6 +145,7 @@ class TileFindings:
     """
 
     profile: Profile
+    curves: tuple[Profile, ...]
     blank: float
     buckling: npt.NDArray[np.bool_]
     mirrored: tuple[bool, bool]
@@ -283,16 +287,19 @@ def measure_print(
     count = round(reach / STEP)
     every: Floats = np.asarray(np.linspace(0, reach, count + 1), dtype=np.float64)
     angles = every if mirrored[0] else every[:-1]
-    check = _Check(batch, replace(scene, angles=angles), settings)
+    check, s = _Check(batch, replace(scene, angles=angles), settings), settings
     assert outcome.printed is not None
     cells = check.density(outcome.printed)
     try:
         profile = check.solver.solve(cells, gradients=False)
         plain = check.solver.solve(np.zeros_like(cells), gradients=False)
+        strains = s.strain * np.linspace(0, 1, LEVELS + 1)[1:]
+        curves = profiles(check.solver.tile, cells, scene.angles, strains, batch)
     except NoEquilibriumError:  # raised by all ranks or by none
         return None
     buckling = _buckling(batch, scene, settings, outcome)
-    return TileFindings(profile, float(plain.stiffness[0]), buckling, mirrored)
+    blank = float(plain.stiffness[0])
+    return TileFindings(profile, tuple(curves), blank, buckling, mirrored)
 
 
 def _buckling(
