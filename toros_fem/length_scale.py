@@ -150,5 +150,18 @@ class LengthScaleConstraints:
             results.append((by_density, by_filtered, sign * flat * short**2))
         return results
 
+    def summary(self, values: Floats) -> dict[str, float | bool]:
+        """(g_r, g_t) beside what they are held to, for files."""
+        return {
+            "g_r": float(values[0]),
+            "g_t": float(values[1]),
+            "epsilon_r": float(self.epsilon[0]),
+            "epsilon_t": float(self.epsilon[1]),
+            "eta_r": self.solid,
+            "eta_t": self.void,
+            "c_m2": self.decay,
+            "satisfied": bool(np.all(values <= self.epsilon)),
+        }
+
     def _shortfalls(self, filtered: Floats) -> tuple[Floats, Floats]:
         return np.minimum(filtered - self.solid, 0), np.minimum(self.void - filtered, 0)

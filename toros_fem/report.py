@@ -163,17 +163,7 @@ class Reporter:
             "gradient_norm_last": last.gradient_norm,
             "volume_fraction": last.volume_fraction,
             "grey_level": last.grey_level,
-            "length_scale": limits
-            and {
-                "g_r": last.solid,
-                "g_t": last.void,
-                "epsilon_r": float(limits.epsilon[0]),
-                "epsilon_t": float(limits.epsilon[1]),
-                "eta_r": limits.solid,
-                "eta_t": limits.void,
-                "c_m2": limits.decay,
-                "satisfied": bool(np.all(widths <= limits.epsilon)),
-            },
+            "length_scale": None if limits is None or widths is None else limits.summary(widths),
             "manufacture": printed.after.summary(),
             "dropped": {
                 "islands": len(printed.cleaned.dropped),

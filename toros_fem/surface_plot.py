@@ -14,12 +14,12 @@ from matplotlib.colors import Normalize
 
 from toros_fem.contours import panel_outline
 from toros_fem.meshes.unwrap import Unwrapped
+from toros_fem.plotting import DPI, camera
 
 Floats = npt.NDArray[np.float64]
 
 COLOURS = "RdBu_r"
 SEAM = (0.05, 0.05, 0.05, 1.0)
-DPI = 150
 # Area ratios that differ from 1 by less than this need no colour.
 LEAST_RANGE = 0.01
 # The name of a panel so much higher than wide is written upwards.
@@ -77,10 +77,7 @@ def _draw_surface(
 ) -> None:
     """Shaded triangles and seams, painted back to front."""
     pattern = unwrapped.pattern
-    e, t = np.radians([elevation, turn])
-    right = np.array([np.cos(t), np.sin(t), 0])
-    away = np.array([-np.sin(t) * np.cos(e), np.cos(t) * np.cos(e), -np.sin(e)])
-    up = np.cross(right, away)
+    right, up, away = camera(elevation, turn)
     points = 1e3 * pattern.points
     corner = points[pattern.triangles]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])

@@ -107,8 +107,10 @@ class TileSolver:
         self._held = np.array(periodic.held)
         self.area = float(skin.pattern.areas.sum())
         self._place = skin.pattern.points[skin.owned_vertices, :2]
-        self._entries: Floats = np.zeros(0)
+        pairs = self.model.tangent_layout[1].shape[1]
+        self._entries: Floats = np.zeros(len(skin.cell) * pairs * (pairs + 1) // 2)
         self._last: TileState | None = None
+        self._answers: dict[bytes, tuple[Floats, Floats]] = {}
 
     def solve(
         self,
@@ -147,7 +149,7 @@ class TileSolver:
                 f"the start is that of direction {start.angle:g} rad, not of {angle:g}: start from "
                 "a state of the same direction, or from none."
             )
-        self._last = None
+        self._forget()
         self._turn(angle)
         self.model.set_density(density)
         minimise = self._minimise
@@ -189,12 +191,7 @@ class TileSolver:
         Raises:
             ParameterError: The solver has been used since.
         """
-        self._require_last(at)
-        force = self._force(at, change)
-        out = -self._minimise.factor.solve(force * self.model.free)
-        moved: Floats = np.zeros_like(out)
-        self.model.set_columns(moved, np.where(self._held, change, 0.0))
-        return np.asarray(out + moved)
+        return self._answer(at, change)[1]
 
     def stiffness(self, at: TileState, changes: Floats) -> Floats:
         """Second derivative of the mean energy by held F̄, (k, k), in N/m (collective).
@@ -203,10 +200,8 @@ class TileSolver:
             at: As for `response`.
             changes: Directions in F̄, (k, 3, 2).
         """
-        forces = [self._force(at, change) for change in changes]
-        moves = [self.response(at, change) for change in changes]
-        comm = self.skin.comm
-        return np.array([[dot(comm, f, m) / self.area for m in moves] for f in forces])
+        comm, answers = self.skin.comm, [self._answer(at, change) for change in changes]
+        return np.array([[dot(comm, f, m) / self.area for _, m in answers] for f, _ in answers])
 
     def stress_gradient(self, at: TileState, change: Floats) -> Floats:
         """d(P̄ : change)/dρ̄ at owned triangles, in N/m, F̄ kept where held (collective)."""
@@ -224,7 +219,7 @@ class TileSolver:
 
     def stable(self, state: Floats, density: Floats, angle: float) -> bool:
         """Whether a state is a stable equilibrium, if it is one (collective)."""
-        self._last = None
+        self._forget()
         self._turn(angle)
         self.model.set_density(density)
         return self._minimise.newton.stable(state)
@@ -270,13 +265,20 @@ class TileSolver:
         self.model.positions(added)[:] -= self.skin.comm.allreduce(shift)
         return out + added
 
-    def _force(self, at: TileState, change: Floats) -> Floats:
-        pairs = self.model.tangent_layout[1].shape[1]
-        size = len(self.skin.cell) * pairs * (pairs + 1) // 2
-        if len(self._entries) != size:
-            self._entries = np.zeros(size)
-        self.model.tangent_entries(at.state, self._entries)
-        return self._images.force(self._entries, np.where(self._held, change, 0.0))
+    def _answer(self, at: TileState, change: Floats) -> tuple[Floats, Floats]:
+        """Change of the force by held F̄, all else kept, and that of the state; kept for reuse."""
+        self._require_last(at)
+        wanted = np.where(self._held, change, 0.0)
+        key = wanted.tobytes()
+        if key not in self._answers:
+            if not self._answers:
+                self.model.tangent_entries(at.state, self._entries)
+            force = self._images.force(self._entries, wanted)
+            move = -self._minimise.factor.solve(force * self.model.free)
+            moved: Floats = np.zeros_like(move)
+            self.model.set_columns(moved, wanted)
+            self._answers[key] = force, move + moved
+        return self._answers[key]
 
     def _result(self, state: Floats, angle: float, before: int) -> TileState:
         model, newton = self.model, self._minimise.newton
@@ -294,6 +296,10 @@ class TileSolver:
             steps=sum(row.step > 0 and not row.chord for row in newton.history),
             factorisations=self._minimise.factor.count - before,
         )
+
+    def _forget(self) -> None:
+        self._last = None
+        self._answers.clear()
 
     def _require_last(self, at: TileState) -> None:
         if at is not self._last:

@@ -8,6 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from toros_fem.meshes.tile import Tile
+from toros_fem.meshes.topology import edges_of, following
 
 Floats = npt.NDArray[np.float64]
 
@@ -24,16 +25,13 @@ def loose_pieces(tile: Tile, printed: npt.NDArray[np.bool_]) -> Floats:
     """
     pattern = tile.pattern
     count = len(pattern.triangles)
-    # Half-edges in the order of the triangles, each with where its first end lies.
-    ends = np.stack([pattern.triangles, np.roll(pattern.triangles, -1, axis=1)], axis=2)
-    keys = np.sort(ends, axis=2).reshape(-1, 2)
-    _, edge = np.unique(keys, axis=0, return_inverse=True)
-    order = np.argsort(edge.ravel(), kind="stable").reshape(-1, 2)
-    low = np.argmin(ends.reshape(-1, 2), axis=1)
-    wraps = np.stack([tile.wraps, np.roll(tile.wraps, -1, axis=1)], axis=2).reshape(-1, 2, 2)
-    seen = wraps[np.arange(len(low)), low]
-    one, two = order[:, 0] // 3, order[:, 1] // 3
-    step = seen[order[:, 0]] - seen[order[:, 1]]  # from one triangle's frame to the other's
+    edges = edges_of(pattern.triangles)
+    # Each triangle sees an edge's first end with wraps of its own; both differ by the step
+    # from one triangle's frame to the other's.
+    starts = pattern.triangles.ravel()[edges.twins]
+    corner = np.where(starts == edges.ends[:, :1], edges.twins, following(edges.twins))
+    seen = tile.wraps.reshape(-1, 2)[corner]
+    (one, two), step = edges.sides.T, seen[:, 0] - seen[:, 1]
     both = printed[one] & printed[two]
     one, two, step = one[both], two[both], step[both]
     graph = coo_array((np.ones(len(one)), (one, two)), shape=(count, count)).tocsr()

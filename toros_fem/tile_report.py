@@ -116,7 +116,7 @@ def write_tile_design(
     wanted = scene.objective if isinstance(scene.objective, ProfileTarget) else None
     reached, designed = outcome.profile, result.final.equilibrium
     last = result.history[-1]
-    limits = outcome.problem.length_scale
+    limits, widths = outcome.problem.length_scale, result.final.length_scale
     summary: dict[str, Any] = {
         "objective_printed": reached and scene.objective.forward(reached),
         "objective_designed": scene.objective.forward(designed),
@@ -131,14 +131,7 @@ def write_tile_design(
         "printed_failure": printed.failure or None,
         "volume_fraction": last.volume_fraction,
         "grey_level": last.grey_level,
-        "length_scale": limits
-        and {
-            "g_r": last.solid,
-            "g_t": last.void,
-            "epsilon_r": float(limits.epsilon[0]),
-            "epsilon_t": float(limits.epsilon[1]),
-            "satisfied": bool(last.solid <= limits.epsilon[0] and last.void <= limits.epsilon[1]),
-        },
+        "length_scale": None if limits is None or widths is None else limits.summary(widths),
         "islands": len(outcome.loose),
         "island_areas_mm2": (1e6 * outcome.loose).tolist(),
         "trials": [{"objective": t, "islands": n} for t, n in outcome.trials],
