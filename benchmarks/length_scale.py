@@ -88,7 +88,7 @@ def main() -> None:
     for name in ("cone", "helmholtz"):
         for ratio in ratios:
             decays = [ratio**2 * factor for factor in (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)]
-            part = study(name, ratio, decays, 6 if options.quick else 18)
+            part = study(name, ratio, decays, 3 if options.quick else 18)
             rows += part
             for decay in decays:
                 line = [row for row in part if row["c_over_R2"] == decay]

@@ -29,13 +29,15 @@ from toros_fem.profile_objective import Contrast, ProfileTarget
 from toros_fem.report import print_step
 from toros_fem.settings import known_inputs
 from toros_fem.tile_file import PrintedTile
+from toros_fem.tile_print import measure_print
 from toros_fem.tile_report import TileReporter, write_tile_design
-from toros_fem.tile_scene import TileScene, TileSettings, design_tile, measure_print
+from toros_fem.tile_scene import TileScene, TileSettings
+from toros_fem.tile_search import design_tile
 
 DEFAULTS: dict[str, Any] = {
     "target": "tetragonal",  # or "orthotropic", "isotropic", "anisotropic", "auxetic"
     "size": 0.01,  # m
-    "edge_length": 0.25e-3,  # m
+    "edge_length": 0.125e-3,  # m; twice as long for the starts, half as long for the print
     "mesh": "crossed",
     "directions": 3,  # parts of 45° (tetragonal) or of 90° (orthotropic), twice as many there
     "stiffness_0": 0.0,  # N/m along x; 0 takes the target's own, as for the two below
@@ -44,7 +46,7 @@ DEFAULTS: dict[str, Any] = {
     "contraction": -0.2,  # of the auxetic target
 }
 COARSE = {
-    "edge_length": 0.4e-3,
+    "edge_length": 0.2e-3,
     "radius": 1e-3,
     "starts": 3,
     "trial": 12,
@@ -72,11 +74,11 @@ def linear_profile(angles: np.ndarray, along: float, diagonal: float, across: fl
 
 
 def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> TileScene:
-    """The tile, on two meshes, and what it is to do."""
+    """The tile, on three meshes, and what it is to do."""
     o = inputs
     require_choice("target", o["target"], tuple(TARGETS))
     require_count(1, directions=o["directions"])
-    symmetry, own = TARGETS[o["target"]]
+    symmetry, usual = TARGETS[o["target"]]
     reach = np.pi / 4 if symmetry == "tetragonal" else np.pi / 2
     count = o["directions"] * (1 if symmetry == "tetragonal" else 2)
     angles = np.asarray(np.linspace(0, reach, count + 1), dtype=np.float64)
@@ -88,16 +90,15 @@ def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> TileScene:
         objective = ProfileTarget(contraction=np.where(angles == 0, o["contraction"], np.nan))
     else:
         given = [o[f"stiffness_{angle}"] for angle in (0, 45, 90)]
-        along, diagonal, across = (g or s for g, s in zip(given, own, strict=True))
+        along, diagonal, across = (g or s for g, s in zip(given, usual, strict=True))
         if symmetry == "tetragonal":
             across = along
         require_positive(stiffness_0=along, stiffness_45=diagonal, stiffness_90=across)
         objective = ProfileTarget(linear_profile(angles, along, diagonal, across))
-    meshes = [
-        tile(comm, o["size"], length, o["mesh"], symmetry)
-        for length in (o["edge_length"], o["edge_length"] / 2)
-    ]
-    return TileScene(meshes[0], angles, objective, symmetry, meshes[1])
+    coarse, own, fine = (
+        tile(comm, o["size"], k * o["edge_length"], o["mesh"], symmetry) for k in (2, 1, 0.5)
+    )
+    return TileScene(own, angles, objective, symmetry, coarse, fine)
 
 
 def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -> dict[str, Any]:

@@ -77,6 +77,20 @@ class Tile:
         pattern = whole.tile.pattern
         return one_panel(pattern.flat_points, pattern.flat_triangles), whole.cell
 
+    def nearest(self, places: Floats) -> tuple[Ints, Floats]:
+        """The triangles whose centroids lie nearest to flat places on the torus.
+
+        Args:
+            places: In m, (k, 2), on any copy of the tile.
+
+        Returns:
+            The triangle, and how far away its centroid is over the sides of the tile, (k,) each.
+        """
+        size = np.diagonal(self.lattice)
+        tree = cKDTree(self.pattern.centroids / size, boxsize=1.0)
+        away, found = tree.query(places / size % 1.0)
+        return np.asarray(found, dtype=np.int64), np.asarray(away)
+
     def images(self, symmetry: str) -> Ints:
         """The triangle to which each goes by each operation of a symmetry, shape (g, t).
 
@@ -87,13 +101,10 @@ class Tile:
             ParameterError: The symmetry is unknown, or needs a square tile.
             PatternError: The mesh does not have the symmetry.
         """
-        size = np.diagonal(self.lattice)
-        check_symmetry(symmetry, size)
-        centroids = self.pattern.centroids
-        tree = cKDTree(centroids / size, boxsize=1.0)
+        check_symmetry(symmetry, np.diagonal(self.lattice))
         images = []
         for operation in SYMMETRIES[symmetry]:
-            away, found = tree.query(centroids @ operation.T / size % 1.0)
+            found, away = self.nearest(self.pattern.centroids @ operation.T)
             worst = int(np.argmax(away))
             if away[worst] > SAME:
                 raise PatternError(

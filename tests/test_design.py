@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
-from toros_fem.meshes import Skin, bend, sew
+from toros_fem.meshes import Skin, bend, cylinder, sew
 
 from toros_fem import errors
 from toros_fem._mpi import norm
@@ -190,6 +190,43 @@ def test_a_run_goes_on_from_a_result(tube: Skin, tube_solver: EquilibriumSolver)
     assert more.seconds["equilibrium"] > first.seconds["equilibrium"]
 
 
+def test_a_run_goes_on_on_another_mesh(
+    tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
+) -> None:
+    """Its history goes on, its shape does not fit."""
+    first = optimise(
+        problem(tube, tube_solver), random_density(tube, 3), DesignOptions((Stage(2),))
+    )
+    pattern = cylinder(comm, 0.06, 0.02, 5e-3)
+    other = sew(comm, pattern)
+    assert len(pattern.panel) != len(tube.pattern.panel)
+    chain = problem(other, EquilibriumSolver(other, Composite(), clamp(pattern, ["base"])))
+    more = optimise(
+        chain, random_density(other, 3), DesignOptions((Stage(1),)), after=first, resewn=True
+    )
+    assert [row.iteration for row in more.history] == [0, 1, 2, 2, 3]
+    assert len(more.density) == len(other.owned_cells)
+
+
+def test_a_design_that_is_good_enough_ends_a_stage(
+    tube: Skin, tube_solver: EquilibriumSolver
+) -> None:
+    """And not while its constraints are violated."""
+    chain, start = full(tube, tube_solver, beta=20.0), random_density(tube, 3)
+    every = optimise(chain, start, DesignOptions((Stage(5),))).history
+    enough = every[2].objective * 1.001
+    first = next(k for k, row in enumerate(every) if row.objective <= enough)
+    found = optimise(chain, start, DesignOptions((Stage(5), Stage(5)), enough=enough))
+    assert [row.stage for row in found.history] == [0] * (first + 1) + [1]
+    assert found.reason == f"T is at most {enough:g}."
+    bound = optimise(chain, start, DesignOptions((Stage(5, constrained=True),), enough=enough))
+    assert chain.length_scale is not None
+    solid, void = chain.length_scale.epsilon
+    for row in bound.history[:-1]:
+        assert row.objective > enough or row.solid > solid or row.void > void
+    assert any(row.objective <= enough for row in bound.history[:-1]), "constraints act"
+
+
 def test_stages_that_are_alike_all_run(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     """And what is reported last is the design returned, also when a stage ends at its start."""
     chain, start = problem(tube, tube_solver), random_density(tube, 3)
@@ -210,6 +247,11 @@ def test_stop_rules(tube: Skin, tube_solver: EquilibriumSolver) -> None:
         result = optimise(chain, start, options)
         assert reason in result.reason
         assert len(result.history) < 4
+    slow = optimise(chain, start, DesignOptions((Stage(14),), progress=1.0))
+    assert slow.reason == "T fell by less than 1 of it in 10 steps."
+    assert slow.history[-1].iteration == 10, "it never falls by all of it"
+    with pytest.raises(errors.ParameterError, match="progress = 2"):
+        DesignOptions(progress=2.0)
     with pytest.raises(errors.ParameterError, match="stages is empty"):
         DesignOptions(())
     with pytest.raises(errors.ParameterError, match="descent = 'steep'"):

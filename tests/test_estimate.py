@@ -39,7 +39,7 @@ def test_estimate_covers_the_error_on_the_tube(comm: MPI.Comm) -> None:
     """Against a mesh refined twice."""
     reached = []
     estimate = None
-    pattern = cylinder(comm, 0.09, 0.02, 5e-3)
+    pattern = cylinder(comm, 0.09, 0.02, 6.5e-3)
     for level in range(3):
         skin = sew(comm, pattern)
         solver = EquilibriumSolver(skin, Composite(), clamp(pattern, ["base"]))

@@ -54,6 +54,8 @@ LAYERS = [
     ["report"],
     ["settings", "tile_pieces"],
     ["scene", "tile_scene"],
+    ["tile_print"],
+    ["tile_search"],
     ["profile_plot"],
     ["tile_report"],
     ["cli", "tube", "limb"],

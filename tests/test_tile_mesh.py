@@ -145,6 +145,22 @@ def test_images_have_the_images_of_the_corners(comm: MPI.Comm, mesh: str, symmet
         assert away.min(axis=2).max() < 1e-14
 
 
+@pytest.mark.parametrize("mesh", KINDS)
+def test_nearest_triangles(comm: MPI.Comm, mesh: str) -> None:
+    """Its own centroids on any copy, and those of a finer mesh within a triangle's size."""
+    sides, length = np.array([0.01, 0.006]), 1e-3
+    own = tile(comm, tuple(sides), length, mesh)
+    count = len(own.pattern.panel)
+    for shift in ((0, 0), (1, 0), (-2, 3)):
+        found, away = own.nearest(own.pattern.centroids + shift * sides)
+        assert np.array_equal(found, np.arange(count))
+        assert away.max() < 1e-12
+    fine = tile(comm, tuple(sides), length / 2, mesh)
+    found, away = own.nearest(fine.pattern.centroids)
+    assert set(found) == set(range(count)), "each has a part"
+    assert (away * sides.max()).max() < length
+
+
 def test_symmetries_are_groups_with_the_identity_first() -> None:
     assert [len(group) for group in SYMMETRIES.values()] == [1, 4, 4, 8]
     for group in SYMMETRIES.values():

@@ -24,6 +24,8 @@ Floats = npt.NDArray[np.float64]
 
 # MMA wants functions of O(1) to O(100).
 SCALE = 10.0
+# Over so many steps T is to fall.
+LOOK_BACK = 10
 # A constraint far from being met asks for this share of its value, step by step.
 TIGHTEN = 0.5
 # What is asked for in the end, over the limit: steps end a few per cent off it.
@@ -71,6 +73,7 @@ def optimise(
     callback: Callback | None = None,
     *,
     after: DesignResult | None = None,
+    resewn: bool = False,
 ) -> DesignResult:
     """Minimise T over densities and pressure by MMA, stage by stage (collective).
 
@@ -81,6 +84,7 @@ def optimise(
         callback: Called after each iteration, on every rank.
         after: A result to go on from: its pressure, shape and history are continued, and only
             the density is the one given.
+        resewn: Whether that result is of another mesh, so that its shape is no start.
 
     Raises:
         DensityError: The density does not fit or leaves [0, 1].
@@ -96,7 +100,7 @@ def optimise(
         )
     loop = _Loop(problem, density, options, callback)
     if after is not None:
-        loop.go_on(after, density)
+        loop.go_on(after, density, resewn=resewn)
     first = loop.history[-1].stage + 1 if loop.history else 0
     for number, stage in enumerate(options.stages, first):
         loop.run(number, stage, last=number - first == len(options.stages) - 1)
@@ -138,9 +142,9 @@ class _Loop:
         self.begin = self.iteration_begin = time.perf_counter()
         self.over, self.reason = False, ""
 
-    def go_on(self, result: DesignResult, density: Floats) -> None:
+    def go_on(self, result: DesignResult, density: Floats, *, resewn: bool) -> None:
         """Take over what a loop before arrived at, but for the density."""
-        self.evaluation, self.history = result.final, list(result.history)
+        self.evaluation, self.history = None if resewn else result.final, list(result.history)
         self.phases, self.steps_done = dict(result.seconds), result.history[-1].iteration
         self.x = self.variables.vector(self.problem.completed(density), result.pressures)
 
@@ -258,7 +262,7 @@ class _Loop:
 
     def finished(self, stage: Stage, count: int, kkt: float, *, last: bool) -> bool:
         """Whether the stage ends here, and with it perhaps the loop; alike on all ranks."""
-        o = self.options
+        o, now = self.options, self.history[-1]
         if o.seconds is not None:
             spent = largest(self.problem.comm, time.perf_counter() - self.begin)
             if spent > o.seconds:
@@ -268,12 +272,31 @@ class _Loop:
             self.reason = f"The KKT residual is under {o.kkt:g}."
         elif count > 0 and self.change < o.change:
             self.reason = f"No variable changes by more than {o.change:g} any more."
+        elif self.kept(stage, now) and o.enough > 0 and now.objective <= o.enough:
+            self.reason = f"T is at most {o.enough:g}."
+        elif count >= LOOK_BACK and self.slow(stage):
+            self.reason = f"T fell by less than {o.progress:g} of it in {LOOK_BACK} steps."
         elif count == stage.iterations:
             self.reason = f"All {o.iterations} iterations are done."
         else:
             return False
         self.over = last
         return True
+
+    def kept(self, stage: Stage, row: Iteration) -> bool:
+        """Whether the constraints of the stage hold."""
+        if not stage.constrained:
+            return True
+        limits = self.problem.length_scale
+        assert limits is not None
+        return bool(row.solid <= limits.epsilon[0] and row.void <= limits.epsilon[1])
+
+    def slow(self, stage: Stage) -> bool:
+        """Whether T has hardly fallen of late, and not because constraints took hold."""
+        before, now = self.history[-1 - LOOK_BACK], self.history[-1]
+        kept = self.kept(stage, before) and self.kept(stage, now)
+        least = self.options.progress * abs(before.objective)
+        return kept and least > 0 and now.objective > before.objective - least
 
     def record(self, number: int, evaluation: Evaluation, kkt: float) -> None:
         e, whole = evaluation, total(self.comm, self.areas.sum())

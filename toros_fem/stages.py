@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from toros_fem.errors import ParameterError
 from toros_fem.mma import MMAOptions
 from toros_fem.parameters import (
@@ -66,6 +68,9 @@ class DesignOptions:
             taken. One without an equilibrium is tried again twice as often and never taken.
         change: A stage ends when no variable changes by more than this.
         kkt: A stage ends when the KKT residual of MMA's scaled problem falls under this.
+        enough: A stage ends when T is at most this and its constraints hold; 0: never.
+        progress: A stage ends when T fell by a smaller share in the last ten steps, its constraints
+            held throughout; 0: never.
         seconds: The loop ends after so much wall time; None: never.
         descent: What counts as progress. "merit": T plus the price of violated constraints does
             not rise. "conservative": GCMMA's own rule, by which every approximation bounds what
@@ -80,6 +85,8 @@ class DesignOptions:
     retries: int = 4
     change: float = 1e-4
     kkt: float = 1e-5
+    enough: float = 0.0
+    progress: float = 0.0
     seconds: float | None = None
     descent: str = "merit"
     pressure_move: float = 0.1
@@ -90,6 +97,8 @@ class DesignOptions:
             raise ParameterError("stages is empty: there is nothing to do.")
         require_count(0, retries=self.retries)
         require_positive(change=self.change, kkt=self.kkt)
+        require_between(0.0, np.inf, enough=self.enough)
+        require_between(0.0, 1.0, progress=self.progress)
         require_positive(pressure_move=self.pressure_move, at_most=1.0)
         require_choice("descent", self.descent, DESCENTS)
         if self.seconds is not None:

@@ -24,7 +24,8 @@ from toros_fem.profile_objective import ProfileTarget
 from toros_fem.report import if_plotting, write_together
 from toros_fem.stages import Iteration
 from toros_fem.tile_file import PrintedTile, write_tile
-from toros_fem.tile_scene import TileFindings, TileOutcome, TileScene
+from toros_fem.tile_print import TileFindings
+from toros_fem.tile_scene import TileOutcome, TileScene
 
 Floats = npt.NDArray[np.float64]
 

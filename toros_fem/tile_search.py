@@ -1,0 +1,151 @@
+"""A tile from several random starts to a print that does what is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from toros_fem.chain import Evaluation
+from toros_fem.meshes.tile import Tile
+from toros_fem.mma import MMAOptions
+from toros_fem.newton import NewtonStep
+from toros_fem.optimise import DesignResult, optimise
+from toros_fem.profile import Profile
+from toros_fem.profile_objective import ProfileTarget
+from toros_fem.projection import Projection
+from toros_fem.stages import DesignOptions, Iteration, Stage
+from toros_fem.tile_design import TileProblem
+from toros_fem.tile_pieces import loose_pieces
+from toros_fem.tile_print import TileCheck
+from toros_fem.tile_scene import TileOutcome, TileScene, TileSettings, tile_problem, wavy
+
+Floats = npt.NDArray[np.float64]
+
+# A start whose print has islands must be so many times better to be gone on with.
+ISLANDS = 100.0
+# A stage in which T falls by a smaller share over ten steps is over.
+PROGRESS = 0.05
+# By how much β is raised in the trials, and then on the design's own mesh. In a gap a
+# density of 0.01 makes fabric several times as stiff: little of it may be left beside a line, or
+# the print is much softer.
+STEEPER, STEEPEST = 4, (4, 8)
+
+
+Callback = Callable[[Iteration, Evaluation[Profile]], None]
+
+
+def design_tile(
+    batch: MPI.Comm,
+    scene: TileScene,
+    settings: TileSettings,
+    callback: Callback | None = None,
+    log: Callable[[NewtonStep], None] | None = None,
+) -> TileOutcome:
+    """Design a tile from the best of several starts, and make its print do what is asked.
+
+    Profiles have many local minima; a few steps from each of some starts, on the coarse mesh, tell
+    the good ones. The best one is gone on with there, and then on the design's own mesh with β
+    raised, so that little grey is left. At last the target is moved by the ratio of what is
+    designed to what its print does on the finer mesh, and the design goes on from there.
+
+    Args:
+        batch: Communicator whose ranks share the directions.
+        scene: What is to be designed.
+        settings: With which numbers.
+        callback: Called after each iteration, on every rank.
+        log: Called with every Newton step of the design's equilibria.
+
+    Raises:
+        NoEquilibriumError: There is no equilibrium for the start.
+    """
+    s = settings
+    draft = replace(scene, tile=scene.coarse or scene.tile)
+    problem = tile_problem(batch, draft, s, log)
+    bound, exact = s.constrained > 0, isinstance(scene.objective, ProfileTarget)
+    options = DesignOptions(
+        tuple(Stage(s.trial, k * s.beta, constrained=bound) for k in (1, STEEPER)),
+        enough=(s.tolerance / 2) ** 2 if exact else 0.0,
+        progress=PROGRESS if exact else 0.0,
+        mma=MMAOptions(move=s.move),
+    )
+    start, trials = _best_start(problem, draft.tile, s, options, callback)
+    whole = replace(options, stages=(Stage(s.iterations, STEEPER * s.beta, constrained=bound),))
+    drafted = optimise(problem, start.density, whole, callback, after=start)
+    density = problem.skin.gather_cells(drafted.density)
+    near, _ = draft.tile.nearest(scene.tile.pattern.centroids)
+    problem = tile_problem(batch, scene, s, log)
+    last = tuple(Stage(s.finish, k * s.beta, constrained=bound) for k in STEEPEST)
+    result = optimise(
+        problem,
+        density[near[problem.skin.owned_cells]],
+        replace(options, stages=last),
+        callback,
+        after=drafted,
+        resewn=True,
+    )
+    problem = problem.with_projection(Projection(STEEPEST[-1] * s.beta, s.eta))
+    check = TileCheck(batch, scene, s)
+    found = check(TileOutcome(problem, result, None, None, np.zeros(0), trials, ()))
+    wanted = scene.objective
+    if not isinstance(wanted, ProfileTarget):
+        return found
+    best_yet, stage = found, Stage(s.retry, constrained=bound)
+    deviations = [_deviation(wanted, found.profile)]
+    while len(deviations) <= s.correct and found.profile and min(deviations) > s.tolerance:
+        aim = _moved(wanted, found.result.final.equilibrium, found.profile)
+        result = optimise(
+            replace(problem, objective=aim),
+            found.result.density,
+            replace(options, stages=(stage,)),
+            callback,
+            after=found.result,
+        )
+        found = check(replace(found, result=result))
+        deviations.append(_deviation(wanted, found.profile))
+        if deviations[-1] == min(deviations):
+            best_yet = found
+    return replace(best_yet, corrections=tuple(deviations))
+
+
+def _best_start(
+    problem: TileProblem,
+    tile: Tile,
+    settings: TileSettings,
+    options: DesignOptions,
+    callback: Callback | None,
+) -> tuple[DesignResult, tuple[tuple[float, int], ...]]:
+    """What the best start came to, and T and islands of all; one that does all ends the search."""
+    best, start, trials = np.inf, None, []
+    skin, first = problem.skin, settings.seed
+    for seed in range(first, first + settings.starts):
+        result = optimise(problem, wavy(tile, seed)[skin.owned_cells], options, callback)
+        filtered = skin.gather_cells(result.final.filtered)
+        islands, reached = len(loose_pieces(tile, filtered > settings.eta)), result.final.objective
+        trials.append((reached, islands))
+        harm = max(reached, options.enough) * (ISLANDS if islands else 1.0)
+        if harm < best or start is None:
+            best, start = harm, result
+        if best <= options.enough:
+            break
+    assert start is not None
+    return start, tuple(trials)
+
+
+def _deviation(wanted: ProfileTarget, profile: Profile | None) -> float:
+    return np.inf if profile is None else wanted.worst(profile)
+
+
+def _moved(wanted: ProfileTarget, designed: Profile, printed: Profile) -> ProfileTarget:
+    """The target for a design that loses as much by being printed as this one."""
+    changes: dict[str, Any] = {}
+    if wanted.stiffness is not None:
+        changes["stiffness"] = wanted.stiffness * designed.stiffness / printed.stiffness
+    if wanted.contraction is not None:
+        lost = designed.contraction - printed.contraction
+        changes["contraction"] = wanted.contraction + lost
+    return replace(wanted, **changes)
