@@ -43,7 +43,7 @@ RUNS: dict[str, tuple[dict[str, Any], dict[str, tuple[float, float]]]] = {
         {
             "design.angle_deg": (0.02, 1.0),
             "gait.foot_lift_mm": (0.02, 0.1),
-            "gait.stride_mm": (0.05, 0.1),
+            "gait.stride_mm": (0.05, 0.02),
         },
     ),
     "gripper": (

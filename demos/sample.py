@@ -31,6 +31,7 @@ from toros_fem.parameters import require_choice, require_count, require_positive
 from toros_fem.pulled_sheet import pull_sheet
 from toros_fem.report import if_plotting, print_step, write_together
 from toros_fem.sample import print_layout, resampled, sheet_of
+from toros_fem.settings import known_inputs
 from toros_fem.tile_file import PrintedTile, read_tile
 
 DEFAULTS: dict[str, Any] = {
@@ -73,7 +74,7 @@ def run(
         inputs: What differs from `DEFAULTS`.
     """
     begin = time.perf_counter()
-    o = {**DEFAULTS, **inputs}
+    o = known_inputs(None, DEFAULTS, inputs)
     require_choice("direction", o["direction"], ("x", "y", "both"))
     require_positive(strain=o["strain"])
     require_count(1, levels=o["levels"])

@@ -95,6 +95,7 @@ def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> TileScene:
             across = along
         require_positive(stiffness_0=along, stiffness_45=diagonal, stiffness_90=across)
         objective = ProfileTarget(linear_profile(angles, along, diagonal, across))
+    require_positive(edge_length=o["edge_length"], at_most=o["size"] / 5)
     coarse, own, fine = (
         tile(comm, o["size"], k * o["edge_length"], o["mesh"], symmetry) for k in (2, 1, 0.5)
     )

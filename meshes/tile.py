@@ -84,11 +84,11 @@ class Tile:
             places: In m, (k, 2), on any copy of the tile.
 
         Returns:
-            The triangle, and how far away its centroid is over the sides of the tile, (k,) each.
+            The triangle, and how far away its centroid is in m, (k,) each.
         """
         size = np.diagonal(self.lattice)
-        tree = cKDTree(self.pattern.centroids / size, boxsize=1.0)
-        away, found = tree.query(places / size % 1.0)
+        tree = cKDTree(_home(self.pattern.centroids, size), boxsize=size)
+        away, found = tree.query(_home(places, size))
         return np.asarray(found, dtype=np.int64), np.asarray(away)
 
     def images(self, symmetry: str) -> Ints:
@@ -101,10 +101,12 @@ class Tile:
             ParameterError: The symmetry is unknown, or needs a square tile.
             PatternError: The mesh does not have the symmetry.
         """
-        check_symmetry(symmetry, np.diagonal(self.lattice))
+        size = np.diagonal(self.lattice)
+        check_symmetry(symmetry, size)
         images = []
         for operation in SYMMETRIES[symmetry]:
             found, away = self.nearest(self.pattern.centroids @ operation.T)
+            away = away / size.min()
             worst = int(np.argmax(away))
             if away[worst] > SAME:
                 raise PatternError(
@@ -186,6 +188,12 @@ def tile(
         return _sewn(points, vertices, wraps[triangles], np.diag(sides))
 
     return on_first_rank(comm, build)
+
+
+def _home(places: Floats, size: Floats) -> Floats:
+    """Places on a torus, in [0, size): a remainder may be rounded up to the size itself."""
+    inside = places % size
+    return np.asarray(np.where(inside < size, inside, 0.0))
 
 
 def _sewn(places: Floats, vertices: Ints, wraps: Ints, lattice: Floats) -> Tile:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem._mpi import raise_together
-from toros_fem.errors import ParameterError, TorosError
+from toros_fem.errors import ParameterError
 from toros_fem.lattice import UNIAXIAL
 from toros_fem.tile import TileSolver, TileState
 
@@ -138,30 +138,30 @@ class ProfileSolver:
         states: list[TileState | None] = [None] * count
         found: list[Floats | None] = [None] * count
         values = np.zeros((count, 6))
-        error = None
+        error: Exception | None = None
         wanted = (1 + self.strain) * ALONG
         for k in range(batch.rank, count, batch.size):
-            near = None if start is None else start[k]
             try:
+                near = None if start is None else start[k]
                 state = self.tile.solve(
                     density, float(self.angles[k]), wanted, start=near, patient=patient
                 )
-            except TorosError as caught:  # the others wait at the end
+                states[k] = state
+                values[k] = [
+                    state.stress[0, 0],
+                    self.tile.stiffness(state, ALONG[None])[0, 0],
+                    (1 - state.gradient[1, 1]) / self.strain,
+                    state.gradient[0, 1],
+                    state.steps,
+                    state.factorisations,
+                ]
+                if gradients:
+                    by_stress = self.tile.stress_gradient(state, ALONG)
+                    by_width = self.tile.strain_gradient(state, ACROSS)
+                    found[k] = np.stack([by_stress, -by_width / self.strain])
+            except Exception as caught:  # whatever it is, the others wait at the end
                 error = caught
                 break
-            states[k] = state
-            values[k] = [
-                state.stress[0, 0],
-                self.tile.stiffness(state, ALONG[None])[0, 0],
-                (1 - state.gradient[1, 1]) / self.strain,
-                state.gradient[0, 1],
-                state.steps,
-                state.factorisations,
-            ]
-            if gradients:
-                by_stress = self.tile.stress_gradient(state, ALONG)
-                by_width = self.tile.strain_gradient(state, ACROSS)
-                found[k] = np.stack([by_stress, -by_width / self.strain])
         raise_together(batch, error)
         # Each row is one rank's, so that the sum is exact and the same everywhere.
         values = np.asarray(batch.allreduce(values))

@@ -95,10 +95,9 @@ class ProfileTarget:
         return by_stress, by_contraction
 
     def worst(self, profile: Profile) -> float:
-        """Largest |s/s* − 1| of the directions asked for."""
-        if self.stiffness is None:
-            return 0.0
-        return float(np.nanmax(np.abs(profile.stiffness / self.stiffness - 1)))
+        """Largest |s/s* − 1| or |c − c*| of what is asked for with a weight over 0."""
+        share, off, wide, _ = self._parts(profile)
+        return float(np.max(np.abs(np.stack([off, wide])) * (share > 0)))
 
 
 @dataclass(frozen=True, eq=False)

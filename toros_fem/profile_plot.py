@@ -186,7 +186,7 @@ def plot_history(path: Path, history: Sequence[Iteration]) -> None:
     bottom.plot(count, [row.grey_level for row in history], label="grey level")
     bottom.set_ylim(0, 1)
     bottom.legend(frameon=False)
-    bottom.set_xlabel("step; lines: β, constraints or target changed")
+    bottom.set_xlabel("step; lines: β, mesh, constraints or target changed")
     for axis in (top, bottom):
         axis.grid(alpha=0.3)
     figure.savefig(path, dpi=DPI)

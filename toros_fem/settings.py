@@ -113,14 +113,14 @@ class DesignSettings:
 
 
 def known_inputs(
-    settings: DesignSettings, defaults: dict[str, Any], inputs: dict[str, Any]
+    settings: DesignSettings | None, defaults: dict[str, Any], inputs: dict[str, Any]
 ) -> dict[str, Any]:
     """Settings and defaults, with what differs from them put in.
 
     Raises:
         ParameterError: An input is none of them.
     """
-    known = {**asdict(settings), **defaults}
+    known = {**({} if settings is None else asdict(settings)), **defaults}
     unknown = sorted(set(inputs) - set(known))
     if unknown:
         raise ParameterError(f"{unknown[0]!r} is no parameter; there are {', '.join(known)}.")

@@ -70,7 +70,7 @@ class DesignOptions:
         kkt: A stage ends when the KKT residual of MMA's scaled problem falls under this.
         enough: A stage ends when T is at most this and its constraints hold; 0: never.
         progress: A stage ends when T fell by a smaller share in the last ten steps, its constraints
-            held throughout; 0: never.
+            held before and after; 0: never.
         seconds: The loop ends after so much wall time; None: never.
         descent: What counts as progress. "merit": T plus the price of violated constraints does
             not rise. "conservative": GCMMA's own rule, by which every approximation bounds what

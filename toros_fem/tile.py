@@ -277,7 +277,9 @@ class TileSolver:
             move = -self._minimise.factor.solve(force * self.model.free)
             moved: Floats = np.zeros_like(move)
             self.model.set_columns(moved, wanted)
-            self._answers[key] = force, move + moved
+            for array in (force, moved := move + moved):
+                array.setflags(write=False)
+            self._answers[key] = force, moved
         return self._answers[key]
 
     def _result(self, state: Floats, angle: float, before: int) -> TileState:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from zipfile import BadZipFile
@@ -111,7 +112,7 @@ def read_tile(comm: MPI.Comm, folder: Path) -> PrintedTile:
             with np.load(path) as archive:
                 entries = dict(archive)
         # A lone array or another kind of file is no archive to be opened.
-        except (OSError, ValueError, EOFError, TypeError, BadZipFile) as caught:
+        except (OSError, ValueError, EOFError, TypeError, BadZipFile, zlib.error) as caught:
             raise TileFileError(
                 f"{path} cannot be read: {caught}. Name the output folder of demos/tile.py."
             ) from None

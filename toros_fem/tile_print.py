@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from toros_fem._mpi import raise_together
 from toros_fem.errors import NoEquilibriumError
 from toros_fem.lattice import Periodic
 from toros_fem.manufacture import printed_cells
@@ -37,7 +37,8 @@ class TileFindings:
         curves: Profiles in the directions that count, at shares of the strain, the last the whole.
         blank: Stiffness of the fabric without print, in N/m.
         buckling: Of the directions that count, those in which the flat sheet is unstable out of
-            its plane at this strain, so that a real one wrinkles: (k,).
+            its plane at this strain, so that a real one wrinkles: (k,); None if the print has no
+            equilibrium on the design's mesh, where this is asked.
         mirrored: Whether the profile goes on by mirrors in the axes, so that a quadrant tells all;
             and whether in the diagonals too.
     """
@@ -45,7 +46,7 @@ class TileFindings:
     profile: Profile
     curves: tuple[Profile, ...]
     blank: float
-    buckling: npt.NDArray[np.bool_]
+    buckling: npt.NDArray[np.bool_] | None
     mirrored: tuple[bool, bool]
 
 
@@ -72,11 +73,13 @@ class TileCheck:
         """The outcome with its print and what that does (collective)."""
         problem, s = outcome.problem, self._settings
         printed = print_design(problem, outcome.result, s.limits, s.island_area)
-        profile = None
-        with suppress(NoEquilibriumError):  # raised by all ranks or by none
+        profile, failure = None, ""
+        try:
             profile = self.solver.solve(self.density(printed), gradients=False)
+        except NoEquilibriumError as caught:  # raised by all ranks or by none
+            failure = str(caught)
         loose = loose_pieces(self._scene.tile, printed.cells)
-        return replace(outcome, printed=printed, profile=profile, loose=loose)
+        return replace(outcome, printed=printed, profile=profile, failure=failure, loose=loose)
 
     def density(self, printed: PrintedDesign) -> Floats:
         """What is printed of the finer mesh's owned triangles."""
@@ -108,7 +111,8 @@ def measure_print(
     cells = check.density(outcome.printed)
     try:
         profile = check.solver.solve(cells, gradients=False)
-        plain = check.solver.solve(np.zeros_like(cells), gradients=False)
+        fabric = ProfileSolver(check.solver.tile, angles[:1], s.strain, batch)
+        plain = fabric.solve(np.zeros_like(cells), gradients=False)
         strains = s.strain * np.linspace(0, 1, LEVELS + 1)[1:]
         curves = profiles(check.solver.tile, cells, scene.angles, strains, batch)
     except NoEquilibriumError:  # raised by all ranks or by none
@@ -120,16 +124,21 @@ def measure_print(
 
 def _buckling(
     batch: MPI.Comm, scene: TileScene, settings: TileSettings, outcome: TileOutcome
-) -> npt.NDArray[np.bool_]:
+) -> npt.NDArray[np.bool_] | None:
     """Whether the print, on the design's mesh, buckles in the directions that count."""
     found = np.zeros(len(scene.angles), dtype=bool)
     assert outcome.printed is not None
     made = outcome.printed.evaluation
     if made is None:
-        return found
-    composite = replace(settings.composite, bending=Bending())
-    solver = TileSolver(outcome.problem.skin, composite, Periodic(scene.tile, flat=False))
-    for k, state in enumerate(made.equilibrium.state):
-        if state is not None:
-            found[k] = solver.buckles(state, made.projected)
+        return None
+    error: Exception | None = None
+    try:
+        composite = replace(settings.composite, bending=Bending())
+        solver = TileSolver(outcome.problem.skin, composite, Periodic(scene.tile, flat=False))
+        for k, state in enumerate(made.equilibrium.state):
+            if state is not None:
+                found[k] = solver.buckles(state, made.projected)
+    except Exception as caught:  # whatever it is, the others wait at the end
+        error = caught
+    raise_together(batch, error)
     return np.asarray(batch.allreduce(found.astype(int)) > 0)

@@ -46,7 +46,7 @@ class TileSettings(DesignSettings):
         correct: How often at most the aim is moved by what printing changes.
         retry: Steps at most each time.
         tolerance: The largest relative deviation of a printed stiffness that needs no correction.
-            A design is good enough when T is at most half of it squared.
+            A design is good enough when T is at most the square of half of it.
     """
 
     radius: float = 0.7e-3
@@ -107,6 +107,7 @@ class TileOutcome:
         printed: What is printed of it.
         profile: What that does on the finer mesh, in the directions that count; None if it has no
             equilibrium.
+        failure: Why it has none.
         loose: Areas in m² of printed pieces that hang on nothing.
         trials: T of the starts after their trial, and how many loose pieces they print.
         corrections: Worst relative deviation of what is printed, after each correction.
@@ -116,6 +117,7 @@ class TileOutcome:
     result: DesignResult
     printed: PrintedDesign | None
     profile: Profile | None
+    failure: str
     loose: Floats
     trials: tuple[tuple[float, int], ...]
     corrections: tuple[float, ...]

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem.chain import Evaluation
+from toros_fem.errors import NoEquilibriumError
 from toros_fem.meshes.tile import Tile
 from toros_fem.mma import MMAOptions
 from toros_fem.newton import NewtonStep
@@ -26,8 +27,9 @@ from toros_fem.tile_scene import TileOutcome, TileScene, TileSettings, tile_prob
 
 Floats = npt.NDArray[np.float64]
 
-# A start whose print has islands must be so many times better to be gone on with.
-ISLANDS = 100.0
+# A start that has islands or breaks the width constraints must be so many times better to be gone
+# on with.
+SPOILT = 5.0
 # A stage in which T falls by a smaller share over ten steps is over.
 PROGRESS = 0.05
 # By how much β is raised in the trials, and then on the design's own mesh. In a gap a
@@ -61,7 +63,8 @@ def design_tile(
         log: Called with every Newton step of the design's equilibria.
 
     Raises:
-        NoEquilibriumError: There is no equilibrium for the start.
+        NoEquilibriumError: There is no equilibrium for any start, or none on the design's mesh for
+            what was found on the coarse one.
     """
     s = settings
     draft = replace(scene, tile=scene.coarse or scene.tile)
@@ -90,18 +93,24 @@ def design_tile(
     )
     problem = problem.with_projection(Projection(STEEPEST[-1] * s.beta, s.eta))
     check = TileCheck(batch, scene, s)
-    found = check(TileOutcome(problem, result, None, None, np.zeros(0), trials, ()))
+    found = check(TileOutcome(problem, result, None, None, "", np.zeros(0), trials, ()))
     wanted = scene.objective
     if not isinstance(wanted, ProfileTarget):
         return found
-    best_yet, stage = found, Stage(s.retry, constrained=bound)
+    best_yet = found
+    # No direction may be off by more than the tolerance: a mean over them tells less.
+    again = replace(
+        options,
+        stages=(Stage(s.retry, constrained=bound),),
+        enough=options.enough / len(scene.angles),
+    )
     deviations = [_deviation(wanted, found.profile)]
     while len(deviations) <= s.correct and found.profile and min(deviations) > s.tolerance:
         aim = _moved(wanted, found.result.final.equilibrium, found.profile)
         result = optimise(
             replace(problem, objective=aim),
             found.result.density,
-            replace(options, stages=(stage,)),
+            again,
             callback,
             after=found.result,
         )
@@ -121,19 +130,32 @@ def _best_start(
 ) -> tuple[DesignResult, tuple[tuple[float, int], ...]]:
     """What the best start came to, and T and islands of all; one that does all ends the search."""
     best, start, trials = np.inf, None, []
+    failure: NoEquilibriumError | None = None
     skin, first = problem.skin, settings.seed
     for seed in range(first, first + settings.starts):
-        result = optimise(problem, wavy(tile, seed)[skin.owned_cells], options, callback)
+        try:
+            result = optimise(problem, wavy(tile, seed)[skin.owned_cells], options, callback)
+        except NoEquilibriumError as caught:  # raised by all ranks or by none
+            failure = caught
+            continue
         filtered = skin.gather_cells(result.final.filtered)
         islands, reached = len(loose_pieces(tile, filtered > settings.eta)), result.final.objective
         trials.append((reached, islands))
-        harm = max(reached, options.enough) * (ISLANDS if islands else 1.0)
+        good = islands == 0 and _widths_kept(problem, result)
+        harm = max(reached, options.enough) * (1.0 if good else SPOILT)
         if harm < best or start is None:
             best, start = harm, result
         if best <= options.enough:
             break
-    assert start is not None
+    if start is None:
+        assert failure is not None
+        raise failure
     return start, tuple(trials)
+
+
+def _widths_kept(problem: TileProblem, result: DesignResult) -> bool:
+    limits, widths = problem.length_scale, result.final.length_scale
+    return limits is None or widths is None or bool(np.all(widths <= limits.epsilon))
 
 
 def _deviation(wanted: ProfileTarget, profile: Profile | None) -> float:
