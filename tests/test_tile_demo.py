@@ -97,8 +97,8 @@ def test_search_passes_over_starts_that_fail(
         correct=0,
         tolerance=20.0,
     )
-    counts = iter([0, 3, 2, 0])
-    monkeypatch.setattr(tile_search, "loose_pieces", lambda *_: [1.0] * next(counts))
+    counts = iter([0, 0, 3, 2, 0])
+    monkeypatch.setattr(tile_search, "loose_pieces", lambda *_: [1.0] * next(counts, 0))
     done = design_tile(comm, wanted, settings)
     assert len(done.trials) == 1
     run, broken = optimise, iter([False, True])

@@ -38,9 +38,9 @@ class TileSettings(DesignSettings):
     The width constraints hold from the first step on, unless `constrained` is 0.
 
     Attributes:
-        iterations: Steps at most from the best start on, on the coarse mesh.
+        iterations: Steps at most from each of the two best starts on, on the coarse mesh.
         strain: At which stiffness counts, λ − 1.
-        starts: How many random starts are tried at most; the best one is gone on with.
+        starts: How many random starts are tried at most; the two best are gone on with.
         trial: Steps of each of them at most, and as many again with β raised.
         finish: Steps at most on the design's own mesh, each time β is raised.
         correct: How often at most the aim is moved by what printing changes.

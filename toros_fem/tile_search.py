@@ -30,6 +30,8 @@ Floats = npt.NDArray[np.float64]
 # A start that has islands or breaks the width constraints must be so many times better to be gone
 # on with.
 SPOILT = 5.0
+# So many starts are gone on with on the coarse mesh before one is chosen.
+FINALISTS = 2
 # A stage in which T falls by a smaller share over ten steps is over.
 PROGRESS = 0.05
 # By how much β is raised in the trials, and then on the design's own mesh. In a gap a
@@ -51,9 +53,9 @@ def design_tile(
     """Design a tile from the best of several starts, and make its print do what is asked.
 
     Profiles have many local minima; a few steps from each of some starts, on the coarse mesh, tell
-    the good ones. The best one is gone on with there, and then on the design's own mesh with β
-    raised, so that little grey is left. At last the target is moved by the ratio of what is
-    designed to what its print does on the finer mesh, and the design goes on from there.
+    the good ones. The two best are gone on with there, and then the better one on the design's own
+    mesh with β raised, so that little grey is left. At last the target is moved by the ratio of
+    what is designed to what its print does on the finer mesh, and the design goes on from there.
 
     Args:
         batch: Communicator whose ranks share the directions.
@@ -76,9 +78,10 @@ def design_tile(
         progress=PROGRESS if exact else 0.0,
         mma=MMAOptions(move=s.move),
     )
-    start, trials = _best_start(problem, draft.tile, s, options, callback)
+    finalists, trials = _best_starts(problem, draft.tile, s, options, callback)
     whole = replace(options, stages=(Stage(s.iterations, STEEPER * s.beta, constrained=bound),))
-    drafted = optimise(problem, start.density, whole, callback, after=start)
+    drafts = [optimise(problem, one.density, whole, callback, after=one) for one in finalists]
+    drafted = min(drafts, key=lambda one: _judged(problem, draft.tile, options, one))
     density = problem.skin.gather_cells(drafted.density)
     near, _ = draft.tile.nearest(scene.tile.pattern.centroids)
     problem = tile_problem(batch, scene, s, log)
@@ -121,15 +124,15 @@ def design_tile(
     return replace(best_yet, corrections=tuple(deviations))
 
 
-def _best_start(
+def _best_starts(
     problem: TileProblem,
     tile: Tile,
     settings: TileSettings,
     options: DesignOptions,
     callback: Callback | None,
-) -> tuple[DesignResult, tuple[tuple[float, int], ...]]:
-    """What the best start came to, and T and islands of all; one that does all ends the search."""
-    best, start, trials = np.inf, None, []
+) -> tuple[list[DesignResult], tuple[tuple[float, int], ...]]:
+    """What the best starts came to, T and islands of all; one that does all ends the search."""
+    found, trials = [], []
     failure: NoEquilibriumError | None = None
     skin, first = problem.skin, settings.seed
     for seed in range(first, first + settings.starts):
@@ -138,24 +141,28 @@ def _best_start(
         except NoEquilibriumError as caught:  # raised by all ranks or by none
             failure = caught
             continue
-        filtered = skin.gather_cells(result.final.filtered)
-        islands, reached = len(loose_pieces(tile, filtered > settings.eta)), result.final.objective
-        trials.append((reached, islands))
-        good = islands == 0 and _widths_kept(problem, result)
-        harm = max(reached, options.enough) * (1.0 if good else SPOILT)
-        if harm < best or start is None:
-            best, start = harm, result
-        if best <= options.enough:
-            break
-    if start is None:
+        harm, islands = _judged(problem, tile, options, result)
+        found.append((harm, seed, result))
+        trials.append((result.final.objective, islands))
+        if harm <= options.enough:
+            return [result], tuple(trials)
+    if not found:
         assert failure is not None
         raise failure
-    return start, tuple(trials)
+    found.sort(key=lambda one: one[:2])
+    return [result for *_, result in found[:FINALISTS]], tuple(trials)
 
 
-def _widths_kept(problem: TileProblem, result: DesignResult) -> bool:
+def _judged(
+    problem: TileProblem, tile: Tile, options: DesignOptions, result: DesignResult
+) -> tuple[float, int]:
+    """T, enough if it is less, times what islands and forbidden widths cost; and the islands."""
+    filtered = problem.skin.gather_cells(result.final.filtered)
+    islands = len(loose_pieces(tile, filtered > problem.projection.eta))
     limits, widths = problem.length_scale, result.final.length_scale
-    return limits is None or widths is None or bool(np.all(widths <= limits.epsilon))
+    kept = limits is None or widths is None or bool(np.all(widths <= limits.epsilon))
+    harm = max(result.final.objective, options.enough) * (1.0 if kept and not islands else SPOILT)
+    return harm, islands
 
 
 def _deviation(wanted: ProfileTarget, profile: Profile | None) -> float:
