@@ -1,5 +1,6 @@
 """The benchmarks run from the command line and write the rows they promise."""
 
+import itertools
 import json
 import os
 import subprocess
@@ -121,6 +122,26 @@ def test_length_scale_of_lines(tmp_path: Path) -> None:
             assert row["least"] > 20 * wide["largest"]
             checked += 1
     assert checked == 6
+
+
+@ALONE
+def test_profiles_of_tiles_converge(tmp_path: Path) -> None:
+    """Stripes are exact on every mesh; of lines on mesh lines each refinement halves the error."""
+    file = tmp_path / "rows.json"
+    done = run("tiles.py", "--quick", "--json", str(file))
+    assert done.returncode == 0, done.stderr
+    rows = json.loads(file.read_text(encoding="utf-8"))
+    assert [(row["pattern"], row["edges"]) for row in rows] == [
+        (pattern, edges) for pattern in ("stripes", "lines", "rings") for edges in (10, 20, 40)
+    ]
+    stripes = [row["stiffness_n_per_m"] for row in rows[:3]]
+    for coarse, fine in itertools.pairwise(stripes):
+        assert coarse == pytest.approx(fine, rel=1e-9)
+    for coarse, fine in itertools.pairwise(rows[3:6]):
+        for before, after in zip(coarse["error"], fine["error"], strict=True):
+            assert 0 < after < 0.6 * before
+    for row in rows:
+        assert row["steps"] > row["steps_near"] > 0
 
 
 @ALONE
