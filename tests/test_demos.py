@@ -221,7 +221,7 @@ def test_polish_takes_islands_out(
     assert gone["manufacture"]["islands"] == 0
 
 
-def fails(*_: object, **__: object) -> None:
+def fails(*_: object) -> None:
     """In place of a simulation."""
     raise EquilibriumError("made to fail", None)  # type: ignore[arg-type]
 
@@ -304,8 +304,12 @@ def test_failure_keeps_what_is_written(
     """A design that nothing holds is refused; files of a run before stay as they are."""
     names = ("summary.json", "history.csv", "pattern.svg")
     before = [(output / name).read_bytes() for name in names]
-    monkeypatch.setattr(EquilibriumSolver, "solve", fails)
-    with pytest.raises(EquilibriumError, match="made to fail"):
+
+    def refuses(*_: object, **__: object) -> None:
+        raise errors.NoEquilibriumError("made to fail")
+
+    monkeypatch.setattr(EquilibriumSolver, "solve", refuses)
+    with pytest.raises(errors.NoEquilibriumError, match="made to fail"):
         demo.run(comm, output, **SMALL)
     comm.barrier()
     assert [(output / name).read_bytes() for name in names] == before
