@@ -59,7 +59,7 @@ def test_demo(comm: MPI.Comm, tmp_path: Path) -> None:
     assert 0 < cells < 1
     with (folder / "curves.csv").open(encoding="utf-8") as file:
         curves = list(csv.DictReader(file))
-    assert len(curves) == 5 * len(asked)
+    assert len(curves) == 4 * len(asked)
     assert float(curves[-1]["strain"]) == 0.1
     assert float(curves[-1]["stiffness_n_per_m"]) == pytest.approx(printed[-1], rel=1e-8)
     for name in ("profile", "pattern", "deformed", "convergence", "curves"):

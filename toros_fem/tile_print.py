@@ -23,7 +23,7 @@ from toros_fem.tile_scene import TileOutcome, TileScene, TileSettings
 Floats = npt.NDArray[np.float64]
 
 # Strains at which the curves of a print are measured.
-LEVELS = 5
+LEVELS = 4
 # Between the directions in which a print is measured in the end, in rad.
 STEP = np.radians(7.5)
 
@@ -101,6 +101,8 @@ def measure_print(
     Returns:
         None if the print has no equilibrium in one of the directions.
     """
+    if outcome.profile is None:
+        return None
     mirrored = (scene.symmetry in ("orthotropic", "tetragonal"), scene.symmetry == "tetragonal")
     reach = np.pi / (1 if not mirrored[0] else 4 if mirrored[1] else 2)
     count = round(reach / STEP)
@@ -113,13 +115,13 @@ def measure_print(
         profile = check.solver.solve(cells, gradients=False)
         fabric = ProfileSolver(check.solver.tile, angles[:1], s.strain, batch)
         plain = fabric.solve(np.zeros_like(cells), gradients=False)
-        strains = s.strain * np.linspace(0, 1, LEVELS + 1)[1:]
+        strains = s.strain * np.arange(1, LEVELS) / LEVELS
         curves = profiles(check.solver.tile, cells, scene.angles, strains, batch)
     except NoEquilibriumError:  # raised by all ranks or by none
         return None
     buckling = _buckling(batch, scene, settings, outcome)
     blank = float(plain.stiffness[0])
-    return TileFindings(profile, tuple(curves), blank, buckling, mirrored)
+    return TileFindings(profile, (*curves, outcome.profile), blank, buckling, mirrored)
 
 
 def _buckling(
