@@ -47,8 +47,8 @@ DEFAULTS: dict[str, Any] = {
 }
 COARSE = {
     "edge_length": 0.2e-3,
-    "radius": 1e-3,
-    "starts": 3,
+    "radius": 0.8e-3,
+    "starts": 5,
     "trial": 12,
     "iterations": 16,
     "correct": 3,
