@@ -59,7 +59,7 @@ TARGETS: dict[str, tuple[str, tuple[float, float, float]]] = {
     "tetragonal": ("tetragonal", (2000.0, 400.0, 2000.0)),
     "isotropic": ("tetragonal", (700.0, 700.0, 700.0)),
     "anisotropic": ("orthotropic", (0.0, 0.0, 0.0)),
-    "auxetic": ("tetragonal", (0.0, 0.0, 0.0)),
+    "auxetic": ("chiral", (0.0, 0.0, 0.0)),
 }
 
 
@@ -84,10 +84,12 @@ def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> TileScene:
     angles = np.asarray(np.linspace(0, reach, count + 1), dtype=np.float64)
     objective: ProfileTarget | Contrast
     if o["target"] == "anisotropic":
-        objective = Contrast(soft=angles == reach, stiff=angles == 0)
+        angles = angles[[0, -1]]
+        objective = Contrast(soft=angles > 0, stiff=angles == 0)
     elif o["target"] == "auxetic":
         require_between(-1.0, 1.0, contraction=o["contraction"])
-        objective = ProfileTarget(contraction=np.where(angles == 0, o["contraction"], np.nan))
+        angles = angles[:1]
+        objective = ProfileTarget(contraction=np.array([o["contraction"]]))
     else:
         given = [o[f"stiffness_{angle}"] for angle in (0, 45, 90)]
         along, diagonal, across = (g or s for g, s in zip(given, usual, strict=True))

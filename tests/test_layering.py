@@ -45,6 +45,7 @@ LAYERS = [
     ["mma"],
     ["stages"],
     ["variables"],
+    ["scaled"],
     ["optimise"],
     ["contours", "widths", "io"],
     ["pieces", "sample"],

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 
 from toros_fem import approximation
 from toros_fem.approximation import Approximation
-from toros_fem.subproblem import Solution, solve_subproblem
+from toros_fem.subproblem import Price, Solution, solve_subproblem
 
 SMALL = 1e-5
 
@@ -34,7 +34,9 @@ class Case:
         bounds = (self.lower, self.upper)
         model.expand(self.x, self.distance, bounds, self.move, list(self.gradients))
         model.curvature = self.curvature
-        solution = solve_subproblem(model, self.values, self.penalty, start, 1e-9)
+        ones = np.ones(len(self.values))
+        price = Price(self.penalty * ones, ones)
+        solution = solve_subproblem(model, self.values, price, start, 1e-9)
         out = np.empty_like(self.x)
         model.minimiser(solution.multipliers, self.x, self.distance, bounds, out)
         return out, solution

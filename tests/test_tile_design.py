@@ -148,6 +148,11 @@ def test_objectives_by_hand() -> None:
     assert reached.forward(profile) == pytest.approx(0, abs=1e-28)
     contrast = Contrast(np.array([True, False, False]), np.array([False, True, True]))
     assert contrast.forward(profile) == pytest.approx(11 / 27, rel=1e-14)
+    assert len(both.residuals(profile)) == 4
+    assert not len(contrast.residuals(profile))
+    for target in (only, sharing, wide, both):
+        r = target.residuals(profile)
+        assert r @ r == pytest.approx(target.forward(profile), rel=1e-14)
     for objective in (only, sharing, wide, both, contrast):
         for parts, values in zip(objective.backward(profile), ("stress", "contraction"),
                                  strict=True):  # fmt: skip
@@ -197,7 +202,7 @@ def full(batched: bool, objective: ProfileObjective, symmetry: str = "tetragonal
 @WAYS
 @pytest.mark.parametrize(("objective", "symmetry"), [(TARGET, "tetragonal"), (CONTRAST, "chiral")])
 def test_taylor_of_everything(batched: bool, objective: ProfileObjective, symmetry: str) -> None:
-    """T with its perimeter term, and both constraints."""
+    """T with its perimeter term, both constraints, and each residual of a sum of squares."""
     chain = full(batched, objective, symmetry)
     skin = chain.skin
     density = start_of(chain)
@@ -206,16 +211,20 @@ def test_taylor_of_everything(batched: bool, objective: ProfileObjective, symmet
     assert base.pressure_gradient is None
     assert base.length_scale is not None
     assert base.length_scale_gradients is not None
+    assert base.residual_gradients is not None
     assert base.perimeter is not None
+    assert len(base.residuals) == len(base.residual_gradients) == (6 if objective is TARGET else 0)
     assert base.objective - base.shape > 0.02 * base.shape, "the perimeter must matter"
     step = direction(chain.solver.tile) * chain.designed
-    slopes = [dot(skin.comm, g, step) for g in (base.gradient, *base.length_scale_gradients)]
+    every = (base.gradient, *base.length_scale_gradients, *base.residual_gradients)
+    slopes = [dot(skin.comm, g, step) for g in every]
     gaps = []
     for h in 1e-2 * 0.5 ** np.arange(6):
         there = chain.simulate(density + h * step, base.equilibrium.state)
         assert there.length_scale is not None
         values = np.array([there.objective - base.objective,
-                           *(there.length_scale - base.length_scale)])  # fmt: skip
+                           *(there.length_scale - base.length_scale),
+                           *(there.residuals - base.residuals)])  # fmt: skip
         gaps.append(np.abs(values - h * np.array(slopes)))
         if len(gaps) == 1:
             assert (np.abs(values) > gaps[0]).all(), "the linear part must matter"

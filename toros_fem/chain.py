@@ -69,6 +69,8 @@ class Evaluation(Generic[R]):
         pressure_gradient: dT/dP in 1/Pa by the pressure of each chamber, (k,), zero where it is
             not designed; None if it was not asked for, or none is.
         length_scale_gradients: dg_r/dρ and dg_t/dρ, as `gradient`; None if not asked for.
+        residuals: Numbers of whose squares `shape` is the sum, (j,); none if it is no such sum.
+        residual_gradients: Theirs by ρ, as `gradient`; None if not asked for.
         density: ρ at owned triangles.
         filtered, projected: ρ̃ and ρ̄ at owned triangles.
         equilibrium: What the pattern does: the simulated shape, or the response of a tile.
@@ -82,6 +84,8 @@ class Evaluation(Generic[R]):
     gradient: Floats | None
     pressure_gradient: Floats | None
     length_scale_gradients: list[Floats] | None
+    residuals: Floats
+    residual_gradients: list[Floats] | None
     density: Floats
     filtered: Floats
     projected: Floats
@@ -153,6 +157,17 @@ class DesignChain(ABC, Generic[R]):
     @abstractmethod
     def respond_backward(self, evaluation: Evaluation[R]) -> tuple[Floats, Floats | None]:
         """Gradients of that distance by ρ̄ and by the pressures, if any is designed (collective)."""
+
+    def residuals(self, response: R) -> Floats:
+        """Numbers of whose squares that distance is the sum, (j,), for MMA to know them apart.
+
+        None by default: worth having where they are few and no pressure is designed.
+        """
+        return np.zeros(0)
+
+    def residuals_backward(self, evaluation: Evaluation[R]) -> Floats:
+        """Their gradients by ρ̄, (j, cells) (collective)."""
+        return np.zeros((0, len(evaluation.projected)))
 
     def check(self) -> None:
         """Check what all kinds of problems have in common (collective).
@@ -269,6 +284,8 @@ class DesignChain(ABC, Generic[R]):
             gradient=None,
             pressure_gradient=None,
             length_scale_gradients=None,
+            residuals=self.residuals(response),
+            residual_gradients=None,
             density=density,
             filtered=filtered,
             projected=projected,
@@ -295,11 +312,13 @@ class DesignChain(ABC, Generic[R]):
                 self._pull_back(e, by_filtered, by_projected) + by_density * self.designed
                 for by_density, by_filtered, by_projected in parts
             ]
+        rows = self.residuals_backward(e) if len(e.residuals) else ()
         return replace(
             e,
             gradient=gradient,
             pressure_gradient=pressure_gradient,
             length_scale_gradients=widths,
+            residual_gradients=[self._pull_back(e, None, row) for row in rows],
             seconds={**e.seconds, "adjoint": time.perf_counter() - begin},
         )
 

@@ -14,9 +14,10 @@ from toros_fem._mpi import largest, smallest, total
 from toros_fem.approximation import TINY, Approximation, pieces
 from toros_fem.errors import ParameterError
 from toros_fem.parameters import require_between, require_positive
-from toros_fem.subproblem import solve_subproblem
+from toros_fem.subproblem import Price, solve_subproblem
 
 Floats = npt.NDArray[np.float64]
+Numbers = Sequence[float] | Floats
 
 SMALL = 1e-5  # Svanberg's raa0, which keeps the approximations strictly convex
 CURVATURE_DECAY = 0.5  # what a retry has learnt is forgotten at this rate
@@ -58,7 +59,7 @@ class MMAState:
     Attributes:
         previous, before_previous: xᵏ of the last two steps.
         distance: Of the asymptotes from `previous`, to both sides.
-        multipliers: λᵢ of the last subproblem.
+        multipliers: λᵢ of the last subproblem: of the constraints, of r and of −r.
         curvature: ρᵢ that retries have added, the objective's first.
     """
 
@@ -70,12 +71,15 @@ class MMAState:
 
 
 class MMA:
-    """Svanberg's MMA and GCMMA for min f₀(x), fᵢ(x) ≤ 0, x̲ ≤ x ≤ x̄ with distributed variables.
+    """Svanberg's MMA and GCMMA for min f₀ + Σ rₖ², fᵢ ≤ 0, x̲ ≤ x ≤ x̄ with distributed variables.
 
     `step` proposes. For plain MMA the proposal is the next iterate. For GCMMA it is so once
     `conservative` finds that no function exceeds its approximation there; until then `retry`
     raises the curvatures of those that do, and proposes anew: then the iterates stay feasible and
     f₀ falls monotonically. A caller with a test of its own may call `retry` without asking.
+    Residuals rₖ are approximated each for itself, both ways: ±rₖ ≤ yₖ at the price yₖ² (Svanberg
+    2007, section 2). So the subproblem knows where their squares stop falling, as Gauss and
+    Newton's does, and of all small steps there it takes the one whose variables change least.
     Only numbers of the size of the constraints are reduced over the ranks (Aage & Lazarov,
     Struct. Multidiscip. Optim. 47, 2013). Equations and default parameters: K. Svanberg, "MMA and
     GCMMA – two methods for nonlinear optimization", 2007; GCMMA's convergence: K. Svanberg, SIAM
@@ -84,6 +88,7 @@ class MMA:
     Args:
         lower, upper: Finite bounds; a variable whose bounds are equal stays there.
         constraints: Number m of constraints, which should be scaled to O(1).
+        residuals: Number of rₖ.
         options: Svanberg's parameters.
         move: Move limit of each variable over its range, in place of the options' one for all.
 
@@ -99,6 +104,8 @@ class MMA:
         constraints: int = 0,
         options: MMAOptions | None = None,
         move: PETSc.Vec | None = None,
+        *,
+        residuals: int = 0,
     ) -> None:
         self._comm: MPI.Comm = lower.comm.tompi4py()
         # PETSc frees this communicator with the last vector on it: that must not be the caller's.
@@ -118,10 +125,15 @@ class MMA:
                 largest(self._comm, np.max(self._move, initial=0.5)),
             ):
                 require_positive(move=end, at_most=1.0)
-        self._m = constraints
-        self._model = Approximation(self._comm, len(self._lower), constraints)
-        self._values: Floats = np.zeros(constraints + 1)
-        self._start_curvature: Floats = np.zeros(constraints + 1)
+        self._m, self._r = constraints, residuals
+        self._rows = constraints + 2 * residuals
+        self._price = Price(
+            np.repeat([self.options.penalty, 0.0], [constraints, 2 * residuals]),
+            np.repeat([1.0, 2.0], [constraints, 2 * residuals]),
+        )
+        self._model = Approximation(self._comm, len(self._lower), self._rows)
+        self._values: Floats = np.zeros(self._rows + 1)
+        self._start_curvature: Floats = np.zeros(self._rows + 1)
         self.state = MMAState()
 
     def step(
@@ -129,8 +141,10 @@ class MMA:
         x: PETSc.Vec,
         value: float,
         gradient: PETSc.Vec,
-        values: Sequence[float] = (),
+        values: Numbers = (),
         jacobian: Sequence[PETSc.Vec] = (),
+        residuals: Numbers = (),
+        slopes: Sequence[PETSc.Vec] = (),
     ) -> None:
         """Replace x by the next proposal (collective).
 
@@ -140,35 +154,55 @@ class MMA:
             gradient: ∇f₀(x).
             values: fᵢ(x), the same on all ranks.
             jacobian: ∇fᵢ(x).
+            residuals: rₖ(x), the same on all ranks.
+            slopes: ∇rₖ(x).
         """
         self._check(values, jacobian)
+        if len(residuals) != self._r or len(slopes) != self._r:
+            raise ParameterError(
+                f"{len(residuals)} residuals and {len(slopes)} slopes for {self._r} residuals."
+            )
         state, here = self.state, x.array.copy()
         distance = self._distance(here)
         state.before_previous, state.previous, state.distance = state.previous, here, distance
         if state.curvature is None:
-            state.curvature = np.zeros(self._m + 1)
+            state.curvature = np.zeros(self._rows + 1)
         state.curvature = CURVATURE_DECAY * state.curvature
-        gradients = [gradient.array, *(row.array for row in jacobian)]
+        up = [row.array for row in slopes]
+        gradients = [gradient.array, *(row.array for row in jacobian), *up, *(-row for row in up)]
         bounds = (self._lower, self._upper)
         self._model.expand(here, distance, bounds, self._move, gradients)
-        self._values = np.array([value, *values], dtype=np.float64)
+        self._values = _stacked(value, values, residuals)
         # What GCMMA starts from: a tenth of the mean |∂fᵢ/∂xⱼ| (x̄ⱼ − x̲ⱼ), weighted by dⱼ here.
         weight = max(self._model.total_weight, TINY)
         self._start_curvature = np.maximum(0.2 * self._model.size / weight, 1e-6)
         self._propose(x)
 
-    def conservative(self, x: PETSc.Vec, value: float, values: Sequence[float] = ()) -> bool:
+    def conservative(
+        self,
+        x: PETSc.Vec,
+        value: float,
+        values: Numbers = (),
+        residuals: Numbers = (),
+    ) -> bool:
         """Whether no function exceeds its approximation at the proposal (collective).
 
         Args:
             x: The proposal.
             value: f₀ there, the same on all ranks; infinite where it does not exist.
             values: fᵢ there.
+            residuals: rₖ there.
         """
-        missing, _ = self._missing(x, value, values)
+        missing, _ = self._missing(x, value, values, residuals)
         return bool(np.all(missing <= 0))
 
-    def retry(self, x: PETSc.Vec, value: float, values: Sequence[float] = ()) -> None:
+    def retry(
+        self,
+        x: PETSc.Vec,
+        value: float,
+        values: Numbers = (),
+        residuals: Numbers = (),
+    ) -> None:
         """Replace a rejected proposal by a more cautious one (collective).
 
         A function that exceeds its approximation by δᵢ d(x) there gets the curvature
@@ -178,11 +212,12 @@ class MMA:
         Args:
             x: The proposal, overwritten.
             value: f₀ there, the same on all ranks; infinite where it does not exist.
-            values: fᵢ there. Without them the constraints count as conservative.
+            values: fᵢ there. Without them, and residuals, all but f₀ count as conservative.
+            residuals: rₖ there.
         """
         state = self.state
         assert state.curvature is not None
-        missing, distance = self._missing(x, value, values)
+        missing, distance = self._missing(x, value, values, residuals)
         limit = 10 * np.maximum(state.curvature, self._start_curvature)
         if np.all(np.isfinite(missing)) and np.any(missing > 0):
             rise = 1.1 * (state.curvature + np.maximum(missing, 0.0) / max(distance, TINY))
@@ -192,6 +227,16 @@ class MMA:
             state.curvature = limit
         self._propose(x)
 
+    def rescale(self, factor: float) -> None:
+        """Take f₀ and Σ rₖ² as so many times what they were, from the next step on."""
+        state, m, root = self.state, self._m, factor**0.5
+        if state.curvature is not None:
+            state.curvature[0] *= factor
+            state.curvature[1 + m :] *= root
+        if state.multipliers is not None:
+            state.multipliers[:m] *= factor
+            state.multipliers[m:] *= root
+
     def restart(self) -> None:
         """Forget asymptotes, curvatures and multipliers: the problem is another one now."""
         self.state = MMAState()
@@ -200,7 +245,7 @@ class MMA:
         self,
         x: PETSc.Vec,
         gradient: PETSc.Vec,
-        values: Sequence[float] = (),
+        values: Numbers = (),
         jacobian: Sequence[PETSc.Vec] = (),
     ) -> float:
         """How far x is from satisfying the optimality conditions (collective).
@@ -216,14 +261,13 @@ class MMA:
 
         Args:
             x: Variables.
-            gradient: ∇f₀(x).
+            gradient: ∇(f₀ + Σ rₖ²)(x).
             values: fᵢ(x), the same on all ranks.
             jacobian: ∇fᵢ(x).
         """
         self._check(values, jacobian)
-        lam = self.state.multipliers
-        if lam is None:
-            lam = np.zeros(self._m)
+        multipliers = self.state.multipliers
+        lam = np.zeros(self._m) if multipliers is None else multipliers[: self._m]
         span = self._upper - self._lower
         ranged = span > 0
         slope = gradient.array.copy()
@@ -235,7 +279,7 @@ class MMA:
         shared = np.abs(np.minimum(lam, -np.asarray(values, dtype=np.float64)))
         return max(largest(self._comm, np.max(gap, initial=0.0)), float(np.max(shared, initial=0)))
 
-    def _check(self, values: Sequence[float], jacobian: Sequence[PETSc.Vec]) -> None:
+    def _check(self, values: Numbers, jacobian: Sequence[PETSc.Vec]) -> None:
         if len(values) != self._m or len(jacobian) != self._m:
             raise ParameterError(
                 f"{len(values)} values and {len(jacobian)} gradients for {self._m} constraints."
@@ -261,18 +305,23 @@ class MMA:
             np.minimum(distance, 10 * span, out=span)
         return out
 
-    def _missing(self, x: PETSc.Vec, value: float, values: Sequence[float]) -> tuple[Floats, float]:
+    def _missing(
+        self, x: PETSc.Vec, value: float, values: Numbers, residuals: Numbers
+    ) -> tuple[Floats, float]:
         """By how much each function exceeds its approximation, and d(x) of `retry`."""
         state = self.state
         if state.previous is None or state.distance is None:
             raise ParameterError("there is no proposal yet: call step first.")
         change, distance = self._model.change_at(state.previous, state.distance, x.array)
-        there = np.array([value, *values], dtype=np.float64)
+        there = _stacked(value, values, residuals)
         there[~np.isfinite(there)] = np.inf
-        if len(there) not in (1, self._m + 1):
-            raise ParameterError(f"{len(values)} values for {self._m} constraints.")
+        if len(there) not in (1, self._rows + 1):
+            raise ParameterError(
+                f"{len(values)} values for {self._m} constraints, {len(residuals)} residuals of "
+                f"{self._r}."
+            )
         count = len(there)
-        missing = np.zeros(self._m + 1)
+        missing = np.zeros(self._rows + 1)
         missing[:count] = there - self._values[:count] - change[:count]
         noise = ROUNDING * (np.abs(self._values) + self._model.size)
         return np.where(missing > noise, missing, 0.0), distance
@@ -283,8 +332,14 @@ class MMA:
         assert state.previous is not None
         assert state.distance is not None
         model.curvature = SMALL + state.curvature
-        penalty, tolerance = self.options.penalty, self.options.tolerance
-        found = solve_subproblem(model, self._values[1:], penalty, state.multipliers, tolerance)
+        tolerance = self.options.tolerance
+        found = solve_subproblem(model, self._values[1:], self._price, state.multipliers, tolerance)
         state.multipliers = found.multipliers
         bounds = (self._lower, self._upper)
         model.minimiser(found.multipliers, state.previous, state.distance, bounds, x.array)
+
+
+def _stacked(value: float, values: Numbers, residuals: Numbers) -> Floats:
+    """f₀, fᵢ, r and −r, which are functions of their own to the approximations."""
+    r = np.asarray(residuals, dtype=np.float64)
+    return np.concatenate([[value], np.asarray(values, dtype=np.float64), r, -r])

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from petsc4py import PETSc
 
 from toros_fem._mpi import dot, largest, norm, total
 from toros_fem.chain import DesignChain, Evaluation
@@ -17,19 +16,14 @@ from toros_fem.density import check_density
 from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.mma import MMA
 from toros_fem.projection import Projection
+from toros_fem.scaled import Scaled, Values
 from toros_fem.stages import DesignOptions, Iteration, Stage
 from toros_fem.variables import Variables
 
 Floats = npt.NDArray[np.float64]
 
-# MMA wants functions of O(1) to O(100).
-SCALE = 10.0
 # Over so many steps T is to fall.
 LOOK_BACK = 10
-# A constraint far from being met asks for this share of its value, step by step.
-TIGHTEN = 0.5
-# What is asked for in the end, over the limit: steps end a few per cent off it.
-MARGIN = 0.8
 # What a violated constraint costs at least when progress is judged, in MMA's scaled units.
 PRICE = 1.0
 
@@ -155,12 +149,6 @@ class _Loop:
         if stage.beta is not None:
             projection = Projection(stage.beta, projection.eta)
         self.problem = problem = given.with_projection(projection)
-        mma = MMA(
-            *self.variables.bounds,
-            constraints=2 if constrained else 0,
-            options=options.mma,
-            move=self.variables.move,
-        )
         start = None if self.evaluation is None else self.evaluation.equilibrium.state
         try:
             evaluation = self.simulate(start)
@@ -170,17 +158,30 @@ class _Loop:
             self.over, self.reason = True, f"Stage {number} has no equilibrium to start from."
             self.problem = given
             return
-        scale = SCALE / max(evaluation.objective, np.finfo(float).tiny)
+        mma = MMA(
+            *self.variables.bounds,
+            constraints=2 if constrained else 0,
+            options=options.mma,
+            move=self.variables.move,
+            residuals=len(evaluation.residuals),
+        )
+        scaled = Scaled(
+            problem,
+            self.variables,
+            constrained=constrained,
+            enough=options.enough,
+            start=evaluation,
+        )
         kkt = math.inf
         for count in range(stage.iterations + 1):
             begin = time.perf_counter()
             self.evaluation = evaluation = problem.differentiate(evaluation)
             self.phases["adjoint"] += time.perf_counter() - begin
             begin = time.perf_counter()
-            gradient = self.variables.gradient(evaluation, scale)
-            targets, values, jacobian = self.constraints(evaluation, constrained)
+            mma.rescale(scaled.refer(evaluation))
+            here, slopes = scaled.values(evaluation), scaled.gradients(evaluation)
             if count > 0:
-                kkt = mma.kkt(self.x, gradient, values, jacobian)
+                kkt = mma.kkt(self.x, slopes.objective, here.constraints, slopes.constraints)
             self.phases["mma"] += time.perf_counter() - begin
             self.steps_done += count > 0
             self.record(number, evaluation, kkt)
@@ -189,9 +190,17 @@ class _Loop:
                 break
             begin = time.perf_counter()
             before = self.x.array.copy()
-            mma.step(self.x, scale * evaluation.objective, gradient, values, jacobian)
+            mma.step(
+                self.x,
+                here.rest,
+                slopes.rest,
+                here.constraints,
+                slopes.constraints,
+                here.residuals,
+                slopes.residuals,
+            )
             self.phases["mma"] += time.perf_counter() - begin
-            trial = self.descend(mma, evaluation, scale, targets, values)
+            trial = self.descend(mma, scaled, evaluation, here)
             if trial is None:
                 self.x.array[:] = before
                 self.over = True
@@ -202,63 +211,31 @@ class _Loop:
         self.problem = given
 
     def descend(
-        self,
-        mma: MMA,
-        near: Evaluation,
-        scale: float,
-        targets: list[float],
-        values: list[float],
+        self, mma: MMA, scaled: Scaled, near: Evaluation, here: Values
     ) -> Evaluation | None:
         """The design MMA proposes or a more cautious one; None if the last has no equilibrium."""
         o = self.options
-        prices = np.maximum(PRICE, 2 * np.asarray(mma.state.multipliers))
+        multipliers = np.asarray(mma.state.multipliers)[: len(here.constraints)]
+        prices = np.maximum(PRICE, 2 * multipliers)
 
-        def merit(objective: float, others: list[float]) -> float:
-            return objective + float(prices @ np.maximum(others, 0.0))
+        def merit(values: Values) -> float:
+            return values.objective + float(prices @ np.maximum(values.constraints, 0.0))
 
-        bound = merit(scale * near.objective, values)
+        bound = merit(here)
         while True:
             trial = self.attempt(near)
+            there = here.missing if trial is None else scaled.values(trial)
             if trial is None:
-                there, others = math.inf, [math.inf] * len(values)
                 good = False
+            elif o.descent == "conservative":
+                good = mma.conservative(self.x, there.rest, there.constraints, there.residuals)
             else:
-                there, others = scale * trial.objective, self.measured(trial, targets)
-                if o.descent == "conservative":
-                    good = mma.conservative(self.x, there, others)
-                else:
-                    good = merit(there, others) <= bound
+                good = merit(there) <= bound
             enough = self.rejected >= (2 * o.retries if trial is None else o.retries)
             if good or enough:
                 return trial
             self.rejected += 1
-            mma.retry(self.x, there, others)
-
-    def constraints(
-        self, evaluation: Evaluation, constrained: bool
-    ) -> tuple[list[float], list[float], list[PETSc.Vec]]:
-        """Targets, values g/target − 1 and their gradients."""
-        if not constrained:
-            return [], [], []
-        limits = self.problem.length_scale
-        assert limits is not None
-        assert evaluation.length_scale is not None
-        assert evaluation.length_scale_gradients is not None
-        targets = [
-            max(MARGIN * float(epsilon), TIGHTEN * float(g))
-            for epsilon, g in zip(limits.epsilon, evaluation.length_scale, strict=True)
-        ]
-        rows = []
-        for target, part in zip(targets, evaluation.length_scale_gradients, strict=True):
-            rows.append(self.variables.vector(np.asarray(part / target)))
-        return targets, self.measured(evaluation, targets), rows
-
-    def measured(self, evaluation: Evaluation, targets: list[float]) -> list[float]:
-        """g/target − 1 at a design."""
-        if not targets:
-            return []
-        assert evaluation.length_scale is not None
-        return [float(g) / t - 1 for g, t in zip(evaluation.length_scale, targets, strict=True)]
+            mma.retry(self.x, there.rest, there.constraints, there.residuals)
 
     def finished(self, stage: Stage, count: int, kkt: float, *, last: bool) -> bool:
         """Whether the stage ends here, and with it perhaps the loop; alike on all ranks."""

@@ -179,11 +179,21 @@ class ProfileSolver:
         )
 
     def backward(self, profile: Profile, by_stress: Floats, by_contraction: Floats) -> Floats:
-        """dT/dρ̄ at owned triangles from dT/d stress and dT/d contraction, (k,) (collective)."""
-        out: Floats = np.zeros(len(self.tile.skin.owned_cells))
+        """dT/dρ̄ at owned triangles from dT/d stress and dT/d contraction (collective).
+
+        Args:
+            profile: With its gradients.
+            by_stress: dT/d stress in m/N, (k,), or (j, k) for j functions at once.
+            by_contraction: dT/d contraction, of the same shape.
+
+        Returns:
+            (cells,) or (j, cells).
+        """
+        out: Floats = np.zeros((*by_stress.shape[:-1], len(self.tile.skin.owned_cells)))
         for k, gradients in enumerate(profile.gradients):
             if gradients is not None:
-                out += by_stress[k] * gradients[0] + by_contraction[k] * gradients[1]
+                out += np.multiply.outer(by_stress[..., k], gradients[0])
+                out += np.multiply.outer(by_contraction[..., k], gradients[1])
         # Summed in one place: all ranks are to step alike, to the last digit.
         whole = self.batch.reduce(out)
         return np.asarray(self.batch.bcast(whole))

@@ -25,6 +25,14 @@ class ProfileObjective(Protocol):
         """dT/d stress in m/N and dT/d contraction, (k,) each."""
         ...
 
+    def residuals(self, profile: Profile) -> Floats:
+        """Numbers r, (j,), of whose squares T is the sum; none if it is no such sum."""
+        ...
+
+    def residuals_backward(self, profile: Profile) -> tuple[Floats, Floats]:
+        """dr/d stress in m/N and dr/d contraction, (j, k) each."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class ProfileTarget:
@@ -84,15 +92,39 @@ class ProfileTarget:
 
     def forward(self, profile: Profile) -> float:
         """T."""
-        share, off, wide, _ = self._parts(profile)
-        return float(share @ (off**2 + self.weight * wide**2))
+        return float(np.sum(self.residuals(profile) ** 2))
 
     def backward(self, profile: Profile) -> tuple[Floats, Floats]:
         """Its derivatives."""
-        share, off, wide, inverse = self._parts(profile)
-        by_stress: Floats = np.asarray(2 * share * off * inverse / profile.strain, dtype=np.float64)
-        by_contraction: Floats = 2 * self.weight * share * wide
-        return by_stress, by_contraction
+        twice = 2 * self.residuals(profile)
+        by_stress, by_contraction = self.residuals_backward(profile)
+        return twice @ by_stress, twice @ by_contraction
+
+    def residuals(self, profile: Profile) -> Floats:
+        """Roots of the terms of T, signed: of what is asked of stiffness, then of contraction."""
+        share, off, wide, _ = self._parts(profile)
+        asked = self._asked
+        roots = np.sqrt([share, self.weight * share])
+        return np.asarray((roots * np.stack([off, wide]))[asked])
+
+    def residuals_backward(self, profile: Profile) -> tuple[Floats, Floats]:
+        """Their derivatives, (j, k) each."""
+        share, _, _, inverse = self._parts(profile)
+        every = np.eye(len(share))
+        by_stress = np.sqrt(share) * inverse / profile.strain * every
+        by_contraction = np.sqrt(self.weight * share) * every
+        none, asked = np.zeros_like(every), self._asked
+        return (
+            np.concatenate([by_stress[asked[0]], none[asked[1]]]),
+            np.concatenate([none[asked[0]], by_contraction[asked[1]]]),
+        )
+
+    @property
+    def _asked(self) -> npt.NDArray[np.bool_]:
+        """Whether anything is asked of stiffness and of contraction, (2, k)."""
+        both = [self.stiffness, self.contraction]
+        count = next(len(one) for one in both if one is not None)
+        return np.array([np.zeros(count) if a is None else ~np.isnan(a) for a in both], dtype=bool)
 
     def worst(self, profile: Profile) -> float:
         """Largest |s/s* − 1| or |c − c*| of what is asked for with a weight over 0."""
@@ -133,3 +165,12 @@ class Contrast:
         by -= np.where(self.stiff, value / self.stiff.sum(), 0.0)
         by /= stress[self.stiff].mean()
         return by, np.zeros_like(stress)
+
+    def residuals(self, profile: Profile) -> Floats:
+        """None: T is no sum of squares."""
+        return np.zeros(0)
+
+    def residuals_backward(self, profile: Profile) -> tuple[Floats, Floats]:
+        """None."""
+        none = np.zeros((0, len(profile.angles)))
+        return none, none

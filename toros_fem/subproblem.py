@@ -18,6 +18,22 @@ SHIFT = 1e-3  # of the Hessian, times the residual: it keeps the convergence sup
 
 
 @dataclass(frozen=True)
+class Price:
+    """What violating each constraint by yᵢ costs: cᵢyᵢ + ½dᵢyᵢ².
+
+    Attributes:
+        linear, quadratic: cᵢ ≥ 0 and dᵢ > 0.
+    """
+
+    linear: Floats
+    quadratic: Floats
+
+    def violation(self, multipliers: Floats) -> Floats:
+        """The yᵢ at which one more costs λᵢ."""
+        return np.asarray(np.maximum(multipliers - self.linear, 0.0) / self.quadratic)
+
+
+@dataclass(frozen=True)
 class Solution:
     """Solution of a subproblem.
 
@@ -44,13 +60,13 @@ class _Point:
 
 
 def solve_subproblem(
-    model: Approximation, values: Floats, penalty: float, start: Floats | None, tolerance: float
+    model: Approximation, values: Floats, price: Price, start: Floats | None, tolerance: float
 ) -> Solution:
     """Find the multipliers of the subproblem (Svanberg 2007, eqs. 3.1, 5.1; collective).
 
-    min f̃₀(x) + Σᵢ cyᵢ + ½yᵢ² subject to f̃ᵢ(x) − yᵢ ≤ 0, x in its box, y ≥ 0: the artificial
+    min f̃₀(x) + Σᵢ cᵢyᵢ + ½dᵢyᵢ² subject to f̃ᵢ(x) − yᵢ ≤ 0, x in its box, y ≥ 0: the artificial
     variables y make it solvable whatever the constraints are. For given multipliers x and
-    yᵢ = max(λᵢ − c, 0) have closed forms, and what is left is to maximise the concave dual W(λ)
+    yᵢ = max(λᵢ − cᵢ, 0)/dᵢ have closed forms, and what is left is to maximise the concave dual W(λ)
     over λ ≥ 0. Its slope f̃(x(λ)) − y is continuous and piecewise smooth: Newton steps, each one
     the solution of a quadratic problem with the same bounds, and a line search converge from
     everywhere and fast (Pang & Qi, J. Optim. Theory Appl. 85, 1995). All decisions are made on
@@ -59,7 +75,7 @@ def solve_subproblem(
     Args:
         model: The approximations.
         values: fᵢ(xᵏ).
-        penalty: c.
+        price: cᵢ and dᵢ.
         start: Multipliers to start from; None for a guess.
         tolerance: Residual to reach: maxᵢ |min(λᵢ/uᵢ, −∂W/∂λᵢ / sᵢ)| with sᵢ = |fᵢ| + Σⱼ|hᵢⱼ|,
             uᵢ the multiplier that would balance objective and constraint.
@@ -69,22 +85,22 @@ def solve_subproblem(
         return Solution(np.zeros(0), 0.0, 0)
     bend = model.size + model.curvature * model.total_weight
     unit = np.maximum(bend[0], TINY) / np.maximum(bend[1:], TINY)
-    unit = np.clip(unit, TINY, penalty)
+    unit = np.clip(unit, TINY, np.where(price.linear > 0, price.linear, np.inf))
     size = np.abs(values) + model.size[1:]
     size[size == 0] = 1.0
-    point = _evaluate(model, values, penalty, unit if start is None else start)
-    residual = _residual(point, penalty, unit, size)
+    point = _evaluate(model, values, price, unit if start is None else start)
+    residual = _residual(point, price, unit, size)
     for _ in range(STEPS):
         if residual <= tolerance:
             break
         ceiling = np.maximum(point.multipliers, unit)
         damping = SHIFT * min(1.0, residual)
-        step = _newton(point, penalty, damping * (np.diag(point.hessian) + size / ceiling))
+        step = _newton(point, price, damping * (np.diag(point.hessian) + size / ceiling))
         share = 1 / max(1.0, float((step / (GROWTH * ceiling)).max()))
         before, shortest = float(point.slope @ step), 1e-10 * share
         while share > shortest and before > 0:
             trial = _evaluate(
-                model, values, penalty, np.maximum(point.multipliers + share * step, 0.0)
+                model, values, price, np.maximum(point.multipliers + share * step, 0.0)
             )
             count += 1
             after = float(trial.slope @ step)
@@ -94,15 +110,17 @@ def solve_subproblem(
         else:
             break  # rounding: no step makes it better any more
         point = trial
-        residual = _residual(point, penalty, unit, size)
+        residual = _residual(point, price, unit, size)
     return Solution(point.multipliers, residual, count)
 
 
-def _evaluate(model: Approximation, values: Floats, penalty: float, multipliers: Floats) -> _Point:
+def _evaluate(model: Approximation, values: Floats, price: Price, multipliers: Floats) -> _Point:
     response = model.respond(multipliers)
-    y = np.maximum(multipliers - penalty, 0.0)
+    y = price.violation(multipliers)
     there = values + response.change[1:]
-    terms = np.concatenate([response.change[:1], multipliers * there, -0.5 * y * y])
+    terms = np.concatenate(
+        [response.change[:1], multipliers * there, -0.5 * price.quadratic * y * y]
+    )
     return _Point(
         multipliers,
         float(terms.sum()),
@@ -112,26 +130,27 @@ def _evaluate(model: Approximation, values: Floats, penalty: float, multipliers:
     )
 
 
-def _residual(point: _Point, penalty: float, unit: Floats, size: Floats) -> float:
-    # y = λ − c is known to the rounding of λ only.
-    rounding = np.where(point.multipliers >= penalty, 4 * EPSILON * point.multipliers, 0.0)
+def _residual(point: _Point, price: Price, unit: Floats, size: Floats) -> float:
+    # y = (λ − c)/d is known to the rounding of λ only.
+    rounding = 4 * EPSILON * point.multipliers / price.quadratic
+    rounding = np.where(point.multipliers >= price.linear, rounding, 0.0)
     slope = point.slope - np.clip(point.slope, -rounding, rounding)
     return float(np.abs(np.minimum(point.multipliers / unit, -slope / size)).max())
 
 
-def _newton(point: _Point, penalty: float, shift: Floats) -> Floats:
+def _newton(point: _Point, price: Price, shift: Floats) -> Floats:
     """Step to the maximum of W's model over λ ≥ 0: quadratic, and y(λ) as it is."""
     lam = point.multipliers
-    excess = lam - penalty
+    excess = (lam - price.linear) / price.quadratic
     paid = excess > 0
     step: Floats = np.zeros(len(lam))
     for attempt in range(2 * len(lam) + 10):  # which yᵢ are above 0 settles in a few rounds
         # Where all variables sit at bounds, or constraints say the same, W's Hessian is singular.
-        hessian = point.hessian + np.diag(shift + paid)
-        # The slope without y's part, as if yᵢ went on being λᵢ − c or 0.
+        hessian = point.hessian + np.diag(shift + paid / price.quadratic)
+        # The slope without y's part, as if yᵢ went on being (λᵢ − cᵢ)/dᵢ or 0.
         slope = point.slope + np.maximum(excess, 0.0) - np.where(paid, excess, 0.0)
         step = _above(hessian, slope, -lam)
-        again = excess + step > 0
+        again = excess + step / price.quadratic > 0
         if np.array_equal(again, paid):
             break
         paid = again | paid if attempt > len(lam) else again  # no endless to and fro

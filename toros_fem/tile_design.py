@@ -117,3 +117,12 @@ class TileProblem(DesignChain[Profile]):
         profile = evaluation.equilibrium
         by_stress, by_contraction = self.objective.backward(profile)
         return self.solver.backward(profile, by_stress, by_contraction), None
+
+    def residuals(self, response: Profile) -> Floats:
+        """Those of the objective."""
+        return self.objective.residuals(response)
+
+    def residuals_backward(self, evaluation: Evaluation[Profile]) -> Floats:
+        """From what `respond` has kept of each direction (collective)."""
+        profile = evaluation.equilibrium
+        return self.solver.backward(profile, *self.objective.residuals_backward(profile))

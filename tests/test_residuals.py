@@ -1,0 +1,178 @@
+"""MMA for sums of squares: against independent solvers, and against MMA that sees only the sum."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scipy.optimize import lsq_linear, minimize
+from test_mma import vec
+
+from toros_fem.errors import ParameterError
+from toros_fem.mma import MMA, MMAOptions
+
+Residuals = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def springs(n: int, wanted: np.ndarray) -> Residuals:
+    """Weighted means of x³, relative to what is wanted: like stiffnesses of a grey pattern."""
+    rng = np.random.default_rng(2)
+    weight = rng.random((len(wanted), n)) ** 2
+    weight /= weight.sum(axis=1, keepdims=True)
+
+    def residuals(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return weight @ x**3 / wanted - 1, 3 * weight * x**2 / wanted[:, None]
+
+    return residuals
+
+
+def count(residuals: Residuals, n: int, least: float, *, apart: bool) -> tuple[int, np.ndarray]:
+    """Evaluations until the sum of squares is small enough, by the design loop's rule, and x."""
+    x = vec(np.full(n, 0.5))
+    r, slopes = residuals(x.array)
+    mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), residuals=len(r) if apart else 0)
+    tried = 0
+    for _ in range(300):
+        before = float(r @ r)
+        if before <= least:
+            return tried, x.array.copy()
+        if apart:
+            mma.step(x, 0.0, vec(np.zeros(n)), (), (), r, [vec(row) for row in slopes])
+        else:
+            mma.step(x, before, vec(2 * r @ slopes))
+        for attempt in range(5):
+            r, slopes = residuals(x.array)
+            tried += 1
+            if r @ r <= before or attempt == 4:
+                break
+            if apart:
+                mma.retry(x, 0.0, (), r)
+            else:
+                mma.retry(x, float(r @ r))
+    return tried, x.array.copy()
+
+
+def test_few_steps_where_the_sum_takes_many() -> None:
+    residuals = springs(400, np.array([0.10, 0.16, 0.12, 0.14]))
+    tried, x = count(residuals, 400, 1e-8, apart=True)
+    many, _ = count(residuals, 400, 1e-8, apart=False)
+    assert np.all((x >= 0) & (x <= 1))
+    assert tried <= 8
+    assert many >= 2 * tried
+
+
+def linear(n: int, k: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return rng.standard_normal((k, n)) / n, 0.3 * rng.standard_normal(k)
+
+
+def fit(
+    a: np.ndarray, b: np.ndarray, steps: int, budget: float | None = None
+) -> tuple[np.ndarray, MMA]:
+    """Min |Ax − b|² in the unit box, the mean of x under a budget."""
+    n = a.shape[1]
+    rows = 0 if budget is None else 1
+    options = MMAOptions(tolerance=1e-12)
+    mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), rows, options, residuals=len(b))
+    x = vec(np.full(n, 0.4))
+    for _ in range(steps):
+        values = [] if budget is None else [float(x.array.mean() / budget - 1)]
+        jacobian = [vec(np.full(n, 1 / n / (budget or 1.0)))] * rows
+        r = a @ x.array - b
+        mma.step(x, 0.0, vec(np.zeros(n)), values, jacobian, r, [vec(row) for row in a])
+        for _ in range(40):
+            values = [] if budget is None else [float(x.array.mean() / budget - 1)]
+            if mma.conservative(x, 0.0, values, a @ x.array - b):
+                break
+            mma.retry(x, 0.0, values, a @ x.array - b)
+        else:
+            pytest.fail("no conservative approximation after 40 attempts")
+    return x.array.copy(), mma
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_misfit_that_stays_is_the_least(seed: int) -> None:
+    a, b = linear(60, 5, seed)
+    x, mma = fit(a, b, 60)
+    least = 2 * lsq_linear(a, b, (0, 1), tol=1e-13).cost
+    r = a @ x - b
+    assert r @ r == pytest.approx(least, rel=1e-6)
+    assert mma.kkt(vec(x), vec(2 * r @ a)) < 1e-2
+
+
+def test_under_a_constraint() -> None:
+    a, b = linear(60, 5, 7)
+    x, mma = fit(a, b, 80, budget=0.2)
+    found = minimize(
+        lambda x: float(np.sum((a @ x - b) ** 2)),
+        np.full(60, 0.2),
+        jac=lambda x: 2 * (a @ x - b) @ a,
+        bounds=[(0, 1)] * 60,
+        constraints=[{"type": "ineq", "fun": lambda x: 0.2 - x.mean()}],
+        method="SLSQP",
+        options={"maxiter": 500, "ftol": 1e-14},
+    )
+    assert x.mean() == pytest.approx(0.2, rel=1e-6)
+    assert np.sum((a @ x - b) ** 2) == pytest.approx(found.fun, rel=1e-5)
+    assert mma.state.multipliers is not None
+    assert mma.state.multipliers[0] > 0
+
+
+def test_a_term_beside_the_squares() -> None:
+    """Min (mean x − 0.8)² + 0.3 mean x: the mean is 0.65."""
+    n = 50
+    mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), residuals=1)
+    x = vec(np.linspace(0.2, 0.5, n))
+    for _ in range(40):
+        mean, slope = x.array.mean(), np.full(n, 1 / n)
+        mma.step(x, 0.3 * mean, vec(0.3 * slope), (), (), [mean - 0.8], [vec(slope)])
+        for _ in range(30):
+            mean = x.array.mean()
+            if mma.conservative(x, 0.3 * mean, (), [mean - 0.8]):
+                break
+            mma.retry(x, 0.3 * mean, (), [mean - 0.8])
+    assert x.array.mean() == pytest.approx(0.65, abs=1e-5)
+
+
+def test_small_corrections_change_variables_least() -> None:
+    """Of all x that meet one linear equation, the one nearest to where the step began."""
+    n = 80
+    rng = np.random.default_rng(0)
+    slope = rng.standard_normal(n) / n
+    mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), residuals=1)
+    start = np.full(n, 0.5)
+    x = vec(start)
+    mma.step(x, 0.0, vec(np.zeros(n)), (), (), [1e-3], [vec(slope)])
+    nearest = start - 1e-3 * slope / (slope @ slope)
+    assert slope @ (x.array - start) == pytest.approx(-1e-3, rel=0.02)
+    assert np.abs(x.array - nearest).max() < 0.2 * np.abs(nearest - start).max()
+
+
+def test_distributed_equals_serial(comm: MPI.Comm) -> None:
+    n, k = 120, 4
+
+    def run(comm: MPI.Comm) -> np.ndarray:
+        a, b = linear(n, k, 3)
+        part = np.array_split(np.arange(n), comm.size)[comm.rank]
+        mine = np.ascontiguousarray(a[:, part])
+        low, high = np.zeros(len(part)), np.ones(len(part))
+        mma = MMA(vec(low, comm), vec(high, comm), residuals=k)
+        x = vec(np.full(len(part), 0.4), comm)
+        slopes = [vec(row, comm) for row in mine]
+        for _ in range(8):
+            r = comm.allreduce(mine @ x.array) - b
+            mma.step(x, 0.0, vec(np.zeros(len(part)), comm), (), (), r, slopes)
+            r = comm.allreduce(mine @ x.array) - b
+            mma.retry(x, 0.0, (), r)
+        return np.concatenate(comm.allgather(x.array.copy()))
+
+    assert run(comm) == pytest.approx(run(MPI.COMM_SELF), abs=1e-9)
+
+
+def test_bad_input() -> None:
+    mma = MMA(vec(np.zeros(3)), vec(np.ones(3)), residuals=2)
+    with pytest.raises(ParameterError, match="0 residuals and 0 slopes for 2"):
+        mma.step(vec(np.ones(3)), 0.0, vec(np.ones(3)))
+    mma.step(vec(np.ones(3)), 0.0, vec(np.ones(3)), (), (), [1.0, 2.0], [vec(np.ones(3))] * 2)
+    with pytest.raises(ParameterError, match="1 residuals of 2"):
+        mma.retry(vec(np.ones(3)), 0.0, (), [1.0])
