@@ -134,18 +134,72 @@ def test_a_term_beside_the_squares() -> None:
     assert x.array.mean() == pytest.approx(0.65, abs=1e-5)
 
 
-def test_small_corrections_change_variables_least() -> None:
-    """Of all x that meet one linear equation, the one nearest to where the step began."""
+def test_small_corrections_are_spread_over_all_variables() -> None:
+    """Of all x that meet one linear equation, the one whose largest change is least."""
     n = 80
-    rng = np.random.default_rng(0)
-    slope = rng.standard_normal(n) / n
+    slope = np.random.default_rng(0).standard_normal(n) / n
+    root = 10**0.5  # as the loop scales it: T is 10
     mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), residuals=1)
-    start = np.full(n, 0.5)
-    x = vec(start)
-    mma.step(x, 0.0, vec(np.zeros(n)), (), (), [1e-3], [vec(slope)])
-    nearest = start - 1e-3 * slope / (slope @ slope)
-    assert slope @ (x.array - start) == pytest.approx(-1e-3, rel=0.02)
-    assert np.abs(x.array - nearest).max() < 0.2 * np.abs(nearest - start).max()
+    x = vec(np.full(n, 0.5))
+    mma.step(x, 0.0, vec(np.zeros(n)), (), (), [root], [vec(1e3 * root * slope)])
+    change = x.array - 0.5
+    assert slope @ change == pytest.approx(-1e-3, rel=0.02)
+    equal = -1e-3 * np.sign(slope) / np.abs(slope).sum()
+    assert change == pytest.approx(equal, rel=0.03)
+
+
+def test_a_retry_moves_on_whichever_sign_overshot() -> None:
+    """It falls to first order and rises again beyond: it is −r that exceeds, and r that holds x."""
+    n = 50
+    mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), 0, MMAOptions(move=0.05), residuals=1)
+    x = vec(np.full(n, 0.5))
+
+    def residual() -> float:
+        d = float(x.array.mean()) - 0.5
+        return 3 - 10 * d - 3000 * max(d, 0.0) ** 2
+
+    mma.step(x, 0.0, vec(np.zeros(n)), (), (), [3.0], [vec(np.full(n, -10 / n))])
+    tried = [float(x.array.mean())]
+    while not mma.conservative(x, 0.0, (), [residual()]):
+        mma.retry(x, 0.0, (), [residual()])
+        tried.append(float(x.array.mean()))
+    assert len(tried) > 2
+    assert residual() ** 2 < 9
+    assert np.all(np.diff(tried) < -1e-3)
+
+
+@pytest.mark.parametrize("factor", [0.3, 9.0, 1e6])
+def test_other_units_change_nothing(factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Curvatures, multipliers and the price of a constraint that cannot be met follow."""
+    monkeypatch.setattr("toros_fem.mma.SMALL", 1e-13)
+    n, k = 60, 3
+    a, b = linear(n, k, 5)
+    place = np.random.default_rng(1).random(n)
+
+    def run(factors: list[float]) -> tuple[list[np.ndarray], float]:
+        mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), 2, MMAOptions(tolerance=1e-12), residuals=k)
+        x = vec(np.full(n, 0.4))
+        found, scale = [], 1.0
+        slopes, kkt = [vec(np.full(n, 5 / n)), vec(np.full(n, 1 / n))], 0.0
+        for one in factors:
+            scale *= one
+            mma.rescale(one)
+            # The second one cannot be met within the move limit: y is what is left.
+            values = [5 * x.array.mean() - 1.5, x.array.mean() + 3.0]
+            r, root = a @ x.array - b, scale**0.5
+            rest, gradient = 0.3 * place @ x.array / n, 0.3 * place / n
+            rows = [vec(root * row) for row in a]
+            mma.step(x, scale * rest, vec(scale * gradient), values, slopes, root * r, rows)
+            mma.retry(x, np.inf, [np.inf] * 2, [np.inf] * k)
+            found.append(x.array.copy())
+            kkt = mma.kkt(x, vec(scale * (gradient + 2 * r @ a)), values, slopes)
+        return found, kkt
+
+    same, first = run([1.0, 1.0, 1.0])
+    other, second = run([1.0, factor, factor**0.5])
+    assert np.array(other) == pytest.approx(np.array(same), abs=1e-9)
+    assert second == pytest.approx(first, rel=1e-6)
+    assert np.abs(np.diff(same, axis=0)).max() > 0.01
 
 
 def test_distributed_equals_serial(comm: MPI.Comm) -> None:
@@ -174,5 +228,12 @@ def test_bad_input() -> None:
     with pytest.raises(ParameterError, match="0 residuals and 0 slopes for 2"):
         mma.step(vec(np.ones(3)), 0.0, vec(np.ones(3)))
     mma.step(vec(np.ones(3)), 0.0, vec(np.ones(3)), (), (), [1.0, 2.0], [vec(np.ones(3))] * 2)
-    with pytest.raises(ParameterError, match="1 residuals of 2"):
-        mma.retry(vec(np.ones(3)), 0.0, (), [1.0])
+    for residuals in ([1.0], [1.0, 2.0, 3.0]):
+        with pytest.raises(ParameterError, match=f"{len(residuals)} residuals of 2"):
+            mma.retry(vec(np.ones(3)), 0.0, (), residuals)
+    with pytest.raises(ParameterError, match="0 residuals of 2"):
+        mma.conservative(vec(np.ones(3)), 0.0)
+    with pytest.raises(ParameterError, match="4 values for 0"):
+        mma.retry(vec(np.ones(3)), 0.0, [0.0] * 4)
+    with pytest.raises(ParameterError, match="factor"):
+        mma.rescale(0.0)

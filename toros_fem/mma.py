@@ -21,6 +21,7 @@ Numbers = Sequence[float] | Floats
 
 SMALL = 1e-5  # Svanberg's raa0, which keeps the approximations strictly convex
 CURVATURE_DECAY = 0.5  # what a retry has learnt is forgotten at this rate
+RAISES = 20  # of curvatures in one retry: each may be tenfold
 ROUNDING = 1e-10  # of what a function can change by: nothing less makes it not conservative
 
 
@@ -61,6 +62,7 @@ class MMAState:
         distance: Of the asymptotes from `previous`, to both sides.
         multipliers: λᵢ of the last subproblem: of the constraints, of r and of −r.
         curvature: ρᵢ that retries have added, the objective's first.
+        unit: What `rescale` has made of the objective's unit: the price of constraints follows.
     """
 
     previous: Floats | None = None
@@ -68,6 +70,7 @@ class MMAState:
     distance: Floats | None = None
     multipliers: Floats | None = None
     curvature: Floats | None = None
+    unit: float = 1.0
 
 
 class MMA:
@@ -77,9 +80,9 @@ class MMA:
     `conservative` finds that no function exceeds its approximation there; until then `retry`
     raises the curvatures of those that do, and proposes anew: then the iterates stay feasible and
     f₀ falls monotonically. A caller with a test of its own may call `retry` without asking.
-    Residuals rₖ are approximated each for itself, both ways: ±rₖ ≤ yₖ at the price yₖ² (Svanberg
-    2007, section 2). So the subproblem knows where their squares stop falling, as Gauss and
-    Newton's does, and of all small steps there it takes the one whose variables change least.
+    Residuals rₖ are approximated each for itself and both ways, rₖ and −rₖ, as constraints whose
+    violation costs its square (Svanberg 2007, section 2). So the subproblem knows where their
+    squares stop falling, as Gauss and Newton's does.
     Only numbers of the size of the constraints are reduced over the ranks (Aage & Lazarov,
     Struct. Multidiscip. Optim. 47, 2013). Equations and default parameters: K. Svanberg, "MMA and
     GCMMA – two methods for nonlinear optimization", 2007; GCMMA's convergence: K. Svanberg, SIAM
@@ -127,10 +130,6 @@ class MMA:
                 require_positive(move=end, at_most=1.0)
         self._m, self._r = constraints, residuals
         self._rows = constraints + 2 * residuals
-        self._price = Price(
-            np.repeat([self.options.penalty, 0.0], [constraints, 2 * residuals]),
-            np.repeat([1.0, 2.0], [constraints, 2 * residuals]),
-        )
         self._model = Approximation(self._comm, len(self._lower), self._rows)
         self._values: Floats = np.zeros(self._rows + 1)
         self._start_curvature: Floats = np.zeros(self._rows + 1)
@@ -192,7 +191,11 @@ class MMA:
             value: f₀ there, the same on all ranks; infinite where it does not exist.
             values: fᵢ there.
             residuals: rₖ there.
+
+        Raises:
+            ParameterError: There is no proposal yet, or the counts of numbers are wrong.
         """
+        self._count(values, residuals)
         missing, _ = self._missing(x, value, values, residuals)
         return bool(np.all(missing <= 0))
 
@@ -207,29 +210,46 @@ class MMA:
 
         A function that exceeds its approximation by δᵢ d(x) there gets the curvature
         min(1.1 (ρᵢ + δᵢ), 10 ρᵢ) (section 4). Where a value is infinite, or all approximations
-        are conservative and the caller rejects x nevertheless, all curvatures rise tenfold.
+        are conservative and the caller rejects x nevertheless, all curvatures rise tenfold. What
+        proposes the same x again, at its move limits say, and not conservative, is raised again.
 
         Args:
             x: The proposal, overwritten.
             value: f₀ there, the same on all ranks; infinite where it does not exist.
             values: fᵢ there. Without them, and residuals, all but f₀ count as conservative.
             residuals: rₖ there.
+
+        Raises:
+            ParameterError: There is no proposal yet, or the counts of numbers are wrong.
         """
+        if len(values) or len(residuals):
+            self._count(values, residuals)
         state = self.state
         assert state.curvature is not None
+        before = x.array.copy()
         missing, distance = self._missing(x, value, values, residuals)
-        limit = 10 * np.maximum(state.curvature, self._start_curvature)
-        if np.all(np.isfinite(missing)) and np.any(missing > 0):
-            rise = 1.1 * (state.curvature + np.maximum(missing, 0.0) / max(distance, TINY))
-            raised = np.minimum(rise, limit)
-            state.curvature = np.where(missing > 0, raised, state.curvature)
-        else:
-            state.curvature = limit
-        self._propose(x)
+        for _ in range(RAISES):
+            limit = 10 * np.maximum(state.curvature, self._start_curvature)
+            if np.all(np.isfinite(missing)) and np.any(missing > 0):
+                rise = 1.1 * (state.curvature + missing / max(distance, TINY))
+                state.curvature = np.where(missing > 0, np.minimum(rise, limit), state.curvature)
+            else:
+                state.curvature = limit
+            self._propose(x)
+            if largest(self._comm, np.max(np.abs(x.array - before), initial=0.0)) > 0:
+                break
+            missing, distance = self._missing(x, value, values, residuals)
+            if not np.any(missing > 0):  # the caller may want it now
+                break
 
     def rescale(self, factor: float) -> None:
-        """Take f₀ and Σ rₖ² as so many times what they were, from the next step on."""
+        """Take f₀ and Σ rₖ² as so many times what they were, from the next step on.
+
+        But for what keeps the approximations convex, the next proposal is the one it would be.
+        """
+        require_positive(factor=factor)
         state, m, root = self.state, self._m, factor**0.5
+        state.unit *= factor
         if state.curvature is not None:
             state.curvature[0] *= factor
             state.curvature[1 + m :] *= root
@@ -251,8 +271,8 @@ class MMA:
         """How far x is from satisfying the optimality conditions (collective).
 
         The largest entry of the natural residual, which is zero at KKT points and there alone.
-        With ξⱼ = (xⱼ − x̲ⱼ)/(x̄ⱼ − x̲ⱼ), the last subproblem's λ, L = f₀ + Σ λᵢfᵢ and N variables
-        that have a range it is
+        With ξⱼ = (xⱼ − x̲ⱼ)/(x̄ⱼ − x̲ⱼ), the last subproblem's λ, L = f₀ + Σ rₖ² + Σ λᵢfᵢ in the
+        units before any `rescale`, and N variables that have a range it is
 
             |ξⱼ − clip(ξⱼ − N ∂L/∂ξⱼ, 0, 1)|  for each of these, and  |min(λᵢ, −fᵢ)|.
 
@@ -273,16 +293,23 @@ class MMA:
         slope = gradient.array.copy()
         for weight, row in zip(lam, jacobian, strict=True):
             slope += weight * row.array
-        slope *= total(self._comm, np.count_nonzero(ranged)) * span
+        slope *= total(self._comm, np.count_nonzero(ranged)) / self.state.unit * span
         place = (x.array - self._lower) / np.where(ranged, span, 1.0)
         gap = np.abs(place - np.clip(place - slope, 0.0, 1.0))[ranged]
-        shared = np.abs(np.minimum(lam, -np.asarray(values, dtype=np.float64)))
+        shared = np.abs(np.minimum(lam / self.state.unit, -np.asarray(values, dtype=np.float64)))
         return max(largest(self._comm, np.max(gap, initial=0.0)), float(np.max(shared, initial=0)))
 
     def _check(self, values: Numbers, jacobian: Sequence[PETSc.Vec]) -> None:
         if len(values) != self._m or len(jacobian) != self._m:
             raise ParameterError(
                 f"{len(values)} values and {len(jacobian)} gradients for {self._m} constraints."
+            )
+
+    def _count(self, values: Numbers, residuals: Numbers) -> None:
+        if len(values) != self._m or len(residuals) != self._r:
+            raise ParameterError(
+                f"{len(values)} values for {self._m} constraints, {len(residuals)} residuals of "
+                f"{self._r}."
             )
 
     def _distance(self, x: Floats) -> Floats:
@@ -315,16 +342,15 @@ class MMA:
         change, distance = self._model.change_at(state.previous, state.distance, x.array)
         there = _stacked(value, values, residuals)
         there[~np.isfinite(there)] = np.inf
-        if len(there) not in (1, self._rows + 1):
-            raise ParameterError(
-                f"{len(values)} values for {self._m} constraints, {len(residuals)} residuals of "
-                f"{self._r}."
-            )
         count = len(there)
-        missing = np.zeros(self._rows + 1)
+        missing: Floats = np.zeros(self._rows + 1)
         missing[:count] = there - self._values[:count] - change[:count]
         noise = ROUNDING * (np.abs(self._values) + self._model.size)
-        return np.where(missing > noise, missing, 0.0), distance
+        missing[missing <= noise] = 0.0
+        # Where one of r and −r exceeds its approximation, it is often the other that holds x.
+        pairs = missing[1 + self._m :].reshape(2, -1)
+        pairs[:] = pairs.max(axis=0)
+        return missing, distance
 
     def _propose(self, x: PETSc.Vec) -> None:
         state, model = self.state, self._model
@@ -332,8 +358,13 @@ class MMA:
         assert state.previous is not None
         assert state.distance is not None
         model.curvature = SMALL + state.curvature
+        counts, unit = [self._m, 2 * self._r], state.unit
+        price = Price(
+            np.repeat([self.options.penalty * unit, 0.0], counts),
+            np.repeat([unit, 2.0], counts),
+        )
         tolerance = self.options.tolerance
-        found = solve_subproblem(model, self._values[1:], self._price, state.multipliers, tolerance)
+        found = solve_subproblem(model, self._values[1:], price, state.multipliers, tolerance)
         state.multipliers = found.multipliers
         bounds = (self._lower, self._upper)
         model.minimiser(found.multipliers, state.previous, state.distance, bounds, x.array)

@@ -68,6 +68,8 @@ class ProfileTarget:
         weights = self.weights
         if weights is not None and not (np.all(weights >= 0) and 0 < np.sum(weights) < np.inf):
             raise TargetError(f"weights = {weights} must not be negative, nor all of them zero.")
+        if not 0 <= self.weight < np.inf:
+            raise TargetError(f"weight = {self.weight} must not be negative, and finite.")
         if all(np.isnan(a).all() for a in (self.stiffness, self.contraction) if a is not None):
             raise TargetError("all stiffnesses and contractions are NaN: nothing is asked for.")
         if self.stiffness is not None and np.any(self.stiffness <= 0):
@@ -121,10 +123,18 @@ class ProfileTarget:
 
     @property
     def _asked(self) -> npt.NDArray[np.bool_]:
-        """Whether anything is asked of stiffness and of contraction, (2, k)."""
+        """Whether anything that counts is asked of stiffness and of contraction, (2, k)."""
         both = [self.stiffness, self.contraction]
         count = next(len(one) for one in both if one is not None)
-        return np.array([np.zeros(count) if a is None else ~np.isnan(a) for a in both], dtype=bool)
+        counts = np.ones(count, dtype=bool) if self.weights is None else self.weights > 0
+        parts = [counts, counts & (self.weight > 0)]
+        none = np.full(count, np.nan)
+        return np.array(
+            [
+                part & ~np.isnan(none if a is None else a)
+                for part, a in zip(parts, both, strict=True)
+            ]
+        )
 
     def worst(self, profile: Profile) -> float:
         """Largest |s/s* − 1| or |c − c*| of what is asked for with a weight over 0."""

@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.meshes.tile import Tile
 from toros_fem.plotting import DPI, FABRIC, PRINTED, fill
 from toros_fem.profile import Profile
+from toros_fem.profile_objective import ProfileTarget
 from toros_fem.stages import Iteration
 
 Floats = npt.NDArray[np.float64]
@@ -48,7 +49,7 @@ def plot_polar(
     blank: float,
     mirrored: tuple[bool, bool],
     angles: Floats,
-    asked: Floats | None,
+    wanted: ProfileTarget | None,
 ) -> None:
     """Picture of stiffness and contraction over all directions.
 
@@ -57,23 +58,32 @@ def plot_polar(
         profile: What is printed.
         blank: Stiffness of the fabric without print, in N/m.
         mirrored: As for `around`.
-        angles, asked: Directions in rad, and the stiffness in N/m that is asked there; None if
-            none is.
+        angles: Directions in rad in which something is asked.
+        wanted: What is asked there; None if no profile is.
     """
     figure, (left, right) = plt.subplots(
         1, 2, figsize=(11, 5.5), subplot_kw={"projection": "polar"}, layout="constrained"
     )
     left.plot(*around(profile.angles, profile.stiffness, mirrored), color=PRINTED, label="printed")
-    if asked is not None:
-        turn, value = around(angles, asked, mirrored)
-        left.plot(turn, value, "o", ms=5, mfc="none", color=ASKED, label="asked")
+    parts = [] if wanted is None else [(left, wanted.stiffness), (right, wanted.contraction)]
+    label = "asked"
+    for axes, asked in parts:
+        if asked is not None:
+            turn, value = around(angles, asked, mirrored)
+            axes.plot(turn, value, "o", ms=5, mfc="none", color=ASKED, label=label)
+            label = ""
     circle = np.linspace(0, 2 * np.pi, 100)
     left.plot(circle, np.full(100, blank), "--", color="0.5", label="fabric without print")
     left.set_rlim(0)
     left.set_title(f"secant stiffness in N/m at {100 * profile.strain:g} % strain")
     right.plot(*around(profile.angles, profile.contraction, mirrored), color=PRINTED)
-    low = min(0.0, float(profile.contraction.min()))
-    right.set_rlim(1.2 * low, 1.1 * max(0.1, float(profile.contraction.max())))
+    shown = profile.contraction
+    if wanted is not None and wanted.contraction is not None:
+        shown = np.append(shown, wanted.contraction[~np.isnan(wanted.contraction)])
+    low = min(0.0, float(shown.min()))
+    if low < 0:
+        right.plot(circle, np.zeros(100), color="0.7", lw=0.8)
+    right.set_rlim(1.2 * low, 1.1 * max(0.1, float(shown.max())))
     right.set_title("lateral contraction")
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
     figure.savefig(path, dpi=DPI)

@@ -15,6 +15,8 @@ Floats = npt.NDArray[np.float64]
 
 # MMA wants functions of O(1) to O(100).
 SCALE = 10.0
+# The least T that is scaled up: where it is less, or 0, nothing is left to improve.
+LEAST = float(np.finfo(np.float64).eps) ** 2
 # A constraint far from being met asks for this share of its value, step by step.
 TIGHTEN = 0.5
 # What is asked for in the end, over the limit: steps end a few per cent off it.
@@ -75,7 +77,7 @@ class Scaled:
         start: Evaluation,
     ) -> None:
         self._variables, self._limits = variables, problem.length_scale
-        self._least = max(enough, float(np.finfo(float).tiny))
+        self._least = max(enough, LEAST)
         self._scale = self._wanted(start)
         self._constrained = constrained
         self._targets: Floats = np.zeros(0)

@@ -183,7 +183,7 @@ def write_tile_design(
                     findings.blank,
                     findings.mirrored,
                     scene.angles,
-                    None if wanted is None else wanted.stiffness,
+                    wanted,
                 )
             if printed.evaluation is not None:
                 state = printed.evaluation.equilibrium.state[0]
