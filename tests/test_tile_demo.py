@@ -16,11 +16,11 @@ from toros_fem.optimise import optimise
 from toros_fem.profile_plot import around
 from toros_fem.tile_file import read_tile
 from toros_fem.tile_pieces import loose_pieces
-from toros_fem.tile_scene import TileSettings, wavy
+from toros_fem.tile_scene import TileOutcome, TileSettings, wavy
 from toros_fem.tile_search import design_tile
 
 # T of the first start after its trial, the same on any number of ranks.
-FIRST_TRIAL = 0.6780191423051307
+FIRST_TRIAL = 0.20494927206812033
 
 SMALL_MESH: dict[str, Any] = {"edge_length": 0.8e-3}
 SMALL_LOOP: dict[str, Any] = {
@@ -124,6 +124,52 @@ def test_no_start_has_an_equilibrium(comm: MPI.Comm, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(tile_search, "optimise", failing)
     with pytest.raises(errors.NoEquilibriumError, match="made to fail"):
         design_tile(comm, wanted, TileSettings(starts=2, radius=2e-3))
+
+
+def test_the_other_draft_gets_its_turn(comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the print of the better one is far off, or it has no equilibrium on its own mesh."""
+    wanted = demo.scene(comm, {**demo.DEFAULTS, "edge_length": 1e-3})
+    settings = TileSettings(starts=3, radius=2.5e-3, trial=1, iterations=1, constrained=0)
+    islands = iter([1, 2, 0])
+    monkeypatch.setattr(tile_search, "loose_pieces", lambda *_: [1.0] * next(islands, 0))
+    run = tile_search._best_starts
+    ends: list[float | None] = []
+    kept: list[Any] = []
+    drafts: list[Any] = []
+
+    def once(*args: Any) -> Any:
+        if not kept:
+            kept.append(run(*args))
+        return kept[0]
+
+    def made(problem: Any, drafted: Any, *_: Any) -> TileOutcome:
+        drafts.append(drafted)
+        end = ends[len(drafts) - 1]
+        if end is None:
+            raise errors.NoEquilibriumError("made to fail")
+        return TileOutcome(problem, drafted, None, None, "", np.zeros(0), (), (end,))
+
+    monkeypatch.setattr(tile_search, "_best_starts", once)
+    monkeypatch.setattr(tile_search, "_made", made)
+    cases: list[tuple[list[float | None], float]] = [
+        ([0.03], 0.03),
+        ([0.3, 0.1], 0.1),
+        ([0.2, 0.3], 0.2),
+        ([None, 0.3], 0.3),
+    ]
+    for case, chosen in cases:
+        drafts.clear()
+        ends[:] = case
+        found = design_tile(comm, wanted, settings)
+        assert min(found.corrections) == chosen
+        assert found.result is drafts[ends.index(chosen)]
+        assert [count for _, count in found.trials] == [1, 2, 0]
+        assert len(drafts) == len(ends)
+    drafts.clear()
+    ends[:] = [None, None]
+    with pytest.raises(errors.NoEquilibriumError, match="made to fail"):
+        design_tile(comm, wanted, settings)
+    assert len(drafts) == 2
 
 
 @pytest.mark.parametrize("name", list(demo.TARGETS))
