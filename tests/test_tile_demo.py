@@ -51,7 +51,12 @@ def test_demo(comm: MPI.Comm, tmp_path: Path) -> None:
     assert summary["trials"][0]["objective"] == pytest.approx(FIRST_TRIAL, rel=1e-6)
     with (folder / "profile.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert float(rows[0]["stiffness_n_per_m"]) == pytest.approx(printed[0], rel=1e-9)
+    angles = [float(row["angle_deg"]) for row in rows]
+    assert angles == pytest.approx(np.linspace(0, 45, 7), abs=1e-9)
+    values = [float(row["stiffness_n_per_m"]) for row in rows]
+    assert values[::2] == pytest.approx(printed, rel=1e-9)
+    # What lies between was solved for by itself.
+    assert np.abs(np.diff(values, 2)).max() < 0.2 * np.ptp(values)
     assert len(summary["buckling"]) == len(asked)
     assert summary["blank_n_per_m"] == pytest.approx(50.5, rel=1e-3)
     made = read_tile(comm, folder)

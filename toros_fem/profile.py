@@ -228,6 +228,27 @@ def profiles(
     return found
 
 
+def joined(one: Profile, other: Profile) -> Profile:
+    """Profiles of one tile at one strain in different directions, sorted by these."""
+    order = np.argsort(np.concatenate([one.angles, other.angles]))
+
+    def both(name: str) -> Floats:
+        return np.asarray(np.concatenate([getattr(one, name), getattr(other, name)])[order])
+
+    return Profile(
+        angles=both("angles"),
+        strain=one.strain,
+        stress=both("stress"),
+        tangent=both("tangent"),
+        contraction=both("contraction"),
+        shear=both("shear"),
+        state=tuple((*one.state, *other.state)[k] for k in order),
+        gradients=tuple((*one.gradients, *other.gradients)[k] for k in order),
+        steps=one.steps + other.steps,
+        factorisations=one.factorisations + other.factorisations,
+    )
+
+
 def effective_tensor(solver: TileSolver, density: Floats) -> Floats:
     """Stiffness of the undeformed tile, by one factorisation (collective).
 

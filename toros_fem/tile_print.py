@@ -15,7 +15,7 @@ from toros_fem.manufacture import printed_cells
 from toros_fem.meshes.skin import sew
 from toros_fem.parameters import Bending
 from toros_fem.printed import PrintedDesign, print_design
-from toros_fem.profile import Profile, ProfileSolver, profiles
+from toros_fem.profile import Profile, ProfileSolver, joined, profiles
 from toros_fem.tile import TileSolver
 from toros_fem.tile_pieces import loose_pieces
 from toros_fem.tile_scene import TileOutcome, TileScene, TileSettings
@@ -26,6 +26,8 @@ Floats = npt.NDArray[np.float64]
 LEVELS = 4
 # Between the directions in which a print is measured in the end, in rad.
 STEP = np.radians(7.5)
+# Directions as near to each other are one, in rad.
+SAME = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,15 +110,19 @@ def measure_print(
     count = round(reach / STEP)
     every: Floats = np.asarray(np.linspace(0, reach, count + 1), dtype=np.float64)
     angles = every if mirrored[0] else every[:-1]
-    check, s = TileCheck(batch, replace(scene, angles=angles), settings), settings
+    known = np.abs(angles[:, None] - outcome.profile.angles).min(axis=1) < SAME
+    check, s = TileCheck(batch, scene, settings), settings
+    tile, profile = check.solver.tile, outcome.profile
     assert outcome.printed is not None
     cells = check.density(outcome.printed)
     try:
-        profile = check.solver.solve(cells, gradients=False)
-        fabric = ProfileSolver(check.solver.tile, angles[:1], s.strain, batch)
+        if not known.all():
+            others = ProfileSolver(tile, angles[~known], s.strain, batch)
+            profile = joined(profile, others.solve(cells, gradients=False))
+        fabric = ProfileSolver(tile, angles[:1], s.strain, batch)
         plain = fabric.solve(np.zeros_like(cells), gradients=False)
         strains = s.strain * np.arange(1, LEVELS) / LEVELS
-        curves = profiles(check.solver.tile, cells, scene.angles, strains, batch)
+        curves = profiles(tile, cells, scene.angles, strains, batch)
     except NoEquilibriumError:  # raised by all ranks or by none
         return None
     buckling = _buckling(batch, scene, settings, outcome)
