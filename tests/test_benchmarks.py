@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import ROOT
@@ -29,16 +30,21 @@ def run(name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+def written(folder: Path, name: str, *arguments: str) -> tuple[Any, str]:
+    """What a benchmark writes to `rows.json`, and what it prints."""
+    file = folder / "rows.json"
+    done = run(name, *arguments, "--json", str(file))
+    assert done.returncode == 0, done.stdout + done.stderr
+    return json.loads(file.read_text(encoding="utf-8")), done.stdout
+
+
 @ALONE
 @pytest.mark.parametrize("scene", ["half_tube", "tile_40", "pillow"])
 def test_stability_of_one_scene(tmp_path: Path, scene: str) -> None:
     """Every case converges to what an independent check calls a stable equilibrium."""
-    file = tmp_path / "rows.json"
-    done = run(
-        "stability.py", "--quick", "--only", scene, "--json", str(file), "--output", str(tmp_path)
+    found, _ = written(
+        tmp_path, "stability.py", "--quick", "--only", scene, "--output", str(tmp_path)
     )
-    assert done.returncode == 0, done.stdout + done.stderr
-    found = json.loads(file.read_text(encoding="utf-8"))
     assert found["wrong"] == found["failed_although_solvable"] == 0
     assert len(found["rows"]) == 4
     for row in found["rows"]:
@@ -56,10 +62,7 @@ def test_stability_of_one_scene(tmp_path: Path, scene: str) -> None:
 
 @ALONE
 def test_cost_of_a_newton_step(tmp_path: Path) -> None:
-    file = tmp_path / "rows.json"
-    done = run("newton_cost.py", "--triangles", "1000", "--rounds", "1", "--json", str(file))
-    assert done.returncode == 0, done.stdout + done.stderr
-    rows = json.loads(file.read_text(encoding="utf-8"))
+    rows, printed = written(tmp_path, "newton_cost.py", "--triangles", "1000", "--rounds", "1")
     assert [(row["bending"], row["ranks"]) for row in rows] == [
         (True, 1), (True, 2), (False, 1), (False, 2),
     ]  # fmt: skip
@@ -74,17 +77,14 @@ def test_cost_of_a_newton_step(tmp_path: Path) -> None:
         assert row["dofs"] == pytest.approx(each * row["triangles"], rel=0.02)
         assert all(row[key] > 0 for key in row if key.endswith(("_s", "_ratio")))
     # A scene compiles what it has: energy, force, tangent; with pressure also volume and load.
-    assert "bending and pressure   5 forms" in done.stdout
-    assert "neither                3 forms" in done.stdout
+    assert "bending and pressure   5 forms" in printed
+    assert "neither                3 forms" in printed
 
 
 @ALONE
 def test_mma_beside_other_codes(tmp_path: Path) -> None:
     """Ours, mmapy and pyMOTO take the same step to the same point."""
-    file = tmp_path / "rows.json"
-    done = run("mma.py", "--quick", "--rounds", "1", "--json", str(file))
-    assert done.returncode == 0, done.stdout + done.stderr
-    rows = json.loads(file.read_text(encoding="utf-8"))
+    rows, _ = written(tmp_path, "mma.py", "--quick", "--rounds", "1")
     assert [(row["constraints"], row["code"]) for row in rows] == [
         (m, code) for m in (1, 2, 5) for code in ("toros_fem", "mmapy", "pymoto")
     ]
@@ -103,10 +103,7 @@ def test_mma_beside_other_codes(tmp_path: Path) -> None:
 @ALONE
 def test_length_scale_of_lines(tmp_path: Path) -> None:
     """With the default c thin lines stand far above wide ones, at any alignment."""
-    file = tmp_path / "rows.json"
-    done = run("length_scale.py", "--quick", "--json", str(file))
-    assert done.returncode == 0, done.stderr
-    rows = json.loads(file.read_text(encoding="utf-8"))
+    rows, _ = written(tmp_path, "length_scale.py", "--quick")
     assert {row["filter"] for row in rows} == {"cone", "helmholtz"}
     checked = 0
     for row in rows:
@@ -127,10 +124,7 @@ def test_length_scale_of_lines(tmp_path: Path) -> None:
 @ALONE
 def test_profiles_of_tiles_converge(tmp_path: Path) -> None:
     """Stripes are exact on every mesh; of lines on mesh lines each refinement halves the error."""
-    file = tmp_path / "rows.json"
-    done = run("tiles.py", "--quick", "--json", str(file))
-    assert done.returncode == 0, done.stderr
-    rows = json.loads(file.read_text(encoding="utf-8"))
+    rows, _ = written(tmp_path, "tiles.py", "--quick")
     assert [(row["pattern"], row["edges"]) for row in rows] == [
         (pattern, edges) for pattern in ("stripes", "lines", "rings") for edges in (10, 20, 40)
     ]
@@ -146,13 +140,10 @@ def test_profiles_of_tiles_converge(tmp_path: Path) -> None:
 
 @ALONE
 def test_accuracy_writes_rows_and_pictures(tmp_path: Path) -> None:
-    file = tmp_path / "rows.json"
-    done = run(
-        "accuracy.py", "--quick", "--case", "uniaxial-stress", "--case", "pulled-cylinder",
-        "--json", str(file), "--output", str(tmp_path),
+    rows, _ = written(
+        tmp_path, "accuracy.py", "--quick", "--case", "uniaxial-stress",
+        "--case", "pulled-cylinder", "--output", str(tmp_path),
     )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    rows = json.loads(file.read_text(encoding="utf-8"))
     for row in rows:
         assert set(row) == {
             "case", "formulation", "mesh", "triangles", "value", "reference", "relative_error",
@@ -163,6 +154,7 @@ def test_accuracy_writes_rows_and_pictures(tmp_path: Path) -> None:
     assert {row["case"] for row in rows} == {"uniaxial-stress", "pulled-cylinder"}
     assert {row["formulation"] for row in rows} == {"membrane", "average", "quadratic", "midedge"}
     assert (tmp_path / "pulled-cylinder.png").stat().st_size > 10_000
+    file = tmp_path / "rows.json"
     again = run("accuracy.py", "--from", str(file), "--output", str(tmp_path / "again"))
     assert again.returncode == 0, again.stderr
     assert (tmp_path / "again" / "pulled-cylinder.png").exists()

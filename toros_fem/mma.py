@@ -91,9 +91,9 @@ class MMA:
     Args:
         lower, upper: Finite bounds; a variable whose bounds are equal stays there.
         constraints: Number m of constraints, which should be scaled to O(1).
-        residuals: Number of rₖ.
         options: Svanberg's parameters.
         move: Move limit of each variable over its range, in place of the options' one for all.
+        residuals: Number of rₖ.
 
     Raises:
         ParameterError: An upper bound lies below its lower bound, a bound is not finite, or a

@@ -105,9 +105,8 @@ class ProfileTarget:
     def residuals(self, profile: Profile) -> Floats:
         """Roots of the terms of T, signed: of what is asked of stiffness, then of contraction."""
         share, off, wide, _ = self._parts(profile)
-        asked = self._asked
         roots = np.sqrt([share, self.weight * share])
-        return np.asarray((roots * np.stack([off, wide]))[asked])
+        return np.asarray((roots * np.stack([off, wide]))[self._asked(share)])
 
     def residuals_backward(self, profile: Profile) -> tuple[Floats, Floats]:
         """Their derivatives, (j, k) each."""
@@ -115,26 +114,17 @@ class ProfileTarget:
         every = np.eye(len(share))
         by_stress = np.sqrt(share) * inverse / profile.strain * every
         by_contraction = np.sqrt(self.weight * share) * every
-        none, asked = np.zeros_like(every), self._asked
+        none, asked = np.zeros_like(every), self._asked(share)
         return (
             np.concatenate([by_stress[asked[0]], none[asked[1]]]),
             np.concatenate([none[asked[0]], by_contraction[asked[1]]]),
         )
 
-    @property
-    def _asked(self) -> npt.NDArray[np.bool_]:
+    def _asked(self, share: Floats) -> npt.NDArray[np.bool_]:
         """Whether anything that counts is asked of stiffness and of contraction, (2, k)."""
-        both = [self.stiffness, self.contraction]
-        count = next(len(one) for one in both if one is not None)
-        counts = np.ones(count, dtype=bool) if self.weights is None else self.weights > 0
-        parts = [counts, counts & (self.weight > 0)]
-        none = np.full(count, np.nan)
-        return np.array(
-            [
-                part & ~np.isnan(none if a is None else a)
-                for part, a in zip(parts, both, strict=True)
-            ]
-        )
+        none = np.full(len(share), np.nan)
+        both = [none if a is None else a for a in (self.stiffness, self.contraction)]
+        return ~np.isnan(both) & (np.stack([share, self.weight * share]) > 0)
 
     def worst(self, profile: Profile) -> float:
         """Largest |s/s* − 1| or |c − c*| of what is asked for with a weight over 0."""
