@@ -14,19 +14,20 @@ import numpy as np
 from accuracy_case import Case, Measured, timed
 from accuracy_scenes import COMM, Floats, membrane
 from mpi4py import MPI
-from toros_fem.meshes import Skin, bend, cylinder, sew
 
-from toros_fem.chain import Evaluation
-from toros_fem.density import random_density
-from toros_fem.design import DesignProblem
-from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.filters import Filter, make_filter
-from toros_fem.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.objective import ShapeObjective
-from toros_fem.parameters import CURVATURES, Bending, Composite, NewtonOptions
-from toros_fem.perimeter import Perimeter
-from toros_fem.projection import Projection
-from toros_fem.supports import clamp
+from toros_fem.density.field import random_density
+from toros_fem.density.filters import Filter, make_filter
+from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.density.perimeter import Perimeter
+from toros_fem.density.projection import Projection
+from toros_fem.design.problem import Evaluation
+from toros_fem.design.shape_problem import DesignProblem
+from toros_fem.equilibrium.options import NewtonOptions
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.materials import CURVATURES, Bending, Composite
+from toros_fem.mechanics.supports import clamp
+from toros_fem.meshes import Skin, bend, cylinder, sew
+from toros_fem.objectives.shape import ShapeObjective
 
 RADIUS, LENGTH = 0.01, 0.06  # m, of the tube
 FILTER = 8e-3  # m

@@ -34,11 +34,11 @@ from accuracy_tubes import (
     twist,
 )
 from scipy.optimize import minimize_scalar
+
+from toros_fem.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes import Pattern
 from toros_fem.meshes.sheet import disc, rectangle
-
-from toros_fem.parameters import NewtonOptions
-from toros_fem.supports import Supports
 
 LENGTH, WIDTH, THICKNESS = 0.03, 0.02, 0.3e-3  # m, of sheets and of material A
 DISC = 0.02  # m, radius of the tables' disc

@@ -26,12 +26,13 @@ from accuracy_scenes import (
 )
 from accuracy_tubes import RADIUS, half_tube
 from scipy.optimize import root_scalar
+
+from toros_fem.equilibrium.options import NewtonOptions
+from toros_fem.materials import Composite
+from toros_fem.mechanics.supports import Supports, clamp
 from toros_fem.meshes import Pattern
 from toros_fem.meshes.pattern import Panel
 from toros_fem.meshes.sheet import circle, rectangle, ringed_disc
-
-from toros_fem.parameters import Composite, NewtonOptions
-from toros_fem.supports import Supports, clamp
 
 # What turns and folds a lot without stretching takes Newton's method many steps. Where the sheet is
 # so much stiffer than its load, rounding leaves the residual no more digits.

@@ -11,11 +11,12 @@ import numpy as np
 import numpy.typing as npt
 from accuracy_case import Case, Measured, timed
 from mpi4py import MPI
-from toros_fem.meshes import Pattern, sew
 
-from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
-from toros_fem.parameters import Composite, Material, NewtonOptions
-from toros_fem.supports import Supports, symmetry_plane
+from toros_fem.equilibrium.options import NewtonOptions
+from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.materials import Composite, Material
+from toros_fem.mechanics.supports import Supports, symmetry_plane
+from toros_fem.meshes import Pattern, sew
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

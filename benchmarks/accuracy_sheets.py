@@ -7,12 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 from accuracy_scenes import COMM
+
+from toros_fem.equilibrium.options import NewtonOptions
+from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.materials import Bending, Composite, Material
+from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes import Pattern, Skin, rectangle, sew
 from toros_fem.meshes.sheet import one_panel
-
-from toros_fem.equilibrium import EquilibriumResult, EquilibriumSolver
-from toros_fem.parameters import Bending, Composite, Material, NewtonOptions
-from toros_fem.supports import Supports
 
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

@@ -19,11 +19,11 @@ from accuracy_scenes import (
     without,
 )
 from scipy.optimize import brentq
-from toros_fem.meshes import Pattern, cylinder, sew
 
-from toros_fem.model import SkinModel
-from toros_fem.parameters import Composite
-from toros_fem.supports import Supports
+from toros_fem.materials import Composite
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.supports import Supports
+from toros_fem.meshes import Pattern, cylinder, sew
 
 RADIUS = 0.01  # m, of the tables' tubes
 # Half length of tubes in radii: six radii from the tip its disc is felt by less than 1e-6.

@@ -19,13 +19,13 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from toros_fem.meshes import cylinder, sew
 
-from toros_fem.filters import make_filter
-from toros_fem.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.projection import Projection
-from toros_fem.stencil import mean_edge
-from toros_fem.strip import raw_width
+from toros_fem.density.bar_width import raw_width
+from toros_fem.density.filters import make_filter
+from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.density.neighbours import mean_edge
+from toros_fem.density.projection import Projection
+from toros_fem.meshes import cylinder, sew
 
 SHARES = (0.7, 0.85, 1.15, 2.5)
 

@@ -38,7 +38,7 @@ SCENES = ("bending and pressure", "no bending", "no pressure", "neither")
 
 
 def _composite(bending: bool) -> Any:
-    from toros_fem.parameters import Bending, Composite
+    from toros_fem.materials import Bending, Composite
 
     return Composite(bending=Bending() if bending else None)
 
@@ -47,11 +47,11 @@ def measure(triangles: int, bending: bool, rounds: int) -> dict[str, Any]:
     """Time one case, on the ranks this runs on."""
     from mpi4py import MPI
     from petsc4py import PETSc
-    from toros_fem.meshes import cylinder, sew
 
-    from toros_fem.equilibrium import EquilibriumSolver
-    from toros_fem.factor import Factor
-    from toros_fem.supports import clamp
+    from toros_fem.equilibrium.linear_solver import Factor
+    from toros_fem.equilibrium.solver import EquilibriumSolver
+    from toros_fem.mechanics.supports import clamp
+    from toros_fem.meshes import cylinder, sew
 
     comm = MPI.COMM_WORLD
 
@@ -156,10 +156,10 @@ def _bare(factor: Any, name: str) -> tuple[Any, Any, Any, Any]:
 def compiled(scene: str) -> dict[str, Any]:
     """Build and solve a small scene with an empty cache of compiled forms."""
     from mpi4py import MPI
-    from toros_fem.meshes import cylinder, sew
 
-    from toros_fem.equilibrium import EquilibriumSolver
-    from toros_fem.supports import clamp
+    from toros_fem.equilibrium.solver import EquilibriumSolver
+    from toros_fem.mechanics.supports import clamp
+    from toros_fem.meshes import cylinder, sew
 
     begin = time.perf_counter()
     bending = scene in ("bending and pressure", "no pressure")

@@ -15,11 +15,11 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
-from toros_fem.meshes import cylinder, sew
 
-from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.parameters import Composite
-from toros_fem.supports import clamp
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.materials import Composite
+from toros_fem.mechanics.supports import clamp
+from toros_fem.meshes import cylinder, sew
 
 LENGTH, DIAMETER = 0.15, 0.02
 PRESSURES = (0.5e3, 1e3, 2e3, 3e3, 4e3, 5e3, 7e3, 10e3, 15e3, 20e3, 30e3)

@@ -21,7 +21,7 @@ from mpi4py import MPI
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from demos import bend
-from toros_fem.parameters import require_count
+from toros_fem._validate import require_count
 
 COLUMNS = {
     "angle_deg": "printed/deg",

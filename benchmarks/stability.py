@@ -27,9 +27,9 @@ from stability_oracle import patient
 from stability_report import Outcome, Report, Row
 from stability_scenes import BUILDERS, DESIGNS, Floats, Scene, build, loads_of, neighbour
 
-from toros_fem.equilibrium import EquilibriumError, EquilibriumResult, EquilibriumSolver
+from toros_fem.equilibrium.options import NewtonOptions
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import TorosError
-from toros_fem.parameters import NewtonOptions
 
 CONTRASTS = (15.0, 300.0, 1e4)
 STARTS = ("cold", "continuation", "warm", "up_down")

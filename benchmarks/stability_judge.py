@@ -14,9 +14,9 @@ from scipy.linalg import LinAlgError, cholesky, eigvalsh
 from scipy.sparse import csr_array, triu
 from stability_scenes import Floats, Scene
 
-from toros_fem.model import SkinModel
-from toros_fem.parameters import Composite
-from toros_fem.tangent import UpperTangent
+from toros_fem.materials import Composite
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.tangent import UpperTangent
 
 # Residual over the applied load that an equilibrium may have.
 RESIDUAL = 1e-8

@@ -15,9 +15,9 @@ from scipy.linalg import eigh
 from stability_judge import Judge, scaled_tangent
 from stability_scenes import Floats
 
-from toros_fem.equilibrium import EquilibriumSolver
+from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.errors import TorosError
-from toros_fem.model import SkinModel
+from toros_fem.mechanics.model import SkinModel
 
 # For one way of the solver's and for the minimiser, in s; neither begins anything new after it.
 WAY, MINIMISER = 20.0, 60.0

@@ -13,14 +13,14 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 from scipy.spatial import ConvexHull
+
+from toros_fem.materials import Composite, Material
+from toros_fem.mechanics import supports
+from toros_fem.mechanics.supports import Supports, clamp
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Panel
 from toros_fem.meshes.sheet import one_panel
-
-from toros_fem import supports
-from toros_fem.parameters import Composite, Material
-from toros_fem.supports import Supports, clamp
 
 Floats = npt.NDArray[np.float64]
 Spacing = npt.NDArray[np.floating]

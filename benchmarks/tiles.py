@@ -27,12 +27,11 @@ from mpi4py import MPI
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
+from toros_fem.design.config import DesignSettings
+from toros_fem.mechanics.periodicity import Periodic
 from toros_fem.meshes import sew, tile
-
-from toros_fem.lattice import Periodic
-from toros_fem.profile import ProfileSolver
-from toros_fem.settings import DesignSettings
-from toros_fem.tile import TileSolver
+from toros_fem.tiles.solver import TileSolver
+from toros_fem.tiles.stiffness_profile import ProfileSolver
 
 Floats = npt.NDArray[np.float64]
 Inside = Callable[[Floats, Floats], npt.NDArray[np.bool_]]

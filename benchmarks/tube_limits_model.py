@@ -21,8 +21,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize, root
 
-from toros_fem.scene import Settings
-from toros_fem.tube import TUBE
+from toros_fem.actuators.case import Settings
+from toros_fem.actuators.tube import TUBE
 
 Array = npt.NDArray[Any]
 Energy = Callable[[Array, float], Any]

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
-from toros_fem.meshes import Pattern, sew
 
-from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
-from toros_fem.measure import Figure, shortening, swelling, twist_angle
-from toros_fem.path import follow
-from toros_fem.rotation import best_rotation
-from toros_fem.scene import Settings
-from toros_fem.tube import TUBE, helices, plain_tube
+from toros_fem.actuators.case import Settings
+from toros_fem.actuators.tube import TUBE, helices, plain_tube
+from toros_fem.analysis.pressure_path import follow
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.meshes import Pattern, sew
+from toros_fem.objectives.metrics import Figure, shortening, swelling, twist_angle
+from toros_fem.objectives.rotation import best_rotation
 
 Floats = npt.NDArray[np.float64]
 Row = dict[str, Any]

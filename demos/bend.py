@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from toros_fem.meshes import bend
 
-from toros_fem.cli import command_line, run_of
-from toros_fem.scene import Scene
-from toros_fem.tube import COARSE_TUBE, TUBE, bend_figure, tube_scene
+from toros_fem.actuators.case import Scene
+from toros_fem.actuators.tube import COARSE_TUBE, TUBE, bend_figure, tube_scene
+from toros_fem.command_line import command_line, run_of
+from toros_fem.meshes import bend
 
 DEFAULTS: dict[str, Any] = {
     **TUBE,

@@ -16,11 +16,18 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from toros_fem.meshes import bend, compose, twist
 
-from toros_fem.cli import command_line, run_of
-from toros_fem.scene import Scene
-from toros_fem.tube import COARSE_TUBE, SECTIONS, TUBE, bend_figure, section_scene, twist_figure
+from toros_fem.actuators.case import Scene
+from toros_fem.actuators.tube import (
+    COARSE_TUBE,
+    SECTIONS,
+    TUBE,
+    bend_figure,
+    section_scene,
+    twist_figure,
+)
+from toros_fem.command_line import command_line, run_of
+from toros_fem.meshes import bend, compose, twist
 
 DEFAULTS: dict[str, Any] = {
     **TUBE,

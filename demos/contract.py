@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
-from toros_fem.meshes import contract
 
-from toros_fem.cli import command_line, run_of
-from toros_fem.scene import Scene
-from toros_fem.tube import COARSE_TUBE, SECTIONS, TUBE, section_scene, shortening_figure
+from toros_fem.actuators.case import Scene
+from toros_fem.actuators.tube import COARSE_TUBE, SECTIONS, TUBE, section_scene, shortening_figure
+from toros_fem.command_line import command_line, run_of
+from toros_fem.meshes import contract
 
 DEFAULTS: dict[str, Any] = {
     **TUBE,

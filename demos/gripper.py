@@ -22,16 +22,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
-from toros_fem.meshes import Pattern, curl, finger, plane_centroids
 
-from toros_fem.cli import command_line, last_line
-from toros_fem.equilibrium import EquilibriumError
-from toros_fem.grasp import Body
-from toros_fem.grasp_report import write_grasp
-from toros_fem.limb import limb_figure, limb_sections
-from toros_fem.measure import Figure
-from toros_fem.scene import Outcome, Scene, design, merged
-from toros_fem.supports import Supports, symmetry_plane
+from toros_fem.actuators.case import Outcome, Scene, design, merged
+from toros_fem.actuators.gripper import write_grasp
+from toros_fem.actuators.limb import limb_figure, limb_sections
+from toros_fem.command_line import command_line, last_line
+from toros_fem.equilibrium.solver import EquilibriumError
+from toros_fem.mechanics.supports import Supports, symmetry_plane
+from toros_fem.meshes import Pattern, curl, finger, plane_centroids
+from toros_fem.objectives.gap import Body
+from toros_fem.objectives.metrics import Figure
 
 DEFAULTS: dict[str, Any] = {
     "shape": "sphere",  # or "box"

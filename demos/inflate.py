@@ -16,15 +16,15 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from toros_fem.meshes import sew
 
-from toros_fem.cli import command_line
-from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.measure import Figure, shortening, swelling
-from toros_fem.path import follow
-from toros_fem.report import write_path
-from toros_fem.scene import merged, settings_of
-from toros_fem.tube import TUBE, plain_tube
+from toros_fem.actuators.case import merged, settings_of
+from toros_fem.actuators.tube import TUBE, plain_tube
+from toros_fem.analysis.pressure_path import follow
+from toros_fem.command_line import command_line
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.meshes import sew
+from toros_fem.objectives.metrics import Figure, shortening, swelling
+from toros_fem.output.reporter import write_path
 
 DEFAULTS: dict[str, Any] = {
     **TUBE,

@@ -22,17 +22,17 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from toros_fem.meshes import tile
 
-from toros_fem.cli import parsed, run_guarded
-from toros_fem.export import write_svg
-from toros_fem.io import versions, write_json, write_table
-from toros_fem.parameters import require_choice, require_count, require_positive
-from toros_fem.pulled_sheet import pull_sheet
-from toros_fem.report import if_plotting, print_step, write_together
-from toros_fem.sample import print_layout, resampled, sheet_of
-from toros_fem.settings import known_inputs
-from toros_fem.tile_file import PrintedTile, read_tile
+from toros_fem._validate import require_choice, require_count, require_positive
+from toros_fem.command_line import parsed, run_guarded
+from toros_fem.design.config import known_inputs
+from toros_fem.fabrication.svg import write_svg
+from toros_fem.meshes import tile
+from toros_fem.output.files import versions, write_json, write_table
+from toros_fem.output.reporter import if_plotting, print_step, write_together
+from toros_fem.tiles.printed_tile import PrintedTile, read_tile
+from toros_fem.tiles.pull_test import pull_sheet
+from toros_fem.tiles.sheet import print_layout, resampled, sheet_of
 
 DEFAULTS: dict[str, Any] = {
     "direction": "both",  # x, y or both
@@ -110,7 +110,7 @@ def run(
         write_table(output / "curve.csv", [row for one in pulled for row in one.rows()])
 
         def draw() -> None:
-            from toros_fem.sample_plot import plot_pulls, plot_sheet
+            from toros_fem.tiles.plots import plot_pulls, plot_sheet
 
             curves = [(one.sheet.name, one.test, one.predicted) for one in pulled]
             plot_pulls(output / "curve.png", curves)

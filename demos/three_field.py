@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from toros_fem.meshes import bend
 
-from toros_fem.cli import command_line
-from toros_fem.report import write_comparison
-from toros_fem.scene import design, merged
-from toros_fem.tube import COARSE_TUBE, TUBE, bend_figure, tube_scene
+from toros_fem.actuators.case import design, merged
+from toros_fem.actuators.tube import COARSE_TUBE, TUBE, bend_figure, tube_scene
+from toros_fem.command_line import command_line
+from toros_fem.meshes import bend
+from toros_fem.output.reporter import write_comparison
 
 DEFAULTS: dict[str, Any] = {
     **TUBE,

@@ -21,18 +21,18 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from toros_fem.meshes import tile
 
-from toros_fem.cli import command_line
-from toros_fem.parameters import require_between, require_choice, require_count, require_positive
-from toros_fem.profile_objective import Contrast, ProfileTarget
-from toros_fem.report import print_step
-from toros_fem.settings import known_inputs
-from toros_fem.tile_file import PrintedTile
-from toros_fem.tile_print import measure_print
-from toros_fem.tile_report import TileReporter, write_tile_design
-from toros_fem.tile_scene import TileScene, TileSettings
-from toros_fem.tile_search import design_tile
+from toros_fem._validate import require_between, require_choice, require_count, require_positive
+from toros_fem.command_line import command_line
+from toros_fem.design.config import known_inputs
+from toros_fem.meshes import tile
+from toros_fem.output.reporter import print_step
+from toros_fem.tiles.as_printed import measure_print
+from toros_fem.tiles.case import TileScene, TileSettings
+from toros_fem.tiles.objectives import Contrast, ProfileTarget
+from toros_fem.tiles.printed_tile import PrintedTile
+from toros_fem.tiles.report import TileReporter, write_tile_design
+from toros_fem.tiles.search import design_tile
 
 DEFAULTS: dict[str, Any] = {
     "target": "tetragonal",  # or "orthotropic", "isotropic", "anisotropic", "auxetic"

@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 import shapely
 from mpi4py import MPI
-from toros_fem.meshes import Surface, read_surface, unwrap
 
-from toros_fem.cli import parsed, run_guarded
-from toros_fem.export import write_svg
-from toros_fem.io import write_fields, write_json
-from toros_fem.report import if_plotting, write_together
+from toros_fem.command_line import parsed, run_guarded
+from toros_fem.fabrication.svg import write_svg
+from toros_fem.meshes import Surface, read_surface, unwrap
+from toros_fem.output.files import write_fields, write_json
+from toros_fem.output.reporter import if_plotting, write_together
 
 DEFAULTS: dict[str, Any] = {
     "scale": 1.0,  # m a unit of the file
@@ -102,7 +102,7 @@ def run(comm: MPI.Comm, output: Path, *, file: Path | None = None, **inputs: Any
         write_svg(output / "pattern.svg", pattern, [shapely.Polygon()] * len(made.methods))
 
         def draw() -> None:
-            from toros_fem.surface_plot import plot_unwrapped
+            from toros_fem.output.surface_plot import plot_unwrapped
 
             plot_unwrapped(output / "unwrap.png", made)
 

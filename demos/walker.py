@@ -19,6 +19,15 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+
+from toros_fem._validate import require_choice
+from toros_fem.actuators.case import Outcome, Scene, design, merged, settings_of
+from toros_fem.actuators.gait import Gait, write_gait
+from toros_fem.actuators.limb import limb_figure, limb_sections, rest_on_body
+from toros_fem.analysis.pressure_path import PathPoint, follow
+from toros_fem.command_line import command_line, last_line
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.mechanics.chambers import Chambers
 from toros_fem.meshes import (
     Pattern,
     Star,
@@ -28,15 +37,6 @@ from toros_fem.meshes import (
     stand,
     walker,
 )
-
-from toros_fem.chambers import Chambers
-from toros_fem.cli import command_line, last_line
-from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
-from toros_fem.gait import Gait, write_gait
-from toros_fem.limb import limb_figure, limb_sections, rest_on_body
-from toros_fem.parameters import require_choice
-from toros_fem.path import PathPoint, follow
-from toros_fem.scene import Outcome, Scene, design, merged, settings_of
 
 DEFAULTS: dict[str, Any] = {
     "motion": "stand",  # or "crawl"

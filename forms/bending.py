@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import ufl
+
 from toros_fem.forms.blocks import Blocks, Vector, components, cross, dot, minus, plus
 from toros_fem.forms.hinge import HalfHinge, Mirror, hinge, reflected
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import ufl
+
 from toros_fem.forms.bending import Edges, bending_blocks, bending_energy, curvature, moment
 from toros_fem.forms.blocks import Blocks, balanced_sum, components
 from toros_fem.forms.interpolation import interpolate

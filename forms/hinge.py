@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import ufl
+
 from toros_fem.forms.blocks import Vector, dot, matrix_product, minus, times
 
 # How the edge a-b of a triangle (a, b, c) changes with its corners.

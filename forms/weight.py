@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import ufl
+
 from toros_fem.forms.blocks import Vector
 
 

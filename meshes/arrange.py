@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import shapely
-from toros_fem.meshes.topology import Floats
+
+from toros_fem._types import Floats
 
 # Gap between panels as a share of the side of a square of their whole area.
 GAP = 0.04

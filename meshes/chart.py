@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+
+from toros_fem._types import Bools, Floats, Ints
+from toros_fem.errors import SurfaceError
 from toros_fem.meshes.cut import cones, cut_open, disc_cuts, euler
 from toros_fem.meshes.distortion import principal_stretches
 from toros_fem.meshes.flatten import abf_angles, closure_error, conformal, unrolled
 from toros_fem.meshes.pattern import MIN_HEIGHT_RATIO
 from toros_fem.meshes.topology import (
-    Bools,
-    Floats,
-    Ints,
     angle_defects,
     corner_angles,
     edges_of,
@@ -21,8 +21,6 @@ from toros_fem.meshes.topology import (
     normals,
     shapes,
 )
-
-from toros_fem.errors import SurfaceError
 
 METHODS = ("auto", "exact", "abf", "lscm")
 # Edges whose lengths differ by less than this share are equal: an STL has seven digits.

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
+
+from toros_fem._types import Bools, Floats, Ints
 from toros_fem.meshes.topology import (
-    Bools,
     Edges,
-    Floats,
-    Ints,
     angle_defects,
     corner_angles,
     edges_of,

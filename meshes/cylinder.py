@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
+
+from toros_fem._mpi import on_first_rank
+from toros_fem._types import Floats, Ints
+from toros_fem._validate import require_choice, require_positive
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Panel, Pattern
 from toros_fem.meshes.sheet import circle, ringed_disc
-from toros_fem.meshes.topology import Floats, Ints
-
-from toros_fem._mpi import on_first_rank
-from toros_fem.parameters import require_choice, require_positive
 
 WALL, BASE, TIP = "wall", "base", "tip"
 

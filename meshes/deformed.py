@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
-from toros_fem.meshes.mesh_file import load
-from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.topology import Floats, Ints
 
 from toros_fem._mpi import on_first_rank
+from toros_fem._types import Floats, Ints
 from toros_fem.errors import TargetError
+from toros_fem.meshes.mesh_file import load
+from toros_fem.meshes.pattern import Pattern
 
 
 def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
+from toros_fem._types import Floats, Ints
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.topology import Floats, Ints, corner_angles
+from toros_fem.meshes.topology import corner_angles
 
 
 @dataclass(frozen=True, eq=False)

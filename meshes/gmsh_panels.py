@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from toros_fem.meshes.topology import Floats, Ints
+
+from toros_fem._types import Floats, Ints
 
 
 def polygon_meshes(

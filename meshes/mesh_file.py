@@ -13,8 +13,8 @@ import meshio
 import numpy as np
 from dolfinx.io import XDMFFile
 from mpi4py import MPI
-from toros_fem.meshes.topology import Ints
 
+from toros_fem._types import Ints
 from toros_fem.errors import SurfaceError, TorosError
 
 # Coordinates of a point by the geometry types of XDMF that hold points one by one.

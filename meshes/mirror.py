@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.topology import Bools, Floats, Ints, half_edges
 
+from toros_fem._types import Bools, Floats, Ints
 from toros_fem.errors import ParameterError, PatternError
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.topology import half_edges
 
 # How far from a symmetry plane a vertex may lie, over the size of the skin.
 FLAT = 1e-6

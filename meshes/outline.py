@@ -9,11 +9,11 @@ import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
-from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.planar import Line, region_mesh
-from toros_fem.meshes.topology import Bools, Floats, Ints
 
 from toros_fem._mpi import on_first_rank
+from toros_fem._types import Bools, Floats, Ints
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.planar import Line, region_mesh
 
 TOP, BOTTOM = "top", "bottom"
 # Root mean square slope of the pillow; the mean strain of the assembled panels is half its square.

@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+
+from toros_fem._types import Bools, Ints
+from toros_fem.errors import SurfaceError
 from toros_fem.meshes.chart import Chart, ChartError, lay_flat
 from toros_fem.meshes.regions import halves
 from toros_fem.meshes.surface import Surface
-from toros_fem.meshes.topology import (
-    Bools,
-    Edges,
-    Ints,
-    between,
-    edges_of,
-    lengths,
-    normals,
-    pieces,
-)
-
-from toros_fem.errors import SurfaceError
+from toros_fem.meshes.topology import Edges, between, edges_of, lengths, normals, pieces
 
 Panels = list[tuple[Ints, Chart]]
 """Triangles of the surface in a panel, and the panel laid flat."""

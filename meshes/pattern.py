@@ -10,18 +10,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
-from toros_fem.meshes.topology import (
-    Bools,
-    Edges,
-    Floats,
-    Ints,
-    clashing,
-    edges_of,
-    half_edges,
-    pinched,
-    users,
-)
 
+from toros_fem._types import Bools, Floats, Ints
 from toros_fem.errors import (
     DegenerateTriangleError,
     ManifoldError,
@@ -31,6 +21,7 @@ from toros_fem.errors import (
     PatternError,
     SeamError,
 )
+from toros_fem.meshes.topology import Edges, clashing, edges_of, half_edges, pinched, users
 
 # A triangle thinner than this share of its longest edge has no usable shape functions.
 MIN_HEIGHT_RATIO = 1e-6

@@ -10,11 +10,12 @@ import numpy.typing as npt
 import shapely
 from scipy.spatial import cKDTree
 from shapely.geometry import LineString, Polygon, box
-from toros_fem.meshes.gmsh_panels import polygon_meshes
-from toros_fem.meshes.topology import Bools, Floats, Ints, edges_of, half_edges
 
+from toros_fem._types import Bools, Floats, Ints
+from toros_fem._validate import require_between
 from toros_fem.errors import OutlineError
-from toros_fem.parameters import require_between
+from toros_fem.meshes.gmsh_panels import polygon_meshes
+from toros_fem.meshes.topology import edges_of, half_edges
 
 Line = tuple[tuple[float, float], tuple[float, float]]
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
+from toros_fem._types import Floats, Ints
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.topology import Floats, Ints, edges_of
+from toros_fem.meshes.topology import edges_of
 
 
 @dataclass(frozen=True, eq=False)

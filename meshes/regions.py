@@ -5,15 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, dijkstra, maximum_flow
-from toros_fem.meshes.topology import (
-    Floats,
-    Ints,
-    dihedral_angles,
-    edges_of,
-    lengths,
-    normals,
-    pieces,
-)
+
+from toros_fem._types import Floats, Ints
+from toros_fem.meshes.topology import dihedral_angles, edges_of, lengths, normals, pieces
 
 # A piece smaller than this share of the surface is no panel of its own.
 SMALLEST = 0.01

@@ -6,7 +6,9 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
-from toros_fem.meshes.topology import Floats, Ints, edges_of, normals, shapes
+
+from toros_fem._types import Floats, Ints
+from toros_fem.meshes.topology import edges_of, normals, shapes
 
 # Vertices closer than this share of the bounding box's diagonal are one.
 COINCIDENT = 1e-7

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from mpi4py import MPI
+
+from toros_fem._types import Floats
+from toros_fem._validate import require_count, require_positive
+from toros_fem.errors import OutlineError
 from toros_fem.meshes.outline import two_panels
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import Line, arc, rounded
-from toros_fem.meshes.topology import Floats
-
-from toros_fem.errors import OutlineError
-from toros_fem.parameters import require_count, require_positive
 
 
 @dataclass(frozen=True)

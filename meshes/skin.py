@@ -11,11 +11,11 @@ import numpy.typing as npt
 import ufl
 from dolfinx import cpp, fem, mesh
 from mpi4py import MPI
-from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.topology import Floats, Ints
 
 from toros_fem import _compat
 from toros_fem._mpi import gather_by_index
+from toros_fem._types import Floats, Ints
+from toros_fem.meshes.pattern import Pattern
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,9 +7,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+
+from toros_fem._types import Floats, Ints
+from toros_fem.errors import (
+    DegenerateTriangleError,
+    ManifoldError,
+    OrientationError,
+    SurfaceError,
+)
 from toros_fem.meshes.topology import (
-    Floats,
-    Ints,
     clashing,
     components,
     edges_of,
@@ -19,13 +25,6 @@ from toros_fem.meshes.topology import (
     pinched,
     shapes,
     users,
-)
-
-from toros_fem.errors import (
-    DegenerateTriangleError,
-    ManifoldError,
-    OrientationError,
-    SurfaceError,
 )
 
 # Thinner triangles (height over longest edge) spoil every map to the plane.

@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+
+from toros_fem._mpi import on_first_rank
+from toros_fem._types import Floats, Ints
+from toros_fem._validate import require_count, require_positive
+from toros_fem.errors import SurfaceError
 from toros_fem.meshes.mesh_file import load, obj_lines
 from toros_fem.meshes.repair import mend, weld
 from toros_fem.meshes.surface import Repairs, Surface, check_edges, oriented, volume
-from toros_fem.meshes.topology import Floats, Ints, components, edge_keys, edges_of, normals
-
-from toros_fem._mpi import on_first_rank
-from toros_fem.errors import SurfaceError
-from toros_fem.parameters import require_count, require_positive
+from toros_fem.meshes.topology import components, edge_keys, edges_of, normals
 
 FORMATS = "STL, OBJ, PLY, MSH or XDMF"
 READ = ("triangle", "quad", "line")

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from toros_fem.meshes.topology import Floats
 
+from toros_fem._types import Floats
+from toros_fem._validate import require_positive
 from toros_fem.errors import ParameterError
-from toros_fem.parameters import require_positive
 
 Deformer = Callable[[Floats], Floats]
 """Maps positions (n, 3) in m to positions (n, 3) in m."""

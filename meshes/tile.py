@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
+
+from toros_fem._mpi import on_first_rank
+from toros_fem._types import Floats, Ints
+from toros_fem._validate import require_choice, require_count, require_positive
+from toros_fem.errors import ParameterError, PatternError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import glued
 from toros_fem.meshes.sheet import grid, one_panel
 from toros_fem.meshes.tile_symmetry import SAME, SYMMETRIES, check_symmetry, unstructured
-from toros_fem.meshes.topology import Floats, Ints
-
-from toros_fem._mpi import on_first_rank
-from toros_fem.errors import ParameterError, PatternError
-from toros_fem.parameters import require_choice, require_count, require_positive
 
 TILE = "tile"
 KINDS = ("right", "crossed", "union-jack", "unstructured")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+
+from toros_fem._types import Floats, Ints
+from toros_fem._validate import require_choice
+from toros_fem.errors import ParameterError
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.planar import without_bridges
-from toros_fem.meshes.topology import Floats, Ints
-
-from toros_fem.errors import ParameterError
-from toros_fem.parameters import require_choice
 
 _TURNS = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]])
 _FLIP = np.array([[-1, 0], [0, 1]])

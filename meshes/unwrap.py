@@ -8,6 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
+
+from toros_fem._mpi import on_first_rank
+from toros_fem._types import Bools, Ints
+from toros_fem._validate import require_choice, require_positive
+from toros_fem.errors import SurfaceError
 from toros_fem.meshes.arrange import arranged
 from toros_fem.meshes.chart import METHODS
 from toros_fem.meshes.cut import cut_open
@@ -16,11 +21,7 @@ from toros_fem.meshes.panels import flat_panels
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.regions import crease_regions
 from toros_fem.meshes.surface import Surface
-from toros_fem.meshes.topology import Bools, Edges, Ints, between, edges_of
-
-from toros_fem._mpi import on_first_rank
-from toros_fem.errors import SurfaceError
-from toros_fem.parameters import require_choice, require_positive
+from toros_fem.meshes.topology import Edges, between, edges_of
 
 AUTOMATIC = "auto"
 

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
+
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.materials import Composite, Material
+from toros_fem.mechanics.supports import clamp
 from toros_fem.meshes import Pattern, Skin, cylinder, sew, tile
 from toros_fem.meshes.pattern import Panel
 from toros_fem.meshes.sheet import one_panel
-
-from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.parameters import Composite, Material
-from toros_fem.supports import clamp
-from toros_fem.tile_file import PrintedTile
+from toros_fem.tiles.printed_tile import PrintedTile
 
 ROOT = Path(__file__).parent.parent
 DATA = Path(__file__).parent / "data"

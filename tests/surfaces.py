@@ -1,6 +1,7 @@
 """Surfaces with known flat shapes, for tests."""
 
 import numpy as np
+
 from toros_fem.meshes.surface import Surface
 
 Arrays = tuple[np.ndarray, np.ndarray]

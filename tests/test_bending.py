@@ -6,17 +6,18 @@ import numpy as np
 import pytest
 from conftest import square, taylor_rates
 from mpi4py import MPI
-from toros_fem.meshes import Pattern, Skin, cylinder, rectangle, sew
-from toros_fem.meshes.pattern import Panel
 
 from toros_fem import errors
-from toros_fem.continuation import Load
-from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
-from toros_fem.hinges import find_hinges
-from toros_fem.model import SkinModel
-from toros_fem.parameters import CURVATURES, Bending, Composite, Material, NewtonOptions
-from toros_fem.scene import Settings
-from toros_fem.supports import Supports, build_in, clamp
+from toros_fem.actuators.case import Settings
+from toros_fem.equilibrium.options import NewtonOptions
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.materials import CURVATURES, Bending, Composite, Material
+from toros_fem.mechanics.hinges import find_hinges
+from toros_fem.mechanics.load_case import Load
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.supports import Supports, build_in, clamp
+from toros_fem.meshes import Pattern, Skin, cylinder, rectangle, sew
+from toros_fem.meshes.pattern import Panel
 
 LENGTH = 0.02
 ELASTIC = Material(1e6, 0.0, 0.5e-3)

@@ -8,15 +8,15 @@ from conftest import TABLE_A, square
 from mpi4py import MPI
 from scipy.sparse import csr_matrix, triu
 from test_forms import SIZE, affine, automatic_tangent, bent_tube, drawn, sheet_model, upper_rows
-from toros_fem.meshes import Skin, sew
 
 from toros_fem import errors
 from toros_fem._mpi import norm
-from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.model import SkinModel
-from toros_fem.parameters import Bladder, Composite, Material
-from toros_fem.supports import Supports, clamp
-from toros_fem.tangent import UpperTangent
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.materials import Bladder, Composite, Material
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.supports import Supports, clamp
+from toros_fem.mechanics.tangent import UpperTangent
+from toros_fem.meshes import Skin, sew
 
 RUBBER = Bladder(young=0.29e6, thickness=0.8e-3)  # Dragon Skin 20
 MU = 0.29e6 / 3

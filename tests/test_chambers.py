@@ -7,22 +7,22 @@ import pytest
 from conftest import TABLE_A, box, part_of, taylor_rates
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
-from toros_fem.meshes import Pattern, Skin, cylinder, sew
 
 from toros_fem import errors
 from toros_fem._mpi import norm, total
-from toros_fem.chambers import Chambers, Wall, chambers_of_panels, find_walls
-from toros_fem.cone import ConeFilter
-from toros_fem.density import random_density
-from toros_fem.design import DesignProblem
-from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.model import SkinModel
-from toros_fem.objective import ShapeObjective
-from toros_fem.optimise import optimise
-from toros_fem.parameters import Composite
-from toros_fem.stages import DesignOptions, Stage
-from toros_fem.supports import clamp, symmetry_plane
-from toros_fem.tangent import UpperTangent
+from toros_fem.density.cone import ConeFilter
+from toros_fem.density.field import random_density
+from toros_fem.design.loop import optimise
+from toros_fem.design.options import DesignOptions, Stage
+from toros_fem.design.shape_problem import DesignProblem
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.materials import Composite
+from toros_fem.mechanics.chambers import Chambers, Wall, chambers_of_panels, find_walls
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.supports import clamp, symmetry_plane
+from toros_fem.mechanics.tangent import UpperTangent
+from toros_fem.meshes import Pattern, Skin, cylinder, sew
+from toros_fem.objectives.shape import ShapeObjective
 
 LENGTH, RADIUS = 0.06, 0.01
 

@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 from conftest import square, table, taylor_rates
 from mpi4py import MPI
-from toros_fem.meshes import Skin, cylinder, sew
 
-from toros_fem.cone import ConeFilter
-from toros_fem.density import random_density
-from toros_fem.errors import ParameterError
-from toros_fem.filters import make_filter
-from toros_fem.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.perimeter import Perimeter, edge_response
-from toros_fem.projection import Projection
-from toros_fem.stencil import mean_edge
-from toros_fem.strip import (
+from toros_fem.density.bar_width import (
     raw_width,
     strip_response,
     threshold_for_width,
     width_of_threshold,
 )
+from toros_fem.density.cone import ConeFilter
+from toros_fem.density.field import random_density
+from toros_fem.density.filters import make_filter
+from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.density.neighbours import mean_edge
+from toros_fem.density.perimeter import Perimeter, edge_response
+from toros_fem.density.projection import Projection
+from toros_fem.errors import ParameterError
+from toros_fem.meshes import Skin, cylinder, sew
 
 Floats = np.ndarray
 

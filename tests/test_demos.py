@@ -15,15 +15,16 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from mpi4py import MPI
-from toros_fem.meshes import Skin
 
 from demos import bend as demo
 from demos import three_field
-from toros_fem import errors, scene
-from toros_fem.cli import last_line
-from toros_fem.design import DesignProblem
-from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
-from toros_fem.scene import Settings
+from toros_fem import errors
+from toros_fem.actuators import case as scene
+from toros_fem.actuators.case import Settings
+from toros_fem.command_line import last_line
+from toros_fem.design.shape_problem import DesignProblem
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.meshes import Skin
 
 SMALL: dict[str, Any] = {
     "length": 0.08,

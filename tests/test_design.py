@@ -6,22 +6,22 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
-from toros_fem.meshes import Skin, bend, cylinder, sew
 
 from toros_fem import errors
 from toros_fem._mpi import norm
-from toros_fem.cone import ConeFilter
-from toros_fem.density import random_density
-from toros_fem.design import DesignProblem
-from toros_fem.equilibrium import EquilibriumError, EquilibriumResult, EquilibriumSolver
-from toros_fem.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.objective import ShapeObjective
-from toros_fem.optimise import optimise
-from toros_fem.parameters import Composite
-from toros_fem.perimeter import Perimeter
-from toros_fem.projection import Projection
-from toros_fem.stages import DesignOptions, Stage, doubling
-from toros_fem.supports import clamp
+from toros_fem.density.cone import ConeFilter
+from toros_fem.density.field import random_density
+from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.density.perimeter import Perimeter
+from toros_fem.density.projection import Projection
+from toros_fem.design.loop import optimise
+from toros_fem.design.options import DesignOptions, Stage, doubling
+from toros_fem.design.shape_problem import DesignProblem
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
+from toros_fem.materials import Composite
+from toros_fem.mechanics.supports import clamp
+from toros_fem.meshes import Skin, bend, cylinder, sew
+from toros_fem.objectives.shape import ShapeObjective
 
 RADIUS = 7e-3
 

@@ -6,17 +6,18 @@ from conftest import TABLE_A, square, table
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
-from toros_fem.meshes import Pattern, Skin, cylinder, sew
-from toros_fem.meshes.pattern import Panel
 
 from toros_fem import errors
 from toros_fem._mpi import norm
-from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
-from toros_fem.model import SkinModel
-from toros_fem.newton import RegularisedNewton
-from toros_fem.parameters import SEAMS, Bending, Composite, Material, NewtonOptions
-from toros_fem.supports import Supports, clamp
-from toros_fem.tangent import UpperTangent
+from toros_fem.equilibrium.newton import RegularisedNewton
+from toros_fem.equilibrium.options import NewtonOptions
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.materials import SEAMS, Bending, Composite, Material
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.supports import Supports, clamp
+from toros_fem.mechanics.tangent import UpperTangent
+from toros_fem.meshes import Pattern, Skin, cylinder, sew
+from toros_fem.meshes.pattern import Panel
 
 RADIUS = 0.01
 

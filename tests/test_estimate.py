@@ -5,15 +5,16 @@ import pytest
 from accuracy_bending import spine
 from conftest import square
 from mpi4py import MPI
+
+from toros_fem.analysis.error_estimate import estimate_error
+from toros_fem.equilibrium.options import NewtonOptions
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.errors import ParameterError
+from toros_fem.materials import Bending, Composite
+from toros_fem.mechanics.supports import Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, sew
 from toros_fem.meshes.refine import refine
-
-from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.errors import ParameterError
-from toros_fem.estimate import estimate_error
-from toros_fem.measure import bend_angle
-from toros_fem.parameters import Bending, Composite, NewtonOptions
-from toros_fem.supports import Supports, build_in, clamp, symmetry_plane
+from toros_fem.objectives.metrics import bend_angle
 
 
 def angle(pattern: Pattern, positions: np.ndarray) -> float:

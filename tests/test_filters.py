@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from conftest import square, table
 from mpi4py import MPI
-from toros_fem.meshes import Skin, cylinder, sew
 
 from toros_fem import errors
-from toros_fem.cone import ConeFilter
-from toros_fem.density import check_density, random_density
-from toros_fem.filters import make_filter
-from toros_fem.helmholtz import HelmholtzFilter
-from toros_fem.projection import Projection
-from toros_fem.stages import doubling
+from toros_fem.density.cone import ConeFilter
+from toros_fem.density.field import check_density, random_density
+from toros_fem.density.filters import make_filter
+from toros_fem.density.helmholtz import HelmholtzFilter
+from toros_fem.density.projection import Projection
+from toros_fem.design.options import doubling
+from toros_fem.meshes import Skin, cylinder, sew
 
 
 def test_filter_against_its_definition(tube: Skin) -> None:

@@ -12,14 +12,14 @@ from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix, triu
-from toros_fem.meshes import Pattern, Skin, cylinder, sew
 
 from toros_fem._mpi import norm, total
-from toros_fem.feasibility import StretchBounds, principal_stretches
-from toros_fem.model import SkinModel
-from toros_fem.parameters import CURVATURES, Bending, Composite, Material
-from toros_fem.supports import Supports, clamp
-from toros_fem.tangent import UpperTangent
+from toros_fem.materials import CURVATURES, Bending, Composite, Material
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.stretch_bounds import StretchBounds, principal_stretches
+from toros_fem.mechanics.supports import Supports, clamp
+from toros_fem.mechanics.tangent import UpperTangent
+from toros_fem.meshes import Pattern, Skin, cylinder, sew
 
 SIZE = 0.02
 

@@ -10,7 +10,7 @@ from scipy.optimize import minimize
 from test_mma import Problem, beam, vec
 
 from toros_fem.errors import ParameterError
-from toros_fem.mma import MMA, MMAOptions
+from toros_fem.mma.optimizer import MMA, MMAOptions
 
 
 def truss(x: np.ndarray) -> tuple[float, np.ndarray, list[float], list[np.ndarray]]:

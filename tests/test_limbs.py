@@ -8,26 +8,26 @@ from conftest import taylor_rates
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 from test_symmetry import rests
-from toros_fem.meshes import WALKER, Pattern, Skin, mirrored, plane_centroids, sew, stand, walker
 
 from toros_fem import errors
 from toros_fem._mpi import dot
-from toros_fem.density import random_density
-from toros_fem.design import DesignProblem
-from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.filters import make_filter
-from toros_fem.gait import Gait, placed
-from toros_fem.grasp import Body, GapObjective
-from toros_fem.grasp_report import _surface, _turned
-from toros_fem.limb import limb_figure, limb_sections, limb_vertices, rest_on_body, tips
-from toros_fem.manufacture import PrintLimits
-from toros_fem.objective import ShapeObjective
-from toros_fem.optimise import optimise
-from toros_fem.parameters import Bending, Composite
-from toros_fem.path import PathPoint, follow
-from toros_fem.printed import print_design
-from toros_fem.stages import DesignOptions, Stage
-from toros_fem.supports import Supports
+from toros_fem.actuators.gait import Gait, placed
+from toros_fem.actuators.gripper import _surface, _turned
+from toros_fem.actuators.limb import limb_figure, limb_sections, limb_vertices, rest_on_body, tips
+from toros_fem.analysis.pressure_path import PathPoint, follow
+from toros_fem.density.field import random_density
+from toros_fem.density.filters import make_filter
+from toros_fem.design.loop import optimise
+from toros_fem.design.options import DesignOptions, Stage
+from toros_fem.design.shape_problem import DesignProblem
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.fabrication.as_printed import print_design
+from toros_fem.fabrication.printability import PrintLimits
+from toros_fem.materials import Bending, Composite
+from toros_fem.mechanics.supports import Supports
+from toros_fem.meshes import WALKER, Pattern, Skin, mirrored, plane_centroids, sew, stand, walker
+from toros_fem.objectives.gap import Body, GapObjective
+from toros_fem.objectives.shape import ShapeObjective
 
 ALONG = np.append(WALKER.directions[0], 0.0)
 DOWN = (0.0, 0.0, -1.0)

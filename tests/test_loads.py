@@ -5,20 +5,20 @@ import dataclasses
 import numpy as np
 import pytest
 from mpi4py import MPI
-from toros_fem.meshes import Skin, sew
 
 from toros_fem import errors
 from toros_fem._mpi import total
-from toros_fem.chambers import Chambers
-from toros_fem.cone import ConeFilter
-from toros_fem.continuation import Load
-from toros_fem.density import random_density
-from toros_fem.design import DesignProblem
-from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.loads import Weight, held_load
-from toros_fem.objective import ShapeObjective
-from toros_fem.parameters import Bladder, Composite
-from toros_fem.supports import clamp, displace
+from toros_fem.density.cone import ConeFilter
+from toros_fem.density.field import random_density
+from toros_fem.design.shape_problem import DesignProblem
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.materials import Bladder, Composite
+from toros_fem.mechanics.chambers import Chambers
+from toros_fem.mechanics.dead_loads import Weight, held_load
+from toros_fem.mechanics.load_case import Load
+from toros_fem.mechanics.supports import clamp, displace
+from toros_fem.meshes import Skin, sew
+from toros_fem.objectives.shape import ShapeObjective
 
 HEAVY = Weight(fabric=0.2, reinforcement=2.0, gravity=(9.0, 0.0, -3.0))
 

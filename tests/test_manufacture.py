@@ -12,14 +12,14 @@ from mpi4py import MPI
 from shapely.affinity import rotate, translate
 from shapely.geometry import LineString, Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
-from toros_fem.meshes import Pattern, cylinder
 
-from toros_fem.contours import panel_outline, printed_regions, reinforcement
 from toros_fem.errors import DensityError, ParameterError
-from toros_fem.manufacture import PrintLimits, printability, printed_cells
-from toros_fem.pieces import clean, find_holes, find_pieces
-from toros_fem.plotting import plot_manufacture
-from toros_fem.widths import Thin, measure
+from toros_fem.fabrication.contours import panel_outline, printed_regions, reinforcement
+from toros_fem.fabrication.islands import clean, find_holes, find_pieces
+from toros_fem.fabrication.printability import PrintLimits, printability, printed_cells
+from toros_fem.fabrication.widths import Thin, measure
+from toros_fem.meshes import Pattern, cylinder
+from toros_fem.output.plots import plot_manufacture
 
 MM = 1e-3
 RESOLUTION = 0.03

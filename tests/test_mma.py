@@ -10,7 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from toros_fem.errors import ParameterError
-from toros_fem.mma import MMA, MMAOptions
+from toros_fem.mma.optimizer import MMA, MMAOptions
 
 Problem = Callable[[np.ndarray], tuple[float, np.ndarray, list[float], list[np.ndarray]]]
 

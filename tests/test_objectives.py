@@ -5,16 +5,16 @@ import pytest
 from conftest import taylor_rates
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
-from toros_fem.meshes import Skin, bend, compose, contract, cylinder, rectangle, sew, twist
 
 from toros_fem import errors
 from toros_fem._mpi import dot
-from toros_fem.alignment import AlignedObjective
-from toros_fem.measure import Figure, bend_angle, shortening, swelling, twist_angle
-from toros_fem.objective import Objective, ShapeObjective, SumObjective
-from toros_fem.rotation import axial, best_rotation, polar_rotation
-from toros_fem.sections import SectionObjective, Sections
-from toros_fem.slabs import slabs
+from toros_fem.meshes import Skin, bend, compose, contract, cylinder, rectangle, sew, twist
+from toros_fem.objectives.alignment import AlignedObjective
+from toros_fem.objectives.cross_sections import slabs
+from toros_fem.objectives.metrics import Figure, bend_angle, shortening, swelling, twist_angle
+from toros_fem.objectives.rotation import axial, best_rotation, polar_rotation
+from toros_fem.objectives.sections import SectionObjective, Sections
+from toros_fem.objectives.shape import Objective, ShapeObjective, SumObjective
 
 LENGTH = 0.06
 TARGET = compose(twist(4.0, LENGTH), bend(1.0, LENGTH))

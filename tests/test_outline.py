@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
-from toros_fem.meshes import Pattern, plane_centroids, rounded, two_panels
-from toros_fem.meshes.topology import edges_of
 
 from toros_fem.errors import OutlineError
-from toros_fem.supports import symmetry_plane
+from toros_fem.mechanics.supports import symmetry_plane
+from toros_fem.meshes import Pattern, plane_centroids, rounded, two_panels
+from toros_fem.meshes.topology import edges_of
 
 SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
 ELL = np.array([[0, 0], [0.06, 0], [0.06, 0.02], [0.02, 0.02], [0.02, 0.05], [0, 0.05]])

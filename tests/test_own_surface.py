@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
-from toros_fem.meshes import bend, cylinder, from_mesh, read_surface, unwrap
 
-from toros_fem.measure import Figure, distance
-from toros_fem.scene import Scene, design, merged
-from toros_fem.supports import pin
+from toros_fem.actuators.case import Scene, design, merged
+from toros_fem.mechanics.supports import pin
+from toros_fem.meshes import bend, cylinder, from_mesh, read_surface, unwrap
+from toros_fem.objectives.metrics import Figure, distance
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from conftest import square
 from mpi4py import MPI
-from toros_fem.meshes import Pattern, cylinder, disc, rectangle
-from toros_fem.meshes.sheet import KINDS
 
 from toros_fem import errors
+from toros_fem.meshes import Pattern, cylinder, disc, rectangle
+from toros_fem.meshes.sheet import KINDS
 
 
 def rebuilt(pattern: Pattern, **changes: object) -> Pattern:

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from test_design import full
-from toros_fem.meshes import Skin
 
 from toros_fem import errors
-from toros_fem.density import random_density
-from toros_fem.equilibrium import EquilibriumError, EquilibriumSolver
-from toros_fem.manufacture import PrintLimits
-from toros_fem.optimise import DesignResult, optimise
-from toros_fem.printed import drawn, print_design, without_islands
-from toros_fem.scene import Settings, merged, settings_of
-from toros_fem.stages import DesignOptions, Stage
-from toros_fem.tube import TUBE, tube_scene
+from toros_fem.actuators.case import Settings, merged, settings_of
+from toros_fem.actuators.tube import TUBE, tube_scene
+from toros_fem.density.field import random_density
+from toros_fem.design.loop import DesignResult, optimise
+from toros_fem.design.options import DesignOptions, Stage
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.fabrication.as_printed import drawn, print_design, without_islands
+from toros_fem.fabrication.printability import PrintLimits
+from toros_fem.meshes import Skin
 
 
 @pytest.fixture(scope="module")

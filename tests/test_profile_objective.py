@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from toros_fem import errors
-from toros_fem.profile import Profile
-from toros_fem.profile_objective import Contrast, ProfileTarget
+from toros_fem.tiles.objectives import Contrast, ProfileTarget
+from toros_fem.tiles.stiffness_profile import Profile
 
 
 def profile_of(stress: list[float], contraction: list[float], strain: float) -> Profile:

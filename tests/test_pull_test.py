@@ -7,14 +7,13 @@ import pytest
 from conftest import TABLE_A, printed_tile, table
 from mpi4py import MPI
 from scipy.spatial import cKDTree
-from toros_fem.meshes import rectangle, sew, tile
 
 from demos import sample as demo
 from toros_fem import errors
-from toros_fem.parameters import Composite
-from toros_fem.pull_test import PullTest, predict, pull
-from toros_fem.pulled_sheet import pull_sheet
-from toros_fem.sample import resampled, sheet_of
+from toros_fem.materials import Composite
+from toros_fem.meshes import rectangle, sew, tile
+from toros_fem.tiles.pull_test import PullTest, predict, pull, pull_sheet
+from toros_fem.tiles.sheet import resampled, sheet_of
 
 SIZE = 0.01
 STRAIN = 0.1

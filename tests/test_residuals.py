@@ -9,7 +9,7 @@ from scipy.optimize import lsq_linear, minimize
 from test_mma import vec
 
 from toros_fem.errors import ParameterError
-from toros_fem.mma import MMA, MMAOptions
+from toros_fem.mma.optimizer import MMA, MMAOptions
 
 Residuals = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 

@@ -8,11 +8,11 @@ from mpi4py import MPI
 from shapely.geometry import Polygon
 from stability_scenes import fan_tube
 from test_outline import check_twins, edges_on, volume
+
+from toros_fem.errors import OutlineError, ParameterError, PatternError
 from toros_fem.meshes import GRIPPER, WALKER, Star, finger, gripper, mirrored, walker
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.sheet import one_panel
-
-from toros_fem.errors import OutlineError, ParameterError, PatternError
 
 TWO_ARMS = Star(2, 0.05, 0.01, 0.02, 3e-3, 0.3)
 ARMS_THAT_MEET_OUTSIDE_THE_BODY = Star(6, 0.04, 0.02, 0.01, 2e-3)

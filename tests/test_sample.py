@@ -16,8 +16,8 @@ from mpi4py import MPI
 
 from demos import sample as demo
 from toros_fem import errors
-from toros_fem.sample import joined, print_layout, resampled, sheet_of
-from toros_fem.tile_file import write_tile
+from toros_fem.tiles.printed_tile import write_tile
+from toros_fem.tiles.sheet import joined, print_layout, resampled, sheet_of
 
 SIZE = 0.01
 STRAIN = 0.1

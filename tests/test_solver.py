@@ -10,19 +10,19 @@ from conftest import square
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
-from toros_fem.meshes import Pattern, Skin, cylinder, sew
-from toros_fem.meshes.pattern import Panel
 
 from toros_fem import errors
 from toros_fem._mpi import norm
-from toros_fem.continuation import Climb, climb
-from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.factor import Factor
-from toros_fem.model import SkinModel
-from toros_fem.newton import NewtonStep
-from toros_fem.parameters import CURVATURES, Bending, Composite, Material
-from toros_fem.supports import clamp, symmetry_plane
-from toros_fem.tangent import UpperTangent
+from toros_fem.equilibrium.continuation import Climb, climb
+from toros_fem.equilibrium.linear_solver import Factor
+from toros_fem.equilibrium.newton import NewtonStep
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.materials import CURVATURES, Bending, Composite, Material
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.supports import clamp, symmetry_plane
+from toros_fem.mechanics.tangent import UpperTangent
+from toros_fem.meshes import Pattern, Skin, cylinder, sew
+from toros_fem.meshes.pattern import Panel
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,9 @@ from mmapy import subsolv
 from mpi4py import MPI
 from scipy.optimize import minimize
 
-from toros_fem import approximation
-from toros_fem.approximation import Approximation
-from toros_fem.subproblem import Price, Solution, solve_subproblem
+from toros_fem.mma import approximation
+from toros_fem.mma.approximation import Approximation
+from toros_fem.mma.subproblem import Price, Solution, solve_subproblem
 
 SMALL = 1e-5
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from conftest import TABLE_A, box, part_of, square, table
 from mpi4py import MPI
-from toros_fem.meshes import Skin, cylinder, sew
 
 from toros_fem import errors
 from toros_fem._mpi import norm
-from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.estimate import estimate_error
-from toros_fem.parameters import Composite
-from toros_fem.supports import Supports, clamp, displace, pin, symmetry_plane
+from toros_fem.analysis.error_estimate import estimate_error
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.materials import Composite
+from toros_fem.mechanics.supports import Supports, clamp, displace, pin, symmetry_plane
+from toros_fem.meshes import Skin, cylinder, sew
 
 SIZE = 0.02
 

@@ -15,11 +15,11 @@ import ufl
 from conftest import DATA, square
 from dolfinx.io import XDMFFile
 from mpi4py import MPI
+
+from toros_fem import errors
 from toros_fem.meshes import Surface, read_surface, unwrap
 from toros_fem.meshes.surface import volume
 from toros_fem.meshes.topology import edges_of, shapes
-
-from toros_fem import errors
 
 
 @pytest.fixture

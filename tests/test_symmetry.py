@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
-from toros_fem.meshes import Mirrored, Pattern, mirrored, sew, walker
 
-from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.parameters import Bending, Composite
-from toros_fem.supports import Supports, symmetry_plane
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.materials import Bending, Composite
+from toros_fem.mechanics.supports import Supports, symmetry_plane
+from toros_fem.meshes import Mirrored, Pattern, mirrored, sew, walker
 
 EDGE = 7e-3
 CLOTH = Composite(bending=Bending(seams="hinged"))

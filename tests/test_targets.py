@@ -6,6 +6,8 @@ import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
+
+from toros_fem.errors import ParameterError, TargetError
 from toros_fem.meshes import (
     WALKER,
     bend,
@@ -18,9 +20,7 @@ from toros_fem.meshes import (
     twist,
     walker,
 )
-
-from toros_fem.errors import ParameterError, TargetError
-from toros_fem.measure import bend_angle
+from toros_fem.objectives.metrics import bend_angle
 
 Z = np.linspace(0, 0.15, 31)
 AXIS = np.column_stack([0 * Z, 0 * Z, Z])

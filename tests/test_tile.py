@@ -28,13 +28,13 @@ from tiles import (
     tile_of,
     turned_density,
 )
-from toros_fem.meshes import Tile
 
 from toros_fem.errors import DensityError, NoEquilibriumError, ParameterError
-from toros_fem.lattice import GIVEN, UNIAXIAL, Periodic
-from toros_fem.parameters import Bending, Composite, Material
-from toros_fem.profile import ALONG, ProfileSolver, effective_tensor
-from toros_fem.tile import TileSolver, TileState
+from toros_fem.materials import Bending, Composite, Material
+from toros_fem.mechanics.periodicity import GIVEN, UNIAXIAL, Periodic
+from toros_fem.meshes import Tile
+from toros_fem.tiles.solver import TileSolver, TileState
+from toros_fem.tiles.stiffness_profile import ALONG, ProfileSolver, effective_tensor
 
 SHEAR = np.array([[0.0, 1], [0, 0], [0, 0]])
 TURN = np.array([[0.0, -1], [1, 0]])

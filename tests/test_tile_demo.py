@@ -8,16 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
-from toros_fem.meshes import SYMMETRIES, tile
 
 from demos import tile as demo
-from toros_fem import errors, tile_search
-from toros_fem.optimise import optimise
-from toros_fem.profile_plot import around
-from toros_fem.tile_file import read_tile
-from toros_fem.tile_pieces import loose_pieces
-from toros_fem.tile_scene import TileOutcome, TileSettings, wavy
-from toros_fem.tile_search import design_tile
+from toros_fem import errors
+from toros_fem.design.loop import optimise
+from toros_fem.meshes import SYMMETRIES, tile
+from toros_fem.tiles import search as tile_search
+from toros_fem.tiles.case import TileOutcome, TileSettings, wavy
+from toros_fem.tiles.islands import loose_pieces
+from toros_fem.tiles.plots import around
+from toros_fem.tiles.printed_tile import read_tile
+from toros_fem.tiles.search import design_tile
 
 # T of the first start after its trial, the same on any number of ranks.
 FIRST_TRIAL = 0.19989329212699072

@@ -9,25 +9,26 @@ import pytest
 from conftest import taylor_rates
 from mpi4py import MPI
 from tiles import ANGLES, SIDE, drawn, numbers, pulled, solver_of, tile_of
-from toros_fem.meshes import SYMMETRIES, Mirrored
 
 from toros_fem import errors
 from toros_fem._mpi import dot
-from toros_fem.cone import ConeFilter
-from toros_fem.density import random_density
-from toros_fem.helmholtz import HelmholtzFilter
-from toros_fem.lattice import GIVEN
-from toros_fem.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.optimise import DesignResult, optimise
-from toros_fem.perimeter import Perimeter
-from toros_fem.profile import ACROSS, ALONG, ProfileSolver
-from toros_fem.profile_objective import Contrast, ProfileObjective, ProfileTarget
-from toros_fem.projection import Projection
-from toros_fem.scaled import Scaled
-from toros_fem.stages import DesignOptions, Stage
-from toros_fem.tile import TileSolver, TileState
-from toros_fem.tile_design import SymmetricFilter, TileProblem
-from toros_fem.variables import Variables
+from toros_fem.density.cone import ConeFilter
+from toros_fem.density.field import random_density
+from toros_fem.density.helmholtz import HelmholtzFilter
+from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.density.perimeter import Perimeter
+from toros_fem.density.projection import Projection
+from toros_fem.density.symmetric import SymmetricFilter
+from toros_fem.design.loop import DesignResult, optimise
+from toros_fem.design.options import DesignOptions, Stage
+from toros_fem.design.scaled import Scaled
+from toros_fem.design.variables import Variables
+from toros_fem.mechanics.periodicity import GIVEN
+from toros_fem.meshes import SYMMETRIES, Mirrored
+from toros_fem.tiles.objectives import Contrast, ProfileObjective, ProfileTarget
+from toros_fem.tiles.problem import TileProblem
+from toros_fem.tiles.solver import TileSolver, TileState
+from toros_fem.tiles.stiffness_profile import ACROSS, ALONG, ProfileSolver
 
 EDGES = 6
 RADIUS = 1.6 * SIDE / EDGES

@@ -10,7 +10,7 @@ from conftest import printed_tile, shared
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.tile_file import NAME, PrintedTile, read_tile, write_tile
+from toros_fem.tiles.printed_tile import NAME, PrintedTile, read_tile, write_tile
 
 
 def test_file_round_trip(comm: MPI.Comm, tmp_path: Path) -> None:

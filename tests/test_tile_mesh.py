@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 import ufl
 from mpi4py import MPI
-from toros_fem.meshes import SYMMETRIES, Tile, sew, tile
-from toros_fem.meshes.tile import KINDS
-from toros_fem.meshes.topology import edge_keys
 
 from toros_fem._mpi import total
 from toros_fem.errors import ParameterError, PatternError
+from toros_fem.meshes import SYMMETRIES, Tile, sew, tile
+from toros_fem.meshes.tile import KINDS
+from toros_fem.meshes.topology import edge_keys
 
 SIZE = (0.03, 0.02)
 SQUARE = 0.02

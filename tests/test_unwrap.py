@@ -12,19 +12,19 @@ import surfaces
 from conftest import DATA
 from mpi4py import MPI
 from scipy.optimize import brentq
+
+from demos import unwrap as demo
+from toros_fem import errors
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.fabrication.contours import panel_outline
+from toros_fem.materials import Composite
+from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes import Surface, sew, unwrap
 from toros_fem.meshes.chart import ChartError, lay_flat
 from toros_fem.meshes.cut import cut_open, disc_cuts, euler
 from toros_fem.meshes.flatten import abf_angles, conformal
 from toros_fem.meshes.surface import volume
 from toros_fem.meshes.topology import corner_angles, edges_of, lengths
-
-from demos import unwrap as demo
-from toros_fem import errors
-from toros_fem.contours import panel_outline
-from toros_fem.equilibrium import EquilibriumSolver
-from toros_fem.parameters import Composite
-from toros_fem.supports import Supports
 
 
 def lengths_kept(surface: Surface, flat: np.ndarray, corners: np.ndarray) -> float:

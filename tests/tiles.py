@@ -6,12 +6,12 @@ from functools import cache
 import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
-from toros_fem.meshes import Tile, sew, tile
 
-from toros_fem.lattice import UNIAXIAL, Periodic
-from toros_fem.parameters import Composite, Material
-from toros_fem.profile import Profile, ProfileSolver
-from toros_fem.tile import TileSolver
+from toros_fem.materials import Composite, Material
+from toros_fem.mechanics.periodicity import UNIAXIAL, Periodic
+from toros_fem.meshes import Tile, sew, tile
+from toros_fem.tiles.solver import TileSolver
+from toros_fem.tiles.stiffness_profile import Profile, ProfileSolver
 
 SIDE = 0.02
 ANGLES = np.arange(12) * np.pi / 12

@@ -9,7 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-Array = npt.NDArray[np.float64]
+from toros_fem._types import Floats
+
 T = TypeVar("T")
 
 
@@ -18,7 +19,7 @@ def total(comm: MPI.Comm, value: float) -> float:
     return float(comm.allreduce(float(value), op=MPI.SUM))
 
 
-def sum_over_ranks(comm: MPI.Comm, local: Array) -> Array:
+def sum_over_ranks(comm: MPI.Comm, local: Floats) -> Floats:
     """Entrywise sum of small arrays over the ranks."""
     out = np.empty_like(local)
     comm.Allreduce(np.ascontiguousarray(local), out)
@@ -35,12 +36,12 @@ def smallest(comm: MPI.Comm, value: float) -> float:
     return float(comm.allreduce(float(value), op=MPI.MIN))
 
 
-def dot(comm: MPI.Comm, a: Array, b: Array) -> float:
+def dot(comm: MPI.Comm, a: Floats, b: Floats) -> float:
     """Inner product of two vectors given by their owned entries."""
     return total(comm, float(np.vdot(a, b)))
 
 
-def norm(comm: MPI.Comm, owned: Array) -> float:
+def norm(comm: MPI.Comm, owned: Floats) -> float:
     """Euclidean norm of a vector given by its owned entries."""
     return float(np.sqrt(dot(comm, owned, owned)))
 
@@ -67,8 +68,8 @@ def on_first_rank(comm: MPI.Comm, action: Callable[[], T]) -> T:
 
 
 def gather_by_index(
-    comm: MPI.Comm, index: npt.NDArray[np.int64], values: Array, size: int
-) -> Array:
+    comm: MPI.Comm, index: npt.NDArray[np.int64], values: Floats, size: int
+) -> Floats:
     """Assemble an array of `size` rows on every rank from (global index, row) pairs.
 
     Rows that several ranks give must be equal; rows that none gives are zero.

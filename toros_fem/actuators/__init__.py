@@ -1,0 +1,1 @@
+"""Tubes, walkers and grippers of the paper, as demos share them."""

@@ -1,0 +1,100 @@
+"""Pictures of a gripper closed on its object."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem._types import Floats, Ints
+from toros_fem.objectives.gap import Body
+from toros_fem.output.files import write_json
+from toros_fem.output.reporter import if_plotting, write_together
+
+FINGERS = 3
+
+
+def write_grasp(
+    comm: MPI.Comm,
+    folder: Path,
+    triangles: Ints,
+    positions: Floats,
+    density: Floats,
+    body: Body,
+    figures: dict[str, Any],
+) -> None:
+    """Write load.json and a picture of three equal fingers around the object (collective).
+
+    Fingers go down, along their own x; their own z points to the object's axis.
+
+    Args:
+        comm: Communicator.
+        folder: Output folder, which exists.
+        triangles: Of one whole finger, (t, 3).
+        positions: Of its vertices, (n, 3), in m.
+        density: Of its triangles, (t,), to colour by.
+        body: The object, in the finger's frame.
+        figures: What goes into load.json.
+
+    Raises:
+        OutputError: A file cannot be written.
+    """
+
+    def write() -> None:
+        write_json(folder / "load.json", figures)
+        around = 2 * np.pi * np.arange(FINGERS) / FINGERS
+        fingers = [_turned(positions, body, angle) for angle in around]
+        ball, faces = _surface(body)
+        points = np.concatenate([*fingers, _turned(ball, body, 0.0)])
+        count = len(positions)
+        cells = np.concatenate(
+            [triangles + k * count for k in range(FINGERS)] + [faces + FINGERS * count]
+        )
+        colours = np.concatenate([np.tile(density, FINGERS), np.full(len(faces), np.nan)])
+        shapes = [("closed on the object", points)]
+        side = np.concatenate([fingers[0], _turned(ball, body, 0.0)])
+
+        def draw() -> None:
+            from toros_fem.output.comparison_plot import plot_shapes
+
+            plot_shapes(folder / "grasp.png", cells, shapes, colours, view=(15.0, 25.0))
+            plot_shapes(
+                folder / "finger.png",
+                np.concatenate([triangles, faces + count]),
+                [("one finger, from the side", side)],
+                np.concatenate([density, np.full(len(faces), np.nan)]),
+            )
+
+        if_plotting(draw)
+
+    write_together(comm, folder, write)
+
+
+def _turned(points: Floats, body: Body, angle: float) -> Floats:
+    """From a finger's frame to the room: z up, the object's axis at x = y = 0."""
+    out = body.centre[2] - points[:, 2]
+    c, s = np.cos(angle), np.sin(angle)
+    y = -points[:, 1]  # its own y points the other way, or the skin would be turned inside out
+    return np.column_stack([c * out - s * y, s * out + c * y, -points[:, 0]])
+
+
+def _surface(body: Body, count: int = 48) -> tuple[Floats, Ints]:
+    """A mesh of the object's surface, outwards, in the finger's frame."""
+    polar, turn = np.meshgrid(
+        np.linspace(1e-3, np.pi - 1e-3, count // 2 + 1), np.linspace(0, 2 * np.pi, count + 1)
+    )
+    rays = np.stack(
+        [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=2
+    ).reshape(-1, 3)
+    low: Floats = np.zeros(len(rays))
+    high: Floats = np.full(len(rays), 2 * body.size)
+    for _ in range(50):  # each ray from the middle leaves the object once
+        middle = (low + high) / 2
+        outside = body.distance(body.centre + middle[:, None] * rays)[0] > 0
+        low, high = np.where(outside, low, middle), np.where(outside, middle, high)
+    node = np.arange(len(rays)).reshape(polar.shape)
+    a, b, c, d = node[:-1, :-1], node[:-1, 1:], node[1:, 1:], node[1:, :-1]
+    faces = np.stack([np.stack([a, b, c], 2), np.stack([a, c, d], 2)], 2).reshape(-1, 3)
+    return body.centre + low[:, None] * rays, faces

@@ -1,0 +1,1 @@
+"""Sequences of pressures, and the discretisation error of a result."""

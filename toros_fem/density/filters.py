@@ -1,0 +1,68 @@
+"""Density filters, chosen by name."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from toros_fem._types import Floats
+from toros_fem._validate import require_choice
+from toros_fem.density.cone import ConeFilter
+from toros_fem.density.helmholtz import HelmholtzFilter
+from toros_fem.meshes.mirror import Mirrored
+from toros_fem.meshes.skin import Skin
+
+FILTERS = ("cone", "helmholtz")
+
+
+class Filter(Protocol):
+    """From the design density ρ to the filtered density ρ̃, and back.
+
+    Attributes:
+        name: "cone" or "helmholtz".
+        radius: R in m.
+    """
+
+    name: str
+    radius: float
+
+    def forward(self, density: Floats) -> Floats:
+        """ρ̃ at owned triangles from ρ there (collective)."""
+        ...
+
+    def backward(self, gradient: Floats) -> Floats:
+        """∂T/∂ρ from ∂T/∂ρ̃, owned values (collective)."""
+        ...
+
+    def slope(self, density: Floats) -> Floats:
+        """∇ρ̃ at the centroids of owned triangles, (2, k), in 1/m (collective)."""
+        ...
+
+    def slope_backward(self, gradient: Floats) -> Floats:
+        """∂T/∂ρ from ∂T/∂∇ρ̃, (2, k), owned values (collective)."""
+        ...
+
+    def at_points(self, density: Floats) -> Floats:
+        """ρ̃ at all flat points of the pattern, (m,), on every rank (collective)."""
+        ...
+
+
+def make_filter(
+    name: str,
+    skin: Skin,
+    radius: float,
+    lattice: Floats | None = None,
+    whole: Mirrored | None = None,
+) -> Filter:
+    """The filter of a name.
+
+    Args:
+        name: "cone" (`ConeFilter`) or "helmholtz" (`HelmholtzFilter`).
+        skin: The sewn skin.
+        radius: R in m.
+        lattice, whole: As for `ConeFilter`; the Helmholtz filter crosses all seams as it is, and
+            its free borders are planes of symmetry.
+    """
+    require_choice("filter", name, FILTERS)
+    if name == "cone":
+        return ConeFilter(skin, radius, lattice, whole)
+    return HelmholtzFilter(skin, radius)

@@ -1,0 +1,223 @@
+"""Neighbours inside a panel, and sparse matrices on them, built once and spread over the ranks."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.sparse import coo_array, csr_array
+from scipy.spatial import cKDTree
+
+from toros_fem._types import Floats, Ints
+from toros_fem._validate import require_positive
+from toros_fem.errors import ParameterError
+from toros_fem.meshes.mirror import Mirrored
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.skin import Skin
+
+# Pairs searched for at once: what is sorted and weighed stays small beside the matrix.
+PAIRS = 2_000_000
+# Below so many edge lengths a filter reaches no neighbour worth the name.
+RESOLVED = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Some rows of a stencil: which triangles lie near which points.
+
+    Attributes:
+        row: Point of each pair, counted from the first one of these rows, ascending.
+        rows: Number of points.
+        cell: Pattern triangle of each pair.
+        offset: From the point to the triangle's centroid, (k, 2), in m.
+        distance: Its length.
+    """
+
+    row: Ints
+    rows: int
+    cell: Ints
+    offset: Floats
+    distance: Floats
+
+    def sums(self, weight: Floats) -> Floats:
+        """Sum of a weight over the pairs of each point, (rows,)."""
+        return np.bincount(self.row, weight, minlength=self.rows).astype(np.float64)
+
+
+class Neighbourhood:
+    """Finds the centroids within a radius of points of the same panel.
+
+    A print does not cross a seam, so that distances are taken inside one panel; on a periodic
+    tile they are taken on the torus, and on a part of a symmetric skin across its planes.
+
+    Args:
+        pattern: The pattern.
+        radius: Radius in m.
+        lattice: The two vectors, (2, 2), in m, by which a tile repeats; None if nothing does.
+        whole: What the pattern is a part of, `meshes.mirrored`; None if it is whole.
+
+    Raises:
+        ParameterError: The radius is not positive, or a tile is not wider than twice the radius.
+    """
+
+    def __init__(
+        self,
+        pattern: Pattern,
+        radius: float,
+        lattice: Floats | None = None,
+        whole: Mirrored | None = None,
+    ) -> None:
+        require_positive(radius=radius)
+        self.radius = radius
+        cells: Ints = np.arange(len(pattern.panel), dtype=np.int64)
+        points, panel = pattern.centroids, pattern.panel
+        if whole is not None:
+            cells, points, panel = whole.cell, whole.pattern.centroids, whole.pattern.panel
+        elif lattice is not None:
+            points, cells = _repeated(points, np.asarray(lattice, dtype=np.float64), radius)
+            panel = panel[cells]
+        # Panels are told apart by a third coordinate that neither radius nor panel bridges.
+        self._floor = 3 * radius + 2 * float(np.ptp(points, axis=0).max())
+        self._cells = cells
+        self._points = np.column_stack([points, self._floor * panel])
+        self._tree = cKDTree(self._points)
+        share = np.pi * radius**2 / float(pattern.areas.mean())
+        self._chunk = max(1, int(PAIRS / min(max(share, 1.0), float(len(cells)))))
+
+    def pairs(self, points: Floats, panel: Ints) -> Iterator[Pairs]:
+        """The neighbours of points (k, 2) of given panels (k,), some rows at a time."""
+        lifted = np.column_stack([points, self._floor * panel])
+        for begin in range(0, len(points), self._chunk):
+            part = lifted[begin : begin + self._chunk]
+            near = cKDTree(part).sparse_distance_matrix(
+                self._tree, self.radius, output_type="ndarray"
+            )
+            ordered = _by_rows(near["i"], near["j"], (len(part), len(self._points)))
+            row = np.repeat(np.arange(len(part)), np.diff(ordered.indptr))
+            target = ordered.indices
+            offset = self._points[target, :2] - part[row, :2]
+            yield Pairs(row, len(part), self._cells[target], offset, near["v"][ordered.data])
+
+    def counts(self, points: Floats, panel: Ints) -> Ints:
+        """How many neighbours points (k, 2) of given panels (k,) have."""
+        lifted = np.column_stack([points, self._floor * panel])
+        return self._tree.query_ball_point(lifted, self.radius, return_length=True)
+
+    def nearest(self, points: Floats, panel: Ints) -> Ints:
+        """The triangle whose centroid lies nearest to each point of the same panel."""
+        _, found = self._tree.query(np.column_stack([points, self._floor * panel]))
+        return self._cells[found]
+
+
+def _by_rows(row: Ints, column: Ints, shape: tuple[int, int]) -> csr_array:
+    """Which pair stands where when pairs are ordered by row and column."""
+    ordered = coo_array((np.arange(len(row)), (row, column)), shape=shape).tocsr()
+    ordered.sort_indices()
+    return ordered
+
+
+def _repeated(points: Floats, lattice: Floats, radius: float) -> tuple[Floats, Ints]:
+    """Points of a tile with those copies of them that are within reach, and whose they are."""
+    if lattice.shape != (2, 2):
+        raise ParameterError(f"lattice has shape {lattice.shape}; it must hold two vectors (2, 2).")
+    area = abs(float(np.linalg.det(lattice)))
+    width = area / max(float(np.linalg.norm(lattice, axis=1).max()), np.finfo(float).tiny)
+    if not width > 2 * radius:
+        raise ParameterError(
+            f"a tile {width:.3g} m wide meets itself within the radius = {radius:.3g} m; it must "
+            "be wider than twice the radius. Repeat the tile, or reduce the radius."
+        )
+    low, high = points.min(axis=0) - radius, points.max(axis=0) + radius
+    cells: Ints = np.arange(len(points), dtype=np.int64)
+    copies, owners = [points], [cells]
+    # However slanted the vectors are: a copy further off than this lies beyond reach.
+    most = int(np.ceil(np.linalg.norm(high - low) / width))
+    for i in range(-most, most + 1):
+        for j in range(-most, most + 1):
+            moved = points + i * lattice[0] + j * lattice[1]
+            near = np.all((moved >= low) & (moved <= high), axis=1)
+            if (i, j) != (0, 0) and near.any():
+                copies.append(moved[near])
+                owners.append(cells[near])
+    return np.concatenate(copies), np.concatenate(owners)
+
+
+def stencil_matrices(
+    skin: Skin,
+    near: Neighbourhood,
+    weigh: Callable[[Pairs], Sequence[Floats]],
+    number: int = 1,
+) -> list[PETSc.Mat]:
+    """Matrices over the triangles of a skin, one for each weight, with the stencil in common.
+
+    Rows and columns are numbered as the densities are; the reach crosses the borders of ranks.
+
+    Args:
+        skin: The sewn skin.
+        near: Its neighbourhoods.
+        weigh: Weights of some pairs, one array for each matrix.
+        number: How many matrices.
+    """
+    pattern, owned = skin.pattern, skin.owned_cells
+    first = skin.density_space.dofmap.index_map.local_range[0]
+    column = skin.gather_cells(first + np.arange(len(owned), dtype=np.float64))
+    column = column.astype(PETSc.IntType)
+    points, panel = pattern.centroids[owned], pattern.panel[owned]
+    counts = near.counts(points, panel).astype(PETSc.IntType)
+    size = (len(owned), len(column))
+    # What is not owned is not known before: room that is never touched costs no memory.
+    room = counts if skin.comm.size == 1 else (np.minimum(counts, len(owned)), counts)
+    matrices = [
+        PETSc.Mat().createAIJ((size, size), nnz=room, comm=skin.comm) for _ in range(number)
+    ]
+    for (
+        matrix
+    ) in matrices:  # a pair just at the radius may be counted in one way and found in another
+        matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+    begin = 0
+    for pairs in near.pairs(points, panel):
+        rows = np.arange(begin, begin + pairs.rows, dtype=PETSc.IntType) + first
+        start = np.searchsorted(pairs.row, np.arange(pairs.rows + 1)).astype(PETSc.IntType)
+        for matrix, weight in zip(matrices, weigh(pairs), strict=True):
+            # A triangle and its image may both be near.
+            matrix.setValuesIJV(start, column[pairs.cell], weight, addv=True, rowmap=rows)
+        begin += pairs.rows
+    for matrix in matrices:
+        matrix.assemble()
+    return matrices
+
+
+def multiply(matrix: PETSc.Mat, values: Floats) -> Floats:
+    """Owned entries of A v (collective)."""
+    right, left = matrix.createVecs()
+    right.array[:] = values
+    matrix.mult(right, left)
+    return left.array.copy()
+
+
+def multiply_transpose(matrix: PETSc.Mat, values: Floats) -> Floats:
+    """Owned entries of Aᵀ v (collective)."""
+    right, left = matrix.createVecs()
+    left.array[:] = values
+    matrix.multTranspose(left, right)
+    return right.array.copy()
+
+
+def mean_edge(skin: Skin) -> float:
+    """Edge length in m of an equilateral triangle of the pattern's mean area."""
+    return float(np.sqrt(skin.pattern.areas.mean() * 4 / np.sqrt(3)))
+
+
+def warn_if_unresolved(skin: Skin, radius: float) -> None:
+    """Say loudly that a filter's radius in m is too small for the mesh."""
+    edge = mean_edge(skin)
+    if radius < RESOLVED * edge:
+        warnings.warn(
+            f"filter radius = {radius:.3g} m is under {RESOLVED} edge lengths ({edge:.3g} m "
+            "each): it hardly filters, and no width of a line is under control. Refine the mesh "
+            f"to edges of {radius / RESOLVED:.3g} m, or enlarge the radius.",
+            stacklevel=3,
+        )

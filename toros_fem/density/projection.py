@@ -1,0 +1,44 @@
+"""Smoothed step from filtered to projected density, eq. (12)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem._types import Floats
+from toros_fem._validate import require_between, require_positive
+
+
+@dataclass(frozen=True)
+class Projection:
+    """ρ̄ = (tanh βη + tanh β(ρ̃−η)) / (tanh βη + tanh β(1−η)), eq. (12).
+
+    Attributes:
+        beta: Steepness β; 20 in the paper.
+        eta: Threshold η; 0.5 in the paper.
+    """
+
+    beta: float = 20.0
+    eta: float = 0.5
+
+    def __post_init__(self) -> None:
+        require_positive(beta=self.beta)
+        require_between(0.0, 1.0, eta=self.eta)
+
+    @property
+    def _scale(self) -> float:
+        return float(np.tanh(self.beta * self.eta) + np.tanh(self.beta * (1 - self.eta)))
+
+    def forward(self, filtered: Floats) -> Floats:
+        """ρ̄ from ρ̃, both in [0, 1]."""
+        low = np.tanh(self.beta * self.eta)
+        raised = (low + np.tanh(self.beta * (filtered - self.eta))) / self._scale
+        return np.asarray(np.clip(raised, 0.0, 1.0))  # rounding alone could leave [0, 1]
+
+    def backward(self, filtered: Floats, gradient: Floats) -> Floats:
+        """∂T/∂ρ̃ from ∂T/∂ρ̄."""
+        # Where `forward` clips (an obtuse mesh may overshoot) nothing changes; rounding is no clip.
+        inside = (filtered > -1e-9) & (filtered < 1 + 1e-9)
+        slope = inside * self.beta / np.cosh(self.beta * (filtered - self.eta)) ** 2 / self._scale
+        return np.asarray(slope * gradient)

@@ -1,0 +1,1 @@
+"""Stable equilibria by regularised Newton and continuation, eqs. (9, 10)."""

@@ -1,0 +1,31 @@
+"""Options of the equilibrium solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from toros_fem._validate import require_positive
+
+
+@dataclass(frozen=True)
+class NewtonOptions:
+    """How hard the equilibrium solver tries.
+
+    Attributes:
+        tolerance: Residual over the applied load at which a state counts as equilibrium.
+        max_steps: Newton steps for one pressure level.
+        fraction_to_barrier: Largest share of the way to the stretch bounds that one step takes.
+        min_increment: Smallest increment of a continuation, over the level reached, before it
+            gives up.
+    """
+
+    tolerance: float = 1e-10
+    max_steps: int = 240
+    fraction_to_barrier: float = 0.5
+    min_increment: float = 0.05
+
+    def __post_init__(self) -> None:
+        require_positive(tolerance=self.tolerance, at_most=1e-2)
+        require_positive(max_steps=self.max_steps)
+        require_positive(fraction_to_barrier=self.fraction_to_barrier, at_most=0.99)
+        require_positive(min_increment=self.min_increment, at_most=1.0)

@@ -1,0 +1,92 @@
+"""Held vertices that are moved, and how the free ones are taken along."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import coo_array, csr_array, eye_array
+from scipy.sparse.linalg import splu
+
+from toros_fem._mpi import largest
+from toros_fem._types import Floats
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.meshes.mirror import FLAT
+from toros_fem.meshes.pattern import Pattern
+
+# What keeps the extension of nothing at zero, over the Laplacian's diagonal.
+DAMPING = 1e-9
+
+
+class Placement:
+    """Puts the held components of a state where they belong.
+
+    To move them alone would stretch the triangles next to them by the whole way. The others are
+    taken along by the harmonic extension over the flat panels, of each component by itself: on a
+    strip that is pulled it is the exact solution. The pattern is whole on every rank, so that each
+    computes the same.
+
+    Args:
+        model: The scene.
+    """
+
+    def __init__(self, model: SkinModel) -> None:
+        self._model = model
+        self._solvers: list[Callable[[Floats], Floats]] = []  # made when first something moves
+
+    def __call__(self, state: Floats, displacement: Floats | None) -> Floats:
+        """The state with its held components in place (collective).
+
+        Args:
+            state: Owned unknowns.
+            displacement: Way of each assembled vertex from its assembled position in m, (n, 3),
+                read where it is held; None leaves them there.
+        """
+        model, skin = self._model, self._model.skin
+        goal, held = model.assembled, ~model.free
+        if displacement is not None:
+            model.positions(goal)[:] += displacement[skin.owned_vertices]
+        placed = np.where(held, goal, state)
+        jump = model.positions(placed - state)
+        way = largest(skin.comm, float(np.abs(jump).max(initial=0.0)))
+        if way > FLAT * skin.pattern.size:
+            spread = self._extension(skin.gather_vertices(jump))
+            along = np.zeros_like(state)
+            model.positions(along)[:] = spread[skin.owned_vertices]
+            placed += np.where(held, 0.0, along)
+        return placed
+
+    def _extension(self, jump: Floats) -> Floats:
+        if not self._solvers:
+            laplacian = _laplacian(self._model.skin.pattern)
+            for held in self._model.supports.held.T:
+                self._solvers.append(_extender(laplacian, held))
+        return np.stack([f(jump[:, k]) for k, f in enumerate(self._solvers)], axis=1)
+
+
+def _laplacian(pattern: Pattern) -> csr_array:
+    """Stiffness of linear elements on the flat panels, sewn together, (n, n)."""
+    corner, tri = pattern.corners, pattern.triangles
+    opposite = np.roll(corner, -1, axis=1) - np.roll(corner, -2, axis=1)  # turned gradients · 2 Ā
+    entries = np.einsum("tik,tjk->tij", opposite, opposite) / (4 * pattern.areas[:, None, None])
+    rows = np.repeat(tri, 3, axis=1).ravel()
+    columns = np.tile(tri, (1, 3)).ravel()
+    count = len(pattern.points)
+    whole = csr_array(coo_array((entries.ravel(), (rows, columns)), shape=(count, count)))
+    return whole + DAMPING * whole.diagonal().mean() * csr_array(eye_array(count))
+
+
+def _extender(laplacian: csr_array, held: npt.NDArray[np.bool_]) -> Callable[[Floats], Floats]:
+    free = ~held
+    if not free.any():
+        return lambda values: values
+    rows = laplacian[free]
+    inner, border = splu(rows[:, free].tocsc()), rows[:, held]
+
+    def extend(values: Floats) -> Floats:
+        out = values.copy()
+        out[free] = -inner.solve(border @ values[held])
+        return out
+
+    return extend

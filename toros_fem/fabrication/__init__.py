@@ -1,0 +1,1 @@
+"""The printed region: contours, widths, islands, printability, and its simulation."""

@@ -1,0 +1,173 @@
+"""Printed pieces and holes, and a pattern without its crumbs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem._types import Ints
+from toros_fem.errors import ParameterError
+from toros_fem.fabrication.contours import panel_outline
+from toros_fem.meshes.pattern import Pattern
+
+# Points at which each pair of sewn edges is asked whether both sides are printed.
+SEAM_POINTS = 32
+# Borders closer than this share of the skin's size are the same.
+TOUCHING = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A connected printed piece of a panel.
+
+    Attributes:
+        panel: Number of the panel.
+        polygon: The piece, in m.
+        main: Whether it is the panel's largest, the main body. The others are islands.
+        attached: Whether it is a main body, or meets one across seams.
+    """
+
+    panel: int
+    polygon: BaseGeometry
+    main: bool
+    attached: bool
+
+    @property
+    def area(self) -> float:
+        """Area in m²."""
+        return float(self.polygon.area)
+
+
+@dataclass(frozen=True, eq=False)
+class Hole:
+    """Cloth all around which is printed.
+
+    Attributes:
+        panel: Number of the panel.
+        polygon: What its border encloses, islands in it included, in m.
+    """
+
+    panel: int
+    polygon: BaseGeometry
+
+    @property
+    def area(self) -> float:
+        """Area in m²."""
+        return float(self.polygon.area)
+
+
+@dataclass(frozen=True, eq=False)
+class Cleaned:
+    """A pattern without crumbs.
+
+    Attributes:
+        regions: What is printed on each panel, in m.
+        dropped: Free islands that were removed.
+        filled: Holes that were closed.
+    """
+
+    regions: list[BaseGeometry]
+    dropped: tuple[Piece, ...]
+    filled: tuple[Hole, ...]
+
+
+def find_pieces(pattern: Pattern, regions: Sequence[BaseGeometry]) -> list[Piece]:
+    """The printed pieces of all panels, the largest first.
+
+    Args:
+        pattern: The pattern.
+        regions: What is printed on each panel, in m.
+    """
+    parts, panel = shapely.get_parts(list(regions), return_index=True)
+    order = np.argsort(-shapely.area(parts), kind="stable")
+    order = order[~shapely.is_empty(parts[order])]
+    parts, panel = parts[order], panel[order]
+    main = np.zeros(len(parts), dtype=bool)
+    main[np.unique(panel, return_index=True)[1]] = True
+    links = _across_seams(pattern, parts, panel)
+    graph = coo_array((np.ones(len(links)), tuple(links.T)), shape=(len(parts), len(parts)))
+    body = connected_components(graph, directed=False)[1] if len(parts) else panel
+    attached = np.isin(body, body[main])
+    return [
+        Piece(int(p), part, bool(m), bool(a))
+        for p, part, m, a in zip(panel, parts, main, attached, strict=True)
+    ]
+
+
+def find_holes(pattern: Pattern, regions: Sequence[BaseGeometry]) -> tuple[Hole, ...]:
+    """Cloth that print encloses, the smallest first; not where the panel itself is cut out."""
+    holes = []
+    for panel, region in enumerate(regions):
+        border = panel_outline(pattern, panel).boundary
+        shapely.prepare(border)
+        rings = [ring for part in shapely.get_parts(region) for ring in part.interiors]
+        cut = shapely.dwithin(border, rings, TOUCHING * pattern.size)
+        holes += [
+            Hole(panel, shapely.Polygon(ring))
+            for ring, at_cut in zip(rings, cut, strict=True)
+            if not at_cut
+        ]
+    return tuple(sorted(holes, key=lambda hole: hole.area))
+
+
+def clean(
+    pattern: Pattern, regions: Sequence[BaseGeometry], island_area: float, hole_area: float
+) -> Cleaned:
+    """Drop small free islands, then fill small holes.
+
+    Args:
+        pattern: The pattern.
+        regions: What is printed on each panel, in m.
+        island_area: Free islands smaller than this are dropped, in m²; infinity drops all.
+        hole_area: Holes smaller than this are filled, in m².
+
+    Raises:
+        ParameterError: An area is negative.
+    """
+    for name, area in (("island_area", island_area), ("hole_area", hole_area)):
+        if not area >= 0:
+            raise ParameterError(f"{name} = {area} m² must not be negative; 0 keeps all.")
+    pieces = find_pieces(pattern, regions)
+    small = [not piece.attached and piece.area < island_area for piece in pieces]
+    dropped = tuple(piece for piece, gone in zip(pieces, small, strict=True) if gone)
+    kept: list[list[BaseGeometry]] = [[] for _ in regions]
+    for piece, gone in zip(pieces, small, strict=True):
+        if not gone:
+            kept[piece.panel].append(piece.polygon)
+    cleaned = [shapely.MultiPolygon(parts) for parts in kept]
+    filled = tuple(hole for hole in find_holes(pattern, cleaned) if hole.area < hole_area)
+    for panel in sorted({hole.panel for hole in filled}):
+        plugs = [hole.polygon for hole in filled if hole.panel == panel]
+        cleaned[panel] = shapely.union_all([cleaned[panel], *plugs])
+    return Cleaned(cleaned, dropped, filled)
+
+
+def _across_seams(
+    pattern: Pattern, parts: npt.NDArray[np.object_], panel: Ints
+) -> npt.NDArray[np.int64]:
+    """Pairs of parts, (k, 2), that meet where two edges are sewn together."""
+    share = (np.arange(SEAM_POINTS) + 0.5)[:, None] / SEAM_POINTS
+    of_point = np.zeros(len(pattern.flat_points), dtype=np.int64)
+    of_point[pattern.flat_triangles] = pattern.panel[:, None]
+    sides = []
+    for edge in np.moveaxis(pattern.seams, 1, 0):
+        start, end = np.moveaxis(pattern.flat_points[edge], 1, 0)[:, :, None]
+        points = shapely.points((1 - share) * start + share * end).ravel()
+        of_edge = np.repeat(of_point[edge[:, 0]], SEAM_POINTS)
+        found = np.full(len(points), -1)
+        for number in np.unique(panel):
+            here, mine = np.flatnonzero(of_edge == number), np.flatnonzero(panel == number)
+            at, which = shapely.STRtree(parts[mine]).query(
+                points[here], predicate="dwithin", distance=TOUCHING * pattern.size
+            )
+            found[here[at]] = mine[which]
+        sides.append(found)
+    pairs = np.stack(sides, axis=1)
+    return pairs[(pairs >= 0).all(axis=1)]

@@ -1,0 +1,140 @@
+"""Materials as frozen dataclasses, validated on construction. SI units."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from toros_fem._validate import require_between, require_choice, require_positive
+from toros_fem.errors import ParameterError
+
+
+@dataclass(frozen=True)
+class Material:
+    """One isotropic sheet.
+
+    Attributes:
+        young: Young's modulus in Pa at small strain.
+        poisson: Poisson's ratio, 0 to 0.5: below 0 the barrier of eq. (1) would turn attractive.
+        thickness: Thickness h in m; membrane stiffness goes with h, bending with h³/12.
+    """
+
+    young: float
+    poisson: float
+    thickness: float
+
+    def __post_init__(self) -> None:
+        require_positive(young=self.young, thickness=self.thickness)
+        require_between(0.0, 0.5, poisson=self.poisson)
+
+    @property
+    def mu(self) -> float:
+        """Plane-stress Lamé parameter μ = E/(2(1+ν)) in Pa."""
+        return self.young / (2 * (1 + self.poisson))
+
+    @property
+    def lam(self) -> float:
+        """Plane-stress Lamé parameter λ = Eν/(1−ν²) in Pa."""
+        return self.young * self.poisson / (1 - self.poisson**2)
+
+    @property
+    def membrane_stiffness(self) -> float:
+        """E h in N/m."""
+        return self.young * self.thickness
+
+
+CURVATURES = ("average", "quadratic", "midedge")
+SEAMS = ("continuous", "hinged")
+RESTS = ("flat", "assembled")
+
+
+@dataclass(frozen=True)
+class Bending:
+    """How a sheet resists bending, eqs. (4-6); docs/accuracy.md compares the terms.
+
+    Attributes:
+        curvature: How a triangle's curvature follows from the angles at its edges. "average" is
+            the paper's; under load it converges only where neighbouring triangles pair up to
+            parallelograms: with one diagonal direction, or equilateral. "quadratic" goes through
+            the six vertices around, at the same cost; where they lie on a conic it is the
+            average. "midedge" has one rotation more for each edge and converges on any mesh.
+        seams: Whether a seam carries moments ("continuous") or is "hinged" as sewn cloth is.
+        rest: In which shape there is no moment: "flat" as the panels are cut, or "assembled", as
+            if moulded in the shape that the pattern is assembled to.
+    """
+
+    curvature: str = "midedge"
+    seams: str = "continuous"
+    rest: str = "flat"
+
+    def __post_init__(self) -> None:
+        require_choice("curvature", self.curvature, CURVATURES)
+        require_choice("seams", self.seams, SEAMS)
+        require_choice("rest", self.rest, RESTS)
+
+
+@dataclass(frozen=True)
+class Bladder:
+    """A thin airtight layer of incompressible rubber that moves with the skin.
+
+    It is neo-Hookean, in plane stress, and so thin that its own bending does not count.
+
+    Attributes:
+        young: Young's modulus in Pa at small strain; the shear modulus is a third of it.
+        thickness: In m, undeformed.
+    """
+
+    young: float
+    thickness: float
+
+    def __post_init__(self) -> None:
+        require_positive(young=self.young, thickness=self.thickness)
+
+    @property
+    def membrane_stiffness(self) -> float:
+        """E h in N/m."""
+        return self.young * self.thickness
+
+
+@dataclass(frozen=True)
+class Composite:
+    """A fabric and what it becomes where it is reinforced, eqs. (1-3).
+
+    The paper publishes no material constants; the defaults are ours (docs/materials.md): a
+    light jersey calibrated on what the paper tells of its tube, and printed TPU 95A.
+
+    Attributes:
+        fabric: The plain fabric.
+        reinforcement: Fabric and printed layer together.
+        c1: Bound on a principal stretch, > 1; the stretches stay in (2 − c₁, c₁).
+        c2: Bound on their sum, > 1; the sum stays in (3 − c₂, 1 + c₂).
+        bending: How the sheet resists bending; None makes the skin a membrane.
+        bladder: A rubber layer under both materials; None for none.
+    """
+
+    fabric: Material = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3)
+    reinforcement: Material = Material(young=26e6, poisson=0.3, thickness=0.5e-3)
+    c1: float = 1.9
+    c2: float = 2.6
+    bending: Bending | None = Bending()
+    bladder: Bladder | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.bladder, Bladder | None):
+            raise ParameterError(f"bladder = {self.bladder!r} must be a Bladder, or None.")
+        if not isinstance(self.bending, Bending | None):
+            raise ParameterError(
+                f"bending = {self.bending!r} must be a Bending, or None for a membrane."
+            )
+        for name, value in (("c1", self.c1), ("c2", self.c2)):
+            if not (math.isfinite(value) and value > 1):
+                raise ParameterError(
+                    f"{name} = {value} must be a finite number greater than 1: it bounds "
+                    + ("a principal stretch." if name == "c1" else "λ₁ + λ₂ − 1.")
+                )
+
+    @property
+    def least_stiffness(self) -> float:
+        """E h in N/m of the plain fabric, with the bladder if there is one."""
+        bladder = 0.0 if self.bladder is None else self.bladder.membrane_stiffness
+        return self.fabric.membrane_stiffness + bladder

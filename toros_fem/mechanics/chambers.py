@@ -1,0 +1,239 @@
+"""Pressure chambers: which triangles bound which, and the walls that part them inside the skin."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from toros_fem._types import Floats, Ints
+from toros_fem.errors import ParameterError
+from toros_fem.mechanics.supports import Supports
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.topology import between, half_edges
+
+
+@dataclass(frozen=True, eq=False)
+class Chambers:
+    """Parts of a skin with pressures of their own.
+
+    Where two chambers border on each other a weightless wall is spanned inside the skin: the fan
+    of the common border about its mean, so that every chamber is a closed body.
+
+    Attributes:
+        names: Their names, in the order of the pressures.
+        of_cell: Chamber of each pattern triangle, shape (t,), numbered from 0.
+
+    Raises:
+        ParameterError: There is no chamber, or two have one name; `of_cell` holds other numbers,
+            or leaves a chamber without a triangle.
+    """
+
+    names: tuple[str, ...]
+    of_cell: Ints
+
+    def __post_init__(self) -> None:
+        of_cell = np.array(self.of_cell, dtype=np.int64)
+        of_cell.setflags(write=False)
+        object.__setattr__(self, "of_cell", of_cell)
+        if not self.names or len(set(self.names)) < len(self.names):
+            raise ParameterError(f"names = {self.names} must name each chamber, and differ.")
+        last = len(self.names) - 1
+        if of_cell.ndim != 1 or not np.array_equal(np.unique(of_cell), np.arange(last + 1)):
+            raise ParameterError(
+                f"of_cell holds the chambers {np.unique(of_cell).tolist()}; it must have one "
+                f"number for each triangle, and each of 0 to {last} at least once."
+            )
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return len(self.names)
+
+
+def chambers_of_panels(pattern: Pattern, panels: Mapping[str, Sequence[str]]) -> Chambers:
+    """Chambers made of whole panels.
+
+    Args:
+        pattern: The pattern.
+        panels: The panels of each chamber, by its name; together all panels, each once.
+
+    Raises:
+        PanelError: A panel of that name does not exist.
+        ParameterError: A panel belongs to no chamber, or to two.
+    """
+    of_panel = np.full(len(pattern.panel_names), -1)
+    for chamber, members in enumerate(panels.values()):
+        for name in members:
+            index = pattern.panel_index(name)
+            if of_panel[index] >= 0:
+                raise ParameterError(f"panel {name!r} is given twice; it bounds one chamber only.")
+            of_panel[index] = chamber
+    if (of_panel < 0).any():
+        name = pattern.panel_names[int(np.argmin(of_panel))]
+        raise ParameterError(f"panel {name!r} belongs to no chamber; give it to one.")
+    return Chambers(tuple(panels), of_panel[pattern.panel])
+
+
+@dataclass(frozen=True, eq=False)
+class Wall:
+    """The fan of a border between two chambers about its mean c, a bilinear function of it.
+
+    The volume v = Σ xᵢ·(xᵢ₊₁ × c)/6 = c·g/6 with g = Σ xᵢ × xᵢ₊₁ is that of the fan's cone from
+    the origin, by the sum in eq. (7). Positions x below are those of its vertices, (m, 3), in m.
+
+    Attributes:
+        vertices: Assembled vertices in order, as the triangles of the first side run, (m,).
+        closed: Whether the last is joined to the first; else both ends lie in symmetry planes
+            through the origin, and so does what is missing.
+        sides: The two chambers.
+        weights: Share of each vertex in c, (m,).
+        kept: 1 for those components that c has, 0 across the planes that it lies in, (3,).
+    """
+
+    vertices: Ints
+    closed: bool
+    sides: tuple[int, int]
+    weights: Floats
+    kept: Floats
+
+    def volume(self, x: Floats) -> float:
+        """V in m³."""
+        return float(self._mean(x) @ self._turn(x)) / 6
+
+    def gradient(self, x: Floats) -> Floats:
+        """dv/dx, (m, 3), in m²."""
+        by_mean = self.weights[:, None] * (self.kept * self._turn(x))
+        return (by_mean + np.cross(self._step(x), self._mean(x))) / 6
+
+    def hessian(self, x: Floats) -> Floats:
+        """d²v/dx², (3 m, 3 m), in m."""
+        count = len(x)
+        mean = self.weights[:, None, None] * np.diag(self.kept)  # dc/dxⱼ, (m, 3, 3)
+        turn = -_skew(self._step(x))  # dg/dxⱼ
+        both = np.einsum("ika,jkb->iajb", mean, turn)
+        next_one = np.roll(np.eye(count), 1, axis=1)
+        if not self.closed:
+            next_one[-1] = 0
+        across = np.einsum("ij,ab->iajb", next_one, -_skew(self._mean(x)[None])[0])
+        half = (both + across).reshape(3 * count, 3 * count)
+        return np.asarray((half + half.T) / 6)
+
+    def _mean(self, x: Floats) -> Floats:
+        return np.asarray(self.kept * (self.weights @ x))
+
+    def _turn(self, x: Floats) -> Floats:
+        pairs = np.cross(x, np.roll(x, -1, axis=0))
+        return np.asarray(pairs.sum(axis=0) if self.closed else pairs[:-1].sum(axis=0))
+
+    def _step(self, x: Floats) -> Floats:
+        """xⱼ₊₁ − xⱼ₋₁, what is not there left out."""
+        after, before = np.roll(x, -1, axis=0), np.roll(x, 1, axis=0)
+        if not self.closed:
+            after[-1] = before[0] = 0
+        return np.asarray(after - before)
+
+
+def _skew(a: Floats) -> Floats:
+    """The matrices (m, 3, 3) of x ↦ a × x for vectors (m, 3)."""
+    turned: Floats = np.cross(a[:, None, :], np.eye(3)).astype(np.float64)
+    return turned.transpose(0, 2, 1)
+
+
+def find_walls(pattern: Pattern, chambers: Chambers, supports: Supports) -> list[Wall]:
+    """The walls between chambers.
+
+    A border that ends where three chambers meet is closed by the chord to its other end, the
+    line in which three walls join.
+
+    Raises:
+        ParameterError: The chambers are made for another pattern; a border ends at a free edge
+            that no symmetry plane holds; or so many chambers meet that the chords leave one open.
+    """
+    if chambers.of_cell.shape != (len(pattern.triangles),):
+        raise ParameterError(
+            f"chambers.of_cell has shape {chambers.of_cell.shape}; this pattern has "
+            f"{len(pattern.triangles)} triangles. Make the chambers from its own pattern."
+        )
+    edges, sides = _borders(pattern, chambers)
+    at_border = np.zeros(len(pattern.points), dtype=bool)
+    at_border[pattern.free_edges] = True
+    stops = at_border | (np.bincount(edges.ravel(), minlength=len(at_border)) != 2)
+    in_plane = supports.in_planes(pattern)
+    walls, chords = [], []
+    for pair in np.unique(sides, axis=0):
+        following: dict[int, list[int]] = {}
+        for a, b in edges[(sides == pair).all(axis=1)].tolist():
+            following.setdefault(a, []).append(b)
+        for path in _paths(following, stops):
+            wall = _wall(path, (int(pair[0]), int(pair[1])), at_border, in_plane)
+            walls.append(wall)
+            if wall.closed and path[0] != path[-1]:
+                chords.append((wall.sides, path[0], path[-1]))
+    _require_bodies(chords, chambers)
+    return walls
+
+
+def _borders(pattern: Pattern, chambers: Chambers) -> tuple[Ints, Ints]:
+    """Edges (k, 2) between two chambers as the lower one's triangles run; both chambers (k, 2)."""
+    edges = pattern.edges
+    twins = edges.twins[between(edges, chambers.of_cell)]
+    sides = chambers.of_cell[twins // 3]
+    half = np.where(sides[:, 0] < sides[:, 1], twins[:, 0], twins[:, 1])
+    order = np.argsort(half)
+    return half_edges(pattern.triangles)[half[order]], np.sort(sides[order], axis=1)
+
+
+def _paths(following: dict[int, list[int]], stops: npt.NDArray[np.bool_]) -> list[list[int]]:
+    """Directed edges joined to paths from stop to stop, then to loops without one."""
+    starts = sorted(following)
+    paths = []
+    for start in sorted(starts, key=lambda a: not stops[a]):
+        while following[start]:
+            path = [start, following[start].pop()]
+            while path[-1] != start and not stops[path[-1]]:
+                path.append(following[path[-1]].pop())
+            paths.append(path)
+    return paths
+
+
+def _wall(
+    path: list[int],
+    sides: tuple[int, int],
+    at_border: npt.NDArray[np.bool_],
+    in_plane: npt.NDArray[np.bool_],
+) -> Wall:
+    cut = [end for end in (path[0], path[-1]) if at_border[end]]
+    if not cut:
+        vertices = np.array(path[:-1] if path[0] == path[-1] else path)
+        even = np.full(len(vertices), 1 / len(vertices))
+        return Wall(vertices, True, sides, even, np.ones(3))
+    if len(cut) == 1 or not in_plane[cut].any(axis=1).all():
+        raise ParameterError(
+            f"the border between chambers {sides[0]} and {sides[1]} runs from vertex {path[0]} to "
+            f"{path[-1]}: it must be a loop, or have both ends held in symmetry planes, or join "
+            "other borders at both. Move the chambers' borders, or simulate the whole skin."
+        )
+    weights: Floats = np.ones(len(path))  # a mirrored whole has the inner ones twice as often
+    weights[[0, -1]] = 0.5
+    weights /= weights.sum()
+    kept = np.where(in_plane[cut].any(axis=0), 0.0, 1.0)
+    return Wall(np.array(path), False, sides, weights, kept)
+
+
+def _require_bodies(chords: list[tuple[tuple[int, int], int, int]], chambers: Chambers) -> None:
+    """Check that the chords of each chamber's walls cancel."""
+    open_chords: dict[tuple[int, int, int], int] = {}
+    for sides, a, b in chords:
+        for side, sign in zip(sides, (1, -1), strict=True):
+            key = (side, min(a, b), max(a, b))
+            open_chords[key] = open_chords.get(key, 0) + (sign if a < b else -sign)
+    for (side, a, b), count in open_chords.items():
+        if count:
+            raise ParameterError(
+                f"chamber {chambers.names[side]!r} meets others at three points or more, among "
+                f"them vertices {a} and {b}: how walls join there is not known. Let at most two "
+                "points be common to three chambers."
+            )

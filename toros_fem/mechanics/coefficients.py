@@ -1,0 +1,66 @@
+"""What the forms are assembled from and into: materials and edges as coefficients, work vectors."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import basix.ufl
+import numpy as np
+from dolfinx import fem, la
+from mpi4py import MPI
+
+from toros_fem._types import Floats
+from toros_fem.forms.bending import Edges
+from toros_fem.forms.energy import Masses, Section
+from toros_fem.materials import Material
+from toros_fem.mechanics.dead_loads import Weight
+from toros_fem.mechanics.hinges import Hinges
+from toros_fem.meshes.skin import Skin
+
+
+def work_vector(space: fem.FunctionSpace) -> Any:
+    """A vector to assemble into, made once: to plan its exchange between ranks is dear."""
+    return la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
+
+
+def assembled(form: Any, vector: Any) -> Floats:
+    """Owned entries of an assembled linear form."""
+    vector.array[:] = 0
+    fem.assemble_vector(vector.array, form)
+    vector.scatter_reverse(la.InsertMode.add)
+    return np.array(vector.array[: vector.index_map.size_local * vector.block_size])
+
+
+def section(domain: Any, material: Material) -> Section:
+    """A material's section stiffness as constants."""
+    h = material.thickness
+    values = (h * material.mu, h * material.lam, h**3 / 12 * material.mu, h**3 / 12 * material.lam)
+    return Section(*(fem.Constant(domain, value) for value in values))
+
+
+def masses(domain: Any, weight: Weight, gravity: Any) -> Masses:
+    """What the materials weigh, as constants, under an acceleration that is one already."""
+    fabric, reinforcement = weight.fabric, weight.reinforcement
+    return Masses(fem.Constant(domain, fabric), fem.Constant(domain, reinforcement), gravity)
+
+
+def edge_coefficients(skin: Skin, hinges: Hinges, rotations: bool) -> Edges:
+    """Constants of the triangles' edges as coefficients, compiled only where there are any."""
+    element = basix.ufl.element("DG", "triangle", 0, shape=(3,))
+    space = fem.functionspace(skin.mesh, element)
+
+    def coefficient(values: Floats) -> Any:
+        function = fem.Function(space)
+        function.x.array.reshape(-1, 3)[space.dofmap.list[:, 0]] = values
+        return function
+
+    mirrored, shaped = (
+        skin.comm.allreduce(bool(values.any()), op=MPI.LOR)
+        for values in (hinges.mirror, hinges.rest)
+    )
+    return Edges(
+        tensors=[coefficient(hinges.tensors[:, i]) for i in range(3)],
+        rests=coefficient(hinges.rest) if shaped else None,
+        turns=coefficient(hinges.rotation) if rotations else None,
+        mirrors=[coefficient(hinges.mirror[:, i]) for i in range(3)] if mirrored else None,
+    )

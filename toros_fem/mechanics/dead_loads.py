@@ -1,0 +1,62 @@
+"""Dead loads: the skin's own weight, and a load that it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem._types import Floats
+from toros_fem._validate import require_between
+from toros_fem.errors import ParameterError
+from toros_fem.meshes.pattern import Pattern
+
+
+@dataclass(frozen=True)
+class Weight:
+    """The skin's own weight, which changes with the design.
+
+    Attributes:
+        fabric, reinforcement: Mass per flat area in kg/m² of the plain fabric, and where it is
+            reinforced; between them linear in ρ̄ as the stiffness.
+        gravity: Acceleration in m/s², (gx, gy, gz).
+
+    Raises:
+        ParameterError: A mass is negative, or gravity is no finite vector.
+    """
+
+    fabric: float
+    reinforcement: float
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+
+    def __post_init__(self) -> None:
+        require_between(0.0, np.inf, fabric=self.fabric, reinforcement=self.reinforcement)
+        if np.shape(self.gravity) != (3,) or not np.isfinite(self.gravity).all():
+            raise ParameterError(
+                f"gravity = {self.gravity} must be a finite vector of three components, in m/s²."
+            )
+
+
+def held_load(pattern: Pattern, panel: str, force: Sequence[float] | Floats) -> Floats:
+    """Dead forces of something that hangs on a panel or lies on it, spread by flat area.
+
+    Args:
+        pattern: The pattern.
+        panel: Name of the panel.
+        force: The whole force in N, (3,).
+
+    Returns:
+        Forces in N on all assembled vertices, (n, 3).
+
+    Raises:
+        PanelError: There is no such panel.
+        ParameterError: The force is no finite vector.
+    """
+    whole = np.asarray(force, dtype=np.float64)
+    if whole.shape != (3,) or not np.isfinite(whole).all():
+        raise ParameterError(f"force = {force} must be a finite vector (3,), in N.")
+    cells = pattern.cells_of(panel)
+    third = np.repeat(pattern.areas[cells] / 3, 3)
+    areas = np.bincount(pattern.triangles[cells].ravel(), third, minlength=len(pattern.points))
+    return np.asarray(np.outer(areas / areas.sum(), whole))

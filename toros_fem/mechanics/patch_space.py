@@ -1,0 +1,94 @@
+"""The patch space: each triangle sees its corners, its neighbours' far vertices and its edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import basix.ufl
+import numpy as np
+import numpy.typing as npt
+from dolfinx import cpp, fem
+
+from toros_fem import _compat
+from toros_fem._types import LocalInts
+from toros_fem.mechanics.hinges import Hinges
+from toros_fem.meshes.skin import Skin, joined_index_map
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """Unknowns of a skin, and the space by which its triangles see them.
+
+    The unknowns a rank owns are the positions of its nodes, x, y, z of each, then the rotations
+    of its edges, if there are any; ghosts follow in the same order.
+
+    Attributes:
+        space: On a triangle, the positions of its corners, of its flaps, and one vector of its
+            edges' rotations: as many of these as the scene needs.
+        position_count: How many of the owned unknowns are positions.
+        position_dofs: Local unknowns of each local node of the position space, shape (n, 3).
+        rotation_dofs: Local unknown of each local edge; empty without rotations.
+        lattice_dofs: Local unknowns of F̄n and F̄t, (2, 3), known on every rank and owned by the
+            first; empty for a skin that does not repeat.
+    """
+
+    space: fem.FunctionSpace
+    position_count: int
+    position_dofs: LocalInts
+    rotation_dofs: LocalInts
+    lattice_dofs: LocalInts
+
+
+def make_patch(
+    skin: Skin, hinges: Hinges | None, *, rotations: bool, lattice: bool = False
+) -> Patch:
+    """The patch of a skin (collective).
+
+    A DG0 mixed element holds what a triangle sees as constants of the triangle; its dofmap points
+    at the unknowns. An energy of a triangle and its neighbours thus is an ordinary cell integral.
+
+    Args:
+        skin: The sewn skin.
+        hinges: What lies across the edges; None for a skin without bending: corners alone.
+        rotations: Whether each edge has a rotation, the same on all ranks.
+        lattice: Whether all triangles see the two columns of a mean deformation gradient.
+    """
+    nodes = skin.position_space.dofmap.index_map
+    parts: list[tuple[Any, int]] = [(nodes, 3)]
+    if rotations:
+        skin.mesh.topology.create_entities(1)
+        parts.append((skin.mesh.topology.index_map(1), 1))
+    if lattice:
+        first = skin.comm.rank == 0
+        ghosts: npt.NDArray[np.int64] = np.arange(0 if first else 2, dtype=np.int64)
+        owners: LocalInts = np.zeros(len(ghosts), dtype=np.int32)
+        parts.append((_compat.index_map(skin.comm, 2 if first else 0, ghosts, owners), 3))
+    index_map, numbers = joined_index_map(skin.comm, parts)
+    seen = skin.position_space.dofmap.list
+    if hinges is not None:
+        seen = np.hstack([seen, hinges.flap])
+    dofs = numbers[0].reshape(-1, 3)[seen].reshape(len(seen), 3 * seen.shape[1])
+    if rotations:
+        facets = skin.mesh.topology.connectivity(2, 1).array.reshape(-1, 3)
+        dofs = np.hstack([dofs, numbers[1][facets]])
+    if lattice:
+        dofs = np.hstack([dofs, np.tile(numbers[-1], (len(dofs), 1))])
+    element = basix.ufl.mixed_element(
+        [basix.ufl.element("DG", "triangle", 0, shape=(3,))] * (dofs.shape[1] // 3)
+    )
+    plain = fem.functionspace(skin.mesh, element)
+    dofmap = cpp.fem.DofMap(
+        plain.dofmap._cpp_object.dof_layout,
+        index_map,
+        1,
+        cpp.graph.AdjacencyList_int32(np.ascontiguousarray(dofs, dtype=np.int32)),
+        1,
+    )
+    return Patch(
+        space=_compat.function_space(skin.mesh, element, dofmap, plain),
+        position_count=3 * nodes.size_local,
+        position_dofs=numbers[0].reshape(-1, 3),
+        rotation_dofs=numbers[1] if rotations else np.zeros(0, dtype=np.int32),
+        lattice_dofs=(numbers[-1] if lattice else np.zeros(0, dtype=np.int32)).reshape(-1, 3),
+    )

@@ -1,0 +1,87 @@
+"""Which stretches eq. (1) admits, and how far a step may go."""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem._mpi import largest, smallest
+from toros_fem._types import Floats
+
+# Below this smaller stretch a triangle counts as collapsed: there det C is not smooth.
+COLLAPSED = 1e-6
+
+
+def principal_stretches(edges: Floats) -> tuple[Floats, Floats]:
+    """Larger and smaller singular value of 3×2 matrices, shape (n, 3, 2), without their angle."""
+    u, v = edges[:, :, 0], edges[:, :, 1]
+    uu, vv, uv = (np.einsum("ij,ij->i", a, b) for a, b in ((u, u), (v, v), (u, v)))
+    normal = np.cross(u, v)
+    p = np.sqrt(np.einsum("ij,ij->i", normal, normal))
+    s = np.sqrt(uu + vv + 2 * p)
+    # λ₁ − λ₂ = (λ₁² − λ₂²)/s: the difference tr C − 2p would cancel.
+    d = np.hypot(uu - vv, 2 * uv) / np.maximum(s, COLLAPSED)
+    return (s + d) / 2, (s - d) / 2
+
+
+class StretchBounds:
+    """Feasibility of eq. (1), tested by the stretches themselves.
+
+    The sign of the logarithm's argument is no test: it turns positive again far outside.
+
+    Args:
+        comm: Communicator; all methods are collective.
+        inverse_chart: Inverse Jacobians of the flat charts of the owned triangles, (n, 2, 2).
+        c1, c2: Bounds of eq. (1).
+    """
+
+    def __init__(self, comm: MPI.Comm, inverse_chart: Floats, c1: float, c2: float) -> None:
+        self._comm = comm
+        self._inverse_chart = inverse_chart
+        self._c1, self._c2 = c1, c2
+
+    def gradient(self, corners: Floats) -> Floats:
+        """Deformation gradients (n, 3, 2) from corner positions (n, 3 corners, 3)."""
+        edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
+        return np.matmul(edges, self._inverse_chart)
+
+    def _use(self, F: Floats) -> Floats:
+        """Per triangle the share of the admissible range in use: < 1 inside, ≥ 1 outside."""
+        big, small = principal_stretches(F)
+        single = np.maximum(np.abs(big - 1), np.abs(small - 1)) / (self._c1 - 1)
+        use = np.maximum(single, np.abs(big + small - 2) / (self._c2 - 1))
+        return np.where(small > COLLAPSED, use, np.inf)
+
+    def worst(self, corners: Floats) -> float:
+        """Largest share of the bounds that any triangle uses: < 1 means feasible."""
+        use = self._use(self.gradient(corners))
+        # A NaN must count as outside, and `max` would let it through on some ranks only.
+        return largest(self._comm, np.max(np.where(np.isfinite(use), use, np.inf), initial=0.0))
+
+    def largest_step(self, corners: Floats, direction: Floats, fraction: float) -> float:
+        """A factor ≤ 1 on a step, 1 if possible, that ends with every triangle inside the bounds.
+
+        No triangle ends nearer to the bound than (1 − fraction) of the distance it has. The
+        upper bounds are convex in x, so that they hold on the whole way as well; the lower ones
+        are tested at the end only, and the energy there decides.
+
+        Args:
+            corners: Corner positions (n, 3, 3) of a feasible state.
+            direction: Their change by the whole step.
+            fraction: Share of the distance to the bounds that may be used up.
+        """
+        F, G = self.gradient(corners), self.gradient(direction)
+        use = self._use(F)
+        limit = use + fraction * (1 - use)
+        beyond = np.flatnonzero(~(self._use(F + G) <= limit))
+        step = 1.0
+        if len(beyond):
+            F, G, limit = F[beyond], G[beyond], limit[beyond]
+            inside: Floats = np.zeros(len(beyond))
+            outside: Floats = np.ones(len(beyond))
+            for _ in range(20):
+                middle = (inside + outside) / 2
+                good = self._use(F + middle[:, None, None] * G) <= limit
+                inside, outside = np.where(good, middle, inside), np.where(good, outside, middle)
+            step = float(inside.min())
+        return smallest(self._comm, step)

@@ -1,0 +1,310 @@
+"""Which vertices are held, and where; which borders keep their direction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import permutations, product
+
+import numpy as np
+import numpy.typing as npt
+
+from toros_fem._types import Floats, Ints
+from toros_fem.errors import ParameterError
+from toros_fem.meshes.mirror import FLAT, plane_border
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.topology import edge_keys, following, half_edges
+
+# Cosine between a guided edge and the normal of its plane.
+SQUARE = 1e-3
+
+
+def _no_edges() -> Ints:
+    return np.zeros((0, 2), dtype=np.int64)
+
+
+def _no_normals() -> Floats:
+    return np.zeros((0, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Supports:
+    """Held position components, and free edges at which the sheet keeps its direction.
+
+    Attributes:
+        held: For each assembled vertex and component x, y, z whether it keeps its assembled
+            position, shape (n, 3).
+        guided: Ends of free edges, shape (k, 2), at which the sheet stays perpendicular to a
+            given plane through the edge, as if mirrored there: it cannot turn about the edge.
+            Whether the edge itself is held is told by `held`.
+        normals: Normal of each of these planes, shape (k, 3), perpendicular to the edge, of any
+            length. An edge that is not held may move, but its plane does not turn.
+        displacement: Way in m from the assembled position to where a vertex is held, shape
+            (n, 3), read at held components; None holds all where they are assembled. It is part
+            of the load and raised together with it.
+
+    Raises:
+        ParameterError: `guided` and `normals` do not fit together, or a normal is zero; or the
+            displacement has another shape than `held`, or is not finite.
+    """
+
+    held: npt.NDArray[np.bool_]
+    guided: Ints = field(default_factory=_no_edges)
+    normals: Floats = field(default_factory=_no_normals)
+    displacement: Floats | None = None
+
+    def __post_init__(self) -> None:
+        require_displacement(self.displacement, self.held.shape)
+        count = len(self.guided)
+        if self.guided.shape != (count, 2) or self.normals.shape != (count, 3):
+            raise ParameterError(
+                f"guided has shape {self.guided.shape} and normals {self.normals.shape}; they "
+                "must be (k, 2) and (k, 3)."
+            )
+        length = np.linalg.norm(self.normals, axis=1)
+        if not (np.isfinite(length) & (length > 0)).all():
+            raise ParameterError("each row of normals must be finite and not zero.")
+
+    def __or__(self, other: Supports) -> Supports:
+        """What either holds; where both do, the second's displacement and direction count."""
+        displacement = None
+        if self.displacement is not None or other.displacement is not None:
+            mine, theirs = (
+                np.zeros(s.held.shape) if s.displacement is None else s.displacement
+                for s in (self, other)
+            )
+            displacement = np.where(other.held, theirs, np.where(self.held, mine, 0.0))
+        return Supports(
+            self.held | other.held,
+            np.concatenate([self.guided, other.guided]),
+            np.concatenate([self.normals, other.normals]),
+            displacement,
+        )
+
+    def close(self, pattern: Pattern) -> bool:
+        """Whether a pressure can act: the skin is closed, or symmetry planes close it.
+
+        The wall missing in a coordinate plane through the origin has no share in the volume of
+        eq. (7).
+        """
+        ends, there = pattern.free_edges, self._flat(pattern)
+        return bool((there[ends[:, 0]] & there[ends[:, 1]]).any(axis=1).all())
+
+    def in_planes(self, pattern: Pattern) -> npt.NDArray[np.bool_]:
+        """Whether a vertex lies in the symmetry plane across x, y or z, (n, 3).
+
+        Where edges are guided their normals tell: a clamp may hold more.
+        """
+        across = np.zeros(self.held.shape, dtype=bool)
+        lengths = np.linalg.norm(self.normals, axis=1)[:, None]
+        for k in range(2):
+            np.logical_or.at(across, self.guided[:, k], np.abs(self.normals) > 0.999 * lengths)
+        told = np.asarray(across.any(axis=1))[:, None]
+        return np.asarray(self._flat(pattern) & (across | ~told))
+
+    def _flat(self, pattern: Pattern) -> npt.NDArray[np.bool_]:
+        """Components held at 0."""
+        there = pattern.points if self.displacement is None else pattern.points + self.displacement
+        at_rest = np.abs(pattern.points) <= FLAT * pattern.size
+        return np.asarray(self.held & at_rest & (np.abs(there) <= FLAT * pattern.size))
+
+    def require_no_rigid_motion(self, pattern: Pattern, *, bends: bool = True) -> None:
+        """Check that no rigid motion of the assembled skin is left free.
+
+        Args:
+            pattern: The pattern.
+            bends: Whether the sheet resists bending; to a membrane guides mean nothing.
+
+        Raises:
+            ParameterError: The supports are made for another pattern, guide an edge that is not
+                free, or leave a rigid motion.
+        """
+        points = pattern.points
+        if self.held.shape != points.shape:
+            raise ParameterError(
+                f"supports.held has shape {self.held.shape}; this skin needs {points.shape}. "
+                "Make the supports from its own pattern."
+            )
+        self._check_guides(pattern)
+        arm = (points - points.mean(axis=0)) / pattern.size
+        shifts = np.broadcast_to(np.eye(3), (len(points), 3, 3))
+        turns = np.stack([np.cross(axis, arm) for axis in np.eye(3)], axis=2)
+        motions = np.concatenate([shifts, turns], axis=2)[self.held]
+        if bends:  # a guided edge does not let the sheet turn about it
+            along = points[self.guided[:, 1]] - points[self.guided[:, 0]]
+            guides = np.concatenate([np.zeros_like(along), along / pattern.size], axis=1)
+            motions = np.concatenate([motions, guides])
+        rank = np.linalg.matrix_rank(motions, tol=1e-6) if len(motions) else 0
+        if rank < 6:
+            raise ParameterError(
+                f"the supports hold {self.held.sum()} components and leave {6 - rank} of the 6 "
+                "rigid motions free, so that the skin could float away. Hold more of it."
+            )
+
+    def _check_guides(self, pattern: Pattern) -> None:
+        points = pattern.points
+        free, guided = (edge_keys(e, len(points)) for e in (pattern.free_edges, self.guided))
+        inside = ~np.isin(guided, free)
+        if inside.any():
+            a, b = self.guided[np.flatnonzero(inside)[0]]
+            raise ParameterError(
+                f"guided holds the edge between vertices {a} and {b}, which is no free edge of "
+                "this pattern. Inside the skin hold vertices on both sides of it instead."
+            )
+        along = points[self.guided[:, 1]] - points[self.guided[:, 0]]
+        lengths = np.linalg.norm(along, axis=1) * np.linalg.norm(self.normals, axis=1)
+        askew = np.abs(np.einsum("ij,ij->i", along, self.normals)) > SQUARE * lengths
+        if askew.any():
+            k = int(np.flatnonzero(askew)[0])
+            raise ParameterError(
+                f"the normal {self.normals[k]} of the guided edge between vertices "
+                f"{self.guided[k, 0]} and {self.guided[k, 1]} is not perpendicular to it: the "
+                "plane that mirrors the sheet there must go through the edge."
+            )
+
+
+def require_displacement(displacement: Floats | None, shape: tuple[int, ...]) -> None:
+    """Check shape and values of a displacement of all assembled vertices; None is none.
+
+    Raises:
+        ParameterError: It does not fit, or is not finite.
+    """
+    if displacement is None:
+        return
+    if displacement.shape != shape or not np.isfinite(displacement).all():
+        raise ParameterError(
+            f"displacement has shape {displacement.shape}; it must be finite and of shape "
+            f"{shape}, in m, one row for each assembled vertex."
+        )
+
+
+def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
+    """Hold every vertex of the named panels in all three components.
+
+    Raises:
+        PanelError: A panel of that name does not exist.
+        ParameterError: No panel is named, so that the skin could move as a rigid body.
+    """
+    if not panels:
+        raise ParameterError("panels = () holds nothing; name a panel to clamp.")
+    held = np.zeros((len(pattern.points), 3), dtype=bool)
+    for name in panels:
+        held[pattern.vertices_of(name)] = True
+    return Supports(held)
+
+
+def displace(
+    pattern: Pattern, panels: Sequence[str], displacement: Sequence[float] | Floats
+) -> Supports:
+    """Hold every vertex of the named panels in all components, moved by one vector.
+
+    Args:
+        pattern: The pattern.
+        panels: Names of the panels.
+        displacement: From the assembled positions, (3,), in m.
+
+    Raises:
+        PanelError: A panel of that name does not exist.
+        ParameterError: No panel is named, or the displacement is no finite vector.
+    """
+    held = clamp(pattern, panels).held
+    vector = np.asarray(displacement, dtype=np.float64)
+    if vector.shape != (3,):
+        raise ParameterError(f"displacement = {displacement} must be a vector (3,), in m.")
+    return Supports(held, displacement=np.where(held, vector, 0.0))
+
+
+def pin(pattern: Pattern, panel: str | None = None) -> Supports:
+    """Hold six components, so that nothing but rigid motion is taken away.
+
+    Of three vertices far apart one is held in three components, one in two, one in one (the
+    3-2-1 rule of fixtures), those that resist the weakest rigid motion best. An inflated skin
+    pulls at none of them.
+
+    Args:
+        pattern: The pattern.
+        panel: Where the three vertices are to lie; None for anywhere.
+
+    Raises:
+        PanelError: There is no such panel.
+        ParameterError: The vertices lie on a line.
+    """
+    among = np.arange(len(pattern.points)) if panel is None else pattern.vertices_of(panel)
+    arm = (pattern.points[among] - pattern.points[among].mean(axis=0)) / pattern.size
+    first = int(np.argmax(np.linalg.norm(arm, axis=1)))
+    second = int(np.argmax(np.linalg.norm(arm - arm[first], axis=1)))
+    third = int(np.argmax(np.linalg.norm(np.cross(arm - arm[first], arm[second] - arm[first]),
+                                         axis=1)))  # fmt: skip
+    turns = np.stack([np.cross(axis, arm) for axis in np.eye(3)], axis=2)
+    motions = np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2)
+    best, chosen = 0.0, None
+    for a, b, c in permutations((first, second, third)):
+        for left_out, last in product(range(3), range(3)):
+            held = np.zeros(arm.shape, dtype=bool)
+            held[a], held[b], held[c, last] = True, np.arange(3) != left_out, True
+            stiffness = float(np.linalg.svd(motions[held], compute_uv=False)[-1])
+            if held.sum() == 6 and stiffness > best * (1 + 1e-9):  # the first of equals
+                best, chosen = stiffness, held
+    if chosen is None or best < 1e-4:
+        raise ParameterError(
+            "the vertices to pin lie on a line, so that the skin could turn about it; give a panel "
+            "that spans an area, or none."
+        )
+    whole = np.zeros(pattern.points.shape, dtype=bool)
+    whole[among] = chosen
+    return Supports(whole)
+
+
+def symmetry_plane(pattern: Pattern, axis: int) -> Supports:
+    """Hold the free border of half a skin in the coordinate plane that it is mirrored at.
+
+    The border slides in the plane and the sheet stays perpendicular to it.
+
+    Args:
+        pattern: Half a skin, or a quarter; the plane goes through the origin.
+        axis: 0, 1 or 2 for the plane x = 0, y = 0 or z = 0.
+
+    Raises:
+        ParameterError: No free edge lies in the plane.
+    """
+    if axis not in (0, 1, 2):
+        raise ParameterError(f"axis = {axis!r} must be 0, 1 or 2, for x, y or z.")
+    border = half_edges(pattern.triangles)[plane_border(pattern, axis)]
+    held = np.zeros((len(pattern.points), 3), dtype=bool)
+    held[border.ravel(), axis] = True
+    return Supports(held, border, np.tile(np.eye(3)[axis], (len(border), 1)))
+
+
+def build_in(pattern: Pattern, vertices: npt.NDArray[np.bool_]) -> Supports:
+    """Hold a part of the free border, and the direction that the sheet has there.
+
+    Args:
+        pattern: The pattern.
+        vertices: Which assembled vertices, (n,): free edges between two of them are built in.
+
+    Raises:
+        ParameterError: `vertices` does not fit, or no free edge lies between them.
+    """
+    if vertices.dtype != bool or vertices.shape != (len(pattern.points),):
+        raise ParameterError(
+            f"vertices is {vertices.dtype} of shape {vertices.shape}; it must tell of each of the "
+            f"{len(pattern.points)} assembled vertices, True or False, whether it is meant."
+        )
+    meant = vertices[pattern.free_edges].all(axis=1)
+    if not meant.any():
+        raise ParameterError("no free edge lies between the vertices to be built in.")
+    ends = pattern.free_edges[meant]
+    border = pattern.edges.twins[pattern.edges.border[meant], 0]
+    held = np.zeros((len(pattern.points), 3), dtype=bool)
+    held[ends.ravel()] = True
+    return Supports(held, ends, _inward_normals(pattern, border))
+
+
+def _inward_normals(pattern: Pattern, border: Ints) -> Floats:
+    """Unit vectors (k, 3) in the assembled sheet, across free half-edges (k,) into it."""
+    a, b = pattern.points[half_edges(pattern.triangles)[border]].transpose(1, 0, 2)
+    across = pattern.triangles.ravel()[following(following(border))]
+    along = (b - a) / np.linalg.norm(b - a, axis=1)[:, None]
+    inward = pattern.points[across] - a
+    inward -= np.einsum("ij,ij->i", inward, along)[:, None] * along
+    return np.asarray(inward / np.linalg.norm(inward, axis=1)[:, None])

@@ -1,0 +1,136 @@
+"""The tangent's upper triangle, summed from element entries by a map that is made once."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from scipy.sparse import csr_matrix
+
+from toros_fem._types import Floats, Ints
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.periodic_tangent import ImageEntries
+
+
+class UpperTangent:
+    """Second variation of E in N/m, entries (i, j) with i ≤ j of the rows this rank owns.
+
+    The tangent is symmetric, so its lower half is neither computed nor kept. Each triangle gives
+    the upper triangle of its element matrix; which of these numbers add up to which entry never
+    changes, so that assembly is one sparse product and, on several ranks, one exchange. Held rows
+    and columns are those of the identity.
+
+    Attributes:
+        indptr, columns: Compressed rows: columns are global, sorted, the diagonal comes first.
+        images: What a tile's images add; None for a skin that does not repeat.
+
+    Args:
+        model: The scene.
+    """
+
+    def __init__(self, model: SkinModel) -> None:
+        self._model = model
+        comm = model.skin.comm
+        index_map = model.space.dofmap.index_map
+        size = index_map.size_global
+        starts = np.array(comm.allgather(index_map.local_range[0]) + [size], dtype=np.int64)
+        keys, weights = _contributions(model)
+        self._own = len(keys)
+        self.images = None if model.images is None else ImageEntries(model)
+        if self.images is not None:
+            keys = np.append(keys, self.images.keys)
+            weights = np.append(weights, self.images.weights)
+
+        order = np.argsort(keys, kind="stable")
+        order = order[np.searchsorted(keys[order], 0) :]
+        first = np.flatnonzero(np.diff(keys[order], prepend=-1))
+        entry = keys[order][first]
+
+        # Entries are sorted by row, so those of one owner are neighbours.
+        bounds = np.searchsorted(entry, starts * size)
+        mine = np.zeros(len(entry), dtype=bool)
+        mine[bounds[comm.rank] : bounds[comm.rank + 1]] = True
+        send = np.diff(bounds)
+        send[comm.rank] = 0
+        receive = np.array(comm.alltoall(list(send)), dtype=np.int64)
+        incoming = np.empty(receive.sum(), dtype=np.int64)
+        comm.Alltoallv([entry[~mine], send], [incoming, receive])
+        merged = np.union1d(entry[mine], incoming)
+        self._send, self._receive = send, receive
+        places = np.searchsorted(merged, incoming)
+        self._places = np.split(places, np.cumsum(receive)[:-1])
+
+        counts = np.diff(np.append(first, len(order)))
+
+        def sums(rows: Ints, chosen: npt.NDArray[np.bool_], total: int) -> csr_matrix:
+            used = np.repeat(chosen, counts)
+            lengths: Ints = np.zeros(total, dtype=np.int64)
+            lengths[rows] = counts[chosen]
+            parts = (weights[order[used]], order[used], np.append(0, np.cumsum(lengths)))
+            return csr_matrix(parts, shape=(total, len(keys)))
+
+        self._sum = sums(np.searchsorted(merged, entry[mine]), mine, len(merged))
+        self._sum_out = sums(np.arange((~mine).sum()), ~mine, int((~mine).sum()))
+
+        begin, end = index_map.local_range
+        self.indptr = np.searchsorted(merged, np.arange(begin, end + 1) * size).astype(np.int32)
+        self.columns = (merged % size).astype(np.int32)
+        # Held dofs stand last among the model's own and keep their 1; then follow images.
+        self._entries: Floats = np.ones(len(keys))
+
+    @property
+    def diagonal(self) -> npt.NDArray[np.int32]:
+        """Places of the diagonal among the entries."""
+        return self.indptr[:-1]
+
+    def assemble(self, state: Floats, out: Floats, *, geometric: float = 1.0) -> None:
+        """Assemble at a state (collective).
+
+        Args:
+            state: Owned unknowns.
+            out: Receives the entries, in the order of `columns`.
+            geometric: 1 for K; 0 for its material part M, positive semidefinite.
+        """
+        self._model.tangent_entries(state, self._entries, geometric)
+        if self.images is not None:
+            self._entries[self._own :] = self.images.values(self._entries)
+        out[:] = self._sum @ self._entries
+        comm: MPI.Comm = self._model.skin.comm
+        if comm.size > 1:
+            incoming = np.empty(self._receive.sum())
+            comm.Alltoallv([self._sum_out @ self._entries, self._send], [incoming, self._receive])
+            ends = np.cumsum(self._receive)[:-1]
+            for places, part in zip(self._places, np.split(incoming, ends), strict=True):
+                out[places] += part  # those of one rank are distinct
+
+
+def _contributions(model: SkinModel) -> tuple[Ints, Floats]:
+    """For each number an assembly starts from, its entry row · size + column, −1 if it has none.
+
+    The numbers are those of `SkinModel.tangent_entries`, of triangles and of walls, then a 1 for
+    each held dof. The second array holds their weights: where a patch meets one vertex twice,
+    (i, j) and (j, i) coincide.
+    """
+    index_map = model.space.dofmap.index_map
+    size = index_map.size_global
+    local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    number = index_map.local_to_global(local)
+    place, dofs, present = model.tangent_layout
+    row, column = np.triu_indices(dofs.shape[1])
+    shape = (len(place), len(row))
+    keys = np.full(shape, -1, dtype=np.int64)
+    weights = np.ones(shape)
+    counts = ~np.append(model.held, True)[np.where(present, dofs, -1)]
+    numbers = number[dofs]
+    for n, (i, j) in enumerate(zip(row, column, strict=True)):
+        a, b = numbers[:, i], numbers[:, j]
+        entry = np.minimum(a, b) * size + np.maximum(a, b)
+        keys[place, n] = np.where(counts[:, i] & counts[:, j], entry, -1)
+        if i != j:
+            weights[place, n] = np.where(a == b, 2.0, 1.0)
+    walls = model.wall_pairs[0] * size + model.wall_pairs[1]
+    held = number[np.flatnonzero(~model.free)]
+    return (
+        np.concatenate([keys.ravel(), walls, held * (size + 1)]),
+        np.concatenate([weights.ravel(), np.ones(len(walls) + len(held))]),
+    )

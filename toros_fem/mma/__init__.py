@@ -1,0 +1,1 @@
+"""The method of moving asymptotes, distributed over ranks."""

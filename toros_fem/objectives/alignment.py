@@ -1,0 +1,69 @@
+"""Rigid motion factored out of an objective."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from toros_fem._mpi import sum_over_ranks
+from toros_fem._types import Floats
+from toros_fem.meshes.skin import Skin
+from toros_fem.objectives.rotation import polar_rotation, require_determined
+from toros_fem.objectives.shape import Objective, checked_target
+
+
+class AlignedObjective:
+    """An objective of the skin moved rigidly onto the target: T(R(x − x̄) + x̄*).
+
+    R and the means are those of the least sum of squares (Kabsch 1976), each vertex counting by
+    its flat area. Their change with x is part of the gradient, so that any objective may follow.
+
+    Args:
+        skin: The sewn skin.
+        target: Target positions of all assembled vertices, (n, 3), in m.
+        objective: What is measured after the motion.
+        weights: Factor on each vertex's area in the fit, (n,); None: 1.
+
+    Raises:
+        TargetError: The target does not fit, or skin and target lie on a line, so that no
+            rotation is best; the latter when it is used.
+    """
+
+    def __init__(
+        self, skin: Skin, target: Floats, objective: Objective, weights: Floats | None = None
+    ) -> None:
+        target = checked_target(skin, target)
+        weight = skin.pattern.vertex_areas * (1.0 if weights is None else weights)
+        weight = weight / weight.sum()
+        owned = skin.owned_vertices
+        self._comm, self._objective = skin.comm, objective
+        self._centre = weight @ target
+        self._target = target[owned] - self._centre
+        self._weight = weight[owned, None]
+
+    def forward(self, positions: Floats) -> float:
+        """T at positions of the owned nodes, (n, 3) (collective)."""
+        return self._objective.forward(self.aligned(positions))
+
+    def aligned(self, positions: Floats) -> Floats:
+        """The positions moved rigidly onto the target, (n, 3) (collective)."""
+        arm, rotation, _ = self._fit(positions)
+        return np.asarray(arm @ rotation.T + self._centre)
+
+    def backward(self, positions: Floats) -> Floats:
+        """∂T/∂x at the owned nodes, (n, 3), in 1/m (collective)."""
+        arm, rotation, matrix = self._fit(positions)
+        aligned = arm @ rotation.T + self._centre
+        by_arm = self._objective.backward(aligned) @ rotation
+        torque = sum_over_ranks(self._comm, np.cross(arm, by_arm).sum(axis=0))
+        reach = np.linalg.solve(matrix, torque)
+        by_arm += self._weight * np.cross(self._target @ rotation, reach)
+        return np.asarray(by_arm - self._weight * sum_over_ranks(self._comm, by_arm.sum(axis=0)))
+
+    def _fit(self, positions: Floats) -> tuple[Floats, Floats, Floats]:
+        """Arms from the mean, (n, 3), the rotation onto the target, and B of `polar_rotation`."""
+        mean = sum_over_ranks(self._comm, (self._weight * positions).sum(axis=0))
+        arm = positions - mean
+        moment = sum_over_ranks(self._comm, (self._weight * self._target).T @ arm)
+        rotation, matrix = polar_rotation(moment)
+        require_determined(matrix[None], ["the skin"], "Leave out the alignment.")
+        return arm, rotation, matrix

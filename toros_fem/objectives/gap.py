@@ -1,0 +1,101 @@
+"""An object to be gripped: distance from its surface, as an objective and as a figure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem._mpi import dot
+from toros_fem._types import Floats
+from toros_fem._validate import require_between, require_choice, require_positive
+from toros_fem.errors import ParameterError
+from toros_fem.meshes.skin import Skin
+
+SHAPES = ("sphere", "box")
+
+
+@dataclass(frozen=True)
+class Body:
+    """A sphere, or a box along the axes with rounded edges.
+
+    Attributes:
+        shape: "sphere" or "box".
+        size: Diameter or edge length in m.
+        centre: Its middle, in m.
+        rounding: Radius of a box's edges over half its size, in (0, 1].
+    """
+
+    shape: str
+    size: float
+    centre: tuple[float, float, float]
+    rounding: float = 0.25
+
+    def __post_init__(self) -> None:
+        require_choice("shape", self.shape, SHAPES)
+        require_positive(size=self.size)
+        require_positive(rounding=self.rounding, at_most=1.0)
+
+    @property
+    def radius(self) -> float:
+        """Of the sphere, or of the box's edges, in m."""
+        return self.size / 2 * (1.0 if self.shape == "sphere" else self.rounding)
+
+    def distance(self, points: Floats) -> tuple[Floats, Floats]:
+        """Signed distance from the surface, (n,), in m, positive outside, and its gradient, (n, 3).
+
+        Inside a box, where two sides are equally near, the gradient is that of one of them; right
+        in the middle of a body it is 0.
+        """
+        arm = points - self.centre
+        # A sphere is a box that is all rounding.
+        core = self.size / 2 - self.radius
+        over = np.abs(arm) - core
+        out = np.maximum(over, 0.0)
+        reach = np.linalg.norm(out, axis=1)
+        deepest = over.max(axis=1)
+        inside = np.minimum(deepest, 0.0)
+        gradient = np.sign(arm) * out / np.maximum(reach, np.finfo(float).tiny)[:, None]
+        deep = reach == 0
+        side = np.argmax(over[deep], axis=1)
+        gradient[deep] = np.sign(arm[deep]) * np.eye(3)[side]
+        return reach + inside - self.radius, gradient
+
+
+class GapObjective:
+    """T = ½ Σᵥ wᵥ dᵥ² / (L² Σᵥ wᵥ), d the distance from a body's surface.
+
+    L is the diagonal of the assembled skin's bounding box. Inside counts as outside: contact is
+    not modelled, and what lies inside would press.
+
+    Args:
+        skin: The sewn skin.
+        body: What is gripped.
+        weights: Factor on each vertex's flat area, (n,), ≥ 0.
+        share: Factor on T.
+
+    Raises:
+        ParameterError: The weights do not fit, are negative, or all zero.
+    """
+
+    def __init__(self, skin: Skin, body: Body, weights: Floats, share: float = 1.0) -> None:
+        require_between(0.0, np.inf, share=share)
+        pattern = skin.pattern
+        if weights.shape != (len(pattern.points),) or not (weights.min() >= 0 < weights.max()):
+            raise ParameterError(
+                f"weights have shape {weights.shape}; they must be ({len(pattern.points)},), not "
+                "negative and not all zero."
+            )
+        areas = pattern.vertex_areas * weights
+        self._comm, self._body = skin.comm, body
+        self._weight = share * areas[skin.owned_vertices] / (areas.sum() * pattern.size**2)
+
+    def forward(self, positions: Floats) -> float:
+        """T at positions of the owned nodes, (n, 3) (collective)."""
+        distance, _ = self._body.distance(positions)
+        return 0.5 * dot(self._comm, distance, self._weight * distance)
+
+    def backward(self, positions: Floats) -> Floats:
+        """∂T/∂x at the owned nodes, (n, 3), in 1/m."""
+        distance, gradient = self._body.distance(positions)
+        return np.asarray((self._weight * distance)[:, None] * gradient)

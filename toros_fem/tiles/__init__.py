@@ -1,0 +1,1 @@
+"""Fabrics with designed stiffness: periodic tiles, their profiles, design and pull tests."""

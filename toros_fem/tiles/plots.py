@@ -1,0 +1,276 @@
+"""Pictures of a tile: its profile over directions, its pattern, its shape when pulled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import numpy.typing as npt
+from matplotlib.collections import PolyCollection
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem._types import Bools, Floats
+from toros_fem.design.options import Iteration
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.tile import Tile
+from toros_fem.output.plots import DPI, FABRIC, PRINTED, fill
+from toros_fem.tiles.objectives import ProfileTarget
+from toros_fem.tiles.pull_test import PullCurve, PullTest
+from toros_fem.tiles.sheet import joined
+from toros_fem.tiles.stiffness_profile import Profile
+
+ASKED = "tab:red"
+
+
+def around(angles: Floats, values: Floats, mirrored: tuple[bool, bool]) -> tuple[Floats, Floats]:
+    """Angles all around and values there, by the symmetry of a profile and by ±n.
+
+    Args:
+        angles: Directions that are known, in rad.
+        values: There.
+        mirrored: Whether it is mirrored in the axes, and in the diagonals too.
+    """
+    parts = [angles]
+    if mirrored[1]:
+        parts = [*parts, *[np.pi / 2 - a for a in parts]]
+    if mirrored[0]:
+        parts = [*parts, *[-a for a in parts]]
+    parts = [*parts, *[a + np.pi for a in parts]]
+    whole = np.mod(np.concatenate(parts), 2 * np.pi)
+    key = np.round(whole, 9)
+    _, first = np.unique(key, return_index=True)
+    every = np.tile(values, len(parts))[first]
+    return np.append(whole[first], whole[first][0] + 2 * np.pi), np.append(every, every[0])
+
+
+def plot_polar(
+    path: Path,
+    profile: Profile,
+    blank: float,
+    mirrored: tuple[bool, bool],
+    angles: Floats,
+    wanted: ProfileTarget | None,
+) -> None:
+    """Picture of stiffness and contraction over all directions.
+
+    Args:
+        path: PNG file to write.
+        profile: What is printed.
+        blank: Stiffness of the fabric without print, in N/m.
+        mirrored: As for `around`.
+        angles: Directions in rad in which something is asked.
+        wanted: What is asked there; None if no profile is.
+    """
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(11, 5.5), subplot_kw={"projection": "polar"}, layout="constrained"
+    )
+    left.plot(*around(profile.angles, profile.stiffness, mirrored), color=PRINTED, label="printed")
+    parts = [] if wanted is None else [(left, wanted.stiffness), (right, wanted.contraction)]
+    label = "asked"
+    for axes, asked in parts:
+        if asked is not None:
+            turn, value = around(angles, asked, mirrored)
+            axes.plot(turn, value, "o", ms=5, mfc="none", color=ASKED, label=label)
+            label = ""
+    circle = np.linspace(0, 2 * np.pi, 100)
+    left.plot(circle, np.full(100, blank), "--", color="0.5", label="fabric without print")
+    left.set_rlim(0)
+    left.set_title(f"secant stiffness in N/m at {100 * profile.strain:g} % strain")
+    right.plot(*around(profile.angles, profile.contraction, mirrored), color=PRINTED)
+    shown = profile.contraction
+    if wanted is not None and wanted.contraction is not None:
+        shown = np.append(shown, wanted.contraction[~np.isnan(wanted.contraction)])
+    low = min(0.0, float(shown.min()))
+    if low < 0:
+        right.plot(circle, np.zeros(100), color="0.7", lw=0.8)
+    right.set_rlim(1.2 * low, 1.1 * max(0.1, float(shown.max())))
+    right.set_title("lateral contraction")
+    figure.legend(loc="outside lower center", ncols=3, frameon=False)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def plot_curves(path: Path, curves: Sequence[Profile]) -> None:
+    """Picture of nominal stress and lateral contraction over strain, a line a direction.
+
+    Args:
+        path: PNG file to write.
+        curves: Profiles at rising strains.
+    """
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
+    strain = [100 * profile.strain for profile in curves]
+    for k, angle in enumerate(curves[0].angles):
+        stress = [profile.stress[k] for profile in curves]
+        left.plot([0.0, *strain], [0.0, *stress], ".-", label=f"{np.degrees(angle):.4g}°")
+        right.plot(strain, [profile.contraction[k] for profile in curves], ".-")
+    left.set_ylabel("nominal stress in N/m")
+    right.set_ylabel("lateral contraction")
+    for axes in (left, right):
+        axes.set_xlabel("strain in %")
+        axes.grid(alpha=0.3)
+    figure.legend(loc="outside right upper", frameon=False)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def plot_tiles(path: Path, tile: Tile, region: BaseGeometry, count: int) -> None:
+    """Picture of what is printed on count × count tiles, the border of one shown, in mm.
+
+    Args:
+        path: PNG file to write.
+        tile: The tile.
+        region: What is printed on all of them, in m.
+        count: Tiles a side.
+    """
+    figure, axes = plt.subplots(figsize=(7, 7), layout="constrained")
+    corner = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) @ tile.lattice * 1e3
+    axes.add_collection(PolyCollection([count * corner[:-1]], facecolors=[FABRIC]))
+    fill(axes, region, PRINTED)
+    axes.plot(*(corner + (count // 2) * tile.lattice.sum(axis=0) * 1e3).T, color=ASKED, lw=1)
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.set_xlabel("mm")
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def plot_deformed(
+    path: Path,
+    tile: Tile,
+    printed: npt.NDArray[np.bool_],
+    positions: Floats,
+    gradient: Floats,
+    count: int = 2,
+) -> None:
+    """Picture of count × count tiles, flat and pulled, in mm.
+
+    Args:
+        path: PNG file to write.
+        tile: The tile.
+        printed: Which of its triangles are printed.
+        positions: Places of all its vertices, pulled along the first axis, (n, 3), in m.
+        gradient: The mean deformation gradient, (3, 2).
+        count: Tiles a side.
+    """
+    colours = np.where(printed[:, None], PRINTED, FABRIC)
+    mean = gradient[:2] @ tile.lattice.T
+    flat = tile.pattern.corners
+    moved = positions[tile.pattern.triangles][:, :, :2] + tile.wraps @ mean.T
+    figure, axes = plt.subplots(
+        1, 2, figsize=(12, 6), sharex=True, sharey=True, layout="constrained"
+    )
+    for ax, shape, steps, title in (
+        (axes[0], flat, tile.lattice.T, "flat"),
+        (axes[1], moved, mean, f"pulled by {100 * (gradient[0, 0] - 1):g} %"),
+    ):
+        for i in range(count):
+            for j in range(count):
+                there = 1e3 * (shape + steps @ [i, j])
+                ax.add_collection(
+                    PolyCollection(list(there), facecolors=colours, edgecolors="face", lw=0.2)
+                )
+        ax.set_title(title)
+        ax.set_aspect("equal")
+        ax.autoscale_view()
+        ax.set_xlabel("mm")
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def plot_history(path: Path, history: Sequence[Iteration]) -> None:
+    """Picture of objective, volume and grey level over the iterations of the start gone on with.
+
+    Args:
+        path: PNG file to write.
+        history: Rows of the design loop.
+    """
+    count = np.arange(len(history))
+    figure, (top, bottom) = plt.subplots(2, 1, figsize=(8, 6), sharex=True, layout="constrained")
+    top.semilogy(count, [row.objective for row in history], color=PRINTED)
+    top.set_ylabel("objective T")
+    for k in range(1, len(history)):
+        if history[k].stage != history[k - 1].stage:
+            for axis in (top, bottom):
+                axis.axvline(k, color="0.8", lw=1)
+    bottom.plot(count, [row.volume_fraction for row in history], label="volume fraction")
+    bottom.plot(count, [row.grey_level for row in history], label="grey level")
+    bottom.set_ylim(0, 1)
+    bottom.legend(frameon=False)
+    bottom.set_xlabel("step; lines: β, mesh, constraints or target changed")
+    for axis in (top, bottom):
+        axis.grid(alpha=0.3)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+# Colour, width and mark of each direction: of one that covers another, both are seen.
+LOOKS = (("#0a7fc2", 3.0, "o"), ("#d1242f", 1.4, "s"))
+# Longest side of a sheet's picture, in inches.
+LONG = 7.0
+
+
+def plot_sheet(path: Path, pattern: Pattern, positions: Floats, printed: Bools, title: str) -> None:
+    """Picture of a sheet before and after it is pulled, in the same scale, in mm.
+
+    Args:
+        path: PNG file to write.
+        pattern: The sheet.
+        positions: Positions of all its vertices, (n, 3), in m.
+        printed: Whether each triangle is printed, (t,).
+        title: What to write above the pulled one.
+    """
+    states = (("before", pattern.points), (title, positions))
+    size = np.ptp(np.concatenate([pattern.points, positions]), axis=0)[:2]
+    grid = (1, 2) if size[1] > size[0] else (2, 1)
+    figure, row = plt.subplots(
+        *grid,
+        figsize=LONG * size / size.max() * grid[::-1] + 1.2,
+        sharex=True,
+        sharey=True,
+        layout="constrained",
+    )
+    for axes, (name, points) in zip(row, states, strict=True):
+        corners = points[pattern.triangles, :2]
+        fill(axes, joined(corners), FABRIC, edge="0.45")
+        fill(axes, joined(corners[printed]), PRINTED)
+        axes.set_title(name)
+        axes.set_aspect("equal")
+        axes.autoscale_view()
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.set(xlabel="mm", ylabel="mm")
+        axes.label_outer()
+    figure.savefig(path, dpi=DPI, bbox_inches="tight")
+    plt.close(figure)
+
+
+def plot_pulls(path: Path, pulls: Sequence[tuple[str, PullTest, PullCurve]]) -> None:
+    """Picture of stress and contraction over the strain, of sheets and of the tile that repeats.
+
+    Args:
+        path: PNG file to write.
+        pulls: For each direction its name, what the sheet does, and what is predicted.
+    """
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 5.6), layout="constrained")
+    for (name, test, predicted), (colour, lw, marker) in zip(pulls, LOOKS, strict=False):
+        strain, look = 100 * test.curve.strain, {"color": colour, "lw": lw}
+        sheet = {"label": f"along {name}: sheet", "marker": marker, "ms": 4 + 2 * lw, "mfc": "none"}
+        periodic = {"label": f"along {name}: predicted", "ls": "--"}
+        middle = {"label": f"along {name}: sheet, over the strain in its middle", "ls": ":"}
+        left.plot([0, *strain], [0, *test.curve.stress], **look, **sheet)
+        left.plot([0, *strain], [0, *predicted.stress], **look, **periodic)
+        right.plot(strain, test.curve.contraction, **look, **sheet)
+        right.plot(strain, predicted.contraction, **look, **periodic)
+        right.plot(strain, test.poisson, **look, **middle)
+    left.set_ylabel("force over width in N/m")
+    right.set_ylabel("lateral contraction in the middle over strain")
+    right.axhline(0.0, color="0.6", lw=0.8)
+    for axes in (left, right):
+        axes.set_xlabel("strain in %")
+        axes.set_xlim(left=0)
+        axes.grid(alpha=0.3)
+    figure.legend(*right.get_legend_handles_labels(), frameon=False, ncols=2,
+                  loc="outside lower center")  # fmt: skip
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
