@@ -21,7 +21,7 @@ from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.density.perimeter import Perimeter
 from toros_fem.density.projection import Projection
 from toros_fem.design.problem import Evaluation
-from toros_fem.design.shape_problem import DesignProblem
+from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.materials import CURVATURES, Bending, Composite
@@ -42,7 +42,7 @@ COMPOSITES = {
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class ActuatorCase:
     """A capped tube to be bent by a design of its wall; the caps are reinforced.
 
     Attributes:
@@ -53,7 +53,7 @@ class Scene:
     """
 
     skin: Skin
-    problem: DesignProblem
+    problem: ShapeProblem
     density: Floats
     direction: Floats
 
@@ -65,7 +65,7 @@ def tube(sides: int) -> Skin:
 
 
 @cache
-def scene(formulation: str, sides: int) -> Scene:
+def scene(formulation: str, sides: int) -> ActuatorCase:
     """The tube with tight equilibria."""
     skin = tube(sides)
     pattern = skin.pattern
@@ -73,7 +73,7 @@ def scene(formulation: str, sides: int) -> Scene:
     tight = NewtonOptions(tolerance=1e-12)
     wall = pattern.panel[skin.owned_cells] == pattern.panel_index("wall")
     cone = make_filter("cone", skin, FILTER)
-    problem = DesignProblem(
+    problem = ShapeProblem(
         solver=EquilibriumSolver(skin, COMPOSITES[formulation], supports, tight),
         objective=ShapeObjective(
             skin, bend(np.radians(60), LENGTH, neutral=RADIUS)(pattern.points)
@@ -87,7 +87,7 @@ def scene(formulation: str, sides: int) -> Scene:
         weight=1e-4,
         length_scale=LengthScaleConstraints(skin, cone, widths(), wall),
     )
-    return Scene(skin, problem, random_density(skin, 2, spread=0.3), wall * drawn(skin, 9))
+    return ActuatorCase(skin, problem, random_density(skin, 2, spread=0.3), wall * drawn(skin, 9))
 
 
 def widths() -> LengthScale:
@@ -244,7 +244,7 @@ def whole_chain(formulation: str, sides: int) -> Measured:
     return Measured(farthest(orders, 2.0), len(at.skin.pattern.panel), seconds)
 
 
-def evaluated(at: Scene) -> tuple[Evaluation, float]:
+def evaluated(at: ActuatorCase) -> tuple[Evaluation, float]:
     """The scene's gradients, and the time they take once compiled and started near."""
     start = at.problem.evaluate(at.density).equilibrium.state
     return timed(lambda: at.problem.evaluate(at.density, start))

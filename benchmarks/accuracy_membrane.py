@@ -62,18 +62,18 @@ def pulled(mesh: str, count: int, along: float, across: float | None) -> Solved:
 
     pattern = rectangle(COMM, LENGTH, WIDTH, WIDTH / count, mesh, place)
     u, v = pattern.flat_points.T
-    held = np.ones((len(u), 3), dtype=bool)
-    held[:, 0] = (u < 1e-9) | (u > LENGTH - 1e-9)
-    held[:, 1] = (v < 1e-9) | ((v > WIDTH - 1e-9) & (across is not None))
-    return solve(pattern, table_a(), Supports(held), 0.0)
+    fixed = np.ones((len(u), 3), dtype=bool)
+    fixed[:, 0] = (u < 1e-9) | (u > LENGTH - 1e-9)
+    fixed[:, 1] = (v < 1e-9) | ((v > WIDTH - 1e-9) & (across is not None))
+    return solve(pattern, table_a(), Supports(fixed), 0.0)
 
 
 def stress(mesh: str, count: int, along: float, across: float | None, axis: int) -> Measured:
     """Nominal stress in Pa across the border that the axis points at, from the supports' pull."""
     found = pulled(mesh, count, along, across)
     side = found.pattern.flat_points[:, axis] > (LENGTH, WIDTH)[axis] - 1e-9
-    section = (WIDTH, LENGTH)[axis] * THICKNESS
-    return found.measured(found.reactions[side, axis].sum() / section)
+    sheet_stiffness = (WIDTH, LENGTH)[axis] * THICKNESS
+    return found.measured(found.reactions[side, axis].sum() / sheet_stiffness)
 
 
 def width(mesh: str, count: int, along: float) -> Measured:

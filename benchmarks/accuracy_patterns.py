@@ -206,8 +206,8 @@ def polygonal_helix(sides: int) -> Measured:
     """Twist over that by which the straight edges along the lines keep their length."""
     found, around, along, twist = turned_helix(sides)
     width, height = helical_cell(sides)
-    chord = np.sqrt(width**2 + height**2 * (1 - along**2))
-    between = 2 * np.arcsin(chord / (2 * around * RADIUS))
+    modified = np.sqrt(width**2 + height**2 * (1 - along**2))
+    between = 2 * np.arcsin(modified / (2 * around * RADIUS))
     return found.measured(twist / ((between - 2 * np.pi / sides) * RADIUS / height))
 
 
@@ -227,11 +227,11 @@ def stripes(mesh: str, count: int, across: bool) -> Measured:
 
         pattern = rectangle(COMM, length, width, BAND / count, mesh, place)
         u, v = pattern.flat_points.T
-        held = np.ones((len(u), 3), dtype=bool)
-        held[:, 0] = (u < 1e-9) | (u > length - 1e-9)
-        held[:, 1] = (v < 1e-9) | ((v > width - 1e-9) & (side is not None))
+        fixed = np.ones((len(u), 3), dtype=bool)
+        fixed[:, 0] = (u < 1e-9) | (u > length - 1e-9)
+        fixed[:, 1] = (v < 1e-9) | ((v > width - 1e-9) & (side is not None))
         stiff = pattern.centroids[:, 0 if across else 1] // BAND % 2
-        return solve(pattern, table_a(contrast=100.0), Supports(held), 0.0, stiff)
+        return solve(pattern, table_a(contrast=100.0), Supports(fixed), 0.0, stiff)
 
     def force(found: Solved, axis: int) -> float:
         end = found.pattern.flat_points[:, axis] > (length, width)[axis] - 1e-9

@@ -165,10 +165,10 @@ def half_held(pattern: Pattern) -> Supports:
     """
     points = pattern.points
     base = np.flatnonzero(np.abs(points[:, 2]) < 1e-9)
-    held = symmetry_plane(pattern, 2).held
+    fixed = symmetry_plane(pattern, 2).fixed
     for direction, axis in (((-1, 0), 1), ((1, 0), 1), ((0, 1), 0)):
-        held[base[np.argmax(points[base, :2] @ direction)], axis] = True
-    return Supports(held)
+        fixed[base[np.argmax(points[base, :2] @ direction)], axis] = True
+    return Supports(fixed)
 
 
 def pole(found: Solved, count: int = 12) -> float:

@@ -77,11 +77,11 @@ def main() -> None:
         demo = importlib.import_module(f"demos.{name}")
         with tempfile.TemporaryDirectory() as folder:
             summary = demo.run(MPI.COMM_WORLD, Path(folder), **inputs_of(name))
-        figures = {
+        metrics = {
             key: {"value": value_of(summary, key), "relative": share, "absolute": room}
             for key, (share, room) in RUNS[name][1].items()
         }
-        text = json.dumps({"inputs": inputs_of(name), "figures": figures}, indent=2)
+        text = json.dumps({"inputs": inputs_of(name), "figures": metrics}, indent=2)
         (FOLDER / f"{name}.json").write_text(text + "\n", encoding="utf-8")
         print(f"{name}: {time.perf_counter() - begin:.0f} s")
 

@@ -48,7 +48,7 @@ def measure(triangles: int, bending: bool, rounds: int) -> dict[str, Any]:
     from mpi4py import MPI
     from petsc4py import PETSc
 
-    from toros_fem.equilibrium.linear_solver import Factor
+    from toros_fem.equilibrium.linear_solver import TangentFactor
     from toros_fem.equilibrium.solver import EquilibriumSolver
     from toros_fem.mechanics.supports import clamp
     from toros_fem.meshes import cylinder, sew
@@ -72,11 +72,13 @@ def measure(triangles: int, bending: bool, rounds: int) -> dict[str, Any]:
     result = solver.solve(grey, PRESSURE)
     # A neighbouring design, its start a copy so that no factors of it are at hand.
     again = solver.solve(grey + 0.05, PRESSURE, start=result.state.copy())
-    whole = [row.seconds for row in again.history if row.step and not row.chord and not row.shift]
+    whole = [
+        row.seconds for row in again.history if row.step and not row.modified and not row.shift
+    ]
     step = float(comm.allreduce(np.median(whole), op=MPI.MAX))
     memory = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024**2
 
-    factor, state = Factor(solver.model), again.state
+    factor, state = TangentFactor(solver.model), again.state
     rhs = solver.model.load(state)
     factor.assemble(state)
     factor.fill(0.0)
@@ -165,13 +167,13 @@ def compiled(scene: str) -> dict[str, Any]:
     bending = scene in ("bending and pressure", "no pressure")
     caps = scene in ("bending and pressure", "no bending")
     pattern = cylinder(MPI.COMM_SELF, 0.06, DIAMETER, 4e-3, mesh="structured", caps=caps)
-    held = clamp(pattern, ["base"] if caps else ["wall"])
+    fixed = clamp(pattern, ["base"] if caps else ["wall"])
     skin = sew(MPI.COMM_SELF, pattern)
-    solver = EquilibriumSolver(skin, _composite(bending), held)
+    solver = EquilibriumSolver(skin, _composite(bending), fixed)
     solver.solve(np.zeros(len(skin.owned_cells)), PRESSURE if caps else 0.0)
     seconds = time.perf_counter() - begin
     begin = time.perf_counter()
-    EquilibriumSolver(skin, _composite(bending), held)
+    EquilibriumSolver(skin, _composite(bending), fixed)
     kernels = Path(os.environ["XDG_CACHE_HOME"]).rglob("libffcx_forms_*.c")
     return {
         "scene": scene,

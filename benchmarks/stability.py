@@ -24,8 +24,8 @@ import numpy as np
 from mpi4py import MPI
 from stability_judge import Finding, Judge
 from stability_oracle import patient
-from stability_report import Outcome, Report, Row
-from stability_scenes import BUILDERS, DESIGNS, Floats, Scene, build, loads_of, neighbour
+from stability_report import ActuatorResult, Report, Row
+from stability_scenes import BUILDERS, DESIGNS, ActuatorCase, Floats, build, loads_of, neighbour
 
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
@@ -105,7 +105,7 @@ class Run:
         return result
 
 
-def ladder(scene: Scene, load: float) -> list[float]:
+def ladder(scene: ActuatorCase, load: float) -> list[float]:
     """Shares of the load, doubling from one that strains the fabric by a few per cent."""
     share = min(1.0, scene.small_pressure() / load if load else 1 / 8)
     shares = []
@@ -115,7 +115,7 @@ def ladder(scene: Scene, load: float) -> list[float]:
     return [*shares, 1.0]
 
 
-def play(run: Run, scene: Scene, case: Case) -> tuple[EquilibriumResult, float | None]:
+def play(run: Run, scene: ActuatorCase, case: Case) -> tuple[EquilibriumResult, float | None]:
     """Run one case; the last result and, after coming back to the load, how far it moved."""
     if case.start == "cold":
         return run.solve(), None
@@ -198,7 +198,7 @@ class Stage:
         self._solvers.clear()
 
 
-def attempt(stage: Stage, case: Case) -> Outcome:
+def attempt(stage: Stage, case: Case) -> ActuatorResult:
     """Run one case and check what came out."""
     begin = time.perf_counter()
     moved, finding, kind = None, Finding(None, None, []), "error"
@@ -237,10 +237,10 @@ def attempt(stage: Stage, case: Case) -> Outcome:
         finding.residual, finding.sign, seconds,
     )  # fmt: skip
     faults = [*finding.faults, *([reason] if kind == "exception" else [])]
-    return Outcome(row, "wrong" if faults else kind, "; ".join(faults), moved)
+    return ActuatorResult(row, "wrong" if faults else kind, "; ".join(faults), moved)
 
 
-def settle(stage: Stage, cases: list[Case], outcomes: list[Outcome]) -> None:
+def settle(stage: Stage, cases: list[Case], outcomes: list[ActuatorResult]) -> None:
     """Tell errors that are right from those of cases that another way solves."""
     same = lambda c: (c.design, c.contrast, c.load)  # noqa: E731
     by_start = {
@@ -265,17 +265,17 @@ def settle(stage: Stage, cases: list[Case], outcomes: list[Outcome]) -> None:
         outcome.row.reason += f" Judged: {told}."
 
 
-def absent(case: Case, error: Exception) -> Outcome:
+def absent(case: Case, error: Exception) -> ActuatorResult:
     """The outcome of a case whose scene could not even be built."""
     told = f"the scene could not be built: {type(error).__name__}: {error}"
     row = Row(
         case.scene, case.design, case.contrast, case.load, case.start, "exception", told, 0,
         None, None, 0.0,
     )  # fmt: skip
-    return Outcome(row, "wrong", told, None)
+    return ActuatorResult(row, "wrong", told, None)
 
 
-def play_scene(name: str, *, quick: bool) -> list[Outcome]:
+def play_scene(name: str, *, quick: bool) -> list[ActuatorResult]:
     """All cases of one scene."""
     cases = quick_matrix(name) if quick else full_matrix(name)
     try:

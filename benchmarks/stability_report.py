@@ -45,7 +45,7 @@ class Row:
 
 
 @dataclass
-class Outcome:
+class ActuatorResult:
     """A row and what is to be thought of it.
 
     Attributes:
@@ -65,14 +65,14 @@ class Report:
     """Gathers outcomes."""
 
     def __init__(self) -> None:
-        self._outcomes: list[Outcome] = []
+        self._outcomes: list[ActuatorResult] = []
 
-    def add(self, outcomes: Sequence[Outcome]) -> None:
+    def add(self, outcomes: Sequence[ActuatorResult]) -> None:
         """Add outcomes."""
         self._outcomes += outcomes
 
     @staticmethod
-    def count(outcomes: Sequence[Outcome]) -> dict[str, int]:
+    def count(outcomes: Sequence[ActuatorResult]) -> dict[str, int]:
         """Number of outcomes of each verdict."""
         counted = Counter(outcome.verdict for outcome in outcomes)
         return {verdict: counted[verdict] for verdict in VERDICTS}
@@ -216,12 +216,12 @@ class Report:
         figure.savefig(path, dpi=130)
         plt.close(figure)
 
-    def _of(self, scene: str, design: str) -> list[Outcome]:
+    def _of(self, scene: str, design: str) -> list[ActuatorResult]:
         return [o for o in self._outcomes if (o.row.scene, o.row.design) == (scene, design)]
 
-    def _slowest(self, count: int) -> list[Outcome]:
+    def _slowest(self, count: int) -> list[ActuatorResult]:
         return sorted(self._outcomes, key=lambda o: -o.row.seconds)[:count]
 
-    def _moved(self) -> list[Outcome]:
+    def _moved(self) -> list[ActuatorResult]:
         returned = [outcome for outcome in self._outcomes if outcome.moved is not None]
         return sorted(returned, key=lambda o: -(o.moved or 0.0))

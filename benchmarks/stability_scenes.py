@@ -34,7 +34,7 @@ PRESSURES = (100.0, 1e3, 5e3, 20e3, 50e3)  # Pa
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class ActuatorCase:
     """A skin, how it is held, and coordinates on it for the designs.
 
     Attributes:
@@ -89,22 +89,22 @@ def fan_tube(angles: Spacing, heights: Spacing) -> Pattern:
     """
     radius = DIAMETER / 2
     ring = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    chord = np.linalg.norm(np.diff(ring, axis=0), axis=1)
-    flat, triangles = grid(np.concatenate([[0], np.cumsum(chord)]), heights)
+    modified = np.linalg.norm(np.diff(ring, axis=0), axis=1)
+    flat, triangles = grid(np.concatenate([[0], np.cumsum(modified)]), heights)
     wall = np.column_stack([np.tile(ring, (len(heights), 1)), flat[:, 1]])
     panels = [Panel("wall", flat, triangles, wall)]
     closed = np.isclose(angles[-1] - angles[0], 2 * np.pi)
     rim = ring[:-1] if closed else ring
     disc = np.concatenate([rim, np.zeros((1, 2))])
-    first = np.arange(len(chord))
-    fan = np.stack([first, (first + 1) % len(rim), np.full(len(chord), len(rim))], axis=1)
+    first = np.arange(len(modified))
+    fan = np.stack([first, (first + 1) % len(rim), np.full(len(modified), len(rim))], axis=1)
     for name, height in (("base", 0.0), ("tip", heights[-1])):
         points = np.column_stack([disc, np.full(len(disc), height)])
         if name == "base":  # seen from outside, that is from below, the disc is mirrored
             panels.append(Panel(name, disc * [1, -1], fan[:, ::-1], points))
         else:
             panels.append(Panel(name, disc, fan, points))
-    spacing = min(chord.min(), np.diff(heights).min())
+    spacing = min(modified.min(), np.diff(heights).min())
     return Pattern.from_panels(panels, tolerance=1e-3 * float(spacing))
 
 
@@ -260,12 +260,12 @@ def loads_of(name: str) -> tuple[float, ...]:
     return (0.0,) if name.startswith("tile_") else PRESSURES
 
 
-def build(name: str) -> Scene:
+def build(name: str) -> ActuatorCase:
     """A scene by its name in `BUILDERS`."""
     pattern, held = BUILDERS[name]()
     kind, _, value = name.partition("_")
     along, around = _coordinates(pattern)
-    return Scene(
+    return ActuatorCase(
         name=name,
         skin=sew(MPI.COMM_WORLD, pattern),
         held=held,
@@ -293,14 +293,14 @@ def _coordinates(pattern: Pattern) -> tuple[Floats, Floats]:
     return share[:, 0], np.where(pattern.panel == 0, forth, 0.5 - forth) % 1
 
 
-def _checkerboard(scene: Scene) -> Floats:
+def _checkerboard(scene: ActuatorCase) -> Floats:
     pattern = scene.skin.pattern
     side = np.sqrt(pattern.areas.sum()) / 8
     patch = np.floor(pattern.centroids / side).astype(int).sum(axis=1)
     return np.asarray((patch + pattern.panel) % 2, dtype=float)
 
 
-def _islands(scene: Scene) -> Floats:
+def _islands(scene: ActuatorCase) -> Floats:
     pattern = scene.skin.pattern
     middles = np.random.default_rng(3).choice(len(pattern.panel), 12, replace=False)
     radius = 0.09 * np.sqrt(pattern.areas.sum())  # covers about 30 %
@@ -309,12 +309,12 @@ def _islands(scene: Scene) -> Floats:
     return np.asarray(((gap < radius) & same).any(axis=1), dtype=float)
 
 
-def _uniform(value: float) -> Callable[[Scene], Floats]:
+def _uniform(value: float) -> Callable[[ActuatorCase], Floats]:
     return lambda scene: np.full(len(scene.along), value)
 
 
 # Densities of all pattern triangles.
-DESIGNS: dict[str, Callable[[Scene], Floats]] = {
+DESIGNS: dict[str, Callable[[ActuatorCase], Floats]] = {
     "fabric": _uniform(0.0),
     "reinforced": _uniform(1.0),
     "grey": _uniform(0.5),

@@ -75,8 +75,8 @@ def reached(row: Row) -> float:
 @cache
 def ideal(kind: str, angle: float) -> list[model.State]:
     """Fibres without width and stretch at all pressures."""
-    follow = model.thin_helices if kind == "twist" else model.thin_net
-    return follow(np.radians(angle), PRESSURES)
+    trace_pressure_path = model.thin_helices if kind == "twist" else model.thin_net
+    return trace_pressure_path(np.radians(angle), PRESSURES)
 
 
 @cache

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize, root
 
-from toros_fem.actuators.case import Settings
+from toros_fem.actuators.case import ActuatorConfig
 from toros_fem.actuators.tube import TUBE
 
 Array = npt.NDArray[Any]
@@ -122,7 +122,7 @@ def striped_helices(
     stripes; d minimises the energy, so that forces are the same on both sides of a border.
     """
     across = np.array([np.cos(angle), -np.sin(angle)])
-    modulus = Settings().reinforcement_young if young is None else young
+    modulus = ActuatorConfig().reinforcement_young if young is None else young
 
     def parts(v: Array) -> tuple[Array, Array]:
         mean, jump = tube(*v[:3]), np.outer(v[3:], across)
@@ -160,7 +160,7 @@ def stretching_net(
 
     Fabric is counted all over, crossings turn freely.
     """
-    s = Settings()
+    s = ActuatorConfig()
     modulus = s.reinforcement_young if young is None else young
 
     def energy(v: Array, pressure: float) -> Any:
@@ -180,7 +180,7 @@ def share_of(count: int, width: float, angle: float, families: int = 1) -> float
 
 def membrane(gradient: Array, young: float) -> Any:
     """H ψ of (1) in J/m²; infinite where there is none."""
-    s = Settings()
+    s = ActuatorConfig()
     if np.real(_invariants(gradient)[1]) <= 0:
         return np.inf
     low, high = _stretches(gradient)
@@ -206,7 +206,7 @@ def _work(pressure: float, radius: Any, length: Any) -> Any:
 
 
 def _fabric(gradient: Array) -> Any:
-    return membrane(gradient, Settings().fabric_young)
+    return membrane(gradient, ActuatorConfig().fabric_young)
 
 
 def _invariants(gradient: Array) -> tuple[Any, Any]:
@@ -230,7 +230,7 @@ def _follow(
     fabric: Callable[[Array], Array] | None = None,
 ) -> list[State]:
     """Minima at rising pressures, each from the one before."""
-    scale = Settings().fabric_young * Settings().thickness
+    scale = ActuatorConfig().fabric_young * ActuatorConfig().thickness
     states, v = [], start
     for pressure in pressures:
 

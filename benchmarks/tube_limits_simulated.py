@@ -11,12 +11,12 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from toros_fem.actuators.case import Settings
+from toros_fem.actuators.case import ActuatorConfig
 from toros_fem.actuators.tube import TUBE, helices, plain_tube
-from toros_fem.analysis.pressure_path import follow
+from toros_fem.analysis.pressure_path import trace_pressure_path
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.meshes import Pattern, sew
-from toros_fem.objectives.metrics import Figure, shortening, swelling, twist_angle
+from toros_fem.objectives.metrics import Metric, shortening, swelling, twist_angle
 from toros_fem.objectives.rotation import best_rotation
 
 Floats = npt.NDArray[np.float64]
@@ -41,7 +41,7 @@ class Case:
     width: float = 3e-3
     crossed: bool = False
     edge: float = 2.5e-3
-    young: float = Settings().reinforcement_young
+    young: float = ActuatorConfig().reinforcement_young
 
     @property
     def inputs(self) -> Row:
@@ -63,23 +63,23 @@ def simulate(case: Case, pressures: Sequence[float]) -> list[Row]:
     for angle in (case.degrees, -case.degrees)[: 2 if case.crossed else 1]:
         density[helices(pattern, case.lines, np.radians(angle), case.width)] = 1.0
     skin = sew(MPI.COMM_SELF, pattern)
-    composite = Settings(reinforcement_young=case.young).composite
+    composite = ActuatorConfig(reinforcement_young=case.young).composite
     solver = EquilibriumSolver(skin, composite, supports)
     wall = pattern.cells_of("wall")
     areas = pattern.areas[wall]
     share = float(areas @ density[wall] / areas.sum())
     inputs = {**case.inputs, "triangles": len(density), "share": share}
-    figures = [
-        Figure("twist", "deg", 0.0, lambda p, x: float(np.degrees(twist_angle(p, x)))),
-        Figure("shortening", "percent", 0.0, lambda p, x: 100 * shortening(p, x)),
-        Figure("swelling", "ratio", 0.0, swelling),
-        Figure("middle_twist", "deg", 0.0, lambda p, x: middle(p, x)[0]),
-        Figure("middle_length", "ratio", 0.0, lambda p, x: middle(p, x)[1]),
+    metrics = [
+        Metric("twist", "deg", 0.0, lambda p, x: float(np.degrees(twist_angle(p, x)))),
+        Metric("shortening", "percent", 0.0, lambda p, x: 100 * shortening(p, x)),
+        Metric("swelling", "ratio", 0.0, swelling),
+        Metric("middle_twist", "deg", 0.0, lambda p, x: middle(p, x)[0]),
+        Metric("middle_length", "ratio", 0.0, lambda p, x: middle(p, x)[1]),
     ]
     rows: list[Row] = []
     try:
-        for point in follow(solver, density[skin.owned_cells], pressures, figures):
-            reached = {"pressure_kpa": 1e-3 * float(np.max(point.pressure)), **point.figures}
+        for point in trace_pressure_path(solver, density[skin.owned_cells], pressures, metrics):
+            reached = {"pressure_kpa": 1e-3 * float(np.max(point.pressure)), **point.metrics}
             rows.append({**inputs, **reached})
     except EquilibriumError as caught:
         print(f"no equilibrium beyond {rows[-1]['pressure_kpa'] if rows else 0} kPa: {caught}")

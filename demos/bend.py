@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.actuators.case import Scene
-from toros_fem.actuators.tube import COARSE_TUBE, TUBE, bend_figure, tube_scene
+from toros_fem.actuators.case import ActuatorCase
+from toros_fem.actuators.tube import COARSE_TUBE, TUBE, bend_metric, tube_scene
 from toros_fem.command_line import command_line, run_of
 from toros_fem.meshes import bend
 
@@ -34,11 +34,11 @@ DEFAULTS: dict[str, Any] = {
 COARSE = COARSE_TUBE
 
 
-def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:
+def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> ActuatorCase:
     """The tube, what is held of it, and what it is to become."""
     o = inputs
     target = bend(np.radians(o["angle"]), o["length"], neutral=o["neutral"])
-    return tube_scene(comm, o, target, [bend_figure(o["angle"])])
+    return tube_scene(comm, o, target, [bend_metric(o["angle"])])
 
 
 run = run_of(scene, DEFAULTS)

@@ -17,14 +17,14 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.actuators.case import Scene
+from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.tube import (
     COARSE_TUBE,
     SECTIONS,
     TUBE,
-    bend_figure,
+    bend_metric,
     section_scene,
-    twist_figure,
+    twist_metric,
 )
 from toros_fem.command_line import command_line, run_of
 from toros_fem.meshes import bend, compose, twist
@@ -43,14 +43,14 @@ DEFAULTS: dict[str, Any] = {
 COARSE = {**COARSE_TUBE, "helix_width": 4e-3}
 
 
-def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:
+def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> ActuatorCase:
     """The tube, what is held of it, and what it is to become."""
     o = inputs
     target = compose(
         twist(np.radians(o["twist"]), o["length"]),
         bend(np.radians(o["angle"]), o["length"], neutral=o["neutral"]),
     )
-    return section_scene(comm, o, target, [bend_figure(o["angle"]), twist_figure(o["twist"])])
+    return section_scene(comm, o, target, [bend_metric(o["angle"]), twist_metric(o["twist"])])
 
 
 run = run_of(scene, DEFAULTS)

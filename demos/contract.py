@@ -18,8 +18,8 @@ from typing import Any
 
 from mpi4py import MPI
 
-from toros_fem.actuators.case import Scene
-from toros_fem.actuators.tube import COARSE_TUBE, SECTIONS, TUBE, section_scene, shortening_figure
+from toros_fem.actuators.case import ActuatorCase
+from toros_fem.actuators.tube import COARSE_TUBE, SECTIONS, TUBE, section_scene, shortening_metric
 from toros_fem.command_line import command_line, run_of
 from toros_fem.meshes import contract
 
@@ -38,11 +38,11 @@ DEFAULTS: dict[str, Any] = {
 COARSE = {**COARSE_TUBE, "helix_width": 3e-3}
 
 
-def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:
+def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> ActuatorCase:
     """The tube, what is held of it, and what it is to become."""
     asked = inputs["contraction"]
     target = contract(1 - asked / 100)
-    return section_scene(comm, inputs, target, [shortening_figure(asked)])
+    return section_scene(comm, inputs, target, [shortening_metric(asked)])
 
 
 run = run_of(scene, DEFAULTS)

@@ -23,15 +23,15 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from toros_fem.actuators.case import Outcome, Scene, design, merged
+from toros_fem.actuators.case import ActuatorCase, ActuatorResult, design, merged
 from toros_fem.actuators.gripper import write_grasp
-from toros_fem.actuators.limb import limb_figure, limb_sections
+from toros_fem.actuators.limb import limb_cross_sections, tip_angle_metric
 from toros_fem.command_line import command_line, last_line
 from toros_fem.equilibrium.solver import EquilibriumError
 from toros_fem.mechanics.supports import Supports, symmetry_plane
 from toros_fem.meshes import Pattern, curl, finger, plane_centroids
 from toros_fem.objectives.gap import Body
-from toros_fem.objectives.metrics import Figure
+from toros_fem.objectives.metrics import Metric
 
 DEFAULTS: dict[str, Any] = {
     "shape": "sphere",  # or "box"
@@ -85,7 +85,7 @@ def strip(pattern: Pattern, inputs: dict[str, Any]) -> npt.NDArray[np.bool_]:
     return np.asarray(inner & (x > begin) & (x < end) & (np.abs(y) < STRIP * o["finger_width"] / 2))
 
 
-def gap_figure(inputs: dict[str, Any]) -> Figure:
+def gap_metric(inputs: dict[str, Any]) -> Metric:
     """Mean distance in mm of the strip from the object, inside or outside, by flat area."""
     thing = body(inputs)
 
@@ -94,10 +94,10 @@ def gap_figure(inputs: dict[str, Any]) -> Figure:
         distance, _ = thing.distance(positions[inner])
         return float(1e3 * np.average(np.abs(distance), weights=pattern.vertex_areas[inner]))
 
-    return Figure("gap", "mm", 0.0, measure)
+    return Metric("gap", "mm", 0.0, measure)
 
 
-def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:
+def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> ActuatorCase:
     """Half a finger, what is held of it, and what it is to become."""
     o, thing = inputs, body(inputs)
     pattern = finger(
@@ -117,18 +117,20 @@ def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:
         toward=TOWARD,
     )
     goal = target(pattern.points)
-    turned = limb_figure(0.0, ALONG, TOWARD, o["root"])
+    turned = tip_angle_metric(0.0, ALONG, TOWARD, o["root"])
     inner = pattern.panel == pattern.panel_index("top")
     across = np.abs(plane_centroids(pattern)[:, 1])
-    held = np.zeros((len(pattern.points), 3), dtype=bool)
-    held[pattern.points[:, 0] <= o["root"] * (1 + 1e-9)] = True
-    return Scene(
+    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
+    fixed[pattern.points[:, 0] <= o["root"] * (1 + 1e-9)] = True
+    return ActuatorCase(
         pattern=pattern,
         target=goal,
-        supports=Supports(held) | symmetry_plane(pattern, 1),
+        supports=Supports(fixed) | symmetry_plane(pattern, 1),
         passive=np.where(inner & (across < o["backbone"] / 2), 1.0, np.nan),
-        figures=(gap_figure(o), replace(turned, asked=turned.measure(pattern, goal))),
-        sections=limb_sections(pattern, ALONG, o["root"], o["sections"], o["place"], o["lever"]),
+        metrics=(gap_metric(o), replace(turned, target=turned.measure(pattern, goal))),
+        sections=limb_cross_sections(
+            pattern, ALONG, o["root"], o["sections"], o["place"], o["lever"]
+        ),
         grasp=(thing, strip(pattern, o).astype(float), o["touch"]),
         # Which side is to stretch is told; otherwise the start knows neither up nor down.
         start=np.where(inner, 0.65, 0.35),
@@ -143,7 +145,7 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
         comm: Communicator.
         output: Folder for summary, history, pattern, fields and pictures.
         verbose: Whether to print every step of the equilibrium solver.
-        inputs: What differs from `DEFAULTS` and `toros_fem.scene.Settings`.
+        inputs: What differs from `DEFAULTS` and `toros_fem.scene.ActuatorConfig`.
     """
     begin = time.perf_counter()
     o = merged(DEFAULTS, inputs)
@@ -153,7 +155,7 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
 
 
 def loaded(
-    comm: MPI.Comm, output: Path, o: dict[str, Any], made: Scene, done: Outcome
+    comm: MPI.Comm, output: Path, o: dict[str, Any], made: ActuatorCase, done: ActuatorResult
 ) -> dict[str, Any]:
     """The printed finger with a third of the object's weight on it, along the finger."""
     pattern, shown = made.pattern, done.printed.evaluation or done.result.final
@@ -175,21 +177,21 @@ def loaded(
     free = skin.gather_vertices(shown.equilibrium.positions)
     under = skin.gather_vertices(found.positions)
     sag = np.average((under - free)[:, 0], weights=share)
-    gap = made.figures[0].measure(pattern, under)
-    figures = {"mass_kg": o["mass"], "sag_mm": 1e3 * float(sag), "gap_mm": gap}
+    gap = made.metrics[0].measure(pattern, under)
+    metrics = {"mass_kg": o["mass"], "sag_mm": 1e3 * float(sag), "gap_mm": gap}
     whole = problem.whole
     assert whole is not None
     write_grasp(comm, output, whole.pattern.triangles, whole.at_vertices(free),
-                done.printed.cells.astype(float), body(o), figures)  # fmt: skip
-    return figures
+                done.printed.cells.astype(float), body(o), metrics)  # fmt: skip
+    return metrics
 
 
 def sentence(summary: dict[str, Any]) -> str:
     """The result in words."""
     load = summary["load"]
-    held = f"{1e3 * load['mass_kg']:.0f} g "
-    held += f"sag by {load['sag_mm']:.1f} mm" if "sag_mm" in load else "are not held"
-    return f"{last_line(summary)}; {held}"
+    fixed = f"{1e3 * load['mass_kg']:.0f} g "
+    fixed += f"sag by {load['sag_mm']:.1f} mm" if "sag_mm" in load else "are not held"
+    return f"{last_line(summary)}; {fixed}"
 
 
 if __name__ == "__main__":

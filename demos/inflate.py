@@ -19,11 +19,11 @@ from mpi4py import MPI
 
 from toros_fem.actuators.case import merged, settings_of
 from toros_fem.actuators.tube import TUBE, plain_tube
-from toros_fem.analysis.pressure_path import follow
+from toros_fem.analysis.pressure_path import trace_pressure_path
 from toros_fem.command_line import command_line
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import sew
-from toros_fem.objectives.metrics import Figure, shortening, swelling
+from toros_fem.objectives.metrics import Metric, shortening, swelling
 from toros_fem.output.reporter import write_path
 
 DEFAULTS: dict[str, Any] = {
@@ -34,8 +34,8 @@ DEFAULTS: dict[str, Any] = {
 }
 COARSE = {"edge_length": 2.85e-3, "levels": 20}
 FIGURES = (
-    Figure("radius", "percent", 100.0, lambda of, x: 100 * swelling(of, x)),
-    Figure("length", "percent", 100.0, lambda of, x: 100 * (1 - shortening(of, x))),
+    Metric("radius", "percent", 100.0, lambda of, x: 100 * swelling(of, x)),
+    Metric("length", "percent", 100.0, lambda of, x: 100 * (1 - shortening(of, x))),
 )
 
 
@@ -46,7 +46,7 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
         comm: Communicator.
         output: Folder for summary, curve, fields and pictures.
         verbose: Whether to print every step of the equilibrium solver.
-        inputs: What differs from `DEFAULTS` and `toros_fem.scene.Settings`.
+        inputs: What differs from `DEFAULTS` and `toros_fem.scene.ActuatorConfig`.
     """
     begin = time.perf_counter()
     o = merged(DEFAULTS, inputs)
@@ -54,14 +54,16 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
     skin = sew(comm, pattern)
     solver = EquilibriumSolver(skin, settings_of(o).composite, supports)
     levels = np.linspace(0.0, o["highest"], o["levels"] + 1)
-    points = list(follow(solver, density[skin.owned_cells], [*map(float, levels)], FIGURES))
-    radius = np.array([point.figures["radius_percent"] for point in points])
+    points = list(
+        trace_pressure_path(solver, density[skin.owned_cells], [*map(float, levels)], FIGURES)
+    )
+    radius = np.array([point.metrics["radius_percent"] for point in points])
     half = int(np.argmin(np.abs(levels - o["pressure"])))
     summary = {
         "radius_percent": radius[-1],
-        "length_percent": points[-1].figures["length_percent"],
+        "length_percent": points[-1].metrics["length_percent"],
         "radius_percent_at_pressure": radius[half],
-        "length_percent_at_pressure": points[half].figures["length_percent"],
+        "length_percent_at_pressure": points[half].metrics["length_percent"],
         "growth_above_over_below": (radius[-1] - radius[half]) / (radius[half] - radius[0]),
         "steepest_kpa": 1e-3 * float(levels[1:][np.argmax(np.diff(radius))]),
         "stretch_use": points[-1].result.stretch_use,

@@ -93,7 +93,7 @@ def run(
     ]
     area = float(np.prod(design.size))
     summary = {
-        "directions": {one.sheet.name: one.figures() for one in pulled},
+        "directions": {one.sheet.name: one.metrics() for one in pulled},
         "tile_m": design.size,
         "printed_share": float(fine.pattern.areas[design.printed].sum()) / area,
         "printed_share_simulated": float(mesh.pattern.areas[simulated.printed].sum()) / area,

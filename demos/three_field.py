@@ -19,7 +19,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.actuators.case import design, merged
-from toros_fem.actuators.tube import COARSE_TUBE, TUBE, bend_figure, tube_scene
+from toros_fem.actuators.tube import COARSE_TUBE, TUBE, bend_metric, tube_scene
 from toros_fem.command_line import command_line
 from toros_fem.meshes import bend
 from toros_fem.output.reporter import write_comparison
@@ -57,7 +57,7 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
         comm: Communicator.
         output: Folder for table and picture strip, and a folder for each variant.
         verbose: Whether to print every step of the equilibrium solver.
-        inputs: What differs from `DEFAULTS` and `toros_fem.scene.Settings`.
+        inputs: What differs from `DEFAULTS` and `toros_fem.scene.ActuatorConfig`.
     """
     whole = merged(DEFAULTS, inputs)
     rows: list[dict[str, Any]] = []
@@ -68,7 +68,7 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
             print(f"\n{name}", flush=True)
         o = {**whole, **changes}
         target = bend(np.radians(o["angle"]), o["length"], neutral=o["neutral"])
-        scene = tube_scene(comm, o, target, [bend_figure(o["angle"])])
+        scene = tube_scene(comm, o, target, [bend_metric(o["angle"])])
         folder = output / name.replace(" ", "_")
         done = design(comm, folder, scene, o, begin=begin, verbose=verbose)
         rows.append(row(name, done.summary))

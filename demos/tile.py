@@ -28,7 +28,7 @@ from toros_fem.design.config import known_inputs
 from toros_fem.meshes import tile
 from toros_fem.output.reporter import print_step
 from toros_fem.tiles.as_printed import measure_print
-from toros_fem.tiles.case import TileScene, TileSettings
+from toros_fem.tiles.case import TileCase, TileConfig
 from toros_fem.tiles.objectives import Contrast, ProfileTarget
 from toros_fem.tiles.printed_tile import PrintedTile
 from toros_fem.tiles.report import TileReporter, write_tile_design
@@ -73,7 +73,7 @@ def linear_profile(angles: np.ndarray, along: float, diagonal: float, across: fl
     return np.asarray(1 / (c**2 / along + s**2 / across + mixed * c * s))
 
 
-def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> TileScene:
+def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> TileCase:
     """The tile, on three meshes, and what it is to do."""
     o = inputs
     require_choice("target", o["target"], tuple(TARGETS))
@@ -101,7 +101,7 @@ def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> TileScene:
     coarse, own, fine = (
         tile(comm, o["size"], k * o["edge_length"], o["mesh"], symmetry) for k in (2, 1, 0.5)
     )
-    return TileScene(own, angles, objective, symmetry, coarse, fine)
+    return TileCase(own, angles, objective, symmetry, coarse, fine)
 
 
 def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -> dict[str, Any]:
@@ -111,11 +111,11 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
         comm: Communicator; its ranks share the directions.
         output: Folder for summary, history, profile, pattern, `tile.npz`, fields and pictures.
         verbose: Whether to print every step of the equilibrium solver.
-        inputs: What differs from `DEFAULTS` and `toros_fem.tile_scene.TileSettings`.
+        inputs: What differs from `DEFAULTS` and `toros_fem.tile_scene.TileConfig`.
     """
     begin = time.perf_counter()
-    o = known_inputs(TileSettings(), DEFAULTS, inputs)
-    settings = TileSettings(**{k: o[k] for k in TileSettings.__dataclass_fields__})
+    o = known_inputs(TileConfig(), DEFAULTS, inputs)
+    settings = TileConfig(**{k: o[k] for k in TileConfig.__dataclass_fields__})
     wanted = scene(comm, o)
     target = wanted.objective if isinstance(wanted.objective, ProfileTarget) else None
     reporter = TileReporter(comm, output, target)
@@ -160,6 +160,6 @@ if __name__ == "__main__":
             COARSE,
             Path("output/tile"),
             sentence,
-            TileSettings(),
+            TileConfig(),
         )
     )

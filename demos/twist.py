@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.actuators.case import Scene
-from toros_fem.actuators.tube import COARSE_TUBE, SECTIONS, TUBE, section_scene, twist_figure
+from toros_fem.actuators.case import ActuatorCase
+from toros_fem.actuators.tube import COARSE_TUBE, SECTIONS, TUBE, section_scene, twist_metric
 from toros_fem.command_line import command_line, run_of
 from toros_fem.meshes import twist
 
@@ -34,10 +34,10 @@ DEFAULTS: dict[str, Any] = {
 COARSE = {**COARSE_TUBE, "helix_width": 4e-3}
 
 
-def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:
+def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> ActuatorCase:
     """The tube, what is held of it, and what it is to become."""
     target = twist(np.radians(inputs["twist"]), inputs["length"])
-    return section_scene(comm, inputs, target, [twist_figure(inputs["twist"])])
+    return section_scene(comm, inputs, target, [twist_metric(inputs["twist"])])
 
 
 run = run_of(scene, DEFAULTS)

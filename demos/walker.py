@@ -21,10 +21,10 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem._validate import require_choice
-from toros_fem.actuators.case import Outcome, Scene, design, merged, settings_of
+from toros_fem.actuators.case import ActuatorCase, ActuatorResult, design, merged, settings_of
 from toros_fem.actuators.gait import Gait, write_gait
-from toros_fem.actuators.limb import limb_figure, limb_sections, rest_on_body
-from toros_fem.analysis.pressure_path import PathPoint, follow
+from toros_fem.actuators.limb import limb_cross_sections, rest_on_body, tip_angle_metric
+from toros_fem.analysis.pressure_path import PressurePathPoint, trace_pressure_path
 from toros_fem.command_line import command_line, last_line
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.mechanics.chambers import Chambers
@@ -76,7 +76,7 @@ def star(inputs: dict[str, Any]) -> Star:
     return Star(4, o["leg_length"], o["leg_width"], o["body_radius"], o["fillet"], np.pi / 4)
 
 
-def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:
+def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> ActuatorCase:
     """A quarter of the robot, what is held of it, and what it is to become."""
     o, body = inputs, star(inputs)
     require_choice("motion", o["motion"], tuple(ANGLE))
@@ -86,12 +86,14 @@ def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> Scene:
     target = stand(np.radians(angle), o["curved"], directions=body.directions[:1], root=body.root)
     if o["motion"] == "crawl":
         target = compose(target, lambda points: points + [o["reach"], 0, 0])
-    return Scene(
+    return ActuatorCase(
         pattern=pattern,
         target=target(pattern.points),
         supports=rest_on_body(pattern, body.body_radius, (0, 1)),
-        figures=(limb_figure(angle, along, (0, 0, -1), body.root),),
-        sections=limb_sections(pattern, along, body.root, o["sections"], o["place"], o["lever"]),
+        metrics=(tip_angle_metric(angle, along, (0, 0, -1), body.root),),
+        sections=limb_cross_sections(
+            pattern, along, body.root, o["sections"], o["place"], o["lever"]
+        ),
         # Which side is to stretch is told; otherwise the start knows neither up nor down.
         start=np.where(pattern.panel == pattern.panel_index("top"), 0.35, 0.65),
         symmetry=(0, 1),
@@ -105,7 +107,9 @@ def chambers(pattern: Pattern, body: Star) -> Chambers:
     return Chambers(CHAMBERS, np.where(leg, np.where(place[:, 0] > 0, 1, 2), 0))
 
 
-def walk(comm: MPI.Comm, output: Path, inputs: dict[str, Any], done: Outcome) -> dict[str, Any]:
+def walk(
+    comm: MPI.Comm, output: Path, inputs: dict[str, Any], done: ActuatorResult
+) -> dict[str, Any]:
     """The whole robot, as it is printed, through one cycle of the gait."""
     o, body, printed = inputs, star(inputs), done.printed
     pattern = printed.pattern
@@ -116,7 +120,7 @@ def walk(comm: MPI.Comm, output: Path, inputs: dict[str, Any], done: Outcome) ->
     start = whole.at_vertices(quarter.gather_vertices(shown.equilibrium.positions))
     # Held where they are in the design's shape, which is no more than to hold rigid motions.
     rest = rest_on_body(pattern, body.body_radius)
-    rest = replace(rest, displacement=np.where(rest.held, start - pattern.points, 0.0))
+    rest = replace(rest, displacement=np.where(rest.fixed, start - pattern.points, 0.0))
     solver = EquilibriumSolver(
         skin, settings_of(o).composite, rest, chambers=chambers(pattern, body)
     )
@@ -124,25 +128,29 @@ def walk(comm: MPI.Comm, output: Path, inputs: dict[str, Any], done: Outcome) ->
     gait = Gait(CHAMBERS, np.where(PHASES, 1.0, o["low"]), o["gait_steps"], feet)
     density = printed.cells.astype(np.float64)
     legs = [
-        limb_figure(ANGLE[o["motion"]], np.append(d, 0), (0, 0, -1), body.root, name=f"leg_{k}")
+        tip_angle_metric(
+            ANGLE[o["motion"]], np.append(d, 0), (0, 0, -1), body.root, name=f"leg_{k}"
+        )
         for k, d in enumerate(body.directions)
     ]
     pressure = shown.equilibrium.pressure
     # All chambers full is how the design is known: from there to where the cycle begins.
     shares = [np.ones(len(CHAMBERS)), *gait.shares]
     levels = [(pressure * share).tolist() for share in shares]
-    figures = {"chambers": CHAMBERS, "pressure_pa": pressure, "triangles": len(density)}
-    points: list[PathPoint] = []
+    metrics = {"chambers": CHAMBERS, "pressure_pa": pressure, "triangles": len(density)}
+    points: list[PressurePathPoint] = []
     try:
-        path = follow(solver, density[skin.owned_cells], levels, legs, start[skin.owned_vertices])
+        path = trace_pressure_path(
+            solver, density[skin.owned_cells], levels, legs, start[skin.owned_vertices]
+        )
         points.extend(path)
     except EquilibriumError as caught:  # raised by all ranks or by none
-        figures["failure"] = str(caught)
+        metrics["failure"] = str(caught)
     points = points[1:]
     if not points:
-        return figures
+        return metrics
     return write_gait(
-        comm, output, gait, pattern, points, body.directions, body.root, density, figures
+        comm, output, gait, pattern, points, body.directions, body.root, density, metrics
     )
 
 
@@ -153,7 +161,7 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
         comm: Communicator.
         output: Folder for summary, history, pattern, fields, pictures and the gait's table.
         verbose: Whether to print every step of the equilibrium solver.
-        inputs: What differs from `DEFAULTS` and `toros_fem.scene.Settings`.
+        inputs: What differs from `DEFAULTS` and `toros_fem.scene.ActuatorConfig`.
     """
     begin = time.perf_counter()
     o = merged(DEFAULTS, inputs)

@@ -25,7 +25,7 @@ from toros_fem.forms.weight import weight_potential
 
 
 @dataclass(frozen=True)
-class Section:
+class SheetStiffness:
     """Section stiffness of one material, as UFL constants.
 
     Attributes:
@@ -82,8 +82,8 @@ def skin_forms(
     adjoint: Any,
     entries: Any,
     density: Any,
-    fabric: Section,
-    reinforcement: Section,
+    fabric: SheetStiffness,
+    reinforcement: SheetStiffness,
     bounds: tuple[Any, Any],
     pressure: Any | None,
     chosen: Any | None,

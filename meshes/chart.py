@@ -143,10 +143,10 @@ def _check_injective(flat: Floats, triangles: Ints) -> None:
             "their longest edge."
         )
     edges = edges_of(triangles)
-    follow = dict(half_edges(triangles)[edges.twins[edges.border, 0]].tolist())
-    start = here = next(iter(follow))
+    trace_pressure_path = dict(half_edges(triangles)[edges.twins[edges.border, 0]].tolist())
+    start = here = next(iter(trace_pressure_path))
     loop = [start]
-    while (here := follow[here]) != start:
+    while (here := trace_pressure_path[here]) != start:
         loop.append(here)
     if not shapely.is_simple(shapely.linearrings(flat[loop])):
         raise ChartError("its border overlaps itself.")

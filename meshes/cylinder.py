@@ -51,8 +51,8 @@ def cylinder(
     around = round(np.pi * diameter / edge_length)
     rows = max(2, round(length / edge_length))
     radius = diameter / 2
-    chord = 2 * radius * np.sin(np.pi / around)
-    width = around * chord
+    modified = 2 * radius * np.sin(np.pi / around)
+    width = around * modified
 
     def build() -> Pattern:
         if mesh == "structured":
@@ -69,7 +69,7 @@ def cylinder(
         panels = [_wall_panel(*wall, radius, width)]
         if cap is not None:
             panels += [_cap_panel(BASE, *cap, 0.0), _cap_panel(TIP, *cap, length)]
-        return Pattern.from_panels(panels, tolerance=1e-3 * min(chord, length / rows))
+        return Pattern.from_panels(panels, tolerance=1e-3 * min(modified, length / rows))
 
     return on_first_rank(comm, build)
 

@@ -91,7 +91,7 @@ class Tile:
         away, found = tree.query(_home(places, size))
         return np.asarray(found, dtype=np.int64), np.asarray(away)
 
-    def images(self, symmetry: str) -> Ints:
+    def symmetry_maps(self, symmetry: str) -> Ints:
         """The triangle to which each goes by each operation of a symmetry, shape (g, t).
 
         Args:
@@ -103,7 +103,7 @@ class Tile:
         """
         size = np.diagonal(self.lattice)
         check_symmetry(symmetry, size)
-        images = []
+        symmetry_maps = []
         for operation in SYMMETRIES[symmetry]:
             found, away = self.nearest(self.pattern.centroids @ operation.T)
             away = away / size.min()
@@ -114,8 +114,8 @@ class Tile:
                     f"misses the nearest one by {away[worst]:.2g} of the tile; {SAME:g} is "
                     f"allowed. Make the tile with symmetry={symmetry!r}, and not of 'right' mesh."
                 )
-            images.append(found)
-        return np.array(images, dtype=np.int64)
+            symmetry_maps.append(found)
+        return np.array(symmetry_maps, dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)

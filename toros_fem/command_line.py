@@ -1,121 +1,127 @@
-"""What every demo does besides its scene: run it, say how it ended, read the command line."""
+"""The command line of scripts: every field of a configuration is an option of its own."""
 
 from __future__ import annotations
 
 import argparse
+import difflib
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn, TypeVar
 
 from mpi4py import MPI
 
-from toros_fem.actuators.case import Scene, Settings, design, merged
-from toros_fem.design.config import DesignSettings, known_inputs
+from toros_fem.config import Config
 from toros_fem.errors import TorosError
-from toros_fem.objectives.metrics import UNITS
 
-Run = Callable[..., dict[str, Any]]
-
-
-def run_of(build: Callable[[MPI.Comm, dict[str, Any]], Scene], defaults: dict[str, Any]) -> Run:
-    """The function run(comm, output, verbose=False, **inputs) of a demo.
-
-    It designs the scene, writes what comes of it to the folder `output` and returns the summary.
-    `inputs` are what differs from the defaults and from `toros_fem.scene.Settings`.
-
-    Args:
-        build: Makes the scene from all inputs.
-        defaults: Numbers of the demo, and what differs from `Settings`.
-    """
-
-    def run(
-        comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any
-    ) -> dict[str, Any]:
-        begin = time.perf_counter()
-        whole = merged(defaults, inputs)
-        return design(comm, output, build(comm, whole), whole, begin=begin, verbose=verbose).summary
-
-    return run
+C = TypeVar("C", bound=Config)
 
 
-def last_line(summary: dict[str, Any]) -> str:
-    """The result of a design in a sentence."""
-    reached = []
-    for key in (key for key in summary if "_target_" in key):
-        name, unit = key.split("_target_")
-        word, _ = UNITS.get(unit, (unit, ""))
-        value, error = (summary.get(f"{name}_{kind}{unit}") for kind in ("", "error_"))
-        printed = "no equilibrium" if value is None else f"{value:.1f}"
-        if error is not None:
-            printed += f" ± {error:.1f}"
-        designed = summary["design"][f"{name}_{unit}"]
-        reached.append(
-            f"{name} {printed} of {summary[key]:g} {word} as printed ({designed:.1f} as designed)"
-        )
-    drop = summary["objective_first"] / summary["objective_last"]
-    return (
-        f"{', '.join(reached)} at {summary['pressure_pa'] / 1e3:.2f} kPa, "
-        f"objective down {drop:.0f} times, "
-        f"{summary['manufacture']['islands']} islands, {summary['seconds']['total']:.0f} s"
-    )
+class _Parser(argparse.ArgumentParser):
+    """A parser that answers an unknown option by the nearest known one."""
+
+    def error(self, message: str) -> NoReturn:
+        unknown = message.partition("unrecognized arguments: ")[2].split()
+        known = [flag for action in self._actions for flag in action.option_strings]
+        near = difflib.get_close_matches(unknown[0], known, n=1) if unknown else []
+        super().error(f"{message}; did you mean {near[0]}?" if near else message)
 
 
-def command_line(
+def run_from_command_line(
     comm: MPI.Comm,
     about: str,
-    run: Run,
-    defaults: dict[str, Any],
-    coarse: dict[str, Any],
+    config: C,
+    run: Callable[..., dict[str, Any]],
     output: Path,
-    sentence: Callable[[dict[str, Any]], str] = last_line,
-    settings: DesignSettings | None = None,
+    *,
+    coarse: Callable[[C], C] | None = None,
+    sentence: Callable[[dict[str, Any]], str],
+    files: dict[str, str] | None = None,
 ) -> int:
-    """Run a demo with what the command line says; the exit code is returned.
-
-    Every number is an option of its own, `--edge-length` for `edge_length`.
+    """Run a script with the values that the command line gives; return the exit code.
 
     Args:
         comm: Communicator.
         about: Help text.
-        run: `run(comm, output, verbose=…, **inputs)`, which returns the summary.
-        defaults: Numbers of the demo; those of the settings are added.
-        coarse: What `--coarse` puts in their place.
+        config: The configuration with its defaults.
+        run: `run(comm, output, config, verbose=…)`, and what `files` names; returns the summary.
         output: Default folder.
-        sentence: What is said at the end, from the summary.
-        settings: Other numbers that may be given; None for those of `toros_fem.scene`.
+        coarse: Makes the quick variant that `--coarse` asks for; None for none. Values given
+            beside it come on top.
+        sentence: Returns the result in a sentence, from the summary.
+        files: Further options that name a file or folder, with their help; by default None.
     """
-    parser = argparse.ArgumentParser(
-        description=about, formatter_class=argparse.RawDescriptionHelpFormatter
+    parser = _Parser(
+        description=about,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
     )
-    parser.add_argument("--coarse", action="store_true", help="a small mesh, in about a minute")
-    parser.add_argument("--verbose", action="store_true", help="show every Newton step")
-    parser.add_argument("--output", type=Path, default=output, help=f"folder, default {output}")
-    options = parsed(parser, known_inputs(settings or Settings(), defaults, {}))
-    folder, small, verbose = (options.pop(name) for name in ("output", "coarse", "verbose"))
-    inputs = {**coarse, **options} if small else options
-    return run_guarded(
-        comm, lambda: f"{sentence(run(comm, folder, verbose=verbose, **inputs))}; see {folder}/"
-    )
+    if coarse is not None:
+        parser.add_argument("--coarse", action="store_true", help="a small mesh and few steps")
+    parser.add_argument("--verbose", action="store_true", help="print every Newton step")
+    parser.add_argument("--output", type=Path, default=output, help=f"folder; default {output}")
+    for name, text in (files or {}).items():
+        parser.add_argument(f"--{name}", type=Path, default=None, help=text, metavar="PATH")
+    add_options(parser, config)
+    given = vars(parser.parse_args())
+    folder, verbose = given.pop("output"), given.pop("verbose")
+    small = given.pop("coarse", False)
+    paths = {name: given.pop(name) for name in files or {}}
+    values = {name: value for name, value in given.items() if value is not _UNSET}
+
+    def action() -> str:
+        start = coarse(config) if small and coarse is not None else config
+        summary = run(comm, folder, start.updated(**values), verbose=verbose, **paths)
+        return f"{sentence(summary)}; see {folder}/"
+
+    return run_guarded(comm, action)
 
 
-def parsed(parser: argparse.ArgumentParser, defaults: dict[str, Any]) -> dict[str, Any]:
-    """What the command line gives, each of the defaults an option of its own."""
-    for name, value in defaults.items():
+_UNSET = object()
+
+
+def add_options(parser: argparse.ArgumentParser, config: Config) -> None:
+    """Add an option for each field: its meaning, unit, default and bounds are its help."""
+    for name, (kind, optional) in config.kinds().items():
+        spec, default = config.quantity(name), getattr(config, name)
+        unit = f" in {spec.unit}" if spec.unit else ""
+        bounds = f"; {spec.bounds}" if spec.bounds else ""
+        shown = f"{default:g}" if isinstance(default, float) else str(default).lower()
+        if kind is str:
+            shown = str(default)
+        text = f"{spec.meaning}{unit}{bounds}{' or none' if optional else ''}; default {shown}"
         flag = "--" + name.replace("_", "-")
-        parser.add_argument(flag, type=type(value), help=f"default {value}", metavar="X")
-    return {name: value for name, value in vars(parser.parse_args()).items() if value is not None}
+        text = text.replace("%", "%%")
+        if kind is bool:
+            parser.add_argument(
+                flag, action=argparse.BooleanOptionalAction, default=_UNSET, help=text
+            )
+            continue
+        parser.add_argument(
+            flag,
+            type=_reader(kind, optional=optional),
+            default=_UNSET,
+            help=text,
+            metavar={float: "X", int: "N", str: "NAME"}[kind],
+        )
+
+
+def _reader(kind: type, *, optional: bool) -> Callable[[str], Any]:
+    def read(text: str) -> Any:
+        return None if optional and text.lower() == "none" else kind(text)
+
+    read.__name__ = {float: "number", int: "whole number", str: "word"}[kind]  # argparse shows it
+    return read
 
 
 def run_guarded(comm: MPI.Comm, action: Callable[[], str]) -> int:
-    """Print what an action returns, or its error in one line; the exit code is returned."""
+    """Print the text that an action returns, or its error in one line; return the exit code."""
     try:
-        said = action()
+        text = action()
     except TorosError as error:
         if comm.rank == 0:
             print(f"{type(error).__name__}: {error}", file=sys.stderr)
         return 2
     if comm.rank == 0:
-        print(said)
+        print(text)
     return 0

@@ -15,15 +15,15 @@ from toros_fem.analysis.error_estimate import estimate_error
 from toros_fem.density.field import check_density, random_density
 from toros_fem.density.filters import make_filter
 from toros_fem.density.projection import Projection
-from toros_fem.design.config import DesignSettings, known_inputs
-from toros_fem.design.loop import DesignResult, optimise
+from toros_fem.design.config import DesignConfig, known_inputs
+from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Stage
 from toros_fem.design.problem import Evaluation
-from toros_fem.design.shape_problem import DesignProblem
+from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.fabrication.as_printed import (
     PrintedDesign,
-    print_design,
+    as_printed,
     with_bridges,
     without_islands,
 )
@@ -37,14 +37,14 @@ from toros_fem.meshes.skin import Skin, sew
 from toros_fem.mma.optimizer import MMAOptions
 from toros_fem.objectives.alignment import AlignedObjective
 from toros_fem.objectives.gap import Body, GapObjective
-from toros_fem.objectives.metrics import Figure
-from toros_fem.objectives.sections import SectionObjective, Sections
+from toros_fem.objectives.metrics import Metric
+from toros_fem.objectives.sections import CrossSectionObjective, CrossSections
 from toros_fem.objectives.shape import Objective, ShapeObjective, SumObjective
 from toros_fem.output.reporter import Reporter, print_step
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class ActuatorCase:
     """What is to be designed.
 
     Attributes:
@@ -69,11 +69,11 @@ class Scene:
     pattern: Pattern
     target: Floats
     supports: Supports
-    figures: tuple[Figure, ...]
+    metrics: tuple[Metric, ...]
     passive: Floats | None = None
     weights: Floats | None = None
     relative: Floats | None = None
-    sections: Sections | None = None
+    sections: CrossSections | None = None
     start: Floats | None = None
     symmetry: tuple[int, ...] = ()
     chambers: Chambers | None = None
@@ -84,7 +84,7 @@ class Scene:
         """What is minimised on the sewn skin."""
         parts: list[Objective] = []
         if self.sections is not None:
-            parts.append(SectionObjective(skin, self.target, self.sections))
+            parts.append(CrossSectionObjective(skin, self.target, self.sections))
         if self.grasp is not None:
             parts.append(GapObjective(skin, *self.grasp))
         if not parts or self.weights is not None or self.relative is not None:
@@ -94,7 +94,7 @@ class Scene:
 
 
 @dataclass(frozen=True)
-class Settings(DesignSettings):
+class ActuatorConfig(DesignConfig):
     """The numbers that every design under pressure needs; SI units.
 
     Attributes:
@@ -153,7 +153,7 @@ class Settings(DesignSettings):
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
+class ActuatorResult:
     """What designing a scene came to.
 
     Attributes:
@@ -166,7 +166,7 @@ class Outcome:
     summary: dict[str, Any]
     result: DesignResult
     printed: PrintedDesign
-    problem: DesignProblem
+    problem: ShapeProblem
 
 
 def merged(defaults: dict[str, Any], inputs: dict[str, Any]) -> dict[str, Any]:
@@ -175,17 +175,19 @@ def merged(defaults: dict[str, Any], inputs: dict[str, Any]) -> dict[str, Any]:
     Raises:
         ParameterError: An input is none of them.
     """
-    return known_inputs(Settings(), defaults, inputs)
+    return known_inputs(ActuatorConfig(), defaults, inputs)
 
 
-def settings_of(inputs: dict[str, Any]) -> Settings:
+def settings_of(inputs: dict[str, Any]) -> ActuatorConfig:
     """Those of some inputs that are settings."""
-    return Settings(**{k: v for k, v in inputs.items() if k in Settings.__dataclass_fields__})
+    return ActuatorConfig(
+        **{k: v for k, v in inputs.items() if k in ActuatorConfig.__dataclass_fields__}
+    )
 
 
 def make_problem(
-    comm: MPI.Comm, scene: Scene, settings: Settings, *, verbose: bool = False
-) -> DesignProblem:
+    comm: MPI.Comm, scene: ActuatorCase, settings: ActuatorConfig, *, verbose: bool = False
+) -> ShapeProblem:
     """The design problem of a scene (collective).
 
     Raises:
@@ -195,7 +197,7 @@ def make_problem(
     skin = sew(comm, scene.pattern)
     passive = None if scene.passive is None else scene.passive[skin.owned_cells]
     whole = mirrored(scene.pattern, scene.symmetry) if scene.symmetry else None
-    problem = DesignProblem(
+    problem = ShapeProblem(
         solver=EquilibriumSolver(
             skin,
             s.composite,
@@ -216,7 +218,7 @@ def make_problem(
     return problem
 
 
-def first_density(skin: Skin, scene: Scene, seed: int) -> Floats:
+def first_density(skin: Skin, scene: ActuatorCase, seed: int) -> Floats:
     """Densities to start from, at owned triangles.
 
     Raises:
@@ -232,19 +234,19 @@ def first_density(skin: Skin, scene: Scene, seed: int) -> Floats:
 def design(
     comm: MPI.Comm,
     output: Path,
-    scene: Scene,
+    scene: ActuatorCase,
     inputs: dict[str, Any],
     *,
     begin: float,
     verbose: bool = False,
-) -> Outcome:
+) -> ActuatorResult:
     """Design a scene and write what comes of it (collective).
 
     Args:
         comm: Communicator.
         output: Folder for summary, history, pattern, fields and pictures.
         scene: What is to be designed.
-        inputs: All numbers that went in, those of `Settings` among them.
+        inputs: All numbers that went in, those of `ActuatorConfig` among them.
         begin: `time.perf_counter()` at the start of the whole run.
         verbose: Whether to print every step of the equilibrium solver.
     """
@@ -252,52 +254,52 @@ def design(
     problem = make_problem(comm, scene, settings, verbose=verbose)
     skin = problem.solver.skin
     options = DesignOptions(settings.stages, mma=MMAOptions(move=settings.move))
-    reporter = Reporter(skin, output, options.iterations, scene.figures, begin)
-    result = optimise(problem, first_density(skin, scene, settings.seed), options, reporter)
+    reporter = Reporter(skin, output, options.iterations, scene.metrics, begin)
+    result = optimize(problem, first_density(skin, scene, settings.seed), options, reporter)
     limits = PrintLimits(width=settings.print_width, gap=settings.print_width)
-    printed = print_design(problem, result, limits, settings.island_area)
+    printed = as_printed(problem, result, limits, settings.island_area)
     if settings.polish and printed.before.free_islands:
         stage = replace(options.stages[-1], iterations=settings.polish)
         start = _without_islands(problem, result, printed)
         polishing = replace(options, stages=(stage,))
-        result = optimise(problem, start, polishing, reporter, after=result)
-        printed = print_design(problem, result, limits, settings.island_area)
-    figures: dict[str, Any] = {"seed": settings.seed}
+        result = optimize(problem, start, polishing, reporter, after=result)
+        printed = as_printed(problem, result, limits, settings.island_area)
+    metrics: dict[str, Any] = {"seed": settings.seed}
     made = printed.evaluation
     if settings.refine and made is not None:
-        figures.update(_refined_figures(problem, made, scene))
-    summary = reporter.finish(problem, result, printed, scene.target, inputs, figures)
-    return Outcome(summary, result, printed, problem)
+        metrics.update(_refined_figures(problem, made, scene))
+    summary = reporter.finish(problem, result, printed, scene.target, inputs, metrics)
+    return ActuatorResult(summary, result, printed, problem)
 
 
-def _without_islands(
-    problem: DesignProblem, result: DesignResult, printed: PrintedDesign
-) -> Floats:
+def _without_islands(problem: ShapeProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
     """Free islands taken out or joined to the rest, whichever does less harm (collective)."""
     starts = [make(problem, result, printed) for make in (without_islands, with_bridges)]
     harm = []
     for density in starts:
         try:
             near = result.final.equilibrium
-            found = problem.simulate(density, near.state, near.pressures, patient=False)
+            found = problem.simulate(density, near.state, near.pressures, allow_continuation=False)
             harm.append(found.objective)
         except EquilibriumError:  # raised by all ranks or by none
             harm.append(np.inf)
     return starts[int(np.argmin(harm))]
 
 
-def _refined_figures(problem: DesignProblem, made: Evaluation, scene: Scene) -> dict[str, Any]:
+def _refined_figures(
+    problem: ShapeProblem, made: Evaluation, scene: ActuatorCase
+) -> dict[str, Any]:
     """The figures on a refined mesh and the errors that this tells of; None if there are none."""
     try:
         found = estimate_error(
-            problem.solver, made.projected, made.equilibrium, [f.measure for f in scene.figures]
+            problem.solver, made.projected, made.equilibrium, [f.measure for f in scene.metrics]
         )
     except EquilibriumError as caught:  # raised by all ranks or by none
-        none = {f"{f.name}_{kind}_{f.unit}": None for f in scene.figures
+        none = {f"{f.name}_{kind}_{f.unit}": None for f in scene.metrics
                 for kind in ("refined", "error")}  # fmt: skip
         return {**none, "refined": str(caught)}
-    figures = {}
-    for figure, estimate in zip(scene.figures, found, strict=True):
-        figures[f"{figure.name}_refined_{figure.unit}"] = estimate.refined
-        figures[f"{figure.name}_error_{figure.unit}"] = estimate.error
-    return figures
+    metrics = {}
+    for figure, estimate in zip(scene.metrics, found, strict=True):
+        metrics[f"{figure.name}_refined_{figure.unit}"] = estimate.refined
+        metrics[f"{figure.name}_error_{figure.unit}"] = estimate.error
+    return metrics

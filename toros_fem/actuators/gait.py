@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from toros_fem._types import Floats
 from toros_fem.actuators.limb import tips
-from toros_fem.analysis.pressure_path import PathPoint
+from toros_fem.analysis.pressure_path import PressurePathPoint
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.rotation import best_rotation
@@ -69,7 +69,11 @@ class Gait:
 
 
 def placed(
-    gait: Gait, pattern: Pattern, points: Sequence[PathPoint], directions: Floats, root: float
+    gait: Gait,
+    pattern: Pattern,
+    points: Sequence[PressurePathPoint],
+    directions: Floats,
+    root: float,
 ) -> tuple[list[Floats], Floats]:
     """The robot on its way: upright, on the feet that grip, these staying where they are.
 
@@ -112,11 +116,11 @@ def write_gait(
     folder: Path,
     gait: Gait,
     pattern: Pattern,
-    points: Sequence[PathPoint],
+    points: Sequence[PressurePathPoint],
     directions: Floats,
     root: float,
     density: Floats,
-    figures: Mapping[str, Any],
+    metrics: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Write table, pictures and figures of a cycle (collective); the figures are returned.
 
@@ -138,7 +142,7 @@ def write_gait(
     shapes, feet = placed(gait, pattern, points, directions, root)
     whole = len(points) == len(gait.shares)
     found = {
-        **figures,
+        **metrics,
         "stride_mm": 1e3 * float((feet[-1] - feet[0])[:, 0].mean()) if whole else None,
         "foot_lift_mm": 1e3 * float(feet[:, :, 2].max()),
         "newton_steps": sum(point.result.steps for point in points),
@@ -151,7 +155,7 @@ def write_gait(
             row = {f"{n}_pa": p for n, p in zip(gait.names, point.result.pressures, strict=True)}
             for k, foot in enumerate(place):
                 row |= {f"foot_{k}_{axis}_m": v for axis, v in zip("xyz", foot, strict=True)}
-            rows.append({**row, **point.figures})
+            rows.append({**row, **point.metrics})
         write_table(folder / "gait.csv", rows)
         write_json(folder / "gait.json", found)
         ends = range(0, len(points), gait.steps)

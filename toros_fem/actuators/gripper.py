@@ -23,7 +23,7 @@ def write_grasp(
     positions: Floats,
     density: Floats,
     body: Body,
-    figures: dict[str, Any],
+    metrics: dict[str, Any],
 ) -> None:
     """Write load.json and a picture of three equal fingers around the object (collective).
 
@@ -43,7 +43,7 @@ def write_grasp(
     """
 
     def write() -> None:
-        write_json(folder / "load.json", figures)
+        write_json(folder / "load.json", metrics)
         around = 2 * np.pi * np.arange(FINGERS) / FINGERS
         fingers = [_turned(positions, body, angle) for angle in around]
         ball, faces = _surface(body)

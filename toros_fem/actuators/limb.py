@@ -11,9 +11,9 @@ from toros_fem._types import Floats, Ints
 from toros_fem.errors import ParameterError
 from toros_fem.mechanics.supports import Supports, symmetry_plane
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.objectives.cross_sections import groups, slabs
-from toros_fem.objectives.metrics import Figure, turn_angle
-from toros_fem.objectives.sections import Sections
+from toros_fem.objectives.cross_sections import cross_sections, section_vertices
+from toros_fem.objectives.metrics import Metric, turn_angle
+from toros_fem.objectives.sections import CrossSections
 
 # The angle of a limb is that of so much of its length, at the tip.
 OUTER = 1 / 3
@@ -33,14 +33,14 @@ def limb_vertices(pattern: Pattern, along: npt.ArrayLike, root: float) -> Ints:
     return found
 
 
-def limb_sections(
+def limb_cross_sections(
     pattern: Pattern,
     along: npt.ArrayLike,
     root: float,
     count: int,
     place: float,
-    lever: float,
-) -> Sections:
+    orientation_length: float,
+) -> CrossSections:
     """Sections of a limb whose orientation counts, and less its centre line.
 
     Args:
@@ -53,14 +53,14 @@ def limb_sections(
             tenth of that.
     """
     vertices = limb_vertices(pattern, along, root)
-    label = slabs(pattern, vertices, along, count, border=False)
-    turn = np.full(count, count * (lever / pattern.size) ** 2)
-    return Sections(label, np.full((count, 3), place / count), turn)
+    label = cross_sections(pattern, vertices, along, count, border=False)
+    turn = np.full(count, count * (orientation_length / pattern.size) ** 2)
+    return CrossSections(label, np.full((count, 3), place / count), turn)
 
 
-def limb_figure(
+def tip_angle_metric(
     asked: float, along: npt.ArrayLike, toward: npt.ArrayLike, root: float, name: str = "angle"
-) -> Figure:
+) -> Metric:
     """The angle in degrees by which the outer third of a limb has turned.
 
     `measure.turn_angle` of all vertices of that third, after the first eight of the limb's twelve
@@ -75,13 +75,13 @@ def limb_figure(
 
     def measure(pattern: Pattern, positions: Floats) -> float:
         vertices = limb_vertices(pattern, along, root)
-        label = slabs(pattern, vertices, along, 12, border=False)
-        inner = groups(label)[: round(12 * (1 - OUTER))]
+        label = cross_sections(pattern, vertices, along, 12, border=False)
+        inner = section_vertices(label)[: round(12 * (1 - OUTER))]
         outer = np.flatnonzero(label >= round(12 * (1 - OUTER)))
         angle = turn_angle(pattern, positions, [*inner, outer], along, toward)
         return float(np.degrees(angle))
 
-    return Figure(name, "deg", asked, measure)
+    return Metric(name, "deg", asked, measure)
 
 
 def tips(pattern: Pattern, positions: Floats, directions: Floats, share: float = 0.05) -> Floats:
@@ -110,20 +110,20 @@ def rest_on_body(pattern: Pattern, reach: float, symmetry: Sequence[int] = ()) -
             height at the centre.
     """
     bottom = pattern.vertices_of("bottom")
-    held = np.zeros((len(pattern.points), 3), dtype=bool)
+    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
 
     def near(place: tuple[float, float]) -> int:
         away = pattern.points[bottom, :2] - place
         return int(bottom[np.argmin(np.linalg.norm(away, axis=1))])
 
-    held[near((0, 0)), 2] = True
+    fixed[near((0, 0)), 2] = True
     if 0 not in symmetry:
-        held[near((0, 0)), 0] = held[near((reach, 0)), 2] = True
+        fixed[near((0, 0)), 0] = fixed[near((reach, 0)), 2] = True
     if 1 not in symmetry:
-        held[near((0, 0)), 1] = held[near((0, reach)), 2] = True
+        fixed[near((0, 0)), 1] = fixed[near((0, reach)), 2] = True
     if not symmetry:
-        held[near((reach, 0)), 1] = True
-    found = Supports(held)
+        fixed[near((reach, 0)), 1] = True
+    found = Supports(fixed)
     for axis in symmetry:
         found |= symmetry_plane(pattern, axis)
     return found

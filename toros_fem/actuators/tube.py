@@ -12,14 +12,14 @@ from mpi4py import MPI
 
 from toros_fem._types import Floats
 from toros_fem._validate import require_between, require_count, require_positive
-from toros_fem.actuators.case import Scene
+from toros_fem.actuators.case import ActuatorCase
 from toros_fem.mechanics.supports import Supports, clamp
 from toros_fem.meshes.cylinder import BASE, TIP, WALL, cylinder
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
-from toros_fem.objectives.cross_sections import slabs
-from toros_fem.objectives.metrics import Figure, bend_angle, shortening, twist_angle
-from toros_fem.objectives.sections import Sections
+from toros_fem.objectives.cross_sections import cross_sections
+from toros_fem.objectives.metrics import Metric, bend_angle, shortening, twist_angle
+from toros_fem.objectives.sections import CrossSections
 
 TUBE: dict[str, Any] = {
     "length": 0.15,  # m
@@ -51,24 +51,24 @@ def _degrees(measure: Callable[[Pattern, Floats], float]) -> Callable[[Pattern, 
     return lambda pattern, positions: float(np.degrees(measure(pattern, positions)))
 
 
-def bend_figure(asked: float) -> Figure:
+def bend_metric(asked: float) -> Metric:
     """The bend angle of a tube's tip, in degrees, `measure.bend_angle`."""
-    return Figure("angle", "deg", asked, _degrees(bend_angle))
+    return Metric("angle", "deg", asked, _degrees(bend_angle))
 
 
-def twist_figure(asked: float) -> Figure:
+def twist_metric(asked: float) -> Metric:
     """The twist of a tube's tip, in degrees, `measure.twist_angle`."""
-    return Figure("twist", "deg", asked, _degrees(twist_angle))
+    return Metric("twist", "deg", asked, _degrees(twist_angle))
 
 
-def shortening_figure(asked: float) -> Figure:
+def shortening_metric(asked: float) -> Metric:
     """How much closer a tube's ends are, in per cent, `measure.shortening`."""
-    return Figure("shortening", "percent", asked, lambda of, x: 100 * shortening(of, x))
+    return Metric("shortening", "percent", asked, lambda of, x: 100 * shortening(of, x))
 
 
 def tube_scene(
-    comm: MPI.Comm, inputs: dict[str, Any], target: Deformer, figures: Sequence[Figure]
-) -> Scene:
+    comm: MPI.Comm, inputs: dict[str, Any], target: Deformer, metrics: Sequence[Metric]
+) -> ActuatorCase:
     """A tube along z, its base clamped, its end caps printed all over, its wall designed.
 
     All vertices are wanted where the target has them, the end plate's more than the rest.
@@ -93,12 +93,12 @@ def tube_scene(
     relative = np.zeros(len(pattern.points))
     ratio = np.sqrt(2) * o["lever"] / (o["diameter"] / 2)
     relative[ring] = ratio**2 * (area @ weights) / area[ring].sum()
-    return replace(_free_scene(pattern, target, figures), weights=weights, relative=relative)
+    return replace(_free_scene(pattern, target, metrics), weights=weights, relative=relative)
 
 
 def section_scene(
-    comm: MPI.Comm, inputs: dict[str, Any], target: Deformer, figures: Sequence[Figure]
-) -> Scene:
+    comm: MPI.Comm, inputs: dict[str, Any], target: Deformer, metrics: Sequence[Metric]
+) -> ActuatorCase:
     """As `tube_scene`, but only the places and orientations of cross-sections are wanted.
 
     The skin may swell as it likes. With `along` = 0 it may lengthen and shorten too. The far
@@ -126,10 +126,10 @@ def section_scene(
     count = o["sections"]
     share = np.append(np.full(count, 1 / count), o["tip_weight"])
     return replace(
-        _free_scene(pattern, target, figures),
+        _free_scene(pattern, target, metrics),
         start=start,
-        sections=Sections(
-            slabs(pattern, pattern.vertices_of(WALL), (0, 0, 1), count),
+        sections=CrossSections(
+            cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count),
             np.outer(share, [1.0, 1.0, o["along"]]),
             # If each of n sections is off by δ/n from the one before, the tip is off by δ.
             np.full(count + 1, (count + 1) * o["tip_weight"] * (o["lever"] / pattern.size) ** 2),
@@ -168,17 +168,17 @@ def helices(pattern: Pattern, count: int, angle: float, width: float) -> npt.NDA
 
 
 def _tube(comm: MPI.Comm, o: dict[str, Any]) -> Pattern:
-    require_between(0.0, np.inf, tip_weight=o["tip_weight"], lever=o["lever"])
+    require_between(0.0, np.inf, tip_weight=o["tip_weight"], orientation_length=o["lever"])
     return cylinder(comm, o["length"], o["diameter"], o["edge_length"], mesh=o["mesh"])
 
 
-def _free_scene(pattern: Pattern, target: Deformer, figures: Sequence[Figure]) -> Scene:
+def _free_scene(pattern: Pattern, target: Deformer, metrics: Sequence[Metric]) -> ActuatorCase:
     """A tube clamped at its base, nothing said yet of what counts how much."""
-    return Scene(
+    return ActuatorCase(
         pattern=pattern,
         target=target(pattern.points),
         supports=clamp(pattern, [BASE]),
-        figures=tuple(figures),
+        metrics=tuple(metrics),
         passive=_caps(pattern),
     )
 

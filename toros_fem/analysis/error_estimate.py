@@ -16,7 +16,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import Refinement, refine
 from toros_fem.meshes.skin import sew
 from toros_fem.meshes.topology import edge_keys
-from toros_fem.objectives.metrics import Measure
+from toros_fem.objectives.metrics import MetricFunction
 
 # What a refinement changes is that share of the error which it removes: a half at order 1, three
 # quarters at order 2. Tubes with stiff lines, whose bending locks, showed as little as a third.
@@ -50,7 +50,7 @@ def estimate_error(
     solver: EquilibriumSolver,
     density: Floats,
     result: EquilibriumResult,
-    measures: Sequence[Measure],
+    measures: Sequence[MetricFunction],
     force: Callable[[Pattern], Floats] | None = None,
     supports: Callable[[Pattern], Supports] | None = None,
 ) -> list[ErrorEstimate]:
@@ -93,12 +93,12 @@ def estimate_error(
     positions = skin.gather_vertices(result.positions)
     whole = skin.gather_cells(density)
     fine_skin = sew(skin.comm, finer.pattern)
-    held = supports(finer.pattern) if supports else _refined(finer, solver.model.supports)
+    fixed = supports(finer.pattern) if supports else _refined(finer, solver.model.supports)
     chambers = solver.model.chambers
     if chambers is not None:
         chambers = replace(chambers, of_cell=chambers.of_cell[finer.cell])
     fine = EquilibriumSolver(
-        fine_skin, composite, held, solver.options, chambers=chambers, weight=solver.model.weight
+        fine_skin, composite, fixed, solver.options, chambers=chambers, weight=solver.model.weight
     )
     found = fine.solve(
         whole[finer.cell][fine_skin.owned_cells],
@@ -117,15 +117,15 @@ def estimate_error(
 
 def _refined(finer: Refinement, supports: Supports) -> Supports:
     """A middle is held as both its ends are; a guided edge makes two."""
-    held = np.asarray(supports.held[finer.ends].all(axis=1))
+    fixed = np.asarray(supports.fixed[finer.ends].all(axis=1))
     displacement = None
     if supports.displacement is not None:
         displacement = supports.displacement[finer.ends].mean(axis=1)
     if not len(supports.guided):
-        return Supports(held, displacement=displacement)
-    count = len(supports.held)
+        return Supports(fixed, displacement=displacement)
+    count = len(supports.fixed)
     known = edge_keys(finer.ends[count:], count)
     middle = count + np.searchsorted(known, edge_keys(supports.guided, count))
     halves = np.stack([supports.guided, np.repeat(middle[:, None], 2, axis=1)], axis=2)
     normals = np.repeat(supports.normals, 2, axis=0)
-    return Supports(held, halves.reshape(-1, 2), normals, displacement)
+    return Supports(fixed, halves.reshape(-1, 2), normals, displacement)

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem._types import Floats
-from toros_fem.equilibrium.continuation import Climb, climb
+from toros_fem.equilibrium.continuation import ContinuationResult, run_continuation
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
-from toros_fem.objectives.metrics import Figure
+from toros_fem.objectives.metrics import Metric
 
 Pressure = float | Sequence[float]
 
@@ -19,7 +19,7 @@ LEAST_SHARE = 1 / 100
 
 
 @dataclass(frozen=True, eq=False)
-class PathPoint:
+class PressurePathPoint:
     """One equilibrium of a path.
 
     Attributes:
@@ -31,17 +31,17 @@ class PathPoint:
 
     pressure: Pressure
     positions: Floats
-    figures: dict[str, float]
+    metrics: dict[str, float]
     result: EquilibriumResult
 
 
-def follow(
+def trace_pressure_path(
     solver: EquilibriumSolver,
     density: Floats,
     pressures: Sequence[Pressure],
-    figures: Sequence[Figure] = (),
+    metrics: Sequence[Metric] = (),
     start: Floats | None = None,
-) -> Iterator[PathPoint]:
+) -> Iterator[PressurePathPoint]:
     """Equilibria at pressures one after the other (collective).
 
     What is found depends on the way where the skin snaps. So each is reached from the one before,
@@ -65,8 +65,8 @@ def follow(
         else:
             result = _reached(solver, density, before, pressure)
         positions = skin.gather_vertices(result.positions)
-        measured = {f.key: float(f.measure(skin.pattern, positions)) for f in figures}
-        yield PathPoint(pressure, positions, measured, result)
+        measured = {f.key: float(f.measure(skin.pattern, positions)) for f in metrics}
+        yield PressurePathPoint(pressure, positions, measured, result)
         before = result
 
 
@@ -82,15 +82,17 @@ def _reached(
         nonlocal last
         level = (begin + share * way).tolist()
         last = solver.solve(
-            density, level, start=state, raise_on_failure=False, patient=False
+            density, level, start=state, raise_on_failure=False, allow_continuation=False
         )  # fmt: skip
         return last.state, 1 if last.converged else -1, last.steps
 
-    done = climb(attempt, Climb(before.state, 0.0, 1), 1.0, 1.0, LEAST_SHARE)
-    if done.reached != 1.0:
+    done = run_continuation(
+        attempt, ContinuationResult(before.state, 0.0, 1), 1.0, 1.0, LEAST_SHARE
+    )
+    if done.load_factor != 1.0:
         raise EquilibriumError(
             f"the path ends on the way from {_written(begin)} to {_written(begin + way)} Pa, "
-            f"{100 * (done.reached or 0.0):.0f} % of it done: {last.reason}",
+            f"{100 * (done.load_factor or 0.0):.0f} % of it done: {last.reason}",
             last,
         )
     return last

@@ -14,7 +14,7 @@ from toros_fem.errors import ParameterError
 HIGHEST = 0.98
 
 
-def strip_response(name: str, width: float, at: float) -> float:
+def bar_response(name: str, width: float, at: float) -> float:
     """ρ̃ at a distance from the middle of a straight line of ρ = 1 on ρ = 0; lengths over R.
 
     Args:
@@ -56,7 +56,7 @@ def threshold_for_width(name: str, width: float, level: float = 0.5) -> float:
 
 def raw_width(name: str, projected: float, level: float = 0.5) -> float:
     """Width of the line of ρ = 1 of which a given width is left at ρ̃ > level, both over R."""
-    left = lambda b: strip_response(name, b, projected / 2) - level  # noqa: E731
+    left = lambda b: bar_response(name, b, projected / 2) - level  # noqa: E731
     return float(brentq(left, 1e-6, 20.0 + projected, xtol=1e-12))
 
 
@@ -75,8 +75,8 @@ def violation(
     raw, step = raw_width(name, width, projection.eta), 1e-4
 
     def part(x: float) -> float:
-        filtered = strip_response(name, raw, x)
-        slope = (strip_response(name, raw, x + step) - strip_response(name, raw, x - step)) / step
+        filtered = bar_response(name, raw, x)
+        slope = (bar_response(name, raw, x + step) - bar_response(name, raw, x - step)) / step
         share = projection.forward(np.array([filtered]))[0]
         return float(share * np.exp(-decay * slope**2 / 4) * min(filtered - threshold, 0) ** 2)
 
@@ -87,8 +87,8 @@ def width_of_threshold(name: str, threshold: float, level: float = 0.5) -> float
     """Width over R of the region ρ̃ > level of the line whose ridge just reaches a threshold."""
     if threshold <= level:
         return 0.0
-    raw = brentq(lambda b: strip_response(name, b, 0.0) - threshold, 0.0, 20.0, xtol=1e-12)
-    edge = brentq(lambda x: strip_response(name, raw, x) - level, 0.0, 20.0, xtol=1e-12)
+    raw = brentq(lambda b: bar_response(name, b, 0.0) - threshold, 0.0, 20.0, xtol=1e-12)
+    edge = brentq(lambda x: bar_response(name, raw, x) - level, 0.0, 20.0, xtol=1e-12)
     return float(2 * edge)
 
 

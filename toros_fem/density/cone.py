@@ -11,7 +11,7 @@ from toros_fem.density.neighbours import (
     Pairs,
     multiply,
     multiply_transpose,
-    stencil_matrices,
+    neighbour_matrices,
     warn_if_unresolved,
 )
 from toros_fem.meshes.mirror import Mirrored
@@ -55,7 +55,7 @@ class ConeFilter:
         warn_if_unresolved(skin, radius)
         self.radius = radius
         self._skin, self._areas = skin, skin.pattern.areas
-        (self._matrix,) = stencil_matrices(skin, self._near, self._shares)
+        (self._matrix,) = neighbour_matrices(skin, self._near, self._shares)
         self._slopes: list[PETSc.Mat] = []
 
     def _shares(self, pairs: Pairs) -> list[Floats]:
@@ -86,7 +86,7 @@ class ConeFilter:
     def slope(self, density: Floats) -> Floats:
         """∇ρ̃ at the centroids of owned triangles, (2, k), in 1/m (collective)."""
         if not self._slopes:
-            self._slopes = stencil_matrices(self._skin, self._near, self._share_slopes, 2)
+            self._slopes = neighbour_matrices(self._skin, self._near, self._share_slopes, 2)
         return np.array([multiply(matrix, density) for matrix in self._slopes])
 
     def slope_backward(self, gradient: Floats) -> Floats:

@@ -145,7 +145,7 @@ def _repeated(points: Floats, lattice: Floats, radius: float) -> tuple[Floats, I
     return np.concatenate(copies), np.concatenate(owners)
 
 
-def stencil_matrices(
+def neighbour_matrices(
     skin: Skin,
     near: Neighbourhood,
     weigh: Callable[[Pairs], Sequence[Floats]],

@@ -13,7 +13,7 @@ from toros_fem.density.neighbours import (
     Pairs,
     multiply,
     multiply_transpose,
-    stencil_matrices,
+    neighbour_matrices,
 )
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
@@ -61,7 +61,7 @@ class Perimeter:
             return [weight / pairs.sums(weight)[pairs.row]]
 
         near = Neighbourhood(skin.pattern, window, lattice, whole)
-        (self._matrix,) = stencil_matrices(skin, near, shares)
+        (self._matrix,) = neighbour_matrices(skin, near, shares)
         if plain:
             self._weight: Floats = np.ones(len(skin.owned_cells))
         else:

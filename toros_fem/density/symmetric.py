@@ -17,12 +17,12 @@ class SymmetricFilter:
         skin: The tile's sewn skin.
         inner: The filter itself; it commutes with the symmetry.
         images: Triangle that each triangle goes to by each operation of the group, (g, t), of
-            `Tile.images`.
+            `Tile.symmetry_maps`.
     """
 
-    def __init__(self, skin: Skin, inner: Filter, images: npt.NDArray[np.int64]) -> None:
+    def __init__(self, skin: Skin, inner: Filter, symmetry_maps: npt.NDArray[np.int64]) -> None:
         self.name, self.radius = inner.name, inner.radius
-        self._skin, self._inner, self._images = skin, inner, images
+        self._skin, self._inner, self._images = skin, inner, symmetry_maps
 
     def mean(self, density: Floats) -> Floats:
         """Mean over the images of values at owned triangles (collective)."""

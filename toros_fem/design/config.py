@@ -11,13 +11,13 @@ from toros_fem._types import Floats
 from toros_fem._validate import require_between, require_count, require_positive
 from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.density.perimeter import Perimeter
-from toros_fem.design.problem import DesignChain
+from toros_fem.design.problem import DesignProblem
 from toros_fem.errors import ParameterError
 from toros_fem.materials import Composite, Material
 
 
 @dataclass(frozen=True)
-class DesignSettings:
+class DesignConfig:
     """Materials, filter, penalties and loop; SI units.
 
     Attributes:
@@ -79,7 +79,7 @@ class DesignSettings:
             bending=None,
         )
 
-    def penalise(self, problem: DesignChain[Any], lattice: Floats | None = None) -> None:
+    def penalise(self, problem: DesignProblem[Any], lattice: Floats | None = None) -> None:
         """Give a problem the perimeter term and the width constraints asked for (collective).
 
         Args:
@@ -106,7 +106,7 @@ class DesignSettings:
 
 
 def known_inputs(
-    settings: DesignSettings | None, defaults: dict[str, Any], inputs: dict[str, Any]
+    settings: DesignConfig | None, defaults: dict[str, Any], inputs: dict[str, Any]
 ) -> dict[str, Any]:
     """Settings and defaults, with what differs from them put in.
 

@@ -15,9 +15,8 @@ from toros_fem._types import Floats
 from toros_fem.density.field import check_density
 from toros_fem.density.projection import Projection
 from toros_fem.design.options import DesignOptions, Iteration, Stage
-from toros_fem.design.problem import DesignChain, Evaluation
-from toros_fem.design.scaled import Scaled, Values
-from toros_fem.design.variables import Variables
+from toros_fem.design.problem import DesignProblem, Evaluation
+from toros_fem.design.variables import Scaled, Values, Variables
 from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.mma.optimizer import MMA
 
@@ -59,14 +58,14 @@ class DesignResult:
 Callback = Callable[[Iteration, Evaluation], None]
 
 
-def optimise(
-    problem: DesignChain,
+def optimize(
+    problem: DesignProblem,
     density: Floats,
     options: DesignOptions | None = None,
     callback: Callback | None = None,
     *,
     after: DesignResult | None = None,
-    resewn: bool = False,
+    new_mesh: bool = False,
 ) -> DesignResult:
     """Minimise T over densities and pressure by MMA, stage by stage (collective).
 
@@ -93,7 +92,7 @@ def optimise(
         )
     loop = _Loop(problem, density, options, callback)
     if after is not None:
-        loop.go_on(after, density, resewn=resewn)
+        loop.go_on(after, density, new_mesh=new_mesh)
     first = loop.history[-1].stage + 1 if loop.history else 0
     for number, stage in enumerate(options.stages, first):
         loop.run(number, stage, last=number - first == len(options.stages) - 1)
@@ -116,7 +115,7 @@ class _Loop:
 
     def __init__(
         self,
-        problem: DesignChain,
+        problem: DesignProblem,
         density: Floats,
         options: DesignOptions,
         callback: Callback | None,
@@ -135,9 +134,9 @@ class _Loop:
         self.begin = self.iteration_begin = time.perf_counter()
         self.over, self.reason = False, ""
 
-    def go_on(self, result: DesignResult, density: Floats, *, resewn: bool) -> None:
+    def go_on(self, result: DesignResult, density: Floats, *, new_mesh: bool) -> None:
         """Take over what a loop before arrived at, but for the density."""
-        self.evaluation, self.history = None if resewn else result.final, list(result.history)
+        self.evaluation, self.history = None if new_mesh else result.final, list(result.history)
         self.phases, self.steps_done = dict(result.seconds), result.history[-1].iteration
         self.x = self.variables.vector(self.problem.completed(density), result.pressures)
 
@@ -168,7 +167,7 @@ class _Loop:
             problem,
             self.variables,
             constrained=constrained,
-            enough=options.enough,
+            target_objective=options.target_objective,
             start=evaluation,
         )
         kkt = math.inf
@@ -244,14 +243,16 @@ class _Loop:
             if spent > o.seconds:
                 self.over, self.reason = True, f"{o.seconds:g} s have passed."
                 return True
-        if count > 0 and kkt < o.kkt:
-            self.reason = f"The KKT residual is under {o.kkt:g}."
-        elif count > 0 and self.change < o.change:
-            self.reason = f"No variable changes by more than {o.change:g} any more."
-        elif self.kept(stage, now) and o.enough > 0 and now.objective <= o.enough:
-            self.reason = f"T is at most {o.enough:g}."
+        if count > 0 and kkt < o.kkt_tol:
+            self.reason = f"The KKT residual is under {o.kkt_tol:g}."
+        elif count > 0 and self.change < o.x_tol:
+            self.reason = f"No variable changes by more than {o.x_tol:g} any more."
+        elif 0 < o.target_objective >= now.objective and self.kept(stage, now):
+            self.reason = f"T is at most {o.target_objective:g}."
         elif count >= LOOK_BACK and self.slow(stage):
-            self.reason = f"T fell by less than {o.progress:g} of it in {LOOK_BACK} steps."
+            self.reason = (
+                f"T fell by less than {o.min_relative_decrease:g} of it in {LOOK_BACK} steps."
+            )
         elif count == stage.iterations:
             self.reason = f"All {o.iterations} iterations are done."
         else:
@@ -271,7 +272,7 @@ class _Loop:
         """Whether T has hardly fallen of late, and not because constraints took hold."""
         before, now = self.history[-1 - LOOK_BACK], self.history[-1]
         kept = self.kept(stage, before) and self.kept(stage, now)
-        least = self.options.progress * abs(before.objective)
+        least = self.options.min_relative_decrease * abs(before.objective)
         return kept and least > 0 and now.objective > before.objective - least
 
     def record(self, number: int, evaluation: Evaluation, kkt: float) -> None:
@@ -303,12 +304,14 @@ class _Loop:
         if self.callback is not None:
             self.callback(row, e)
 
-    def simulate(self, start: Floats | None, *, patient: bool = True) -> Evaluation:
+    def simulate(self, start: Floats | None, *, allow_continuation: bool = True) -> Evaluation:
         """The design that the variables stand for; what it costs is added up."""
         begin = time.perf_counter()
         density, pressures = self.variables.design(self.x)
         try:
-            found = self.problem.simulate(density, start, pressures, patient=patient)
+            found = self.problem.simulate(
+                density, start, pressures, allow_continuation=allow_continuation
+            )
         except NoEquilibriumError as error:
             self.steps += error.steps
             self.factorisations += error.factorisations
@@ -322,8 +325,8 @@ class _Loop:
 
     def attempt(self, near: Evaluation) -> Evaluation | None:
         # A step that has no equilibrium near by is replaced; only the last try gets all effort.
-        patient = self.rejected >= 2 * self.options.retries
+        allow_continuation = self.rejected >= 2 * self.options.retries
         try:
-            return self.simulate(near.equilibrium.state, patient=patient)
+            return self.simulate(near.equilibrium.state, allow_continuation=allow_continuation)
         except NoEquilibriumError:  # raised by all ranks or by none
             return None

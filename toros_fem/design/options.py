@@ -61,11 +61,11 @@ class DesignOptions:
         stages: What is done one after the other.
         retries: How often a step that is no progress is tried again more cautiously; then it is
             taken. One without an equilibrium is tried again twice as often and never taken.
-        change: A stage ends when no variable changes by more than this.
-        kkt: A stage ends when the KKT residual of MMA's scaled problem falls under this.
-        enough: A stage ends when T is at most this and its constraints hold; 0: never.
-        progress: A stage ends when T fell by a smaller share in the last ten steps, its constraints
-            held before and after; 0: never.
+        x_tol: A stage ends when no variable changes by more than this.
+        kkt_tol: A stage ends when the KKT residual of MMA's scaled problem falls under this.
+        target_objective: A stage ends when T is at most this and its constraints hold; 0: never.
+        min_relative_decrease: A stage ends when T fell by a smaller fraction in the last ten
+            steps, its constraints satisfied before and after; 0: never.
         seconds: The loop ends after so much wall time; None: never.
         descent: What counts as progress. "merit": T plus the price of violated constraints does
             not rise. "conservative": GCMMA's own rule, by which every approximation bounds what
@@ -78,10 +78,10 @@ class DesignOptions:
 
     stages: tuple[Stage, ...] = (Stage(60),)
     retries: int = 4
-    change: float = 1e-4
-    kkt: float = 1e-5
-    enough: float = 0.0
-    progress: float = 0.0
+    x_tol: float = 1e-4
+    kkt_tol: float = 1e-5
+    target_objective: float = 0.0
+    min_relative_decrease: float = 0.0
     seconds: float | None = None
     descent: str = "merit"
     pressure_move: float = 0.1
@@ -91,9 +91,9 @@ class DesignOptions:
         if not self.stages:
             raise ParameterError("stages is empty: there is nothing to do.")
         require_count(0, retries=self.retries)
-        require_positive(change=self.change, kkt=self.kkt)
-        require_between(0.0, np.inf, enough=self.enough)
-        require_between(0.0, 1.0, progress=self.progress)
+        require_positive(x_tol=self.x_tol, kkt_tol=self.kkt_tol)
+        require_between(0.0, np.inf, target_objective=self.target_objective)
+        require_between(0.0, 1.0, min_relative_decrease=self.min_relative_decrease)
         require_positive(pressure_move=self.pressure_move, at_most=1.0)
         require_choice("descent", self.descent, DESCENTS)
         if self.seconds is not None:

@@ -93,7 +93,7 @@ class Evaluation(Generic[R]):
     seconds: dict[str, float]
 
 
-class DesignChain(ABC, Generic[R]):
+class DesignProblem(ABC, Generic[R]):
     """Filter, projection, penalty and constraints around a simulation, and their way back.
 
     What is None is neither built nor computed. A kind of problem says what a projected density
@@ -146,7 +146,7 @@ class DesignChain(ABC, Generic[R]):
 
     @abstractmethod
     def respond(
-        self, projected: Floats, start: Any, pressure: Pressure | None, *, patient: bool
+        self, projected: Floats, start: Any, pressure: Pressure | None, *, allow_continuation: bool
     ) -> tuple[R, float]:
         """What a projected density does, and how far that is from what is wanted (collective).
 
@@ -220,7 +220,7 @@ class DesignChain(ABC, Generic[R]):
         start: Any = None,
         pressure: Pressure | None = None,
         *,
-        patient: bool = True,
+        allow_continuation: bool = True,
     ) -> Evaluation[R]:
         """T without its gradient, by one simulation, eq. (17) (collective).
 
@@ -238,7 +238,9 @@ class DesignChain(ABC, Generic[R]):
         begin = time.perf_counter()
         density = self.completed(density)
         filtered, projected = self.fields(density)
-        found = self._evaluate(density, filtered, projected, start, pressure, patient=patient)
+        found = self._evaluate(
+            density, filtered, projected, start, pressure, allow_continuation=allow_continuation
+        )
         found.seconds["filter"] = time.perf_counter() - begin - found.seconds["equilibrium"]
         return found
 
@@ -266,7 +268,7 @@ class DesignChain(ABC, Generic[R]):
         start: Any,
         pressure: Pressure | None,
         *,
-        patient: bool = True,
+        allow_continuation: bool = True,
     ) -> Evaluation[R]:
         perimeter = None
         if self.perimeter is not None and self.weight > 0:
@@ -275,7 +277,9 @@ class DesignChain(ABC, Generic[R]):
         if self.length_scale is not None:
             widths = self.length_scale.forward(density, filtered, projected)
         begin = time.perf_counter()
-        response, distance = self.respond(projected, start, pressure, patient=patient)
+        response, distance = self.respond(
+            projected, start, pressure, allow_continuation=allow_continuation
+        )
         return Evaluation(
             objective=distance + self._price * (perimeter or 0.0),
             shape=distance,

@@ -15,7 +15,7 @@ from toros_fem.density.filters import Filter
 from toros_fem.density.length_scale import LengthScaleConstraints
 from toros_fem.density.perimeter import Perimeter
 from toros_fem.density.projection import Projection
-from toros_fem.design.problem import Bounds, DesignChain, Evaluation, Pressure
+from toros_fem.design.problem import Bounds, DesignProblem, Evaluation, Pressure
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.mirror import Mirrored
@@ -24,8 +24,8 @@ from toros_fem.objectives.shape import Objective
 
 
 @dataclass(eq=False)
-class DesignProblem(DesignChain[EquilibriumResult]):
-    """A scene and the shape that is wanted of it; see `DesignChain` for what is not said here.
+class ShapeProblem(DesignProblem[EquilibriumResult]):
+    """A scene and the shape that is wanted of it; see `DesignProblem` for what is not said here.
 
     Attributes:
         solver: Equilibrium solver of the scene.
@@ -67,7 +67,7 @@ class DesignProblem(DesignChain[EquilibriumResult]):
         """The solver's."""
         return self.solver.skin
 
-    def with_projection(self, projection: Projection) -> DesignProblem:
+    def with_projection(self, projection: Projection) -> ShapeProblem:
         """The same with another projection."""
         return replace(self, projection=projection)
 
@@ -94,12 +94,12 @@ class DesignProblem(DesignChain[EquilibriumResult]):
         return values
 
     def respond(
-        self, projected: Floats, start: Any, pressure: Pressure | None, *, patient: bool
+        self, projected: Floats, start: Any, pressure: Pressure | None, *, allow_continuation: bool
     ) -> tuple[EquilibriumResult, float]:
         """The equilibrium, and the distance of its shape from the target (collective)."""
         wanted = self.pressure if pressure is None else pressure
         equilibrium = self.solver.solve(
-            projected, wanted, force=self.force, start=start, patient=patient
+            projected, wanted, force=self.force, start=start, allow_continuation=allow_continuation
         )
         return equilibrium, self.objective.forward(equilibrium.positions)
 

@@ -12,7 +12,7 @@ EASY = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Climb:
+class ContinuationResult:
     """How far a climb came.
 
     Attributes:
@@ -22,17 +22,17 @@ class Climb:
     """
 
     state: Floats
-    reached: float | None
+    load_factor: float | None
     outcome: int
 
 
-def climb(
+def run_continuation(
     attempt: Callable[[Floats, float], tuple[Floats, int, int]],
-    start: Climb,
+    start: ContinuationResult,
     top: float,
     increment: float,
     least: float,
-) -> Climb:
+) -> ContinuationResult:
     """Raise a level to the top.
 
     Args:
@@ -43,17 +43,17 @@ def climb(
         increment: The first one.
         least: Smallest increment, over the level reached or the first increment if that is more.
     """
-    state, reached, outcome = start.state, start.reached, start.outcome
+    state, load_factor, outcome = start.state, start.load_factor, start.outcome
     first, fastest = increment, 4
-    while reached is None or reached < top:
-        level = min(top, (reached or 0.0) + increment)
+    while load_factor is None or load_factor < top:
+        level = min(top, (load_factor or 0.0) + increment)
         found, outcome, steps = attempt(state, level)
         if outcome > 0:
-            state, reached = found, level
+            state, load_factor = found, level
             increment *= fastest if steps <= EASY else 2
             continue
         fastest = 2
-        increment = (level - (reached or 0.0)) / 4
-        if increment <= least * max(reached or 0.0, first):
+        increment = (level - (load_factor or 0.0)) / 4
+        if increment <= least * max(load_factor or 0.0, first):
             break
-    return Climb(state, reached, outcome)
+    return ContinuationResult(state, load_factor, outcome)

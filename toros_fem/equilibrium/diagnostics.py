@@ -11,14 +11,14 @@ from petsc4py import PETSc
 from toros_fem._types import Floats
 from toros_fem.equilibrium.newton import STAGNATED
 from toros_fem.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.load_case import Load
+from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
 
 # A hinge folded by so much, in rad, is near the angle where its energy jumps.
 FOLDED = math.radians(170)
 
 
-def success(model: SkinModel, load: Load, residual: float, volumes: Sequence[float]) -> str:
+def success(model: SkinModel, load: LoadCase, residual: float, volumes: Sequence[float]) -> str:
     """What was found, and whether rounding or a wall that crosses the skin spoils it."""
     found = f"A stable equilibrium was found at {load}."
     if residual > STAGNATED:
@@ -37,8 +37,8 @@ def failure(
     model: SkinModel,
     options: NewtonOptions,
     outcome: int,
-    load: Load,
-    reached: float | None,
+    load: LoadCase,
+    load_factor: float | None,
     state: Floats,
     tried: Floats,
 ) -> str:
@@ -69,7 +69,7 @@ def failure(
             f"{math.degrees(FOLDED):.0f} degrees: the skin collapses onto itself there, and "
             "contact is not modelled. A skin sewn from flat layers wants hinged seams."
         )
-    if reached is None:
+    if load_factor is None:
         return (
             f"{begin} Nor was there any under a lower load; the state is the one started from. "
             "Check materials and supports, start from a neighbouring equilibrium, allow more "
@@ -77,8 +77,9 @@ def failure(
         )
     use = model.bounds.worst(model.corners(state))
     return (
-        f"{begin} The last equilibrium is at {load.share(reached)}, {100 * reached:.3g} % of "
-        f"the load, where the most stretched triangle uses {100 * use:.1f} % of the bounds. "
+        f"{begin} The last equilibrium is at {load.scaled(load_factor)}, "
+        f"{100 * load_factor:.3g} % of the load, where the most stretched triangle "
+        f"uses {100 * use:.1f} % of the bounds. "
         "Lower the load to about that, stiffen the skin, or refine the mesh where it is most "
         "stretched."
     )

@@ -21,7 +21,7 @@ LEAST = 1e-6
 NOT_POSITIVE = 81
 
 
-class Factor:
+class TangentFactor:
     """Factorised K + τ M, which exists only where that is positive definite.
 
     M is the tangent's material part: how strains and curvatures resist, made positive where
@@ -44,7 +44,7 @@ class Factor:
         comm = model.skin.comm
         self._model = model
         self._tangent = UpperTangent(model)
-        self.images = self._tangent.images
+        self.periodic_images = self._tangent.periodic_images
         self.count = 0
         self.scale: Floats = np.zeros(model.size_local)
         self._exact, self._material, self._data = (

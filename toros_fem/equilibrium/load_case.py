@@ -10,17 +10,17 @@ import numpy as np
 from toros_fem._mpi import raise_together
 from toros_fem._types import Floats
 from toros_fem.errors import ParameterError
-from toros_fem.mechanics.load_case import Load
+from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.supports import require_displacement
 
 
-def requested_load(
+def make_load_case(
     model: SkinModel,
     pressure: float | Sequence[float],
     force: Floats | None,
     displacement: Floats | None,
-) -> Load:
+) -> LoadCase:
     """The load that a solve is asked for; the arguments are the same on every rank.
 
     Args:
@@ -59,7 +59,7 @@ def requested_load(
                 "only, or simulate the whole skin."
             )
     weight = 0.0 if model.weight is None else 1.0
-    return Load(np.full(count, values), _copy(force), _copy(displacement), weight)
+    return LoadCase(np.full(count, values), _copy(force), _copy(displacement), weight)
 
 
 def check_start(model: SkinModel, start: Floats | None) -> None:

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 
 from toros_fem._mpi import dot, largest, norm
 from toros_fem._types import Floats
-from toros_fem.equilibrium.linear_solver import Factor
+from toros_fem.equilibrium.linear_solver import TangentFactor
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.model import SkinModel
 
@@ -25,10 +25,10 @@ LARGEST_SHIFT = 1e6
 RELAXED = 0.1
 BENDS = 2
 # Steps with the factorisation at hand are taken where so many of them promise to finish.
-CHORDS = 3
+MODIFIED_STEPS = 3
 # What a chord step must leave of the residual, and the first one gain of its promised energy.
-CHORD_RATE = 0.2
-CHORD_GAIN = 0.2
+MODIFIED_RATE = 0.2
+MODIFIED_GAIN = 0.2
 # How many saddles a solve leaves before it gives up.
 ESCAPES = 10
 # Where rounding lets no step lower the energy any more, this residual over the load will do.
@@ -59,11 +59,11 @@ class NewtonStep:
     energy: float
     shift: float
     step: float
-    chord: bool
+    modified: bool
     seconds: float
 
     def __str__(self) -> str:
-        kind = "chord" if self.chord else "newton" if self.step else "end"
+        kind = "chord" if self.modified else "newton" if self.step else "end"
         return (
             f"{self.pressure:10.4g} Pa  {kind:6s}  residual {self.residual:8.2e}  "
             f"energy {self.energy:+.9e} J  shift {self.shift:7.1e}  step {self.step:7.1e}  "
@@ -103,7 +103,7 @@ class RegularisedNewton:
     def __init__(
         self,
         model: SkinModel,
-        factor: Factor,
+        factor: TangentFactor,
         options: NewtonOptions,
         log: Callable[[NewtonStep], None] | None = None,
     ) -> None:
@@ -112,7 +112,7 @@ class RegularisedNewton:
         self.history: list[NewtonStep] = []
         self.pressure = 0.0
         # Whether the factors are those of an equilibrium near the start of the next solve.
-        self.held = False
+        self.reuse_factors = False
         self._log = log
         self._shift = 0.0
         self._refused = False
@@ -132,7 +132,7 @@ class RegularisedNewton:
         self._clock = time.perf_counter()
         # Nothing of a solve before, which may have failed far away, may count here.
         self._shift, self._stiffness, self._refused = 0.0, 0.0, False
-        predict, self.held = self.held, False
+        predict, self.reuse_factors = self.reuse_factors, False
         point = self._at(state, model.energy(state))
         if not np.isfinite(point.energy):
             return point, int(reasons.DIVERGED_FUNCTION_DOMAIN)
@@ -150,15 +150,15 @@ class RegularisedNewton:
             done = residual <= tolerance or point.size <= self._floor(reference)
             if done and self.stable(point.state):
                 self._record(point, residual, 0.0)
-                self.held = True
+                self.reuse_factors = True
                 return point, int(reasons.CONVERGED_FNORM_RELATIVE)
-            if predict or residual * rate**CHORDS <= tolerance:
-                chord = self._chord(point, rounding, first=predict)
+            if predict or residual * rate**MODIFIED_STEPS <= tolerance:
+                modified = self._modified_step(point, rounding, first=predict)
                 predict, rate = False, np.inf
-                if chord is not None:
-                    rate = chord.size / point.size
-                    self._record(point, residual, 1.0, chord=True)
-                    point = chord
+                if modified is not None:
+                    rate = modified.size / point.size
+                    self._record(point, residual, 1.0, modified=True)
+                    point = modified
                     continue
             if steps == max_steps:
                 return point, int(reasons.DIVERGED_MAX_IT)
@@ -176,12 +176,12 @@ class RegularisedNewton:
             stuck = not done and self._stuck(point, new, direction, full=full)
             if stuck and residual <= UNRESOLVED:
                 self._record(point, residual, 0.0)
-                self.held = True  # K is factorised here, without a shift
+                self.reuse_factors = True  # K is factorised here, without a shift
                 return point, int(reasons.CONVERGED_SNORM_RELATIVE)
             self._record(point, residual, share)
             if new is None:
                 if residual <= STAGNATED and self.stable(point.state):
-                    self.held = True
+                    self.reuse_factors = True
                     return point, int(reasons.CONVERGED_SNORM_RELATIVE)
                 if self._shift >= LARGEST_SHIFT / 8:
                     return point, int(reasons.DIVERGED_LINE_SEARCH)
@@ -216,11 +216,13 @@ class RegularisedNewton:
         residual = self.model.residual(state)
         return _Point(state, energy, residual, norm(self.comm, residual))
 
-    def _record(self, point: _Point, residual: float, step: float, *, chord: bool = False) -> None:
+    def _record(
+        self, point: _Point, residual: float, step: float, *, modified: bool = False
+    ) -> None:
         now = time.perf_counter()
-        shift = 0.0 if chord or not step else self._shift
+        shift = 0.0 if modified or not step else self._shift
         row = NewtonStep(
-            self.pressure, residual, point.energy, shift, step, chord, now - self._clock
+            self.pressure, residual, point.energy, shift, step, modified, now - self._clock
         )
         self._clock = now
         self.history.append(row)
@@ -296,7 +298,7 @@ class RegularisedNewton:
         fraction = self.options.fraction_to_barrier
         return self.model.bounds.largest_step(corners, self.model.corners(direction), fraction)
 
-    def _chord(self, point: _Point, rounding: float, *, first: bool) -> _Point | None:
+    def _modified_step(self, point: _Point, rounding: float, *, first: bool) -> _Point | None:
         """The point after a step with the factors at hand, if that is worth having."""
         direction = -self.factor.solve(point.residual)
         if not np.isfinite(norm(self.comm, direction)):
@@ -307,10 +309,10 @@ class RegularisedNewton:
         trial = point.state + share * direction
         energy = self.model.energy(trial)
         slope = share * dot(self.comm, point.residual, direction)
-        if not energy - point.energy <= (CHORD_GAIN / 2 * slope if first else rounding):
+        if not energy - point.energy <= (MODIFIED_GAIN / 2 * slope if first else rounding):
             return None
         new = self._at(trial, energy)
-        return new if first or new.size <= CHORD_RATE * point.size else None
+        return new if first or new.size <= MODIFIED_RATE * point.size else None
 
     def _bend(self, old: _Point, new: _Point, share: float) -> _Point:
         """Correct a step by what its residual exceeds the linear prediction, while that pays."""

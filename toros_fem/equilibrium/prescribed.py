@@ -19,7 +19,7 @@ from toros_fem.meshes.pattern import Pattern
 DAMPING = 1e-9
 
 
-class Placement:
+class PrescribedDisplacement:
     """Puts the held components of a state where they belong.
 
     To move them alone would stretch the triangles next to them by the whole way. The others are
@@ -44,24 +44,24 @@ class Placement:
                 read where it is held; None leaves them there.
         """
         model, skin = self._model, self._model.skin
-        goal, held = model.assembled, ~model.free
+        goal, fixed = model.assembled, ~model.free
         if displacement is not None:
             model.positions(goal)[:] += displacement[skin.owned_vertices]
-        placed = np.where(held, goal, state)
+        placed = np.where(fixed, goal, state)
         jump = model.positions(placed - state)
         way = largest(skin.comm, float(np.abs(jump).max(initial=0.0)))
         if way > FLAT * skin.pattern.size:
             spread = self._extension(skin.gather_vertices(jump))
             along = np.zeros_like(state)
             model.positions(along)[:] = spread[skin.owned_vertices]
-            placed += np.where(held, 0.0, along)
+            placed += np.where(fixed, 0.0, along)
         return placed
 
     def _extension(self, jump: Floats) -> Floats:
         if not self._solvers:
             laplacian = _laplacian(self._model.skin.pattern)
-            for held in self._model.supports.held.T:
-                self._solvers.append(_extender(laplacian, held))
+            for fixed in self._model.supports.fixed.T:
+                self._solvers.append(_extender(laplacian, fixed))
         return np.stack([f(jump[:, k]) for k, f in enumerate(self._solvers)], axis=1)
 
 
@@ -77,16 +77,16 @@ def _laplacian(pattern: Pattern) -> csr_array:
     return whole + DAMPING * whole.diagonal().mean() * csr_array(eye_array(count))
 
 
-def _extender(laplacian: csr_array, held: npt.NDArray[np.bool_]) -> Callable[[Floats], Floats]:
-    free = ~held
+def _extender(laplacian: csr_array, fixed: npt.NDArray[np.bool_]) -> Callable[[Floats], Floats]:
+    free = ~fixed
     if not free.any():
         return lambda values: values
     rows = laplacian[free]
-    inner, border = splu(rows[:, free].tocsc()), rows[:, held]
+    inner, border = splu(rows[:, free].tocsc()), rows[:, fixed]
 
     def extend(values: Floats) -> Floats:
         out = values.copy()
-        out[free] = -inner.solve(border @ values[held])
+        out[free] = -inner.solve(border @ values[fixed])
         return out
 
     return extend

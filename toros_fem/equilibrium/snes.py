@@ -8,13 +8,13 @@ import numpy as np
 from petsc4py import PETSc
 
 from toros_fem._types import Floats
-from toros_fem.equilibrium.linear_solver import PREFIX, Factor
+from toros_fem.equilibrium.linear_solver import PREFIX, TangentFactor
 from toros_fem.equilibrium.newton import NewtonStep, RegularisedNewton
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.model import SkinModel
 
 
-class Minimiser:
+class SnesSolver:
     """A SNES that finds stable equilibria of a model from near ones; options have prefix "toros_".
 
     Attributes:
@@ -35,7 +35,7 @@ class Minimiser:
         log: Callable[[NewtonStep], None] | None = None,
     ) -> None:
         self._model = model
-        self.factor = Factor(model)
+        self.factor = TangentFactor(model)
         self.newton = RegularisedNewton(model, self.factor, options, log)
         self._x, residual = self.factor.matrix.createVecs()
         snes = PETSc.SNES().create(model.skin.comm)

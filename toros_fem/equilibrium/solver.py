@@ -10,18 +10,18 @@ import numpy as np
 from toros_fem._mpi import norm
 from toros_fem._types import Floats
 from toros_fem.density.field import check_density
-from toros_fem.equilibrium.continuation import Climb, climb
+from toros_fem.equilibrium.continuation import ContinuationResult, run_continuation
 from toros_fem.equilibrium.diagnostics import failure, success
-from toros_fem.equilibrium.load_case import check_start, requested_load
+from toros_fem.equilibrium.load_case import check_start, make_load_case
 from toros_fem.equilibrium.newton import NewtonStep
 from toros_fem.equilibrium.options import NewtonOptions
-from toros_fem.equilibrium.prescribed import Placement
-from toros_fem.equilibrium.snes import Minimiser
+from toros_fem.equilibrium.prescribed import PrescribedDisplacement
+from toros_fem.equilibrium.snes import SnesSolver
 from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.materials import Composite
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.dead_loads import Weight
-from toros_fem.mechanics.load_case import Load
+from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.skin import Skin
@@ -40,7 +40,7 @@ class EquilibriumResult:
 
     Attributes:
         converged: Whether `state` is a stable equilibrium under the asked load.
-        share: Which share of the asked load, pressure and forces, acts on `state`.
+        load_factor: Fraction of the requested load that acts on `state`.
         reason: Why the solve ended, as a sentence.
         pressure: Pressure of `state` in Pa, the largest of all chambers.
         pressures: Of each chamber.
@@ -58,7 +58,7 @@ class EquilibriumResult:
     """
 
     converged: bool
-    share: float
+    load_factor: float
     reason: str
     pressure: float
     pressures: tuple[float, ...]
@@ -70,7 +70,7 @@ class EquilibriumResult:
     stretch_use: float
     residual: float
     steps: int
-    chords: int
+    modified_steps: int
     factorisations: int
     history: tuple[NewtonStep, ...]
 
@@ -120,12 +120,12 @@ class EquilibriumSolver:
         self.skin = skin
         self.model = SkinModel(skin, composite, supports, chambers, weight)
         self.options = options or NewtonOptions()
-        self._minimise = Minimiser(self.model, self.options, log)
+        self._minimise = SnesSolver(self.model, self.options, log)
         self._factor, self._newton = self._minimise.factor, self._minimise.newton
-        self._place = Placement(self.model)
+        self._place = PrescribedDisplacement(self.model)
         self._factorised_at: EquilibriumResult | None = None
         self._density: Floats = np.zeros(0)  # of that equilibrium
-        self._load = Load(0.0, None)  # of that equilibrium
+        self._load = LoadCase(0.0, None)  # of that equilibrium
 
     def solve(
         self,
@@ -136,7 +136,7 @@ class EquilibriumSolver:
         displacement: Floats | None = None,
         start: Floats | None = None,
         raise_on_failure: bool = True,
-        patient: bool = True,
+        allow_continuation: bool = True,
     ) -> EquilibriumResult:
         """The stable equilibrium at a density, a pressure and dead forces (collective).
 
@@ -162,7 +162,7 @@ class EquilibriumSolver:
             OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
             EquilibriumError: No equilibrium was found; the error holds the last good state.
         """
-        load = requested_load(self.model, pressure, force, displacement)
+        load = make_load_case(self.model, pressure, force, displacement)
         check_density(self.skin, density)
         check_start(self.model, start)
         self.model.set_density(density)
@@ -170,7 +170,7 @@ class EquilibriumSolver:
         last, self._factorised_at = self._factorised_at, None
         near = last if last is not None and start is last.state else None
         # The factors of the start's own equilibrium predict how it changes.
-        newton.held = near is not None
+        newton.reuse_factors = near is not None
         newton.history = []
         before = self._factor.count
         state = self.model.assembled
@@ -184,15 +184,17 @@ class EquilibriumSolver:
                 f"the start leaves the stretch bounds: a triangle uses {use:.3g} of them, the "
                 "bound is 1. Start from the assembled positions, or raise c1 and c2."
             )
-        end = self._continue(state, density, load, near, cold=start is None, patient=patient)
-        state, reached = end.state, end.reached
-        converged = reached == 1.0
-        self._apply(load.share(reached or 0.0))
+        end = self._continue(
+            state, density, load, near, cold=start is None, allow_continuation=allow_continuation
+        )
+        state, load_factor = end.state, end.load_factor
+        converged = load_factor == 1.0
+        self._apply(load.scaled(load_factor or 0.0))
         state.setflags(write=False)
         volumes = tuple(float(v) for v in self.model.volumes(state))
         result = EquilibriumResult(
             converged=converged,
-            share=reached or 0.0,
+            load_factor=load_factor or 0.0,
             reason=self._reason(end, load, volumes),
             pressure=newton.pressure,
             pressures=tuple(float(p) for p in self.model.pressures),
@@ -203,8 +205,8 @@ class EquilibriumSolver:
             volumes=volumes,
             stretch_use=self.model.bounds.worst(self.model.corners(state)),
             residual=self._residual_over_load(state),
-            steps=sum(row.step > 0 and not row.chord for row in newton.history),
-            chords=sum(row.chord for row in newton.history),
+            steps=sum(row.step > 0 and not row.modified for row in newton.history),
+            modified_steps=sum(row.modified for row in newton.history),
             factorisations=self._factor.count - before,
             history=tuple(newton.history),
         )
@@ -253,24 +255,24 @@ class EquilibriumSolver:
         self,
         state: Floats,
         density: Floats,
-        load: Load,
+        load: LoadCase,
         near: EquilibriumResult | None,
         *,
         cold: bool,
-        patient: bool,
-    ) -> Climb:
+        allow_continuation: bool,
+    ) -> ContinuationResult:
         """At once, from the near equilibrium, by the load, by the stiffness, patiently.
 
         Returns:
             Which share of the load was reached at the asked density.
         """
         most = self._minimise.max_steps
-        few = most if patient else min(HASTE, most)
+        few = most if allow_continuation else min(HASTE, most)
         found, outcome, _ = self._attempt(state, density, load, few)
         if outcome > 0:
-            return Climb(found, 1.0, outcome)
-        if not patient:
-            return Climb(state, None, outcome)
+            return ContinuationResult(found, 1.0, outcome)
+        if not allow_continuation:
+            return ContinuationResult(state, None, outcome)
         least = self.options.min_increment
         if near is not None:
             there, load_there = self._density, self._load
@@ -279,70 +281,72 @@ class EquilibriumSolver:
                 mixed = there + share * (density - there)
                 return self._attempt(x, mixed, load_there.towards(load, share))
 
-            begin = Climb(state, 0.0, outcome)
-            walked = climb(walk, begin, 1.0, FIRST_SHARE, least)
-            if walked.reached == 1.0:
+            begin = ContinuationResult(state, 0.0, outcome)
+            walked = run_continuation(walk, begin, 1.0, FIRST_SHARE, least)
+            if walked.load_factor == 1.0:
                 return walked
         if not cold:
             found, outcome, _ = self._attempt(self.model.assembled, density, load)
             if outcome > 0:
-                return Climb(found, 1.0, outcome)
+                return ContinuationResult(found, 1.0, outcome)
         unfinished = found
         # A pressure that strains by a few per cent.
         small = 0.1 * self.model.composite.least_stiffness / self.skin.pattern.size
         increment = min(small / load.largest, 1 / 4) if load.largest else FIRST_SHARE
 
-        def raise_load(of: Floats) -> Climb:
-            begin = Climb(self.model.assembled, None, outcome)
-            return climb(
-                lambda x, share: self._attempt(x, of, load.share(share)), begin, 1.0, increment,
+        def raise_load(of: Floats) -> ContinuationResult:
+            begin = ContinuationResult(self.model.assembled, None, outcome)
+            return run_continuation(
+                lambda x, share: self._attempt(x, of, load.scaled(share)), begin, 1.0, increment,
                 least,
             )  # fmt: skip
 
-        by_load = Climb(state, None, outcome)
+        by_load = ContinuationResult(state, None, outcome)
         if load:
             by_load = raise_load(density)
-            if by_load.reached == 1.0:
+            if by_load.load_factor == 1.0:
                 return by_load
-            if by_load.reached is None:
-                by_load = Climb(state, None, by_load.outcome)
+            if by_load.load_factor is None:
+                by_load = ContinuationResult(state, None, by_load.outcome)
         plain = np.zeros_like(density)
         found, outcome, _ = self._attempt(self.model.assembled, plain, load)
-        soft = Climb(found, 1.0, outcome)
+        soft = ContinuationResult(found, 1.0, outcome)
         if outcome <= 0 and load:
             soft = raise_load(plain)
         if soft.outcome > 0:
-            stiffened = climb(
+            stiffened = run_continuation(
                 lambda x, share: self._attempt(x, share * density, load),
-                Climb(soft.state, 0.0, soft.outcome), 1.0, FIRST_SHARE, least,
+                ContinuationResult(soft.state, 0.0, soft.outcome), 1.0, FIRST_SHARE, least,
             )  # fmt: skip
-            if stiffened.reached == 1.0:
+            if stiffened.load_factor == 1.0:
                 return stiffened
         found, outcome, _ = self._attempt(unfinished, density, load, PATIENCE * most)
         if outcome > 0:
-            return Climb(found, 1.0, outcome)
+            return ContinuationResult(found, 1.0, outcome)
         return by_load
 
     def _attempt(
-        self, start: Floats, density: Floats, load: Load, max_steps: int | None = None
+        self, start: Floats, density: Floats, load: LoadCase, max_steps: int | None = None
     ) -> tuple[Floats, int, int]:
         """One solve of the SNES: the state, its converged reason, and how many steps it took."""
         self.model.set_density(density)
         self._apply(load)
         return self._minimise(self._place(start, load.displacement), max_steps)
 
-    def _apply(self, load: Load) -> None:
+    def _apply(self, load: LoadCase) -> None:
         self.model.set_pressure(load.pressure)
         self.model.set_force(load.force)
         self.model.set_weight(load.weight)
         self.model.displaced = load.displacement is not None
         self._newton.pressure = load.largest
 
-    def _reason(self, end: Climb, load: Load, volumes: Sequence[float]) -> str:
-        if end.reached == 1.0:
+    def _reason(self, end: ContinuationResult, load: LoadCase, volumes: Sequence[float]) -> str:
+        if end.load_factor == 1.0:
             return success(self.model, load, self._residual_over_load(end.state), volumes)
         tried = self._minimise.tried
-        return failure(self.model, self.options, end.outcome, load, end.reached, end.state, tried)
+        return failure(
+            self.model, self.options, end.outcome, load, end.load_factor, end.state, tried
+        )
 
     def _residual_over_load(self, state: Floats) -> float:
         return norm(self.skin.comm, self.model.residual(state)) / self._newton.reference(state)

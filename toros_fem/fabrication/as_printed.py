@@ -12,7 +12,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem._mpi import on_first_rank
 from toros_fem._types import Floats
 from toros_fem.design.loop import DesignResult
-from toros_fem.design.problem import DesignChain, Evaluation
+from toros_fem.design.problem import DesignProblem, Evaluation
 from toros_fem.errors import NoEquilibriumError
 from toros_fem.fabrication.contours import printed_regions
 from toros_fem.fabrication.islands import Cleaned, clean
@@ -58,7 +58,7 @@ class PrintedDesign:
         return self.cleaned.regions
 
 
-def drawn(problem: DesignChain, density: Floats) -> tuple[Floats, Floats]:
+def drawn(problem: DesignProblem, density: Floats) -> tuple[Floats, Floats]:
     """ρ̃ at all flat points and at all centroids, what is given as it is given (collective).
 
     Args:
@@ -81,7 +81,7 @@ def drawn(problem: DesignChain, density: Floats) -> tuple[Floats, Floats]:
     return at_points, at_centroids
 
 
-def without_islands(problem: DesignChain, result: DesignResult, printed: PrintedDesign) -> Floats:
+def without_islands(problem: DesignProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
     """ρ at owned triangles without what makes free islands of its contours (collective).
 
     What carries load may be an island: `with_bridges` keeps it.
@@ -115,7 +115,7 @@ def without_islands(problem: DesignChain, result: DesignResult, printed: Printed
     return np.where(clear[skin.owned_cells], 0.0, result.density)
 
 
-def with_bridges(problem: DesignChain, result: DesignResult, printed: PrintedDesign) -> Floats:
+def with_bridges(problem: DesignProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
     """ρ at owned triangles with the free islands of its contours joined to the rest (collective).
 
     Each by a straight line two filter radii wide, the shortest way to other print of the panel.
@@ -146,8 +146,8 @@ def with_bridges(problem: DesignChain, result: DesignResult, printed: PrintedDes
     return np.where(joined[skin.owned_cells], 1.0, result.density)
 
 
-def print_design(
-    problem: DesignChain,
+def as_printed(
+    problem: DesignProblem,
     result: DesignResult,
     limits: PrintLimits,
     island_area: float = 0.0,

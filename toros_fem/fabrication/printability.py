@@ -14,7 +14,7 @@ from toros_fem._types import Bools
 from toros_fem._validate import require_positive
 from toros_fem.fabrication.contours import panel_outline
 from toros_fem.fabrication.islands import Hole, Piece, find_holes, find_pieces
-from toros_fem.fabrication.widths import Place, measure
+from toros_fem.fabrication.widths import Place, measure_widths
 from toros_fem.meshes.pattern import Pattern
 
 SAMPLES_PER_LIMIT = 20
@@ -117,7 +117,7 @@ def printability(
     outlines = [panel_outline(pattern, panel) for panel in range(len(pattern.panel_names))]
     pieces = find_pieces(pattern, regions)
     thin = [
-        measure(region, outline, panel, limits.width, limits.gap, limits.resolution)
+        measure_widths(region, outline, panel, limits.width, limits.gap, limits.resolution)
         for panel, (region, outline) in enumerate(zip(regions, outlines, strict=True))
     ]
 

@@ -73,7 +73,7 @@ class _Pairs(NamedTuple):
         return _Pairs(self.ends[kept], self.way[kept], self.width[kept], self.centre[kept])
 
 
-def measure(
+def measure_widths(
     region: BaseGeometry,
     outline: BaseGeometry,
     panel: int,
@@ -171,9 +171,9 @@ def _facing(samples: _Samples, resolution: float) -> _Pairs:
     way = np.abs(samples.arc[p] - samples.arc[q])
     way = np.minimum(way, samples.length[p] - way)
     way[samples.ring[p] != samples.ring[q]] = np.inf
-    chord = np.linalg.norm(samples.points[p] - samples.points[q], axis=1)
-    kept = samples.free[p] & samples.free[q] & (way > FACING * chord)
-    triangle, k, p, q, way, chord = (a[kept] for a in (triangle, k, p, q, way, chord))
+    modified = np.linalg.norm(samples.points[p] - samples.points[q], axis=1)
+    kept = samples.free[p] & samples.free[q] & (way > FACING * modified)
+    triangle, k, p, q, way, modified = (a[kept] for a in (triangle, k, p, q, way, modified))
     start, end = mesh.points[p], mesh.points[q]
     one = _circumcentres(mesh.points[mesh.simplices[triangle]])
     two = _circumcentres(mesh.points[mesh.simplices[mesh.neighbors[triangle, k]]])
@@ -181,7 +181,7 @@ def _facing(samples: _Samples, resolution: float) -> _Pairs:
     radii = [np.linalg.norm(centre - start, axis=1) for centre in (one, two)]
     between = np.einsum("ij,ij->i", one - middle, two - middle) <= 0
     nearer = np.where((radii[0] <= radii[1])[:, None], one, two)
-    width = np.where(between, chord, np.maximum(chord, 2 * np.minimum(*radii)))
+    width = np.where(between, modified, np.maximum(modified, 2 * np.minimum(*radii)))
     centre = np.where(between[:, None], middle, nearer) + origin
     pairs = _Pairs(np.stack([p, q], axis=1), way, width, centre)
     return pairs.select((way > FACING * width) & np.isfinite(width))

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from toros_fem._types import Floats
 from toros_fem.forms.bending import Edges
-from toros_fem.forms.energy import Masses, Section
+from toros_fem.forms.energy import Masses, SheetStiffness
 from toros_fem.materials import Material
 from toros_fem.mechanics.dead_loads import Weight
 from toros_fem.mechanics.hinges import Hinges
@@ -31,11 +31,11 @@ def assembled(form: Any, vector: Any) -> Floats:
     return np.array(vector.array[: vector.index_map.size_local * vector.block_size])
 
 
-def section(domain: Any, material: Material) -> Section:
+def sheet_stiffness(domain: Any, material: Material) -> SheetStiffness:
     """A material's section stiffness as constants."""
     h = material.thickness
     values = (h * material.mu, h * material.lam, h**3 / 12 * material.mu, h**3 / 12 * material.lam)
-    return Section(*(fem.Constant(domain, value) for value in values))
+    return SheetStiffness(*(fem.Constant(domain, value) for value in values))
 
 
 def masses(domain: Any, weight: Weight, gravity: Any) -> Masses:

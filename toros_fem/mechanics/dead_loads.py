@@ -38,7 +38,7 @@ class Weight:
             )
 
 
-def held_load(pattern: Pattern, panel: str, force: Sequence[float] | Floats) -> Floats:
+def spread_force(pattern: Pattern, panel: str, force: Sequence[float] | Floats) -> Floats:
     """Dead forces of something that hangs on a panel or lies on it, spread by flat area.
 
     Args:

@@ -10,7 +10,7 @@ from toros_fem._types import Floats
 
 
 @dataclass(frozen=True, eq=False)
-class Load:
+class LoadCase:
     """What acts on a skin.
 
     Attributes:
@@ -49,13 +49,13 @@ class Load:
         """Largest pressure in Pa."""
         return float(np.max(self.pressure))
 
-    def share(self, share: float) -> Load:
-        """A share of it."""
-        return Load(0.0, None).towards(self, share)
+    def scaled(self, factor: float) -> LoadCase:
+        """Return the load times a load factor."""
+        return LoadCase(0.0, None).towards(self, factor)
 
-    def towards(self, other: Load, share: float) -> Load:
+    def towards(self, other: LoadCase, share: float) -> LoadCase:
         """What lies between, share of the way to another."""
-        return Load(
+        return LoadCase(
             self.pressure + share * (other.pressure - self.pressure),
             _between(self.force, other.force, share),
             _between(self.displacement, other.displacement, share),

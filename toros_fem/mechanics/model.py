@@ -20,13 +20,13 @@ from toros_fem.mechanics.coefficients import (
     assembled,
     edge_coefficients,
     masses,
-    section,
+    sheet_stiffness,
     work_vector,
 )
 from toros_fem.mechanics.dead_loads import Weight
 from toros_fem.mechanics.hinges import edge_angles, find_hinges
 from toros_fem.mechanics.patch_space import make_patch
-from toros_fem.mechanics.periodicity import Images, Periodic
+from toros_fem.mechanics.periodicity import Periodic, PeriodicImages
 from toros_fem.mechanics.pressure import PressureLoad
 from toros_fem.mechanics.stretch_bounds import StretchBounds
 from toros_fem.mechanics.supports import Supports
@@ -84,9 +84,9 @@ class SkinModel:
             poisson = composite.reinforcement.poisson
             self._hinges = find_hinges(skin, composite.bending, supports, poisson)
             rotations = composite.bending.curvature == "midedge"
-        self.periodic, self.images = periodic, None
+        self.periodic, self.periodic_images = periodic, None
         if periodic is not None:
-            self.images = Images(skin, periodic, bends=self._hinges is not None)
+            self.periodic_images = PeriodicImages(skin, periodic, bends=self._hinges is not None)
         self._patch = make_patch(
             skin, self._hinges, rotations=rotations, lattice=periodic is not None
         )
@@ -112,8 +112,8 @@ class SkinModel:
             self.adjoint,
             ufl.TestFunction(self._entry_space),
             self.density,
-            section(domain, composite.fabric),
-            section(domain, composite.reinforcement),
+            sheet_stiffness(domain, composite.fabric),
+            sheet_stiffness(domain, composite.reinforcement),
             (fem.Constant(domain, composite.c1), fem.Constant(domain, composite.c2)),
             self._pressure.coefficient if self.closed else None,
             self._pressure.chosen,
@@ -121,7 +121,7 @@ class SkinModel:
             None if self._hinges is None else edge_coefficients(skin, self._hinges, rotations),
             None if bladder is None else fem.Constant(domain, bladder.membrane_stiffness / 3),
             None if weight is None else masses(domain, weight, self._gravity),
-            None if self.images is None else self.images.coefficients,
+            None if self.periodic_images is None else self.periodic_images.coefficients,
         )
         self._energy = fem.form(self.ufl_forms.energy)
         self._residual = fem.form(self.ufl_forms.residual)
@@ -136,13 +136,13 @@ class SkinModel:
         self.size_local: int = index_map.size_local
         self.loaded, self._force = False, np.zeros(self.size_local)
         self.displaced = False
-        self.held = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
-        self.held[self._patch.position_dofs] = supports.held[skin.vertex]
+        self.fixed = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
+        self.fixed[self._patch.position_dofs] = supports.fixed[skin.vertex]
         if self._hinges is not None and rotations:
-            self.held[self._patch.rotation_dofs] = self._without_rotation()
+            self.fixed[self._patch.rotation_dofs] = self._without_rotation()
         if periodic is not None:
-            self.held[self._patch.lattice_dofs] = np.array(periodic.held).T
-        self.free = ~self.held[: self.size_local]
+            self.fixed[self._patch.lattice_dofs] = np.array(periodic.prescribed).T
+        self.free = ~self.fixed[: self.size_local]
 
         # Owned triangles come first in the mesh, each with flat corners of its own.
         owned = domain.topology.index_map(2).size_local
@@ -239,8 +239,11 @@ class SkinModel:
     def _seen(self, nodes: int) -> Floats:
         """Positions of the first corners and flaps of owned triangles where these see them."""
         seen = self.q.x.array[self._dofs[:, :nodes]]
-        if self.images is not None:
-            seen = seen + self.images.added(self.q.x.array[self._patch.lattice_dofs])[:, :nodes]
+        if self.periodic_images is not None:
+            seen = (
+                seen
+                + self.periodic_images.added(self.q.x.array[self._patch.lattice_dofs])[:, :nodes]
+            )
         return np.asarray(seen)
 
     def folds(self, state: Floats, angle: float) -> int:

@@ -10,7 +10,7 @@ from toros_fem.mechanics.coefficients import work_vector
 from toros_fem.mechanics.model import SkinModel
 
 
-class ImageEntries:
+class PeriodicTangent:
     """The tangent's entries at the columns of F̄, from the matrices of triangles that see images.
 
     A triangle's matrix A belongs to the places where it sees its nodes, x + a F̄n + b F̄t; that of
@@ -26,12 +26,12 @@ class ImageEntries:
     """
 
     def __init__(self, model: SkinModel) -> None:
-        assert model.images is not None
-        self._model, self._images = model, model.images
+        assert model.periodic_images is not None
+        self._model, self._images = model, model.periodic_images
         index_map = model.space.dofmap.index_map
         size = index_map.size_global
         local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
-        number = np.where(model.held, -1, index_map.local_to_global(local))
+        number = np.where(model.fixed, -1, index_map.local_to_global(local))
         place, dofs, present = model.tangent_layout
         self._cells = cells = np.flatnonzero(self._images.moved.any(axis=1))
         self._count = dofs.shape[1]

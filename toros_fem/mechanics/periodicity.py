@@ -19,7 +19,7 @@ from toros_fem.meshes.tile import Tile
 # Components of F̄, rows n, t, z and columns n, t: a sheet that is pulled along n and free across.
 UNIAXIAL = ((True, False), (True, False), (True, True))
 # All of them, to be given.
-GIVEN = ((True, True), (True, True), (True, True))
+ALL_PRESCRIBED = ((True, True), (True, True), (True, True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,24 +36,28 @@ class Periodic:
         flat: Whether the sheet stays in its plane; otherwise it may buckle.
 
     Raises:
-        ParameterError: `held` has another shape, or lets the tile turn.
+        ParameterError: `prescribed` has another shape, or lets the tile turn.
     """
 
     tile: Tile
-    held: tuple[tuple[bool, bool], ...] = UNIAXIAL
+    prescribed: tuple[tuple[bool, bool], ...] = UNIAXIAL
     flat: bool = True
 
     def __post_init__(self) -> None:
-        held = np.array(self.held, dtype=object)  # rows may be of different lengths
-        if held.shape != (3, 2) or not all(isinstance(h, bool | np.bool_) for h in held.flat):
+        prescribed = np.array(self.prescribed, dtype=object)  # rows may be of different lengths
+        if prescribed.shape != (3, 2) or not all(
+            isinstance(h, bool | np.bool_) for h in prescribed.flat
+        ):
             raise ParameterError(
-                f"held has shape {held.shape}; it must tell of the 3 × 2 components of the mean "
-                "deformation gradient, True or False, whether they are given."
+                f"prescribed has shape {prescribed.shape}; it must be 3 × 2 of True or False, one "
+                "for each component of the mean deformation gradient."
             )
-        if not (held[2, 0] and held[2, 1]) or not (held[1, 0] or held[0, 1]):
+        if not (prescribed[2, 0] and prescribed[2, 1]) or not (
+            prescribed[1, 0] or prescribed[0, 1]
+        ):
             raise ParameterError(
-                "the mean deformation gradient may turn the tile: hold its z components, and that "
-                "along t of the column n, or that along n of the column t."
+                "the mean deformation gradient may turn the tile: prescribe its z components, "
+                "and that along t of the column n, or that along n of the column t."
             )
 
     @property
@@ -62,7 +66,7 @@ class Periodic:
         return float(np.sqrt(abs(np.linalg.det(self.tile.lattice))))
 
 
-class Images:
+class PeriodicImages:
     """How far each node a triangle sees lies from the node's own place, as a share of F̄'s columns.
 
     Attributes:

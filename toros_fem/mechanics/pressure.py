@@ -67,7 +67,7 @@ class PressureLoad:
         self._entries = []
         pairs = [self.pairs]
         for wall, at in zip(self._walls, self._at, strict=True):
-            free = ~supports.held[wall.vertices].ravel()
+            free = ~supports.fixed[wall.vertices].ravel()
             number, mine = whole[at].ravel(), np.repeat(owned[at], 3) & free
             upper = number[:, None] <= number[None, :]
             rows, columns = np.nonzero(upper & mine[:, None] & free[None, :])

@@ -36,7 +36,7 @@ class Supports:
             position, shape (n, 3).
         guided: Ends of free edges, shape (k, 2), at which the sheet stays perpendicular to a
             given plane through the edge, as if mirrored there: it cannot turn about the edge.
-            Whether the edge itself is held is told by `held`.
+            Whether the edge itself is held is told by `fixed`.
         normals: Normal of each of these planes, shape (k, 3), perpendicular to the edge, of any
             length. An edge that is not held may move, but its plane does not turn.
         displacement: Way in m from the assembled position to where a vertex is held, shape
@@ -45,16 +45,16 @@ class Supports:
 
     Raises:
         ParameterError: `guided` and `normals` do not fit together, or a normal is zero; or the
-            displacement has another shape than `held`, or is not finite.
+            displacement has another shape than `fixed`, or is not finite.
     """
 
-    held: npt.NDArray[np.bool_]
+    fixed: npt.NDArray[np.bool_]
     guided: Ints = field(default_factory=_no_edges)
     normals: Floats = field(default_factory=_no_normals)
     displacement: Floats | None = None
 
     def __post_init__(self) -> None:
-        require_displacement(self.displacement, self.held.shape)
+        require_displacement(self.displacement, self.fixed.shape)
         count = len(self.guided)
         if self.guided.shape != (count, 2) or self.normals.shape != (count, 3):
             raise ParameterError(
@@ -70,12 +70,12 @@ class Supports:
         displacement = None
         if self.displacement is not None or other.displacement is not None:
             mine, theirs = (
-                np.zeros(s.held.shape) if s.displacement is None else s.displacement
+                np.zeros(s.fixed.shape) if s.displacement is None else s.displacement
                 for s in (self, other)
             )
-            displacement = np.where(other.held, theirs, np.where(self.held, mine, 0.0))
+            displacement = np.where(other.fixed, theirs, np.where(self.fixed, mine, 0.0))
         return Supports(
-            self.held | other.held,
+            self.fixed | other.fixed,
             np.concatenate([self.guided, other.guided]),
             np.concatenate([self.normals, other.normals]),
             displacement,
@@ -95,7 +95,7 @@ class Supports:
 
         Where edges are guided their normals tell: a clamp may hold more.
         """
-        across = np.zeros(self.held.shape, dtype=bool)
+        across = np.zeros(self.fixed.shape, dtype=bool)
         lengths = np.linalg.norm(self.normals, axis=1)[:, None]
         for k in range(2):
             np.logical_or.at(across, self.guided[:, k], np.abs(self.normals) > 0.999 * lengths)
@@ -106,7 +106,7 @@ class Supports:
         """Components held at 0."""
         there = pattern.points if self.displacement is None else pattern.points + self.displacement
         at_rest = np.abs(pattern.points) <= FLAT * pattern.size
-        return np.asarray(self.held & at_rest & (np.abs(there) <= FLAT * pattern.size))
+        return np.asarray(self.fixed & at_rest & (np.abs(there) <= FLAT * pattern.size))
 
     def require_no_rigid_motion(self, pattern: Pattern, *, bends: bool = True) -> None:
         """Check that no rigid motion of the assembled skin is left free.
@@ -120,16 +120,16 @@ class Supports:
                 free, or leave a rigid motion.
         """
         points = pattern.points
-        if self.held.shape != points.shape:
+        if self.fixed.shape != points.shape:
             raise ParameterError(
-                f"supports.held has shape {self.held.shape}; this skin needs {points.shape}. "
+                f"supports.held has shape {self.fixed.shape}; this skin needs {points.shape}. "
                 "Make the supports from its own pattern."
             )
         self._check_guides(pattern)
         arm = (points - points.mean(axis=0)) / pattern.size
         shifts = np.broadcast_to(np.eye(3), (len(points), 3, 3))
         turns = np.stack([np.cross(axis, arm) for axis in np.eye(3)], axis=2)
-        motions = np.concatenate([shifts, turns], axis=2)[self.held]
+        motions = np.concatenate([shifts, turns], axis=2)[self.fixed]
         if bends:  # a guided edge does not let the sheet turn about it
             along = points[self.guided[:, 1]] - points[self.guided[:, 0]]
             guides = np.concatenate([np.zeros_like(along), along / pattern.size], axis=1)
@@ -137,7 +137,7 @@ class Supports:
         rank = np.linalg.matrix_rank(motions, tol=1e-6) if len(motions) else 0
         if rank < 6:
             raise ParameterError(
-                f"the supports hold {self.held.sum()} components and leave {6 - rank} of the 6 "
+                f"the supports hold {self.fixed.sum()} components and leave {6 - rank} of the 6 "
                 "rigid motions free, so that the skin could float away. Hold more of it."
             )
 
@@ -187,10 +187,10 @@ def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
     """
     if not panels:
         raise ParameterError("panels = () holds nothing; name a panel to clamp.")
-    held = np.zeros((len(pattern.points), 3), dtype=bool)
+    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
     for name in panels:
-        held[pattern.vertices_of(name)] = True
-    return Supports(held)
+        fixed[pattern.vertices_of(name)] = True
+    return Supports(fixed)
 
 
 def displace(
@@ -207,11 +207,11 @@ def displace(
         PanelError: A panel of that name does not exist.
         ParameterError: No panel is named, or the displacement is no finite vector.
     """
-    held = clamp(pattern, panels).held
+    fixed = clamp(pattern, panels).fixed
     vector = np.asarray(displacement, dtype=np.float64)
     if vector.shape != (3,):
         raise ParameterError(f"displacement = {displacement} must be a vector (3,), in m.")
-    return Supports(held, displacement=np.where(held, vector, 0.0))
+    return Supports(fixed, displacement=np.where(fixed, vector, 0.0))
 
 
 def pin(pattern: Pattern, panel: str | None = None) -> Supports:
@@ -240,11 +240,11 @@ def pin(pattern: Pattern, panel: str | None = None) -> Supports:
     best, chosen = 0.0, None
     for a, b, c in permutations((first, second, third)):
         for left_out, last in product(range(3), range(3)):
-            held = np.zeros(arm.shape, dtype=bool)
-            held[a], held[b], held[c, last] = True, np.arange(3) != left_out, True
-            stiffness = float(np.linalg.svd(motions[held], compute_uv=False)[-1])
-            if held.sum() == 6 and stiffness > best * (1 + 1e-9):  # the first of equals
-                best, chosen = stiffness, held
+            fixed = np.zeros(arm.shape, dtype=bool)
+            fixed[a], fixed[b], fixed[c, last] = True, np.arange(3) != left_out, True
+            stiffness = float(np.linalg.svd(motions[fixed], compute_uv=False)[-1])
+            if fixed.sum() == 6 and stiffness > best * (1 + 1e-9):  # the first of equals
+                best, chosen = stiffness, fixed
     if chosen is None or best < 1e-4:
         raise ParameterError(
             "the vertices to pin lie on a line, so that the skin could turn about it; give a panel "
@@ -270,9 +270,9 @@ def symmetry_plane(pattern: Pattern, axis: int) -> Supports:
     if axis not in (0, 1, 2):
         raise ParameterError(f"axis = {axis!r} must be 0, 1 or 2, for x, y or z.")
     border = half_edges(pattern.triangles)[plane_border(pattern, axis)]
-    held = np.zeros((len(pattern.points), 3), dtype=bool)
-    held[border.ravel(), axis] = True
-    return Supports(held, border, np.tile(np.eye(3)[axis], (len(border), 1)))
+    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
+    fixed[border.ravel(), axis] = True
+    return Supports(fixed, border, np.tile(np.eye(3)[axis], (len(border), 1)))
 
 
 def build_in(pattern: Pattern, vertices: npt.NDArray[np.bool_]) -> Supports:
@@ -295,9 +295,9 @@ def build_in(pattern: Pattern, vertices: npt.NDArray[np.bool_]) -> Supports:
         raise ParameterError("no free edge lies between the vertices to be built in.")
     ends = pattern.free_edges[meant]
     border = pattern.edges.twins[pattern.edges.border[meant], 0]
-    held = np.zeros((len(pattern.points), 3), dtype=bool)
-    held[ends.ravel()] = True
-    return Supports(held, ends, _inward_normals(pattern, border))
+    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
+    fixed[ends.ravel()] = True
+    return Supports(fixed, ends, _inward_normals(pattern, border))
 
 
 def _inward_normals(pattern: Pattern, border: Ints) -> Floats:

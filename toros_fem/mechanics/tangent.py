@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix
 
 from toros_fem._types import Floats, Ints
 from toros_fem.mechanics.model import SkinModel
-from toros_fem.mechanics.periodic_tangent import ImageEntries
+from toros_fem.mechanics.periodic_tangent import PeriodicTangent
 
 
 class UpperTangent:
@@ -36,10 +36,10 @@ class UpperTangent:
         starts = np.array(comm.allgather(index_map.local_range[0]) + [size], dtype=np.int64)
         keys, weights = _contributions(model)
         self._own = len(keys)
-        self.images = None if model.images is None else ImageEntries(model)
-        if self.images is not None:
-            keys = np.append(keys, self.images.keys)
-            weights = np.append(weights, self.images.weights)
+        self.periodic_images = None if model.periodic_images is None else PeriodicTangent(model)
+        if self.periodic_images is not None:
+            keys = np.append(keys, self.periodic_images.keys)
+            weights = np.append(weights, self.periodic_images.weights)
 
         order = np.argsort(keys, kind="stable")
         order = order[np.searchsorted(keys[order], 0) :]
@@ -92,8 +92,8 @@ class UpperTangent:
             geometric: 1 for K; 0 for its material part M, positive semidefinite.
         """
         self._model.tangent_entries(state, self._entries, geometric)
-        if self.images is not None:
-            self._entries[self._own :] = self.images.values(self._entries)
+        if self.periodic_images is not None:
+            self._entries[self._own :] = self.periodic_images.values(self._entries)
         out[:] = self._sum @ self._entries
         comm: MPI.Comm = self._model.skin.comm
         if comm.size > 1:
@@ -120,7 +120,7 @@ def _contributions(model: SkinModel) -> tuple[Ints, Floats]:
     shape = (len(place), len(row))
     keys = np.full(shape, -1, dtype=np.int64)
     weights = np.ones(shape)
-    counts = ~np.append(model.held, True)[np.where(present, dofs, -1)]
+    counts = ~np.append(model.fixed, True)[np.where(present, dofs, -1)]
     numbers = number[dofs]
     for n, (i, j) in enumerate(zip(row, column, strict=True)):
         a, b = numbers[:, i], numbers[:, j]
@@ -129,8 +129,8 @@ def _contributions(model: SkinModel) -> tuple[Ints, Floats]:
         if i != j:
             weights[place, n] = np.where(a == b, 2.0, 1.0)
     walls = model.wall_pairs[0] * size + model.wall_pairs[1]
-    held = number[np.flatnonzero(~model.free)]
+    fixed = number[np.flatnonzero(~model.free)]
     return (
-        np.concatenate([keys.ravel(), walls, held * (size + 1)]),
-        np.concatenate([weights.ravel(), np.ones(len(walls) + len(held))]),
+        np.concatenate([keys.ravel(), walls, fixed * (size + 1)]),
+        np.concatenate([weights.ravel(), np.ones(len(walls) + len(fixed))]),
     )

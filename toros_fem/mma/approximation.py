@@ -12,18 +12,18 @@ from mpi4py import MPI
 from toros_fem._mpi import sum_over_ranks
 from toros_fem._types import Floats
 
-PIECE = 16384  # variables at a time: their work arrays stay in the cache
+BLOCK = 16384  # variables at a time: their work arrays stay in the cache
 TINY = float(np.finfo(np.float64).tiny)
 MIXED = 1.002  # 1.001 + 0.001: the shares of a gradient that pⱼ and qⱼ take
 
 
-def pieces(count: int) -> Iterator[slice]:
+def blocks(count: int) -> Iterator[slice]:
     """Slices of so many variables that fit into the cache."""
-    return (slice(k, min(k + PIECE, count)) for k in range(0, count, PIECE))
+    return (slice(k, min(k + BLOCK, count)) for k in range(0, count, BLOCK))
 
 
 @dataclass(frozen=True)
-class Response:
+class DualResponse:
     """What the approximations do where the Lagrangian is smallest.
 
     Attributes:
@@ -88,7 +88,7 @@ class Approximation:
             gradients: ∇fᵢ(xᵏ), the objective's first.
         """
         sums: Floats = np.zeros(self._m + 2)
-        for part in pieces(self._n):
+        for part in blocks(self._n):
             here, d = x[part], distance[part]
             lower, upper = bounds[0][part], bounds[1][part]
             slope, weight = self._slope[:, part], self._weight[part]
@@ -110,12 +110,12 @@ class Approximation:
         sums = sum_over_ranks(self._comm, sums)
         self.size, self.total_weight = sums[:-1], float(sums[-1])
 
-    def respond(self, multipliers: Floats) -> Response:
+    def respond(self, multipliers: Floats) -> DualResponse:
         """Evaluate the approximations where the Lagrangian is smallest (collective)."""
         m = self._m
         changes, products = np.zeros(2 * m + 3), np.zeros((m + 1, m + 1))
-        work = np.empty((2, m + 1, PIECE))
-        for part in pieces(self._n):
+        work = np.empty((2, m + 1, BLOCK))
+        for part in blocks(self._n):
             slope, weight = self._slope[:, part], self._weight[part]
             steep = np.abs(slope)
             t, a, free = self._stationary(multipliers, part, steep)
@@ -142,7 +142,7 @@ class Approximation:
         sums = sum_over_ranks(self._comm, np.concatenate([changes, products.ravel()]))
         spread = np.hstack([np.eye(m), self.curvature[1:, None]])
         hessian = spread @ sums[2 * m + 3 :].reshape(m + 1, m + 1) @ spread.T
-        return Response(self._assemble(sums[: 2 * m + 3]), hessian)
+        return DualResponse(self._assemble(sums[: 2 * m + 3]), hessian)
 
     def minimiser(
         self,
@@ -153,7 +153,7 @@ class Approximation:
         out: Floats,
     ) -> None:
         """Write the x at which the Lagrangian is smallest."""
-        for part in pieces(self._n):
+        for part in blocks(self._n):
             steep = np.abs(self._slope[:, part])
             t = self._stationary(multipliers, part, steep)[0]
             t *= distance[part]
@@ -164,7 +164,7 @@ class Approximation:
     def change_at(self, x: Floats, distance: Floats, trial: Floats) -> tuple[Floats, float]:
         """f̃ᵢ(trial) − fᵢ(xᵏ), and ∂f̃ᵢ/∂ρᵢ there, GCMMA's d (collective)."""
         changes = np.zeros(2 * self._m + 3)
-        for part in pieces(self._n):
+        for part in blocks(self._n):
             t = (trial[part] - x[part]) / np.maximum(distance[part], TINY)
             square = t * t
             steep = np.abs(self._slope[:, part])

@@ -13,7 +13,7 @@ from toros_fem._mpi import largest, smallest, total
 from toros_fem._types import Floats
 from toros_fem._validate import require_between, require_positive
 from toros_fem.errors import ParameterError
-from toros_fem.mma.approximation import TINY, Approximation, pieces
+from toros_fem.mma.approximation import TINY, Approximation, blocks
 from toros_fem.mma.subproblem import Price, solve_subproblem
 
 Numbers = Sequence[float] | Floats
@@ -320,7 +320,7 @@ class MMA:
             return out
         assert state.previous is not None
         assert state.distance is not None
-        for part in pieces(len(x)):
+        for part in blocks(len(x)):
             span = out[part]
             turn = x[part] - state.previous[part]
             turn *= state.previous[part] - state.before_previous[part]

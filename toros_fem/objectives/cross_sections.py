@@ -10,7 +10,7 @@ from toros_fem._validate import require_count
 from toros_fem.meshes.pattern import Pattern
 
 
-def slabs(
+def cross_sections(
     pattern: Pattern, vertices: Ints, along: npt.ArrayLike, count: int, *, border: bool = True
 ) -> Ints:
     """Section of each assembled vertex, (n,), in slabs of equal length along a direction.
@@ -33,7 +33,7 @@ def slabs(
     return label
 
 
-def groups(label: Ints, least: int = 3) -> list[Ints]:
+def section_vertices(label: Ints, least: int = 3) -> list[Ints]:
     """Vertices of each section, those of fewer than `least` left out."""
     found = [np.flatnonzero(label == k) for k in range(int(label.max(initial=-1)) + 1)]
     return [group for group in found if len(group) >= least]

@@ -12,28 +12,28 @@ import numpy.typing as npt
 from toros_fem._types import Floats, Ints
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.objectives.cross_sections import groups, slabs
+from toros_fem.objectives.cross_sections import cross_sections, section_vertices
 from toros_fem.objectives.rotation import best_rotation, polar_rotation
 
-Measure = Callable[[Pattern, Floats], float]
+MetricFunction = Callable[[Pattern, Floats], float]
 """A number from a pattern and the deformed positions (n, 3) of all its vertices in m."""
 
 
 @dataclass(frozen=True)
-class Figure:
+class Metric:
     """A number that a run is judged by, named in history, summary and pictures.
 
     Attributes:
         name: What it is, "angle" say.
         unit: Its unit, as it ends names: "deg", "percent", "mm".
-        asked: The value asked for.
+        target: The target value.
         measure: Computes the value reached, in that unit.
     """
 
     name: str
     unit: str
-    asked: float
-    measure: Measure
+    target: float
+    measure: MetricFunction
 
     def __post_init__(self) -> None:
         if not (self.name.isidentifier() and self.unit.isidentifier()):
@@ -193,7 +193,9 @@ def distance(
 
 def _rings(pattern: Pattern, panel: str, count: int) -> list[Ints]:
     """Vertices of a panel in slabs along z, and those of its far end."""
-    return groups(slabs(pattern, pattern.vertices_of(panel), (0, 0, 1), count), least=6)
+    return section_vertices(
+        cross_sections(pattern, pattern.vertices_of(panel), (0, 0, 1), count), least=6
+    )
 
 
 def _swing_free(rotation: Floats) -> tuple[float, float]:

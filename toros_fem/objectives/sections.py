@@ -15,7 +15,7 @@ from toros_fem.objectives.shape import checked_target
 
 
 @dataclass(frozen=True, eq=False)
-class Sections:
+class CrossSections:
     """Groups of vertices, and how much place and orientation of each count.
 
     Attributes:
@@ -50,7 +50,7 @@ class Sections:
             raise ParameterError("centre and turn must be finite, not negative, not all zero.")
 
 
-class SectionObjective:
+class CrossSectionObjective:
     """T = ½ Σₖ (cₖ · gₖ²/L² + tₖ ½‖Qₖ − Qₖ*‖²), whatever the sections' size and shape.
 
     gₖ is what the section's mean is off the target's by, component by component, L the diagonal
@@ -71,7 +71,7 @@ class SectionObjective:
         ParameterError: The sections are made for another pattern.
     """
 
-    def __init__(self, skin: Skin, target: Floats, sections: Sections) -> None:
+    def __init__(self, skin: Skin, target: Floats, sections: CrossSections) -> None:
         target = checked_target(skin, target)
         pattern, s = skin.pattern, sections
         if s.label.shape != (len(pattern.points),):

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.fabrication.contours import (panel_outline)
-from toros_fem.objectives.metrics import (Figure)
+from toros_fem.objectives.metrics import (Metric)
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.output.plots import (DPI, FABRIC, PRINTED, TARGET, camera, draw_skin, fill)
 
@@ -130,7 +130,7 @@ def plot_tracks(path: Path, feet: Floats, every: int) -> None:
     plt.close(figure)
 
 
-def plot_curves(path: Path, rows: Sequence[Mapping[str, float]], figures: Sequence[Figure]) -> None:
+def plot_curves(path: Path, rows: Sequence[Mapping[str, float]], metrics: Sequence[Metric]) -> None:
     """Picture of figures over the pressure.
 
     Args:
@@ -140,7 +140,7 @@ def plot_curves(path: Path, rows: Sequence[Mapping[str, float]], figures: Sequen
     """
     figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
     pressure = [1e-3 * row["pressure_pa"] for row in rows]
-    for of in figures:
+    for of in metrics:
         axes.plot(pressure, [row[of.key] for row in rows], ".-", label=of.label)
     axes.set_xlabel("pressure in kPa")
     axes.grid(alpha=0.3)

@@ -26,7 +26,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.fabrication.contours import (layout, panel_outline)
 from toros_fem.fabrication.printability import (Printability, PrintLimits)
-from toros_fem.objectives.metrics import (Figure)
+from toros_fem.objectives.metrics import (Metric)
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.design.options import (Iteration)
 from toros_fem.fabrication.widths import (Place)
@@ -58,7 +58,7 @@ def plot_pattern(path: Path, pattern: Pattern, regions: Sequence[BaseGeometry]) 
     plt.close(figure)
 
 
-def plot_manufacture(
+def plot_printability(
     path: Path,
     pattern: Pattern,
     regions: Sequence[BaseGeometry],
@@ -227,7 +227,7 @@ def plot_shape(
 def plot_convergence(
     path: Path,
     history: Sequence[Iteration],
-    figures: Sequence[Figure],
+    metrics: Sequence[Metric],
     reached: Sequence[Mapping[str, float]],
 ) -> None:
     """Picture of objective, figures and grey level over the iterations.
@@ -239,15 +239,15 @@ def plot_convergence(
         reached: Their values in each iteration, by their keys.
     """
     count = [row.iteration for row in history]
-    rows = 2 + len(figures)
+    rows = 2 + len(metrics)
     figure, (top, *middle, bottom) = plt.subplots(
         rows, 1, figsize=(8, 2 + 2 * rows), sharex=True, layout="constrained"
     )
     top.semilogy(count, [row.objective for row in history], color=PRINTED)
     top.set_ylabel("objective T")
-    for axis, of in zip(middle, figures, strict=True):
+    for axis, of in zip(middle, metrics, strict=True):
         axis.plot(count, [row[of.key] for row in reached], color=PRINTED, label="reached")
-        axis.axhline(of.asked, color="0.6", linestyle="--", label="asked")
+        axis.axhline(of.target, color="0.6", linestyle="--", label="asked")
         axis.set_ylabel(of.label)
         axis.legend(frameon=False)
     bottom.plot(count, [row.volume_fraction for row in history], label="volume fraction")

@@ -17,16 +17,16 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem._mpi import on_first_rank
 from toros_fem.design.problem import (Evaluation)
-from toros_fem.design.shape_problem import (DesignProblem)
+from toros_fem.design.shape_problem import (ShapeProblem)
 from toros_fem.errors import OutputError
 from toros_fem.fabrication.svg import (write_svg)
 from toros_fem.output.files import (HistoryFile, versions, write_fields, write_json, write_table)
-from toros_fem.objectives.metrics import (Figure)
+from toros_fem.objectives.metrics import (Metric)
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 from toros_fem.equilibrium.newton import (NewtonStep)
 from toros_fem.design.loop import (DesignResult)
-from toros_fem.analysis.pressure_path import (PathPoint)
+from toros_fem.analysis.pressure_path import (PressurePathPoint)
 from toros_fem.fabrication.as_printed import (PrintedDesign)
 from toros_fem.design.options import (Iteration)
 
@@ -61,17 +61,17 @@ class Reporter:
         skin: Skin,
         folder: Path,
         iterations: int,
-        figures: Sequence[Figure],
+        metrics: Sequence[Metric],
         begin: float,
     ) -> None:
-        self._skin, self._folder, self._planned, self._figures = skin, folder, iterations, figures
+        self._skin, self._folder, self._planned, self._figures = skin, folder, iterations, metrics
         self._whole_begin = begin
         self._begin = time.perf_counter()
         self._history = HistoryFile(folder / "history.csv")
         self.reached: list[dict[str, float]] = []
         self._on_first_rank(lambda: folder.mkdir(parents=True, exist_ok=True))
         if skin.comm.rank == 0:
-            columns = "".join(f"  {f.name}/{f.unit:s}".rjust(12) for f in figures)
+            columns = "".join(f"  {f.name}/{f.unit:s}".rjust(12) for f in metrics)
             print(
                 f"  it   objective{columns}  kPa     volume   grey   g_r      g_t     rejected"
                 "  newton  seconds",
@@ -102,12 +102,12 @@ class Reporter:
 
     def finish(
         self,
-        problem: DesignProblem,
+        problem: ShapeProblem,
         result: DesignResult,
         printed: PrintedDesign,
         target: Floats,
         inputs: dict[str, Any],
-        figures: dict[str, Any],
+        metrics: dict[str, Any],
     ) -> dict[str, Any]:
         """Write summary, pattern, fields and pictures (collective); the summary is returned.
 
@@ -144,8 +144,8 @@ class Reporter:
         printed_figures = made and self._reached(made)
         summary = {
             **{f.key: printed_figures and printed_figures[f.key] for f in self._figures},
-            **{f"{f.name}_target_{f.unit}": f.asked for f in self._figures},
-            **figures,
+            **{f"{f.name}_target_{f.unit}": f.target for f in self._figures},
+            **metrics,
             "pressure_pa": final.equilibrium.pressure,
             "volume_m3": made and parts * made.equilibrium.volume,
             "stretch_use": made and made.equilibrium.stretch_use,
@@ -215,7 +215,7 @@ class Reporter:
         what = "as printed" if printed.evaluation else "as designed, not as printed,"
         reached = summary if printed.evaluation else self.reached[-1]
         found = ", ".join(
-            f"{f.name} {f.written(reached[f.key])} of {f.written(f.asked)}" for f in self._figures
+            f"{f.name} {f.written(reached[f.key])} of {f.written(f.target)}" for f in self._figures
         )
         title = f"{found} {what} at {summary['pressure_pa'] / 1e3:.3g} kPa"
         cells = printed.cells.astype(np.float64)
@@ -224,7 +224,7 @@ class Reporter:
             from toros_fem.output import plots as plotting
 
             plotting.plot_pattern(folder / "pattern.png", pattern, printed.regions)
-            plotting.plot_manufacture(
+            plotting.plot_printability(
                 folder / "manufacture.png", pattern, printed.regions, printed.after, printed.limits
             )
             plotting.plot_shape(folder / "shape.png", pattern, positions, target, cells, title)
@@ -293,9 +293,9 @@ def write_path(
     comm: MPI.Comm,
     folder: Path,
     pattern: Pattern,
-    points: Sequence[PathPoint],
+    points: Sequence[PressurePathPoint],
     density: Floats,
-    figures: Sequence[Figure],
+    metrics: Sequence[Metric],
     summary: dict[str, Any],
     begin: float,
 ) -> None:
@@ -318,7 +318,7 @@ def write_path(
     def write() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         rows = [
-            {"pressure_pa": p.result.pressure, "volume_m3": p.result.volume, **p.figures}
+            {"pressure_pa": p.result.pressure, "volume_m3": p.result.volume, **p.metrics}
             for p in points
         ]
         write_table(folder / "curve.csv", rows)
@@ -330,7 +330,7 @@ def write_path(
         def draw() -> None:
             from toros_fem.output.comparison_plot import (plot_curves, plot_shapes)
 
-            plot_curves(folder / "curve.png", rows, figures)
+            plot_curves(folder / "curve.png", rows, metrics)
             plot_shapes(folder / "shapes.png", pattern.triangles, shapes, density)
 
         if_plotting(draw)

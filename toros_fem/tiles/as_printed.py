@@ -11,15 +11,15 @@ from mpi4py import MPI
 from toros_fem._mpi import raise_together
 from toros_fem._types import Floats
 from toros_fem.errors import NoEquilibriumError
-from toros_fem.fabrication.as_printed import PrintedDesign, print_design
+from toros_fem.fabrication.as_printed import PrintedDesign, as_printed
 from toros_fem.fabrication.printability import printed_cells
 from toros_fem.materials import Bending
 from toros_fem.mechanics.periodicity import Periodic
 from toros_fem.meshes.skin import sew
-from toros_fem.tiles.case import TileOutcome, TileScene, TileSettings
+from toros_fem.tiles.case import TileCase, TileConfig, TileResult
 from toros_fem.tiles.islands import loose_pieces
 from toros_fem.tiles.solver import TileSolver
-from toros_fem.tiles.stiffness_profile import Profile, ProfileSolver, joined, profiles
+from toros_fem.tiles.stiffness_profile import Profile, ProfileSolver, merge_profiles, profiles
 
 # Strains at which the curves of a print are measured.
 LEVELS = 4
@@ -63,17 +63,17 @@ class TileCheck:
         settings: With which numbers.
     """
 
-    def __init__(self, batch: MPI.Comm, scene: TileScene, settings: TileSettings) -> None:
+    def __init__(self, batch: MPI.Comm, scene: TileCase, settings: TileConfig) -> None:
         self._scene, self._settings = scene, settings
         self._tile = scene.fine or scene.tile
         skin = sew(MPI.COMM_SELF, self._tile.pattern)
         solver = TileSolver(skin, settings.composite, Periodic(self._tile))
         self.solver = ProfileSolver(solver, scene.angles, settings.strain, batch)
 
-    def __call__(self, outcome: TileOutcome) -> TileOutcome:
+    def __call__(self, outcome: TileResult) -> TileResult:
         """The outcome with its print and what that does (collective)."""
         problem, s = outcome.problem, self._settings
-        printed = print_design(problem, outcome.result, s.limits, s.island_area)
+        printed = as_printed(problem, outcome.result, s.limits, s.island_area)
         profile, failure = None, ""
         try:
             profile = self.solver.solve(self.density(printed), gradients=False)
@@ -89,7 +89,7 @@ class TileCheck:
 
 
 def measure_print(
-    batch: MPI.Comm, scene: TileScene, settings: TileSettings, outcome: TileOutcome
+    batch: MPI.Comm, scene: TileCase, settings: TileConfig, outcome: TileResult
 ) -> TileFindings | None:
     """The whole profile of what is printed, on the finer mesh (collective).
 
@@ -117,7 +117,7 @@ def measure_print(
     try:
         if not known.all():
             others = ProfileSolver(tile, angles[~known], s.strain, batch)
-            profile = joined(profile, others.solve(cells, gradients=False))
+            profile = merge_profiles(profile, others.solve(cells, gradients=False))
         fabric = ProfileSolver(tile, angles[:1], s.strain, batch)
         plain = fabric.solve(np.zeros_like(cells), gradients=False)
         strains = s.strain * np.arange(1, LEVELS) / LEVELS
@@ -130,7 +130,7 @@ def measure_print(
 
 
 def _buckling(
-    batch: MPI.Comm, scene: TileScene, settings: TileSettings, outcome: TileOutcome
+    batch: MPI.Comm, scene: TileCase, settings: TileConfig, outcome: TileResult
 ) -> npt.NDArray[np.bool_] | None:
     """Whether the print, on the design's mesh, buckles in the directions that count."""
     found = np.zeros(len(scene.angles), dtype=bool)

@@ -13,7 +13,7 @@ from toros_fem._validate import require_between, require_count, require_positive
 from toros_fem.density.filters import make_filter
 from toros_fem.density.projection import Projection
 from toros_fem.density.symmetric import SymmetricFilter
-from toros_fem.design.config import DesignSettings
+from toros_fem.design.config import DesignConfig
 from toros_fem.design.loop import DesignResult
 from toros_fem.equilibrium.newton import NewtonStep
 from toros_fem.fabrication.as_printed import PrintedDesign
@@ -31,7 +31,7 @@ WAVES = 4
 
 
 @dataclass(frozen=True)
-class TileSettings(DesignSettings):
+class TileConfig(DesignConfig):
     """The numbers that every design of a tile needs; SI units.
 
     The width constraints hold from the first step on, unless `constrained` is 0.
@@ -75,7 +75,7 @@ class TileSettings(DesignSettings):
 
 
 @dataclass(frozen=True, eq=False)
-class TileScene:
+class TileCase:
     """What is to be designed.
 
     Attributes:
@@ -83,7 +83,7 @@ class TileScene:
         angles: Directions that count, (k,), in rad; of a symmetric design those that its symmetry
             does not repeat.
         objective: What is wanted of the profile in these directions.
-        symmetry: Of the design, as for `Tile.images`.
+        symmetry: Of the design, as for `Tile.symmetry_maps`.
         coarse: The same tile on a coarser mesh, where starts are tried; None for `tile`.
         fine: The same tile on a finer mesh, where what is printed is simulated; None for `tile`.
     """
@@ -97,7 +97,7 @@ class TileScene:
 
 
 @dataclass(frozen=True, eq=False)
-class TileOutcome:
+class TileResult:
     """What designing a tile came to.
 
     Attributes:
@@ -124,8 +124,8 @@ class TileOutcome:
 
 def tile_problem(
     batch: MPI.Comm,
-    scene: TileScene,
-    settings: TileSettings,
+    scene: TileCase,
+    settings: TileConfig,
     log: Callable[[NewtonStep], None] | None = None,
 ) -> TileProblem:
     """The design problem of a tile, which each rank sews for itself (collective).
@@ -148,7 +148,7 @@ def tile_problem(
             TileSolver(skin, s.composite, Periodic(tile), log=log), scene.angles, s.strain, batch
         ),
         objective=scene.objective,
-        filter=SymmetricFilter(skin, inner, tile.images(scene.symmetry)),
+        filter=SymmetricFilter(skin, inner, tile.symmetry_maps(scene.symmetry)),
         projection=Projection(s.beta, s.eta),
         weight=s.perimeter,
     )

@@ -18,7 +18,7 @@ from toros_fem.meshes.tile import Tile
 from toros_fem.output.plots import DPI, FABRIC, PRINTED, fill
 from toros_fem.tiles.objectives import ProfileTarget
 from toros_fem.tiles.pull_test import PullCurve, PullTest
-from toros_fem.tiles.sheet import joined
+from toros_fem.tiles.sheet import region_of_triangles
 from toros_fem.tiles.stiffness_profile import Profile
 
 ASKED = "tab:red"
@@ -233,8 +233,8 @@ def plot_sheet(path: Path, pattern: Pattern, positions: Floats, printed: Bools, 
     )
     for axes, (name, points) in zip(row, states, strict=True):
         corners = points[pattern.triangles, :2]
-        fill(axes, joined(corners), FABRIC, edge="0.45")
-        fill(axes, joined(corners[printed]), PRINTED)
+        fill(axes, region_of_triangles(corners), FABRIC, edge="0.45")
+        fill(axes, region_of_triangles(corners[printed]), PRINTED)
         axes.set_title(name)
         axes.set_aspect("equal")
         axes.autoscale_view()

@@ -12,7 +12,7 @@ from toros_fem.density.filters import Filter
 from toros_fem.density.length_scale import LengthScaleConstraints
 from toros_fem.density.perimeter import Perimeter
 from toros_fem.density.projection import Projection
-from toros_fem.design.problem import DesignChain, Evaluation, Pressure
+from toros_fem.design.problem import DesignProblem, Evaluation, Pressure
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
@@ -21,8 +21,8 @@ from toros_fem.tiles.stiffness_profile import Profile, ProfileSolver
 
 
 @dataclass(eq=False)
-class TileProblem(DesignChain[Profile]):
-    """A tile and the profile that is wanted of it; see `DesignChain` for what is not said here.
+class TileProblem(DesignProblem[Profile]):
+    """A tile and the profile that is wanted of it; see `DesignProblem` for what is not said here.
 
     Attributes:
         solver: Pulls the tile in the directions that count.
@@ -61,10 +61,10 @@ class TileProblem(DesignChain[Profile]):
         return replace(self, projection=projection)
 
     def respond(
-        self, projected: Floats, start: Any, pressure: Pressure | None, *, patient: bool
+        self, projected: Floats, start: Any, pressure: Pressure | None, *, allow_continuation: bool
     ) -> tuple[Profile, float]:
         """The profile, with its gradients, and what it is worth (collective)."""
-        profile = self.solver.solve(projected, start, patient=patient)
+        profile = self.solver.solve(projected, start, allow_continuation=allow_continuation)
         return profile, self.objective.forward(profile)
 
     def respond_backward(self, evaluation: Evaluation[Profile]) -> tuple[Floats, None]:

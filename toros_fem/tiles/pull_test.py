@@ -23,7 +23,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin, sew
 from toros_fem.meshes.tile import Tile
 from toros_fem.tiles.printed_tile import PrintedTile
-from toros_fem.tiles.sheet import Sheet
+from toros_fem.tiles.sheet import TileSheet
 from toros_fem.tiles.solver import TileSolver
 from toros_fem.tiles.stiffness_profile import profiles
 
@@ -120,10 +120,12 @@ def pull(
     length, width = size[axis], size[1 - axis]
     require_positive(gauge=gauge, at_most=length * (1 + FLAT))
     near, far = _borders(pattern, axis)
-    held = np.zeros(pattern.points.shape, dtype=bool)
-    held[:, 2] = True
-    held[near | far] = True
-    solver = EquilibriumSolver(skin, replace(composite, bending=None), Supports(held), options, log)
+    fixed = np.zeros(pattern.points.shape, dtype=bool)
+    fixed[:, 2] = True
+    fixed[near | far] = True
+    solver = EquilibriumSolver(
+        skin, replace(composite, bending=None), Supports(fixed), options, log
+    )
     along = np.eye(3)[axis]
     forces, middle, steps = [], [], 0
     state, positions = None, pattern.points
@@ -233,12 +235,12 @@ class PulledSheet:
         middle: The same at the last strain that the sheet has in its middle.
     """
 
-    sheet: Sheet
+    sheet: TileSheet
     test: PullTest
     predicted: PullCurve
     middle: PullCurve
 
-    def figures(self) -> dict[str, Any]:
+    def metrics(self) -> dict[str, Any]:
         """What it comes to at the largest strain."""
         test, curve, predicted = self.test, self.test.curve, self.predicted
         return {
@@ -276,7 +278,7 @@ class PulledSheet:
 
 def pull_sheet(
     comm: MPI.Comm,
-    sheet: Sheet,
+    sheet: TileSheet,
     tile: Tile,
     printed: PrintedTile,
     strains: Floats,

@@ -21,7 +21,7 @@ from toros_fem.meshes.tile import Tile
 from toros_fem.output.files import HistoryFile, versions, write_fields, write_json, write_table
 from toros_fem.output.reporter import if_plotting, write_together
 from toros_fem.tiles.as_printed import TileFindings
-from toros_fem.tiles.case import TileOutcome, TileScene
+from toros_fem.tiles.case import TileCase, TileResult
 from toros_fem.tiles.objectives import ProfileTarget
 from toros_fem.tiles.printed_tile import PrintedTile, write_tile
 from toros_fem.tiles.stiffness_profile import Profile
@@ -87,8 +87,8 @@ def repeated(region: BaseGeometry, tile: Tile, along: int, across: int) -> BaseG
 def write_tile_design(
     comm: MPI.Comm,
     folder: Path,
-    scene: TileScene,
-    outcome: TileOutcome,
+    scene: TileCase,
+    outcome: TileResult,
     findings: TileFindings | None,
     made: PrintedTile,
     inputs: dict[str, Any],

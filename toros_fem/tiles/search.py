@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from toros_fem._types import Floats
 from toros_fem.density.projection import Projection
-from toros_fem.design.loop import DesignResult, optimise
+from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Iteration, Stage
 from toros_fem.design.problem import Evaluation
 from toros_fem.equilibrium.newton import NewtonStep
@@ -19,7 +19,7 @@ from toros_fem.errors import NoEquilibriumError
 from toros_fem.meshes.tile import Tile
 from toros_fem.mma.optimizer import MMAOptions
 from toros_fem.tiles.as_printed import TileCheck
-from toros_fem.tiles.case import TileOutcome, TileScene, TileSettings, tile_problem, wavy
+from toros_fem.tiles.case import TileCase, TileConfig, TileResult, tile_problem, wavy
 from toros_fem.tiles.islands import loose_pieces
 from toros_fem.tiles.objectives import ProfileTarget
 from toros_fem.tiles.problem import TileProblem
@@ -43,11 +43,11 @@ Callback = Callable[[Iteration, Evaluation[Profile]], None]
 
 def design_tile(
     batch: MPI.Comm,
-    scene: TileScene,
-    settings: TileSettings,
+    scene: TileCase,
+    settings: TileConfig,
     callback: Callback | None = None,
     log: Callable[[NewtonStep], None] | None = None,
-) -> TileOutcome:
+) -> TileResult:
     """Design a tile from the best of several starts, and make its print do what is asked.
 
     Profiles have many local minima; a few steps from each of some starts, on the coarse mesh, tell
@@ -74,20 +74,20 @@ def design_tile(
     bound, exact = s.constrained > 0, isinstance(scene.objective, ProfileTarget)
     options = DesignOptions(
         tuple(Stage(s.trial, k * s.beta, constrained=bound) for k in (1, STEEPER)),
-        enough=(s.tolerance / 2) ** 2 if exact else 0.0,
-        progress=PROGRESS if exact else 0.0,
+        target_objective=(s.tolerance / 2) ** 2 if exact else 0.0,
+        min_relative_decrease=PROGRESS if exact else 0.0,
         mma=MMAOptions(move=s.move),
     )
     finalists, trials = _best_starts(problem, draft.tile, s, options, callback)
     whole = replace(options, stages=(Stage(s.iterations, STEEPER * s.beta, constrained=bound),))
-    drafts = [optimise(problem, one.density, whole, callback, after=one) for one in finalists]
+    drafts = [optimize(problem, one.density, whole, callback, after=one) for one in finalists]
     drafts.sort(key=lambda one: _judged(problem, draft.tile, options, one)[0])
     densities = [problem.skin.gather_cells(one.density) for one in drafts]
     near, _ = draft.tile.nearest(scene.tile.pattern.centroids)
     problem = tile_problem(batch, scene, s, log)
     mine = near[problem.skin.owned_cells]
     check = TileCheck(batch, scene, s)
-    found: list[TileOutcome] = []
+    found: list[TileResult] = []
     failure: NoEquilibriumError | None = None
     for drafted, density in zip(drafts, densities, strict=True):
         try:
@@ -108,19 +108,19 @@ def _made(
     problem: TileProblem,
     drafted: DesignResult,
     density: Floats,
-    settings: TileSettings,
+    settings: TileConfig,
     options: DesignOptions,
     check: TileCheck,
     callback: Callback | None,
-) -> TileOutcome:
+) -> TileResult:
     """What comes of a draft on the design's own mesh, its print made to do what is asked."""
     s, wanted, bound = settings, problem.objective, settings.constrained > 0
     last = tuple(Stage(s.finish, k * s.beta, constrained=bound) for k in STEEPEST)
-    result = optimise(
-        problem, density, replace(options, stages=last), callback, after=drafted, resewn=True
+    result = optimize(
+        problem, density, replace(options, stages=last), callback, after=drafted, new_mesh=True
     )
     problem = problem.with_projection(Projection(STEEPEST[-1] * s.beta, s.eta))
-    found = check(TileOutcome(problem, result, None, None, "", np.zeros(0), (), ()))
+    found = check(TileResult(problem, result, None, None, "", np.zeros(0), (), ()))
     if not isinstance(wanted, ProfileTarget):
         return found
     best_yet = found
@@ -128,12 +128,12 @@ def _made(
     again = replace(
         options,
         stages=(Stage(s.retry, constrained=bound),),
-        enough=options.enough / len(problem.solver.angles),
+        target_objective=options.target_objective / len(problem.solver.angles),
     )
     deviations = [_deviation(wanted, found.profile)]
     while len(deviations) <= s.correct and found.profile and min(deviations) > s.tolerance:
         aim = _moved(wanted, found.result.final.equilibrium, found.profile)
-        result = optimise(
+        result = optimize(
             replace(problem, objective=aim),
             found.result.density,
             again,
@@ -150,7 +150,7 @@ def _made(
 def _best_starts(
     problem: TileProblem,
     tile: Tile,
-    settings: TileSettings,
+    settings: TileConfig,
     options: DesignOptions,
     callback: Callback | None,
 ) -> tuple[list[DesignResult], tuple[tuple[float, int], ...]]:
@@ -161,14 +161,14 @@ def _best_starts(
     skin, first = problem.skin, settings.seed
     for seed in range(first, first + settings.starts):
         try:
-            result = optimise(problem, wavy(tile, seed)[skin.owned_cells], options, callback)
+            result = optimize(problem, wavy(tile, seed)[skin.owned_cells], options, callback)
         except NoEquilibriumError as caught:  # raised by all ranks or by none
             failure = caught
             continue
         harm, islands = _judged(problem, tile, options, result)
         found.append((harm, seed, islands == 0, result))
         trials.append((result.final.objective, islands))
-        if harm <= options.enough:
+        if harm <= options.target_objective:
             return [result], tuple(trials)
     if not found:
         assert failure is not None
@@ -187,7 +187,9 @@ def _judged(
     islands = len(loose_pieces(tile, filtered > problem.projection.eta))
     limits, widths = problem.length_scale, result.final.length_scale
     kept = limits is None or widths is None or bool(np.all(widths <= limits.epsilon))
-    harm = max(result.final.objective, options.enough) * (1.0 if kept and not islands else SPOILT)
+    harm = max(result.final.objective, options.target_objective) * (
+        1.0 if kept and not islands else SPOILT
+    )
     return harm, islands
 
 

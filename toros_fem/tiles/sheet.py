@@ -25,7 +25,7 @@ HALF = 0.5 - 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class TileSheet:
     """An open sheet of tiles, to be pulled along x or y.
 
     Attributes:
@@ -44,7 +44,7 @@ class Sheet:
         return "xy".index(self.name)
 
 
-def sheet_of(made: Tile, name: str, along: int, across: int) -> Sheet:
+def sheet_of(made: Tile, name: str, along: int, across: int) -> TileSheet:
     """A sheet of so many tiles along the direction it is pulled in, and across.
 
     Args:
@@ -56,10 +56,10 @@ def sheet_of(made: Tile, name: str, along: int, across: int) -> Sheet:
         ParameterError: A number is not whole, or less than 1.
     """
     counts = (along, across) if name == "x" else (across, along)
-    return Sheet(name, *made.sheet(*counts))
+    return TileSheet(name, *made.sheet(*counts))
 
 
-def joined(triangles: Floats) -> BaseGeometry:
+def region_of_triangles(triangles: Floats) -> BaseGeometry:
     """The region of triangles (t, 3, 2) of one mesh, joined where they share an edge."""
     return shapely.simplify(shapely.coverage_union_all(shapely.polygons(triangles)), STRAIGHT)
 
@@ -80,7 +80,7 @@ def resampled(comm: MPI.Comm, made: PrintedTile, edge_length: float) -> PrintedT
     new = tile(comm, made.size, edge_length, made.mesh, made.symmetry)
 
     def sample() -> Bools:
-        region = joined(old.pattern.corners[made.printed])
+        region = region_of_triangles(old.pattern.corners[made.printed])
         shapely.prepare(region)
         triangles = shapely.polygons(new.pattern.corners)
         printed = shapely.contains(region, triangles)
@@ -93,7 +93,7 @@ def resampled(comm: MPI.Comm, made: PrintedTile, edge_length: float) -> PrintedT
 
 
 def print_layout(
-    sheets: Sequence[Sheet], printed: Bools, margin: float
+    sheets: Sequence[TileSheet], printed: Bools, margin: float
 ) -> tuple[Pattern, list[BaseGeometry]]:
     """The cloth of sheets with margins to clamp, and what is printed on it.
 
@@ -115,7 +115,7 @@ def print_layout(
         spare = np.where(np.arange(2) == sheet.axis, margin, 0.0)
         size = sheet.pattern.flat_points.max(axis=0) + 2 * spare
         corners.append(size * [[0, 0], [1, 0], [1, 1], [0, 1]])
-        region = joined(sheet.pattern.corners[printed[sheet.cell]])
+        region = region_of_triangles(sheet.pattern.corners[printed[sheet.cell]])
         regions.append(translate(region, *spare))
     count = len(sheets)
     flat = np.concatenate(corners)

@@ -10,10 +10,10 @@ import numpy as np
 from toros_fem._mpi import dot
 from toros_fem._types import Floats
 from toros_fem.density.field import check_density
-from toros_fem.equilibrium.continuation import Climb, climb
+from toros_fem.equilibrium.continuation import ContinuationResult, run_continuation
 from toros_fem.equilibrium.newton import NewtonStep
 from toros_fem.equilibrium.options import NewtonOptions
-from toros_fem.equilibrium.snes import Minimiser
+from toros_fem.equilibrium.snes import SnesSolver
 from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.materials import Composite
 from toros_fem.mechanics.model import SkinModel
@@ -92,18 +92,18 @@ class TileSolver:
                 "seams = 'continuous': its borders are no seams. Or keep it in its plane by "
                 "flat = True."
             )
-        held = np.zeros((len(skin.pattern.points), 3), dtype=bool)
-        held[:, 2] = periodic.flat
-        held[0] = True
+        fixed = np.zeros((len(skin.pattern.points), 3), dtype=bool)
+        fixed[:, 2] = periodic.flat
+        fixed[0] = True
         self.skin, self.periodic = skin, periodic
         self.options = options or NewtonOptions()
-        self.model = SkinModel(skin, composite, Supports(held), periodic=periodic)
-        self._minimise = Minimiser(self.model, self.options, log)
-        images = self._minimise.factor.images
+        self.model = SkinModel(skin, composite, Supports(fixed), periodic=periodic)
+        self._minimise = SnesSolver(self.model, self.options, log)
+        images = self._minimise.factor.periodic_images
         assert images is not None
-        assert self.model.images is not None
-        self._images, self._turn = images, self.model.images.turn
-        self._held = np.array(periodic.held)
+        assert self.model.periodic_images is not None
+        self._images, self._turn = images, self.model.periodic_images.turn
+        self._prescribed = np.array(periodic.prescribed)
         self.area = float(skin.pattern.areas.sum())
         self._place = skin.pattern.points[skin.owned_vertices, :2]
         pairs = self.model.tangent_layout[1].shape[1]
@@ -118,7 +118,7 @@ class TileSolver:
         gradient: Floats,
         *,
         start: TileState | None = None,
-        patient: bool = True,
+        allow_continuation: bool = True,
     ) -> TileState:
         """The stable equilibrium at a mean deformation (collective).
 
@@ -137,12 +137,12 @@ class TileSolver:
         """
         check_density(self.skin, density)
         given = np.asarray(gradient, dtype=np.float64)
-        fits = given.shape == (3, 2) and np.isfinite(given[self._held]).all()
+        fits = given.shape == (3, 2) and np.isfinite(given[self._prescribed]).all()
         if not (fits and np.isfinite(angle)):
             raise ParameterError(
                 f"gradient = {gradient} at angle = {angle} must be (3, 2) and finite where held."
             )
-        wanted = np.where(self._held, given, 0.0)
+        wanted = np.where(self._prescribed, given, 0.0)
         if start is not None and start.angle != angle:
             raise ParameterError(
                 f"the start is that of direction {start.angle:g} rad, not of {angle:g}: start from "
@@ -152,24 +152,26 @@ class TileSolver:
         self._turn(angle)
         self.model.set_density(density)
         minimise = self._minimise
-        minimise.newton.history, minimise.newton.held = [], False
+        minimise.newton.history, minimise.newton.reuse_factors = [], False
         before = minimise.factor.count
         begin, state = np.eye(3)[:, :2], self._assembled(angle)
         if start is not None:
             begin, state = start.gradient, start.state
-        change = np.where(self._held, wanted - begin, 0.0)
+        change = np.where(self._prescribed, wanted - begin, 0.0)
 
         def attempt(x: Floats, share: float) -> tuple[Floats, int, int]:
             there = self.model.columns(x).T / self.periodic.length
-            rest = np.where(self._held, begin + share * change - there, 0.0)
+            rest = np.where(self._prescribed, begin + share * change - there, 0.0)
             return minimise(self._stretched(x, angle, rest))
 
         found, outcome, _ = attempt(state, 1.0)
-        if outcome <= 0 and patient:
+        if outcome <= 0 and allow_continuation:
             begin, state = np.eye(3)[:, :2], self._assembled(angle)
-            change = np.where(self._held, wanted - begin, 0.0)
-            done = climb(attempt, Climb(state, 0.0, 1), 1.0, FIRST_SHARE, LEAST_SHARE)
-            found, outcome = done.state, done.outcome if done.reached == 1.0 else -1
+            change = np.where(self._prescribed, wanted - begin, 0.0)
+            done = run_continuation(
+                attempt, ContinuationResult(state, 0.0, 1), 1.0, FIRST_SHARE, LEAST_SHARE
+            )
+            found, outcome = done.state, done.outcome if done.load_factor == 1.0 else -1
         if outcome <= 0:
             raise NoEquilibriumError(
                 f"the tile has no equilibrium at the mean deformation {wanted[:2].tolist()} along "
@@ -259,15 +261,15 @@ class TileSolver:
         self.model.positions(added)[:] = self.flat_places(angle) @ change.T
         self.model.set_columns(added, change)
         # The held vertex keeps its place, and so does the sheet.
-        held = self.model.skin.owned_vertices == 0
-        shift = self.model.positions(added)[held].sum(axis=0)
+        fixed = self.model.skin.owned_vertices == 0
+        shift = self.model.positions(added)[fixed].sum(axis=0)
         self.model.positions(added)[:] -= self.skin.comm.allreduce(shift)
         return out + added
 
     def _answer(self, at: TileState, change: Floats) -> tuple[Floats, Floats]:
         """Change of the force by held F̄, all else kept, and that of the state; kept for reuse."""
         self._require_last(at)
-        wanted = np.where(self._held, change, 0.0)
+        wanted = np.where(self._prescribed, change, 0.0)
         key = wanted.tobytes()
         if key not in self._answers:
             if not self._answers:
@@ -289,12 +291,12 @@ class TileSolver:
         return TileState(
             angle=angle,
             gradient=np.asarray(model.columns(state).T / length),
-            stress=np.where(self._held, stress, 0.0),
+            stress=np.where(self._prescribed, stress, 0.0),
             energy=model.energy(state) / self.area,
             state=state,
             positions=model.positions(state),
             stretch_use=model.bounds.worst(model.corners(state)),
-            steps=sum(row.step > 0 and not row.chord for row in newton.history),
+            steps=sum(row.step > 0 and not row.modified for row in newton.history),
             factorisations=self._minimise.factor.count - before,
         )
 

@@ -101,7 +101,7 @@ class ProfileSolver:
             raise ParameterError(f"angles = {angles} must be at least one finite direction in rad.")
         if not np.isfinite(strain) or strain == 0 or strain <= -1:
             raise ParameterError(f"strain = {strain} must be finite, over -1, and not 0.")
-        if not np.array_equal(tile.periodic.held, UNIAXIAL):
+        if not np.array_equal(tile.periodic.prescribed, UNIAXIAL):
             raise ParameterError(
                 "profiles are of sheets pulled along n and free across: make the tile's solver of "
                 "Periodic(tile), with held = UNIAXIAL."
@@ -118,7 +118,7 @@ class ProfileSolver:
         start: tuple[TileState | None, ...] | None = None,
         *,
         gradients: bool = True,
-        patient: bool = True,
+        allow_continuation: bool = True,
     ) -> Profile:
         """The profile of a density (collective over tile and batch).
 
@@ -142,7 +142,11 @@ class ProfileSolver:
             try:
                 near = None if start is None else start[k]
                 state = self.tile.solve(
-                    density, float(self.angles[k]), wanted, start=near, patient=patient
+                    density,
+                    float(self.angles[k]),
+                    wanted,
+                    start=near,
+                    allow_continuation=allow_continuation,
                 )
                 states[k] = state
                 values[k] = [
@@ -226,7 +230,7 @@ def profiles(
     return found
 
 
-def joined(one: Profile, other: Profile) -> Profile:
+def merge_profiles(one: Profile, other: Profile) -> Profile:
     """Profiles of one tile at one strain in different directions, sorted by these."""
     order = np.argsort(np.concatenate([one.angles, other.angles]))
 
@@ -251,7 +255,7 @@ def effective_tensor(solver: TileSolver, density: Floats) -> Floats:
     """Stiffness of the undeformed tile, by one factorisation (collective).
 
     Args:
-        solver: A tile's solver with all of F̄ held, `lattice.GIVEN`.
+        solver: A tile's solver with all of F̄ held, `lattice.ALL_PRESCRIBED`.
         density: Projected density of the owned triangles.
 
     Returns:
@@ -260,7 +264,7 @@ def effective_tensor(solver: TileSolver, density: Floats) -> Floats:
     Raises:
         ParameterError: Some of F̄ is free.
     """
-    if not np.array(solver.periodic.held).all():
+    if not np.array(solver.periodic.prescribed).all():
         raise ParameterError("the effective tensor needs a tile whose F̄ is held: Periodic(GIVEN).")
     state = solver.solve(density, 0.0, np.eye(3)[:, :2])
     changes = np.zeros((3, 3, 2))

@@ -1,0 +1,165 @@
+"""The benchmarks run from the command line and write the rows they promise."""
+
+import itertools
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.scenes import ROOT
+from mpi4py import MPI
+
+# A process started from under mpirun would take itself for a rank of it.
+ALONE = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of its own")
+
+
+def run(name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = {
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith(("OMPI_COMM", "PMIX", "PRTE"))
+    }
+    return subprocess.run(
+        [sys.executable, str(ROOT / "benchmarks" / name), *arguments],
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+
+
+def written(folder: Path, name: str, *arguments: str) -> tuple[Any, str]:
+    """What a benchmark writes to `rows.json`, and what it prints."""
+    file = folder / "rows.json"
+    done = run(name, *arguments, "--json", str(file))
+    assert done.returncode == 0, done.stdout + done.stderr
+    return json.loads(file.read_text(encoding="utf-8")), done.stdout
+
+
+@ALONE
+@pytest.mark.parametrize("scene", ["half_tube", "tile_40", "pillow"])
+def test_stability_of_one_scene(tmp_path: Path, scene: str) -> None:
+    """Every case converges to what an independent check calls a stable equilibrium."""
+    found, _ = written(
+        tmp_path, "stability.py", "--quick", "--only", scene, "--output", str(tmp_path)
+    )
+    assert found["wrong"] == found["failed_although_solvable"] == 0
+    assert len(found["rows"]) == 4
+    for row in found["rows"]:
+        assert set(row) == {
+            "scene", "design", "contrast", "load", "start", "result", "reason",
+            "newton_steps", "residual", "min_pivot_sign", "seconds",
+        }  # fmt: skip
+        assert row["scene"] == scene
+        assert row["result"] == "converged"
+        assert row["residual"] <= 1e-8
+        assert row["min_pivot_sign"] == 1
+        assert row["newton_steps"] > 0
+    assert (tmp_path / "stability.png").stat().st_size > 10_000
+
+
+@ALONE
+def test_cost_of_a_newton_step(tmp_path: Path) -> None:
+    rows, printed = written(tmp_path, "newton_cost.py", "--triangles", "1000", "--rounds", "1")
+    assert [(row["bending"], row["ranks"]) for row in rows] == [
+        (True, 1), (True, 2), (False, 1), (False, 2),
+    ]  # fmt: skip
+    for row in rows:
+        assert set(row) == {
+            "triangles", "dofs", "ranks", "bending", "assembly_s", "force_s", "factor_s",
+            "solve_s", "step_s", "bare_factor_solve_s", "step_ratio", "assembly_ratio",
+        }  # fmt: skip
+        assert 800 < row["triangles"] < 1200
+        # Positions of the vertices; with bending a rotation of each edge too.
+        each = 3.0 if row["bending"] else 1.5
+        assert row["dofs"] == pytest.approx(each * row["triangles"], rel=0.02)
+        assert all(row[key] > 0 for key in row if key.endswith(("_s", "_ratio")))
+    # A scene compiles what it has: energy, force, tangent; with pressure also volume and load.
+    assert "bending and pressure   5 forms" in printed
+    assert "neither                3 forms" in printed
+
+
+@ALONE
+def test_mma_beside_other_codes(tmp_path: Path) -> None:
+    """Ours, mmapy and pyMOTO take the same step to the same point."""
+    rows, _ = written(tmp_path, "mma.py", "--quick", "--rounds", "1")
+    assert [(row["constraints"], row["code"]) for row in rows] == [
+        (m, code) for m in (1, 2, 5) for code in ("toros_fem", "mmapy", "pymoto")
+    ]
+    for row in rows:
+        assert set(row) == {
+            "variables", "constraints", "code", "seconds", "ratio_to_fastest_peer",
+        }  # fmt: skip
+        assert row["variables"] == 2000
+        assert row["seconds"] > 0
+    for m in (1, 2, 5):
+        peers = [row["ratio_to_fastest_peer"] for row in rows
+                 if row["constraints"] == m and row["code"] != "toros_fem"]  # fmt: skip
+        assert min(peers) == 1
+
+
+@ALONE
+def test_length_scale_of_lines(tmp_path: Path) -> None:
+    """With the default c thin lines stand far above wide ones, at any alignment."""
+    rows, _ = written(tmp_path, "length_scale.py", "--quick")
+    assert {row["filter"] for row in rows} == {"cone", "helmholtz"}
+    checked = 0
+    for row in rows:
+        if row["filter"] == "cone" and row["c_over_R2"] > 16 and row["width_over_asked"] == 0.85:
+            (wide,) = (
+                other
+                for other in rows
+                if other["width_over_asked"] == 1.15
+                and all(
+                    other[key] == row[key] for key in ("filter", "radius_over_edge", "c_over_R2")
+                )
+            )
+            assert row["least"] > 20 * wide["largest"]
+            checked += 1
+    assert checked == 6
+
+
+@ALONE
+def test_profiles_of_tiles_converge(tmp_path: Path) -> None:
+    """Stripes are exact on every mesh; of lines on mesh lines each refinement halves the error."""
+    rows, _ = written(tmp_path, "tiles.py", "--quick")
+    assert [(row["pattern"], row["edges"]) for row in rows] == [
+        (pattern, edges) for pattern in ("stripes", "lines", "rings") for edges in (10, 20, 40)
+    ]
+    stripes = [row["stiffness_n_per_m"] for row in rows[:3]]
+    for coarse, fine in itertools.pairwise(stripes):
+        assert coarse == pytest.approx(fine, rel=1e-9)
+    for coarse, fine in itertools.pairwise(rows[3:6]):
+        for before, after in zip(coarse["error"], fine["error"], strict=True):
+            assert 0 < after < 0.6 * before
+    for row in rows:
+        assert row["steps"] > row["steps_near"] > 0
+
+
+@ALONE
+def test_accuracy_writes_rows_and_pictures(tmp_path: Path) -> None:
+    rows, _ = written(
+        tmp_path, "accuracy.py", "--quick", "--case", "uniaxial-stress",
+        "--case", "pulled-cylinder", "--output", str(tmp_path),
+    )  # fmt: skip
+    for row in rows:
+        assert set(row) == {
+            "case", "formulation", "mesh", "triangles", "value", "reference", "relative_error",
+            "observed_order", "seconds",
+        }  # fmt: skip
+        gap = abs(row["value"] - row["reference"]) / row["reference"]
+        assert row["relative_error"] == pytest.approx(gap)
+    assert {row["case"] for row in rows} == {"uniaxial-stress", "pulled-cylinder"}
+    assert {row["formulation"] for row in rows} == {"membrane", "average", "quadratic", "midedge"}
+    assert (tmp_path / "pulled-cylinder.png").stat().st_size > 10_000
+    file = tmp_path / "rows.json"
+    again = run("accuracy.py", "--from", str(file), "--output", str(tmp_path / "again"))
+    assert again.returncode == 0, again.stderr
+    assert (tmp_path / "again" / "pulled-cylinder.png").exists()
+    unknown = run("accuracy.py", "--case", "nothing")
+    assert unknown.returncode == 2
+    part = run("accuracy.py", "--from", str(file), "--output", str(tmp_path / "again"), "--docs")
+    assert part.returncode == 2
+    assert "lacks some" in part.stderr

@@ -1,0 +1,310 @@
+"""Equilibrium against exact states, and its errors."""
+
+import numpy as np
+import pytest
+from helpers.scenes import TABLE_A, square, table
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+
+from toros_fem import errors
+from toros_fem._mpi import norm
+from toros_fem.equilibrium.newton import RegularisedNewton
+from toros_fem.equilibrium.options import NewtonOptions
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.materials import SEAMS, Bending, Composite, Material
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.supports import Supports, clamp
+from toros_fem.mechanics.tangent import UpperTangent
+from toros_fem.meshes import Pattern, Skin, cylinder, sew
+from toros_fem.meshes.pattern import Panel
+
+RADIUS = 0.01
+
+
+def fabric(skin: Skin) -> np.ndarray:
+    return np.zeros(len(skin.owned_cells))
+
+
+@pytest.mark.parametrize("stretch", ["1.10000000", "1.40000000", "0.90000000"])
+def test_uniaxial_tension_finds_the_lateral_stretch(comm: MPI.Comm, stretch: str) -> None:
+    rows = [r for r in table("gent_uniaxial") if r["mat"] == "A"]
+    row = min(rows, key=lambda r: abs(float(r["stretch"]) - float(stretch)))
+    pull = float(row["stretch"])
+    size = 0.02
+    flat = square(size=size).flat_points
+    # The held borders keep their assembled place, so the stretch is put in there.
+    points = np.column_stack([flat[:, 0] * pull, flat[:, 1], 0 * flat[:, 0]])
+    pattern = square(points, size=size)
+    fixed = np.zeros((len(points), 3), dtype=bool)
+    fixed[:, 2] = True
+    ends = (flat[:, 0] < 1e-9) | (flat[:, 0] > size - 1e-9)
+    fixed[ends, 0] = True
+    fixed[0, 1] = True
+    composite = Composite(fabric=TABLE_A, c1=float(row["c1"]), c2=float(row["c2"]), bending=None)
+    skin = sew(comm, pattern)
+    result = EquilibriumSolver(skin, composite, Supports(fixed)).solve(fabric(skin), 0.0)
+    assert result.converged
+    found = skin.gather_vertices(result.positions)
+    expected = flat * [pull, float(row["lateral_stretch"])]
+    assert found[:, :2] / size == pytest.approx(expected / size, abs=2e-8)
+
+
+@pytest.mark.parametrize("row", table("gent_cylinder_ngon"), ids=lambda r: f"{r['mat']}-"
+                         f"{r['n_circumference']}-{r['P_Pa']}")  # fmt: skip
+def test_exact_polygonal_tube(comm: MPI.Comm, row: dict[str, str]) -> None:
+    """The exact state of the inflated n-gon tube is in balance, around as well as along."""
+    sides, pressure = int(row["n_circumference"]), float(row["P_Pa"])
+    edge = 2 * np.pi * RADIUS / sides
+    pattern = cylinder(comm, 6 * edge, 2 * RADIUS, edge, mesh="structured")
+    factor = 1.0 if row["mat"] == "A" else 100.0
+    cloth = Material(TABLE_A.young * factor, TABLE_A.poisson, TABLE_A.thickness)
+    skin = sew(comm, pattern)
+    composite = Composite(fabric=cloth, c1=1.8, c2=2.0, bending=None)
+    model = SkinModel(skin, composite, clamp(pattern, ["base"]))
+    model.set_density(fabric(skin))
+    model.set_pressure(pressure)
+    swell, lengthen = float(row["lambda_theta"]), float(row["lambda_z"])
+    state = (model.assembled.reshape(-1, 3) * [swell, swell, lengthen]).ravel()
+    force = skin.gather_vertices(model.residual(state).reshape(-1, 3))
+    load = skin.gather_vertices(model.load(state).reshape(-1, 3)) * pressure
+    caps = np.union1d(pattern.vertices_of("base"), pattern.vertices_of("tip"))
+    inner = np.setdiff1d(np.arange(len(pattern.points)), caps)
+    assert np.linalg.norm(force[inner]) <= 1e-8 * np.linalg.norm(load[inner])
+    # Along the tube: the thrust on the tip is what the wall pulls with.
+    area = 0.5 * sides * np.sin(2 * np.pi / sides) * (RADIUS * swell) ** 2
+    assert abs(force[caps, 2].sum()) <= 1e-8 * pressure * area
+
+
+def test_capped_cylinder_away_from_its_ends(comm: MPI.Comm) -> None:
+    sides = 16
+    edge = 2 * np.pi * RADIUS / sides
+    pattern = cylinder(comm, 0.12, 2 * RADIUS, edge, mesh="structured")
+    skin = sew(comm, pattern)
+    composite = Composite(fabric=TABLE_A, c1=1.8, c2=2.0, bending=None)
+    solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
+    result = solver.solve(fabric(skin), 5e3)
+    x = skin.gather_vertices(result.positions)
+    height = pattern.points[:, 2]
+    middle = np.abs(height - 0.06) < 0.0101
+    wall = np.intersect1d(pattern.vertices_of("wall"), np.flatnonzero(middle))
+    row = next(
+        r for r in table("gent_cylinder_ngon")
+        if (r["mat"], r["n_circumference"], r["P_Pa"]) == ("A", "16", "5000")
+    )  # fmt: skip
+    centre = x[wall].mean(axis=0)
+    radius = np.linalg.norm(x[wall, :2] - centre[:2], axis=1)
+    assert radius / RADIUS == pytest.approx(float(row["lambda_theta"]), rel=1e-3)
+    slope = np.polyfit(height[wall], x[wall, 2], 1)[0]
+    assert slope == pytest.approx(float(row["lambda_z"]), rel=1e-3)
+
+
+def test_result_tells_what_happened(tube_solver: EquilibriumSolver) -> None:
+    skin, comm = tube_solver.skin, tube_solver.skin.comm
+    rng = np.random.default_rng(0)
+    density = rng.random(len(skin.pattern.panel))[skin.owned_cells]
+    result = tube_solver.solve(density, 5e3)
+    assert result.converged
+    assert result.reason == "A stable equilibrium was found at 5000 Pa."
+    assert result.residual <= 1e-9
+    assert 0 < result.steps <= result.factorisations
+    assert result.history[-1].residual == result.residual
+    energies = [row.energy for row in result.history]
+    assert np.all(np.diff(energies) <= 1e-12 * abs(energies[-1])), "each step lowers the energy"
+    assert 0 < result.stretch_use < 1
+    model = tube_solver.model
+    assert norm(comm, model.residual(result.state)) < 1e-8 * 5e3 * norm(
+        comm, model.load(result.state)
+    )
+    again = tube_solver.solve(density, 5e3, start=result.state)
+    assert again.steps == 0
+    # The same state by another way: up in small steps, and back down from a higher pressure.
+    higher = tube_solver.solve(density, 8e3, start=result.state)
+    back = tube_solver.solve(density, 5e3, start=higher.state)
+    assert norm(comm, back.state - result.state) < 1e-7 * norm(comm, result.state)
+
+
+def negative_eigenvalues(solver: EquilibriumSolver, state: np.ndarray) -> int:
+    """Number of negative eigenvalues of the tangent at a state, by a dense solver."""
+    tangent = UpperTangent(solver.model)
+    values = np.zeros(len(tangent.columns))
+    tangent.assemble(state, values)
+    size = solver.model.space.dofmap.index_map.size_global
+    shape = (solver.model.size_local, size)
+    rows = csr_matrix((values, tangent.columns, tangent.indptr), shape=shape).toarray()
+    upper = np.concatenate(solver.skin.comm.allgather(rows))
+    return int((np.linalg.eigvalsh(upper, UPLO="U") < 0).sum())
+
+
+def test_saddle_is_left(comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sheet compressed in its plane is stationary when flat, and lower when buckled."""
+    size, squeeze = 0.02, 0.9
+    flat = square(n=6, size=size).flat_points
+    points = np.column_stack([flat[:, 0] * squeeze, flat[:, 1], 0 * flat[:, 0]])
+    pattern = square(points, n=6, size=size)
+    fixed = np.zeros((len(points), 3), dtype=bool)
+    fixed[(flat[:, 0] < 1e-9) | (flat[:, 0] > size - 1e-9)] = True
+    skin = sew(comm, pattern)
+    cloth = Material(young=1e6, poisson=0.0, thickness=0.5e-3)
+    solver = EquilibriumSolver(skin, Composite(fabric=cloth), Supports(fixed))
+    solver.model.set_density(fabric(skin))
+    start = solver.model.assembled
+    assert norm(comm, solver.model.residual(start)) < 1e-10 * 50 * size
+    assert negative_eigenvalues(solver, start) > 0
+    escapes = 0
+    softest = RegularisedNewton._softest
+
+    def counted(self: RegularisedNewton, residual: np.ndarray, seed: int) -> np.ndarray:
+        nonlocal escapes
+        escapes += 1
+        return softest(self, residual, seed)
+
+    monkeypatch.setattr(RegularisedNewton, "_softest", counted)
+    result = solver.solve(fabric(skin), 0.0)
+    assert escapes > 0
+    assert result.converged
+    assert negative_eigenvalues(solver, result.state) == 0
+    height = skin.gather_vertices(result.positions)[:, 2]
+    # A strip 10 % too short for its cloth bows by about size (2/pi) sqrt(1 - 0.9).
+    assert np.abs(height).max() == pytest.approx(size * 2 / np.pi * np.sqrt(0.1), rel=0.25)
+
+
+@pytest.mark.parametrize("seams", SEAMS)
+def test_flat_pillow_inflates(comm: MPI.Comm, seams: str) -> None:
+    """A start of no volume, with no stiffness across its plane but bending."""
+    size = 0.05
+    one = square(n=6, size=size)
+    # The lower panel is laid mirrored, so that it faces down and its diagonals cross the upper.
+    below = one.points * [-1, 1, 1] + [size, 0, 0]
+    pattern = Pattern.from_panels(
+        [
+            Panel("top", one.flat_points, one.flat_triangles, one.points),
+            Panel("bottom", one.flat_points, one.flat_triangles, below),
+        ],
+        tolerance=1e-6,
+    )
+    assert len(pattern.free_edges) == 0
+    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
+    at = [int(np.argmin(np.linalg.norm(pattern.points[:, :2] - corner, axis=1)))
+          for corner in ([0, 0], [size, 0], [size, size])]  # fmt: skip
+    fixed[at[0]], fixed[at[1], 1:], fixed[at[2], 2] = True, True, True
+    skin = sew(comm, pattern)
+    bending = Bending(seams=seams)
+    solver = EquilibriumSolver(skin, Composite(bending=bending), Supports(fixed))
+    result = solver.solve(fabric(skin), 500.0)
+    assert result.converged
+    assert result.volume > 0.1 * size**3
+    assert negative_eigenvalues(solver, result.state) == 0
+
+
+def test_nothing_remains_of_a_failed_solve(tube: Skin, comm: MPI.Comm) -> None:
+    density = fabric(tube)
+    solver = EquilibriumSolver(
+        tube,
+        Composite(),
+        clamp(tube.pattern, ["base"]),
+        NewtonOptions(max_steps=30, min_increment=0.5),
+    )
+    first = solver.solve(density, 10.0)
+    failed = solver.solve(density, 1e13, raise_on_failure=False)
+    assert not failed.converged
+    assert failed.pressure > 1e6
+    with pytest.raises(errors.ParameterError, match="tangent is that of another state"):
+        solver.solve_tangent(first.state, first)
+    after = solver.solve(density, 10.3, start=first.state)
+    assert after.steps > 0
+    model = solver.model
+    load = 10.3 * norm(comm, model.load(after.state))
+    assert norm(comm, model.residual(after.state)) < 1e-8 * load
+    # The residual told is that of the state returned.
+    model.set_pressure(failed.pressure)
+    load = failed.pressure * norm(comm, model.load(failed.state))
+    assert norm(comm, model.residual(failed.state)) / load == pytest.approx(failed.residual)
+    assert failed.residual < 1e-5  # so near to the stretch bounds rounding allows no better
+
+
+def test_another_snes_finds_the_same(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """The energy, its gradient and its tangent are the SNES's: any of its types can run on them."""
+    options = PETSc.Options()
+    options["toros_snes_type"] = "newtonls"
+    try:
+        other = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    finally:
+        options.delValue("toros_snes_type")
+    density = np.ones(len(tube.owned_cells))
+    own = tube_solver.solve(density, 1e3)
+    found = other.solve(density, 1e3, start=own.state + 1e-6 * tube_solver.model.free)
+    assert found.converged
+    gap = norm(tube.comm, found.state - own.state)
+    assert gap < 1e-8 * norm(tube.comm, own.state)
+
+
+def test_supports_that_leave_a_rigid_motion(comm: MPI.Comm) -> None:
+    pattern = square()
+    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
+    fixed[[0, 1]] = True  # it may still turn about the line through both
+    with pytest.raises(errors.ParameterError, match="leave 1 of the 6 rigid motions free"):
+        EquilibriumSolver(sew(comm, pattern), Composite(), Supports(fixed))
+
+
+def test_beyond_the_limit_point(comm: MPI.Comm) -> None:
+    """Without a barrier in reach the tube has a limit pressure; above it nothing holds.
+
+    With bounds of a thousand the barrier is in reach: the tube is found where that stops it.
+    """
+    limit = float(table("stvk_limit_pressures")[0]["capped_cyl_lambda_theta_at_Pmax"])
+    assert limit == pytest.approx(2.28856)
+    pattern = cylinder(comm, 0.04, 2 * RADIUS, 5e-3, mesh="structured")
+    skin = sew(comm, pattern)
+    far = Composite(fabric=TABLE_A, c1=1e3, c2=1e3, bending=None)
+    stopped = EquilibriumSolver(skin, far, clamp(pattern, ["base"])).solve(fabric(skin), 2.5e3)
+    assert stopped.converged
+    assert stopped.stretch_use > 0.99
+    composite = Composite(fabric=TABLE_A, c1=1e5, c2=1e5, bending=None)
+    few = NewtonOptions(max_steps=40)
+    solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]), few)
+    below = solver.solve(fabric(skin), 1.2e3)
+    assert below.converged
+    with pytest.raises(EquilibriumError, match="was found at 2500 Pa, at once") as caught:
+        solver.solve(fabric(skin), 2.5e3)
+    last = caught.value.result
+    assert not last.converged
+    assert np.isfinite(last.state).all()
+    assert "Lower the load" in last.reason
+    assert last.load_factor == pytest.approx(last.pressure / 2500)
+    # The long tube's limit; this one is short and held at its base, which carries it further.
+    assert 1811 < last.pressure < 2500
+    silent = solver.solve(fabric(skin), 2.5e3, raise_on_failure=False)
+    assert not silent.converged
+    assert silent.pressure == last.pressure
+
+
+def test_bad_input(tube_solver: EquilibriumSolver, comm: MPI.Comm) -> None:
+    skin = tube_solver.skin
+    for pressure in (-1.0, float("nan"), float("inf")):
+        with pytest.raises(errors.ParameterError, match="pressure = "):
+            tube_solver.solve(fabric(skin), pressure)
+    bad = fabric(skin)
+    if comm.rank == comm.size - 1:  # one rank alone sees it, all must raise
+        bad[0] = 1.5
+    with pytest.raises(errors.DensityError, match="1.5"):
+        tube_solver.solve(bad, 1e3)
+    bad = fabric(skin)
+    if comm.rank == 0:
+        bad[0] = np.nan
+    with pytest.raises(errors.DensityError, match=r"triangle \d+ is nan"):
+        tube_solver.solve(bad, 1e3)
+    with pytest.raises(errors.DensityError, match="shape"):
+        tube_solver.solve(np.zeros(3), 1e3)
+    with pytest.raises(errors.ParameterError, match="leaves the stretch bounds"):
+        tube_solver.solve(fabric(skin), 1e3, start=3 * tube_solver.model.assembled)
+    with pytest.raises(errors.PanelError, match="no panel is named 'side'"):
+        clamp(skin.pattern, ["side"])
+
+
+def test_open_skin_under_pressure(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured", caps=False)
+    skin = sew(comm, pattern)
+    solver = EquilibriumSolver(skin, Composite(), clamp(pattern, ["wall"]))
+    with pytest.raises(errors.OpenSkinError, match="edges are free"):
+        solver.solve(fabric(skin), 1e3)

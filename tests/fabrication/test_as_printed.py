@@ -1,0 +1,143 @@
+"""From a design to what is printed: exact contours, cleaned, simulated again."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from helpers.designs import full
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem.actuators.case import ActuatorConfig, merged, settings_of
+from toros_fem.actuators.tube import TUBE, tube_scene
+from toros_fem.density.field import random_density
+from toros_fem.design.loop import DesignResult, optimize
+from toros_fem.design.options import DesignOptions, Stage
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.fabrication.as_printed import as_printed, drawn, without_islands
+from toros_fem.fabrication.printability import PrintLimits
+from toros_fem.meshes import Skin
+
+
+@pytest.fixture(scope="module")
+def result(tube: Skin, tube_solver: EquilibriumSolver) -> DesignResult:
+    chain = full(tube, tube_solver, beta=20.0)
+    return optimize(chain, random_density(tube, 3), DesignOptions((Stage(5),)))
+
+
+def test_contours_are_of_the_filters_own_field(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    chain = full(tube, tube_solver)
+    density = random_density(tube, 3, spread=0.5)
+    at_points, at_centroids = drawn(chain, density)
+    pattern, wall = tube.pattern, tube.pattern.cells_of("wall")
+    filtered = tube.gather_cells(chain.filter.forward(chain.completed(density)))
+    assert at_centroids[wall] == pytest.approx(filtered[wall])
+    caps = np.setdiff1d(np.arange(len(pattern.panel)), wall)
+    assert np.all(at_centroids[caps] == 1)
+    assert np.all(at_points[pattern.flat_triangles[caps]] == 1)
+    exact = chain.filter.at_points(chain.completed(density))
+    points = np.unique(pattern.flat_triangles[wall])
+    assert at_points[points] == pytest.approx(exact[points])
+
+
+def test_given_triangles_inside_a_panel(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """A point among given triangles is given, one at their border is the filter's."""
+    pattern = tube.pattern
+    given = (pattern.panel == pattern.panel_index("wall")) & (pattern.centroids[:, 1] < 0.02)
+    passive = np.where(given, 0.0, np.nan)[tube.owned_cells]
+    chain = dataclasses.replace(full(tube, tube_solver), passive=passive)
+    at_points, at_centroids = drawn(chain, np.ones(len(tube.owned_cells)))
+    assert np.all(at_centroids[given] == 0)
+    inside = np.setdiff1d(pattern.flat_triangles[given], pattern.flat_triangles[~given])
+    border = np.intersect1d(pattern.flat_triangles[given], pattern.flat_triangles[~given])
+    assert np.all(at_points[inside] == 0)
+    assert np.all((at_points[border] > 0) & (at_points[border] < 1))
+
+
+def test_printed_design(tube: Skin, tube_solver: EquilibriumSolver, result: DesignResult) -> None:
+    chain = full(tube, tube_solver, beta=20.0)
+    printed = as_printed(chain, result, PrintLimits(), island_area=math.inf)
+    assert printed.before.pieces - printed.after.pieces == len(printed.cleaned.dropped)
+    assert not printed.after.free_islands
+    assert printed.evaluation is not None
+    mine = printed.cells[tube.owned_cells]
+    assert np.array_equal(printed.evaluation.projected > 0.5, mine)
+    whole = as_printed(chain, result, PrintLimits(), hole_area=math.inf)
+    assert len(whole.cleaned.filled) == len(whole.before.holes) > 0
+    assert not whole.after.holes
+    # Without islands to drop the binary pattern is the projected density rounded.
+    bare = as_printed(chain, result, PrintLimits())
+    rounded = result.final.filtered > 0.5
+    assert np.array_equal(bare.cells[tube.owned_cells][chain.designed], rounded[chain.designed])
+
+
+def test_islands_are_taken_out_of_the_density(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """A body, a spot near it and one far from it: the body alone stays, as it was."""
+    chain = full(tube, tube_solver, beta=20.0)
+    pattern, radius = tube.pattern, chain.filter.radius
+    u, v = pattern.centroids.T
+    width = pattern.corners[pattern.cells_of("wall")][..., 0].max()
+    spots = [(0.2 * width, 0.047), (0.8 * width, 0.042)]
+    whole = (v < 0.03) & (v > 0.01)
+    for x, y in spots:
+        whole |= np.hypot(u - x, v - y) < 0.8 * radius
+    density = whole.astype(float)[tube.owned_cells]
+    chosen = DesignResult(density, 5e3, chain.simulate(density), (), "", {}, chain.designed)
+    printed = as_printed(chain, chosen, PrintLimits())
+    assert len(printed.before.free_islands) == 2
+    start = without_islands(chain, chosen, printed)
+    again = DesignResult(start, 5e3, chain.simulate(start), (), "", {}, chain.designed)
+    bare = as_printed(chain, again, PrintLimits())
+    assert not bare.before.free_islands
+    wall = pattern.panel_index("wall")
+    body = max(printed.bare[wall].geoms, key=lambda part: part.area)
+    assert bare.bare[wall].symmetric_difference(body).area < 0.01 * body.area
+
+
+def test_pattern_without_equilibrium_is_said(
+    tube: Skin,
+    tube_solver: EquilibriumSolver,
+    result: DesignResult,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    chain = full(tube, tube_solver, beta=20.0)
+
+    def fails(*_: object, **__: object) -> None:
+        raise EquilibriumError("made to fail", result.final.equilibrium)
+
+    monkeypatch.setattr(tube_solver, "solve", fails)
+    printed = as_printed(chain, result, PrintLimits())
+    assert printed.evaluation is None
+    assert printed.failure == "made to fail"
+    assert printed.after.pieces > 0
+
+
+def test_settings(comm: MPI.Comm) -> None:
+    whole = merged(TUBE, {"edge_length": 4e-3, "seed": 7})
+    assert settings_of(whole) == dataclasses.replace(ActuatorConfig(), seed=7)
+    with pytest.raises(errors.ParameterError, match="'sed' is no parameter"):
+        merged(TUBE, {"sed": 7})
+    assert ActuatorConfig(pressure_min=0.0, pressure_max=0.0).pressure_bounds is None
+    assert [stage.constrained for stage in ActuatorConfig().stages] == [False, True]
+    assert len(ActuatorConfig(constrained=0).stages) == 1
+
+
+def test_tube_scene_weighs_the_plate(comm: MPI.Comm) -> None:
+    """A small turn about y costs what `orientation_length` says, wherever the ring is."""
+    inputs = {**TUBE, "length": 0.06, "edge_length": 3e-3, "lever": 0.03, "tip_weight": 0.5}
+    scene = tube_scene(comm, inputs, lambda points: points, [])
+    pattern = scene.pattern
+    assert scene.weights is not None
+    assert scene.relative is not None
+    area, angle = pattern.vertex_areas, 1e-3
+    plate = pattern.vertices_of("tip")
+    extra = (area * (scene.weights - 1))[plate].sum() / area.sum()
+    assert extra == pytest.approx(0.5)
+    x, _, z = pattern.points.T
+    gap = np.stack([angle * (z - 0.06), 0 * x, -angle * x], axis=1) * (z > 0.0599)[:, None]
+    gap -= (scene.relative * area) @ gap / (scene.relative * area).sum()
+    cost = (scene.relative * area) @ (gap**2).sum(axis=1) / (scene.weights * area).sum()
+    assert np.sqrt(cost) == pytest.approx(0.03 * angle, rel=0.02)
+    with pytest.raises(errors.ParameterError, match="orientation_length = -1"):
+        tube_scene(comm, {**inputs, "lever": -1.0}, lambda p: p, [])

@@ -1,0 +1,42 @@
+"""Design problems."""
+
+import dataclasses
+
+import numpy as np
+
+from toros_fem.density.cone import ConeFilter
+from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.density.perimeter import Perimeter
+from toros_fem.density.projection import Projection
+from toros_fem.design.shape_problem import ShapeProblem
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.meshes import Skin, bend
+from toros_fem.objectives.shape import ShapeObjective
+
+RADIUS = 7e-3
+
+
+def problem(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> ShapeProblem:
+    pattern = skin.pattern
+    target = bend(np.radians(60), 0.06, neutral=0.01)(pattern.points)
+    wall = pattern.panel[skin.owned_cells] == pattern.panel_index("wall")
+    return ShapeProblem(
+        solver=solver,
+        objective=ShapeObjective(skin, target),
+        filter=ConeFilter(skin, RADIUS),
+        pressure=5e3,
+        projection=Projection(beta),
+        passive=np.where(wall, np.nan, 1.0),
+    )
+
+
+def full(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> ShapeProblem:
+    """All that the chain has: pressure designed, perimeter penalised, widths constrained."""
+    plain = problem(skin, solver, beta)
+    return dataclasses.replace(
+        plain,
+        pressure_bounds=(1e3, 2e4),
+        perimeter=Perimeter(skin, RADIUS),
+        weight=1e-4,
+        length_scale=LengthScaleConstraints(skin, plain.filter, LengthScale(), plain.designed),
+    )

@@ -1,0 +1,75 @@
+"""Small models, and tangents that UFL derives."""
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.sparse import csr_matrix
+
+from helpers.scenes import square
+from toros_fem.materials import Composite
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.supports import Supports
+from toros_fem.mechanics.tangent import UpperTangent
+from toros_fem.meshes import sew
+
+SIZE = 0.02
+
+
+def sheet_model(comm: MPI.Comm, composite: Composite) -> SkinModel:
+    pattern = square(size=SIZE)
+    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
+    fixed[(pattern.points[:, 0] < 1e-9) | (np.arange(len(fixed)) == 6)] = True
+    return SkinModel(sew(comm, pattern), composite, Supports(fixed))
+
+
+def affine(model: SkinModel, F: np.ndarray) -> np.ndarray:
+    state = model.assembled
+    model.positions(state)[:] = model.positions(state)[:, :2] @ F.T
+    return state
+
+
+def bent_tube(model: SkinModel) -> np.ndarray:
+    """A smooth state far from symmetry, the same on any number of ranks but for rotations."""
+    state = model.assembled
+    x, y, z = model.positions(state).T.copy()
+    s = z / 0.06
+    model.positions(state).T[:] = x * (1.2 + 0.1 * np.sin(6 * s)) + 0.01 * s**2, 1.1 * y, 1.05 * z
+    rotations = state[model.positions(state).size :]
+    rotations[:] = 1e-3 * np.sin(np.arange(len(rotations)))
+    return state
+
+
+def drawn(model: SkinModel, seed: int) -> np.ndarray:
+    """A direction, the same on any number of ranks."""
+    rng = np.random.default_rng(seed)
+    whole = rng.standard_normal(model.skin.pattern.points.shape)
+    direction = np.zeros(model.size_local)
+    model.positions(direction)[:] = whole[model.skin.owned_vertices]
+    rotations = direction[model.positions(direction).size :]
+    # Edges have no numbers of their own; which values they get does not matter.
+    rotations[:] = np.resize(whole.ravel(), len(rotations))
+    return direction * model.free
+
+
+def upper_rows(model: SkinModel, state: np.ndarray) -> csr_matrix:
+    """The owned rows of the tangent's upper triangle."""
+    tangent = UpperTangent(model)
+    values = np.zeros(len(tangent.columns))
+    tangent.assemble(state, values)
+    size = model.space.dofmap.index_map.size_global
+    shape = (model.size_local, size)
+    return csr_matrix((values, tangent.columns, tangent.indptr), shape=shape)
+
+
+def automatic_tangent(model: SkinModel, state: np.ndarray) -> PETSc.Mat:
+    """The tangent by `ufl.derivative`, assembled by dolfinx, held rows those of the identity."""
+    trial = ufl.TrialFunction(model.space)
+    form = fem.form(ufl.derivative(model.ufl_forms.residual, model.q, trial))
+    fixed = fem.dirichletbc(fem.Function(model.space), np.flatnonzero(model.fixed).astype(np.int32))
+    model.set_state(state)
+    matrix = fem_petsc.assemble_matrix(form, bcs=[fixed])
+    matrix.assemble()
+    return matrix

@@ -1,0 +1,143 @@
+"""Two flat panels along any outline: they fit, they close, and lines and cuts lie where asked."""
+
+import numpy as np
+import pytest
+from helpers.outlines import check_twins, edges_on, volume
+from mpi4py import MPI
+
+from toros_fem.errors import OutlineError
+from toros_fem.mechanics.supports import symmetry_plane
+from toros_fem.meshes import rounded, two_panels
+
+SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
+ELL = np.array([[0, 0], [0.06, 0], [0.06, 0.02], [0.02, 0.02], [0.02, 0.05], [0, 0.05]])
+ANGLE = 2 * np.pi * np.arange(120) / 120
+CIRCLE = 0.02 * np.column_stack([np.cos(ANGLE), np.sin(ANGLE)])
+
+
+@pytest.mark.parametrize(
+    ("outline", "area"),
+    [(SQUARE, 16e-4), (SQUARE[::-1], 16e-4), (ELL, 18e-4), (CIRCLE, np.pi * 4e-4)],
+    ids=["square", "clockwise", "ell", "circle"],
+)
+def test_panels_fit_and_close(comm: MPI.Comm, outline: np.ndarray, area: float) -> None:
+    pattern = two_panels(comm, outline, 4e-3)
+    pattern.require_closed()
+    check_twins(pattern)
+    assert pattern.areas.sum() == pytest.approx(2 * area, rel=1e-9 if len(outline) < 9 else 0.02)
+    assert volume(pattern) > 0
+    seam = pattern.flat_points[pattern.seams]
+    lengths = np.linalg.norm(seam[:, 0, 1] - seam[:, 0, 0], axis=1)
+    assert lengths == pytest.approx(4e-3, rel=0.07)
+
+
+def test_pillow_hardly_depends_on_the_mesh(comm: MPI.Comm) -> None:
+    coarse, fine = (two_panels(comm, ELL, h) for h in (4e-3, 2e-3))
+    assert volume(coarse) == pytest.approx(volume(fine), rel=0.05)
+
+
+def test_inner_edge_between_borders_is_halved(comm: MPI.Comm) -> None:
+    """A strip one triangle wide has nothing but such edges."""
+    strip = np.array([[0, 0], [0.03, 0], [0.03, 4e-3], [0, 4e-3]])
+    pattern = two_panels(comm, strip, 3.5e-3)
+    pattern.require_closed()
+    seam = np.intersect1d(pattern.vertices_of("top"), pattern.vertices_of("bottom"))
+    top = pattern.triangles[pattern.cells_of("top")]
+    assert not np.isin(top, seam).all(axis=1).any()
+
+
+def test_cut_of_one_edge_stays_open(comm: MPI.Comm) -> None:
+    strip = np.array([[-0.03, 0], [0.03, 0], [0.03, 4e-3], [-0.03, 4e-3]])
+    pattern = two_panels(comm, strip, 3.5e-3, planes=(0,))
+    assert len(pattern.free_edges) == 4
+    assert symmetry_plane(pattern, 0).close(pattern)
+
+
+def test_rounded_convex_and_concave_corners() -> None:
+    radius = 4e-3
+    points = rounded(ELL, radius)
+    x, y = points.T
+    area = 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
+    # Five corners lose what the inner one gains, all of 90 degrees.
+    exact = 18e-4 - 4 * (1 - np.pi / 4) * radius**2
+    assert area == pytest.approx(exact, rel=1e-4)
+    inner = points[np.linalg.norm(points - [0.024, 0.024], axis=1) < 1.001 * radius]
+    assert np.linalg.norm(inner - [0.024, 0.024], axis=1) == pytest.approx(radius, rel=1e-12)
+    sharp = rounded(ELL, [0, radius, radius, radius, radius, 0])
+    assert sharp[0] == pytest.approx([0, 0])
+    assert sharp[-1] == pytest.approx([0, 0.05])
+
+
+def test_radius_that_does_not_fit() -> None:
+    with pytest.raises(OutlineError, match=r"corners 1 and 2 take 0.022 m of a side of 0.02 m"):
+        rounded(ELL, 0.011)
+    with pytest.raises(OutlineError, match="2 radii for 6 corners"):
+        rounded(ELL, [1e-3, 1e-3])
+
+
+def test_lines_are_mesh_edges_on_both_panels(comm: MPI.Comm) -> None:
+    lines = [
+        ((0.03, 0.0), (0.03, 0.02)),
+        ((0.0, 0.03), (0.02, 0.033)),
+        ((0.045, -1.0), (0.03, 1.0)),
+    ]
+    pattern = two_panels(comm, ELL, 4e-3, lines=lines)
+    check_twins(pattern)
+    pattern.require_closed()
+    for line in lines[:2]:
+        ends = np.array(line)
+        top, bottom = (edges_on(pattern, panel, *ends) for panel in ("top", "bottom"))
+        assert len(top) >= 5
+        assert top == pytest.approx(bottom, abs=1e-15)
+        assert top[:, 0] == pytest.approx(np.append(0, top[:-1, 1]), abs=1e-12)
+        assert top[-1, 1] == pytest.approx(1)
+
+
+def test_crossing_lines(comm: MPI.Comm) -> None:
+    lines = [((-0.02, -0.01), (0.02, 0.01)), ((0.01, -0.02), (-0.01, 0.02))]
+    pattern = two_panels(comm, SQUARE, 4e-3, lines=lines)
+    check_twins(pattern)
+    assert np.linalg.norm(pattern.points[:, :2], axis=1).min() < 1e-15
+    assert pattern.areas.sum() == pytest.approx(32e-4)
+
+
+@pytest.mark.parametrize("planes", [(0,), (1,), (0, 1)])
+def test_cut_is_free_and_in_its_plane(comm: MPI.Comm, planes: tuple[int, ...]) -> None:
+    # A line along a cut, one across it, and one that the cut takes away or leaves.
+    lines = [((0.0, -0.02), (0.0, 0.02)), ((-0.02, -0.013), (0.02, 0.013)),
+             ((-0.015, -0.02), (-0.015, 0.02))]  # fmt: skip
+    pattern = two_panels(comm, SQUARE, 4e-3, lines=lines, planes=planes)
+    check_twins(pattern)
+    assert pattern.areas.sum() == pytest.approx(32e-4 / 2 ** len(planes))
+    assert volume(pattern) > 0
+    fixed = symmetry_plane(pattern, planes[0])
+    for axis in planes[1:]:
+        fixed |= symmetry_plane(pattern, axis)
+    assert fixed.close(pattern)
+    assert len(fixed.guided) == len(pattern.free_edges)
+    for axis in planes:
+        border = np.unique(symmetry_plane(pattern, axis).guided)
+        assert (pattern.points[border, axis] == 0).all()
+        assert (pattern.points[:, axis] >= 0).all()
+    edges = edges_on(pattern, "bottom", np.array([0, 0]), np.array([0.02, 0.013]))
+    assert edges[:, 0] == pytest.approx(np.append(0, edges[:-1, 1]), abs=1e-12)
+    assert edges[-1, 1] == pytest.approx(1)
+
+
+def test_bad_input_is_named(comm: MPI.Comm) -> None:
+    with pytest.raises(OutlineError, match="no simple closed curve: Self-intersection"):
+        two_panels(comm, SQUARE[[0, 2, 1, 3]], 4e-3)
+    with pytest.raises(OutlineError, match="mirror image in y = 0 differ by"):
+        two_panels(comm, ELL, 4e-3, planes=(1,))
+    with pytest.raises(OutlineError, match="line 0 ends inside the outline"):
+        two_panels(comm, SQUARE, 4e-3, lines=[((-0.02, 0), (0.01, 0))])
+    with pytest.raises(OutlineError, match="line 1 misses the outline"):
+        two_panels(comm, SQUARE, 4e-3, lines=[((-1, 0), (1, 0)), ((1, 0), (1, 1))])
+    with pytest.raises(OutlineError, match=r"edge_length = 0.05 m .* at most 0.02 m"):
+        two_panels(comm, SQUARE, 0.05)
+    with pytest.raises(OutlineError, match="the lines leave a piece of"):
+        two_panels(comm, SQUARE, 4e-3, lines=[((-1, 0.0199), (1, 0.0199))])
+    with pytest.raises(OutlineError, match="planes holds 2"):
+        two_panels(comm, SQUARE, 4e-3, planes=(2,))
+    with pytest.raises(OutlineError, match="must be finite"):
+        two_panels(comm, SQUARE * np.nan, 4e-3)

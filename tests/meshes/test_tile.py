@@ -1,0 +1,254 @@
+"""A tile is a torus: it closes, repeats, lies side by side and has the symmetry asked for."""
+
+import dolfinx
+import numpy as np
+import pytest
+import ufl
+from mpi4py import MPI
+
+from toros_fem._mpi import total
+from toros_fem.errors import ParameterError, PatternError
+from toros_fem.meshes import SYMMETRIES, Tile, sew, tile
+from toros_fem.meshes.tile import KINDS
+from toros_fem.meshes.topology import edge_keys
+
+SIZE = (0.03, 0.02)
+SQUARE = 0.02
+EDGE = 3e-3
+SYMMETRIC = [
+    (mesh, symmetry)
+    for mesh in ("crossed", "union-jack", "unstructured")
+    for symmetry in SYMMETRIES
+]
+
+
+def side(symmetry: str) -> float | tuple[float, float]:
+    return SIZE if symmetry in ("none", "orthotropic") else SQUARE
+
+
+def check_torus(found: Tile, area: float) -> None:
+    pattern = found.pattern
+    triangles = pattern.triangles
+    edges = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2)
+    count = len(np.unique(edge_keys(edges, len(pattern.points))))
+    assert len(pattern.points) - count + len(triangles) == 0
+    assert len(pattern.free_edges) == 0
+    assert pattern.panel_names == ("tile",)
+    assert pattern.areas.sum() == pytest.approx(area, rel=1e-12)
+    assert (pattern.areas > 0).all()
+    corners = pattern.points[triangles, :2] + found.wraps @ found.lattice
+    assert (corners == pattern.corners).all()
+    size = np.diagonal(found.lattice)
+    assert (found.lattice == np.diag(size)).all()
+    assert (pattern.points[:, :2] >= 0).all()
+    assert (pattern.points[:, :2] < size).all()
+    assert (pattern.points[:, 2] == 0).all()
+    assert (pattern.flat_points.min(axis=0) == 0).all()
+    assert (pattern.flat_points.max(axis=0) == size).all()
+
+
+def apart(found: Tile, one: np.ndarray, two: np.ndarray) -> float:
+    """The largest distance on the torus between points (t, 2) of two lists."""
+    share = (one - two) @ np.linalg.inv(found.lattice)
+    return float(np.abs((share - np.rint(share)) @ found.lattice).max())
+
+
+@pytest.mark.parametrize("mesh", KINDS)
+@pytest.mark.parametrize("edge_length", [0.008, EDGE, 1.1e-3])
+def test_torus(comm: MPI.Comm, mesh: str, edge_length: float) -> None:
+    check_torus(tile(comm, SIZE, edge_length, mesh), 6e-4)
+    check_torus(tile(comm, SQUARE, edge_length, mesh), 4e-4)
+
+
+@pytest.mark.parametrize("symmetry", SYMMETRIES)
+@pytest.mark.parametrize("share", [0.4, 0.36, 0.32, 0.28, 0.24, 0.2, 0.16, 0.12])
+def test_coarse_unstructured_tori(comm: MPI.Comm, symmetry: str, share: float) -> None:
+    """Where edges reach across a tile, or from one line of symmetry to another."""
+    found = tile(comm, SQUARE, share * SQUARE, "unstructured", symmetry)
+    check_torus(found, 4e-4)
+    found.symmetry_maps(symmetry)
+    if symmetry in ("none", "orthotropic"):
+        for length in (0.04, 0.11):
+            found = tile(comm, (SQUARE, length), share * SQUARE, "unstructured", symmetry)
+            check_torus(found, SQUARE * length)
+
+
+@pytest.mark.parametrize("mesh", KINDS)
+def test_edges_have_the_length_asked_for(comm: MPI.Comm, mesh: str) -> None:
+    pattern = tile(comm, SIZE, 1e-3, mesh).pattern
+    border = pattern.flat_points[pattern.seams[:, 0]]
+    assert np.linalg.norm(border[:, 1] - border[:, 0], axis=1) == pytest.approx(1e-3, rel=1e-9)
+    assert len(border) == 50
+
+
+@pytest.mark.parametrize("mesh", KINDS)
+def test_repeated(comm: MPI.Comm, mesh: str) -> None:
+    small = tile(comm, SIZE, EDGE, mesh)
+    for along, across in ((2, 2), (3, 1), (1, 1)):
+        many = small.repeated(along, across)
+        check_torus(many.tile, along * across * 6e-4)
+        assert (many.tile.lattice == np.diag([along * SIZE[0], across * SIZE[1]])).all()
+        assert np.bincount(many.cell) == pytest.approx(along * across)
+        first, count = many.tile.pattern, len(small.wraps)
+        assert (many.cell[:count] == np.arange(count)).all()
+        assert (first.corners[:count] == small.pattern.corners).all()
+        assert apart(small, first.centroids, small.pattern.centroids[many.cell]) < 1e-15
+        assert first.areas == pytest.approx(small.pattern.areas[many.cell], rel=1e-9)
+    twice = small.repeated(2, 1).tile.repeated(1, 2).tile
+    assert len(twice.pattern.points) == 4 * len(small.pattern.points)
+    check_torus(twice, 4 * 6e-4)
+
+
+@pytest.mark.parametrize("mesh", KINDS)
+def test_sheet_is_free_at_its_outer_border_only(comm: MPI.Comm, mesh: str) -> None:
+    small = tile(comm, SIZE, EDGE, mesh)
+    sheet, cell = small.sheet(3, 2)
+    size = [3 * SIZE[0], 2 * SIZE[1]]
+    assert sheet.panel_names == ("sheet",)
+    assert len(sheet.seams) == 0
+    assert sheet.areas.sum() == pytest.approx(6 * 6e-4, rel=1e-12)
+    ends = sheet.points[sheet.free_edges]
+    at_border = [(ends[:, :, k] == value).all(axis=1) for k in (0, 1) for value in (0, size[k])]
+    assert np.sum(at_border, axis=0) == pytest.approx(1)
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    assert lengths.sum() == pytest.approx(2 * sum(size), rel=1e-12)
+    assert apart(small, sheet.centroids, small.pattern.centroids[cell]) < 1e-15
+    assert (np.bincount(cell) == 6).all()
+
+
+@pytest.mark.parametrize(("mesh", "symmetry"), SYMMETRIC)
+def test_images_are_a_group(comm: MPI.Comm, mesh: str, symmetry: str) -> None:
+    found = tile(comm, side(symmetry), EDGE, mesh, symmetry)
+    check_torus(found, found.lattice[0, 0] * found.lattice[1, 1])
+    symmetry_maps = found.symmetry_maps(symmetry)
+    count = len(found.wraps)
+    assert symmetry_maps.shape == (len(SYMMETRIES[symmetry]), count)
+    assert (symmetry_maps[0] == np.arange(count)).all()
+    assert (np.sort(symmetry_maps, axis=1) == np.arange(count)).all()
+    areas, centroids = found.pattern.areas, found.pattern.centroids
+    for operation, image in zip(SYMMETRIES[symmetry], symmetry_maps, strict=True):
+        assert areas[image] == pytest.approx(areas, rel=1e-9)
+        assert apart(found, centroids @ operation.T, centroids[image]) < 1e-14
+    rows = {tuple(row) for row in symmetry_maps}
+    assert len(rows) == len(symmetry_maps)
+    assert {tuple(two[one]) for one in symmetry_maps for two in symmetry_maps} == rows
+
+
+@pytest.mark.parametrize(("mesh", "symmetry"), SYMMETRIC)
+def test_images_have_the_images_of_the_corners(comm: MPI.Comm, mesh: str, symmetry: str) -> None:
+    found = tile(comm, side(symmetry), EDGE, mesh, symmetry)
+    corners = found.pattern.corners
+    for operation, image in zip(SYMMETRIES[symmetry], found.symmetry_maps(symmetry), strict=True):
+        gap = (corners @ operation.T)[:, :, None] - corners[image][:, None]
+        share = gap @ np.linalg.inv(found.lattice)
+        away = np.abs((share - np.rint(share)) @ found.lattice).max(axis=3)
+        assert away.min(axis=2).max() < 1e-14
+
+
+@pytest.mark.parametrize("mesh", KINDS)
+def test_nearest_triangles(comm: MPI.Comm, mesh: str) -> None:
+    """Its own centroids on any copy, and those of a finer mesh within a triangle's size."""
+    sides, length = np.array([0.01, 0.006]), 1e-3
+    own = tile(comm, tuple(sides), length, mesh)
+    count = len(own.pattern.panel)
+    for shift in ((0, 0), (1, 0), (-2, 3)):
+        found, away = own.nearest(own.pattern.centroids + shift * sides)
+        assert np.array_equal(found, np.arange(count))
+        assert away.max() < 1e-15
+    fine = tile(comm, tuple(sides), length / 2, mesh)
+    found, away = own.nearest(fine.pattern.centroids)
+    assert set(found) == set(range(count)), "each has a part"
+    assert away.max() < length
+    gaps = fine.pattern.centroids[:, None] - own.pattern.centroids
+    gaps -= sides * np.rint(gaps / sides)
+    assert away == pytest.approx(np.linalg.norm(gaps, axis=2).min(axis=1), abs=1e-15)
+
+
+def test_symmetries_are_groups_with_the_identity_first() -> None:
+    assert [len(group) for group in SYMMETRIES.values()] == [1, 4, 4, 8]
+    for group in SYMMETRIES.values():
+        assert (group[0] == np.eye(2)).all()
+        members = {tuple(operation.ravel()) for operation in group}
+        assert {tuple((a @ b).ravel()) for a in group for b in group} == members
+
+
+@pytest.mark.parametrize("edge_length", [SQUARE / 3, SQUARE / 4])
+def test_crossed_square_turns_by_90_degrees(comm: MPI.Comm, edge_length: float) -> None:
+    """Whether its sides are divided evenly or not, and whatever symmetry it was made with."""
+    found = tile(comm, SQUARE, edge_length)
+    turned = found.symmetry_maps("chiral")[1]
+    assert (turned[turned[turned[turned]]] == np.arange(len(turned))).all()
+    assert (turned != np.arange(len(turned))).all()
+    assert len(found.symmetry_maps("tetragonal")) == 8
+    quadrant = found.pattern.centroids // (SQUARE / 2)
+    if edge_length == SQUARE / 4:  # about the middle, counter-clockwise
+        assert (quadrant[turned] == np.column_stack([1 - quadrant[:, 1], quadrant[:, 0]])).all()
+
+
+def test_repeated_tiles_are_symmetric(comm: MPI.Comm) -> None:
+    found = tile(comm, SQUARE, EDGE, "unstructured", "tetragonal")
+    assert len(found.repeated(2, 2).tile.symmetry_maps("tetragonal")) == 8
+    wide = found.repeated(2, 1).tile
+    assert len(wide.symmetry_maps("orthotropic")) == 4
+    with pytest.raises(ParameterError, match=r"0.04 m × 0.02 m cannot be tetragonal, .* square"):
+        wide.symmetry_maps("tetragonal")
+
+
+def test_mesh_without_the_symmetry(comm: MPI.Comm) -> None:
+    for mesh in ("right", "unstructured"):
+        found = tile(comm, SQUARE, EDGE, mesh)
+        assert (found.symmetry_maps("none") == np.arange(len(found.wraps))).all()
+        for symmetry in ("orthotropic", "chiral", "tetragonal"):
+            with pytest.raises(PatternError, match=f"not {symmetry}: .* symmetry='{symmetry}'"):
+                found.symmetry_maps(symmetry)
+    quarters = tile(comm, SQUARE, EDGE, "unstructured", "orthotropic")
+    with pytest.raises(PatternError, match="not chiral"):
+        quarters.symmetry_maps("chiral")
+
+
+def test_bad_input_is_named(comm: MPI.Comm) -> None:
+    with pytest.raises(ParameterError, match="mesh = 'right' cannot be orthotropic: .* 'crossed'"):
+        tile(comm, SQUARE, EDGE, "right", "orthotropic")
+    for symmetry in ("chiral", "tetragonal"):
+        with pytest.raises(ParameterError, match=f"cannot be {symmetry}, .* Make the sides equal"):
+            tile(comm, SIZE, EDGE, symmetry=symmetry)
+    with pytest.raises(ParameterError, match="mesh = 'equilateral' must be one of 'right'"):
+        tile(comm, SIZE, EDGE, "equilateral")
+    with pytest.raises(ParameterError, match="symmetry = 'cubic' must be one of 'none'"):
+        tile(comm, SIZE, EDGE, symmetry="cubic")
+    with pytest.raises(ParameterError, match=r"edge_length = 0.0081 .* at most 0.008"):
+        tile(comm, SIZE, 0.0081)
+    with pytest.raises(ParameterError, match=r"size\[1\] = -0.02 .* greater than 0"):
+        tile(comm, (0.03, -0.02), EDGE)
+    with pytest.raises(ParameterError, match="must be one side of a square in m, or two"):
+        tile(comm, (0.03, 0.02, 0.01), EDGE)  # type: ignore[arg-type]
+    found = tile(comm, SIZE, EDGE)
+    with pytest.raises(ParameterError, match="symmetry = 'cubic' must be one of"):
+        found.symmetry_maps("cubic")
+    with pytest.raises(ParameterError, match="across = 0 must be a whole number, at least 1"):
+        found.repeated(2, 0)
+    with pytest.raises(ParameterError, match="along = 1.5 must be a whole number"):
+        found.sheet(1.5, 1)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("mesh", KINDS)
+def test_sewn_torus_is_the_same_on_all_ranks(comm: MPI.Comm, mesh: str) -> None:
+    found = tile(comm, SIZE, EDGE, mesh)
+    first: Tile = comm.bcast(found, root=0)
+    for name in ("flat_points", "flat_triangles", "sewn", "points"):
+        assert (getattr(found.pattern, name) == getattr(first.pattern, name)).all()
+    assert (found.wraps == first.wraps).all()
+    for pattern in (found.pattern, found.repeated(2, 1).tile.pattern):
+        skin = sew(comm, pattern)
+        area = dolfinx.fem.assemble_scalar(
+            dolfinx.fem.form(1.0 * ufl.dx(domain=skin.mesh, degree=1))
+        )
+        assert total(comm, area) == pytest.approx(pattern.areas.sum(), rel=1e-12)
+        topology = skin.mesh.topology
+        topology.create_entities(1)
+        counts = [topology.index_map(k).size_global for k in range(3)]
+        assert counts[0] - counts[1] + counts[2] == 0
+        assert counts[0] == len(pattern.points)
+        assert counts[2] == len(pattern.panel)
+        topology.create_connectivity(1, 2)
+        assert total(comm, len(dolfinx.mesh.exterior_facet_indices(topology))) == 0

@@ -1,0 +1,107 @@
+"""The package works as a wheel, as an editable install, and from the checkout."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from helpers.scenes import ROOT
+from mpi4py import MPI
+
+pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="runs its own interpreters")
+
+CHECK = (
+    "import toros_fem, toros_fem.forms.energy, toros_fem.meshes.pattern as p, sys; "
+    "print(toros_fem.__version__, toros_fem.__file__, p.__file__)"
+)
+
+
+def run(*command: str | Path, cwd: Path, **extra: str) -> str:
+    """Run a command outside of this checkout's PYTHONPATH."""
+    environment = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"} | extra
+    # An MPI launched by a test must not take this process for its parent.
+    environment = {k: v for k, v in environment.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
+    done = subprocess.run(
+        [str(part) for part in command], cwd=cwd, env=environment, text=True, capture_output=True,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of what the package is built from, so that the build leaves nothing behind."""
+    copy = tmp_path_factory.mktemp("source")
+    for folder in ("toros_fem", "forms", "meshes"):
+        shutil.copytree(
+            ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info")
+        )
+    for name in ("pyproject.toml", "README.md", "COPYING", "COPYING.LESSER"):
+        shutil.copy(ROOT / name, copy / name)
+    return copy
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("site")
+
+
+def test_wheel(source: Path, site: Path) -> None:
+    pip = [sys.executable, "-m", "pip", "-qq"]
+    options = ["--no-deps", "--no-build-isolation", "--disable-pip-version-check"]
+    run(*pip, "wheel", *options, "--wheel-dir", site, ".", cwd=source)
+    wheel = next(site.glob("toros_fem-*.whl"))
+    target = site / "wheel"
+    run(
+        *pip,
+        "install",
+        "--no-deps",
+        "--disable-pip-version-check",
+        "--target",
+        target,
+        wheel,
+        cwd=site,
+    )
+    said = run(sys.executable, "-c", CHECK, cwd=site, PYTHONPATH=str(target))
+    assert str(target / "toros_fem" / "meshes" / "pattern.py") in said
+    assert not (target / "forms").exists(), "only one package may be installed"
+
+
+def test_editable(source: Path, site: Path) -> None:
+    venv = site / "venv"
+    run(sys.executable, "-m", "venv", "--system-site-packages", "--without-pip", venv, cwd=site)
+    python = venv / "bin" / "python"
+    # The extras live in a virtual environment of their own, which the new one does not see.
+    path = os.pathsep.join(entry for entry in sys.path if "site-packages" in entry)
+    run(python, "-m", "pip", "-qq", "install", "--no-deps", "--no-build-isolation",
+        "--disable-pip-version-check", "--editable", ".", cwd=source, PYTHONPATH=path)  # fmt: skip
+    said = run(python, "-c", CHECK, cwd=site, PYTHONPATH=path)  # dependencies, not the package
+    assert str(source / "meshes" / "pattern.py") in said
+
+
+def test_checkout(site: Path) -> None:
+    said = run(sys.executable, "-c", CHECK, cwd=site, PYTHONPATH=str(ROOT))
+    assert str(ROOT / "meshes" / "pattern.py") in said
+
+
+def test_environment_script_fails_with_advice(tmp_path: Path) -> None:
+    """An incomplete tool chain ends in a sentence that says what to do, not in a trace."""
+    script = ROOT / "scripts" / "fenicsx"
+    syntax = subprocess.run(["bash", "-n", script], capture_output=True, text=True, check=False)
+    assert syntax.returncode == 0, syntax.stderr
+    tools = tmp_path / "bin"
+    tools.mkdir()
+    for name in ("bash", "dirname", "mkdir", "id", "cksum", "cut", "flock"):
+        found = shutil.which(name)
+        assert found is not None
+        (tools / name).symlink_to(found)
+    done = subprocess.run(
+        ["bash", str(script), "true"], capture_output=True, text=True, check=False,
+        env={"PATH": str(tools), "HOME": str(tmp_path), "FENICSX_SUITE": "trixie"},
+    )  # fmt: skip
+    assert done.returncode != 0
+    assert "fenicsx: " in done.stderr
+    assert "conda" in done.stderr

@@ -1,0 +1,81 @@
+"""A printed tile as a file: written, read, and refused where it is not one."""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import printed_tile, shared
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem.tiles.printed_tile import NAME, PrintedTile, read_tile, write_tile
+
+
+def test_file_round_trip(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder, made = shared(comm, tmp_path), printed_tile(comm)
+    if comm.rank == 0:
+        write_tile(folder, made)
+    comm.barrier()
+    found = read_tile(comm, folder)
+    assert (found.printed == made.printed).all()
+    one, two = asdict(found), asdict(made)
+    del one["printed"], two["printed"]
+    assert one == two
+    assert found.composite == made.composite
+    assert found.composite.bending is None
+    assert found.composite.fabric.thickness == 3e-4
+    assert len(found.tile(comm).wraps) == len(made.printed)
+
+
+def write_entries(comm: MPI.Comm, folder: Path, made: PrintedTile, **changes: Any) -> Path:
+    """What `write_tile` writes, with changes; None leaves an entry out."""
+    if comm.rank == 0:
+        write_tile(folder, made)
+        with np.load(folder / NAME) as archive:
+            entries = {**archive, **changes}
+        np.savez(folder / NAME, **{k: v for k, v in entries.items() if v is not None})
+    comm.barrier()
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"size_x": None, "c1": None}, r"tile.npz lacks size_x, c1\. Write it by .*write_tile"),
+        ({"size_y": -0.01}, "holds no printed tile: size_y = -0.01 .* greater than 0"),
+        ({"poisson": 0.7}, "poisson = 0.7 must be a finite number, between 0 and 0.5"),
+        ({"c1": 0.9}, "c1 = 0.9 must be .* greater than 1"),
+        ({"thickness": "thin"}, "holds no printed tile: could not convert"),
+        ({"edge_length": [1e-3, 1e-3]}, "holds no printed tile: .* size 1"),
+        ({"mesh": "hexagons"}, "mesh = 'hexagons' must be one of"),
+        ({"symmetry": "chiral"}, "cannot be chiral"),
+        ({"printed": np.zeros(5)}, r"printed is float64 of shape \(5,\); it must be bool"),
+    ],
+)
+def test_bad_files(comm: MPI.Comm, tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    folder = write_entries(comm, shared(comm, tmp_path), printed_tile(comm), **changes)
+    with pytest.raises(errors.TileFileError, match=message):
+        read_tile(comm, folder)
+
+
+def test_what_is_no_file_or_of_another_mesh(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder, made = shared(comm, tmp_path), printed_tile(comm)
+    with pytest.raises(errors.TileFileError, match=r"tile.npz cannot be read: .* demos/tile.py"):
+        read_tile(comm, folder)
+    for content in (b"", b"no archive", b"PK\x03\x04 half of one"):
+        if comm.rank == 0:
+            (folder / NAME).write_bytes(content)
+        comm.barrier()
+        with pytest.raises(errors.TileFileError, match="tile.npz cannot be read"):
+            read_tile(comm, folder)
+        comm.barrier()
+    if comm.rank == 0:
+        with (folder / NAME).open("wb") as file:
+            np.save(file, np.zeros(3))
+    comm.barrier()
+    with pytest.raises(errors.TileFileError, match="tile.npz cannot be read"):
+        read_tile(comm, folder)
+    with pytest.raises(errors.DensityError, match=r"printed tells of 3 triangles, .* has \d+\."):
+        replace(made, printed=np.ones(3, dtype=bool)).tile(comm)

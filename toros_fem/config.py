@@ -1,0 +1,183 @@
+"""Configurations: frozen dataclasses whose fields carry meaning, unit and bounds as data."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import types
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Self, Union, get_args, get_origin
+
+import numpy as np
+
+from toros_fem._validate import require_choice
+from toros_fem.errors import ParameterError
+
+KEY = "quantity"
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What a field of a configuration means, and which values it may take.
+
+    Attributes:
+        meaning: One line, without its unit.
+        unit: SI unit, or "deg" or "%" where the field's name says so; None for pure numbers.
+        above, at_least, below, at_most: Bounds; None where there is none.
+        choices: The words that are allowed; None for numbers and free text.
+    """
+
+    meaning: str
+    unit: str | None = None
+    above: float | None = None
+    at_least: float | None = None
+    below: float | None = None
+    at_most: float | None = None
+    choices: tuple[str, ...] | None = None
+
+    @property
+    def bounds(self) -> str:
+        """The allowed values in words; empty where all are."""
+        if self.choices is not None:
+            return "one of " + ", ".join(self.choices)
+        parts = [
+            f"{word} {value:g}"
+            for word, value in (
+                ("above", self.above),
+                ("at least", self.at_least),
+                ("below", self.below),
+                ("at most", self.at_most),
+            )
+            if value is not None
+        ]
+        return " and ".join(parts)
+
+    def check(self, name: str, value: float) -> None:
+        """Check that a number is finite and within the bounds.
+
+        Raises:
+            ParameterError: Naming value, unit and bounds.
+        """
+        outside = (
+            not math.isfinite(value)
+            or (self.above is not None and not value > self.above)
+            or (self.at_least is not None and not value >= self.at_least)
+            or (self.below is not None and not value < self.below)
+            or (self.at_most is not None and not value <= self.at_most)
+        )
+        if outside:
+            unit = f" {self.unit}" if self.unit else ""
+            bounds = f", {self.bounds}" if self.bounds else ""
+            raise ParameterError(f"{name} = {value}{unit} must be a finite number{bounds}.")
+
+
+def quantity(
+    default: Any,
+    meaning: str,
+    unit: str | None = None,
+    *,
+    above: float | None = None,
+    at_least: float | None = None,
+    below: float | None = None,
+    at_most: float | None = None,
+    choices: Sequence[str] | None = None,
+) -> Any:
+    """Return a dataclass field with its default and its `Quantity`."""
+    words = None if choices is None else tuple(choices)
+    spec = Quantity(meaning, unit, above, at_least, below, at_most, words)
+    return field(default=default, metadata={KEY: spec})
+
+
+@dataclass(frozen=True)
+class Config:
+    """Base of all configurations: values are checked on construction, by type and by bounds.
+
+    Each field is made by `quantity`. Its type is float, int, bool or str, or one of these or None.
+    Validation, command line, summaries and files all read this one place.
+
+    Raises:
+        ParameterError: A value has another type, or is outside its bounds.
+    """
+
+    def __post_init__(self) -> None:
+        for name, (kind, optional) in self.kinds().items():
+            value = getattr(self, name)
+            if value is None and optional:
+                continue
+            _check_kind(name, value, kind, optional=optional)
+            spec = self.quantity(name)
+            if kind is float:
+                object.__setattr__(self, name, float(value))
+            if spec.choices is not None:
+                require_choice(name, value, spec.choices)
+            elif kind in (float, int):
+                spec.check(name, value)
+
+    @classmethod
+    def quantity(cls, name: str) -> Quantity:
+        """Return what a field means and which values it may take."""
+        found: Quantity = cls.__dataclass_fields__[name].metadata[KEY]
+        return found
+
+    @classmethod
+    def redefault(cls, name: str, default: Any) -> Any:
+        """Return a field of this configuration with another default, for a class derived of it."""
+        return field(default=default, metadata={KEY: cls.quantity(name)})
+
+    @classmethod
+    def kinds(cls) -> dict[str, tuple[type, bool]]:
+        """Return the type of each field, and whether it may be None."""
+        hints = typing.get_type_hints(cls)
+        return {entry.name: _kind(hints[entry.name]) for entry in fields(cls)}
+
+    def updated(self, **changes: Any) -> Self:
+        """Return a copy with other values.
+
+        Raises:
+            ParameterError: A name is unknown; the nearest known one is suggested.
+        """
+        for name in changes:
+            require_known(name, self.__dataclass_fields__)
+        return replace(self, **changes)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all values by name, as summaries hold them."""
+        return dataclasses.asdict(self)
+
+
+def require_known(name: str, known: Mapping[str, Any] | Sequence[str]) -> None:
+    """Check that a name is one of those that are known.
+
+    Raises:
+        ParameterError: It is not; the nearest one is suggested, or all are listed.
+    """
+    if name in known:
+        return
+    near = difflib.get_close_matches(name, list(known), n=1)
+    advice = f"did you mean {near[0]!r}?" if near else "known are " + ", ".join(known) + "."
+    raise ParameterError(f"unknown parameter {name!r}; {advice}")
+
+
+def _kind(hint: Any) -> tuple[type, bool]:
+    if get_origin(hint) in (Union, types.UnionType):
+        (kind,) = (part for part in get_args(hint) if part is not type(None))
+        return kind, True
+    return hint, False
+
+
+def _check_kind(name: str, value: Any, kind: type, *, optional: bool) -> None:
+    number = isinstance(value, int | float | np.integer | np.floating)
+    number = number and not isinstance(value, bool)
+    good = {
+        float: number,
+        int: number and not isinstance(value, float | np.floating),
+        bool: isinstance(value, bool),
+        str: isinstance(value, str),
+    }[kind]
+    if not good:
+        what = {float: "a number", int: "a whole number", bool: "True or False", str: "a word"}
+        none = ", or None" if optional else ""
+        raise ParameterError(f"{name} = {value!r} must be {what[kind]}{none}.")
