@@ -84,7 +84,7 @@ def scene(formulation: str, sides: int) -> ActuatorCase:
         passive=np.where(wall, np.nan, 1.0),
         pressure_bounds=(1e3, 2e4),
         perimeter=Perimeter(skin, FILTER),
-        weight=1e-4,
+        perimeter_weight=1e-4,
         length_scale=LengthScaleConstraints(skin, cone, widths(), wall),
     )
     return ActuatorCase(skin, problem, random_density(skin, 2, spread=0.3), wall * drawn(skin, 9))

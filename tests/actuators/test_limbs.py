@@ -136,7 +136,7 @@ def test_a_part_is_printed_whole(comm: MPI.Comm, quarter: Pattern) -> None:
     supports = rest_on_body(quarter, WALKER.body_radius, (0, 1))
     problem = design(comm, quarter, (0, 1), supports)
     skin = problem.solver.skin
-    result = optimize(problem, random_density(skin, 1), DesignOptions((Stage(2),)))
+    result = optimize(problem, DesignOptions((Stage(2),)), start=random_density(skin, 1))
     made = as_printed(problem, result, PrintLimits())
     assert problem.whole is not None
     assert made.pattern is problem.whole.pattern

@@ -11,7 +11,6 @@ from toros_fem.density.field import check_density, random_density
 from toros_fem.density.filters import make_filter
 from toros_fem.density.helmholtz import HelmholtzFilter
 from toros_fem.density.projection import Projection
-from toros_fem.design.options import doubling
 from toros_fem.meshes import Skin, cylinder, sew
 
 
@@ -241,7 +240,3 @@ def test_parameters() -> None:
         Projection(beta=0.0)
     with pytest.raises(errors.ParameterError, match="eta"):
         Projection(eta=1.5)
-    stages = doubling(first=4, last=20, every=10)
-    assert [(s.iterations, s.beta) for s in stages] == [(10, 4), (10, 8), (10, 16), (10, 20)]
-    with pytest.raises(errors.ParameterError, match="last"):
-        doubling(first=8, last=4, every=10)

@@ -23,7 +23,7 @@ from toros_fem.meshes import Skin
 @pytest.fixture(scope="module")
 def result(tube: Skin, tube_solver: EquilibriumSolver) -> DesignResult:
     chain = full(tube, tube_solver, beta=20.0)
-    return optimize(chain, random_density(tube, 3), DesignOptions((Stage(5),)))
+    return optimize(chain, DesignOptions((Stage(5),)), start=random_density(tube, 3))
 
 
 def test_contours_are_of_the_filters_own_field(tube: Skin, tube_solver: EquilibriumSolver) -> None:
@@ -31,12 +31,12 @@ def test_contours_are_of_the_filters_own_field(tube: Skin, tube_solver: Equilibr
     density = random_density(tube, 3, spread=0.5)
     at_points, at_centroids = drawn(chain, density)
     pattern, wall = tube.pattern, tube.pattern.cells_of("wall")
-    filtered = tube.gather_cells(chain.filter.forward(chain.completed(density)))
+    filtered = tube.gather_cells(chain.filter.forward(chain.with_passive(density)))
     assert at_centroids[wall] == pytest.approx(filtered[wall])
     caps = np.setdiff1d(np.arange(len(pattern.panel)), wall)
     assert np.all(at_centroids[caps] == 1)
     assert np.all(at_points[pattern.flat_triangles[caps]] == 1)
-    exact = chain.filter.at_points(chain.completed(density))
+    exact = chain.filter.at_points(chain.with_passive(density))
     points = np.unique(pattern.flat_triangles[wall])
     assert at_points[points] == pytest.approx(exact[points])
 
@@ -83,11 +83,11 @@ def test_islands_are_taken_out_of_the_density(tube: Skin, tube_solver: Equilibri
     for x, y in spots:
         whole |= np.hypot(u - x, v - y) < 0.8 * radius
     density = whole.astype(float)[tube.owned_cells]
-    chosen = DesignResult(density, 5e3, chain.simulate(density), (), "", {}, chain.designed)
+    chosen = DesignResult(chain, density, chain.simulate(density), (), "", {})
     printed = as_printed(chain, chosen, PrintLimits())
     assert len(printed.before.free_islands) == 2
     start = without_islands(chain, chosen, printed)
-    again = DesignResult(start, 5e3, chain.simulate(start), (), "", {}, chain.designed)
+    again = DesignResult(chain, start, chain.simulate(start), (), "", {})
     bare = as_printed(chain, again, PrintLimits())
     assert not bare.before.free_islands
     wall = pattern.panel_index("wall")

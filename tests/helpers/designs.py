@@ -37,6 +37,6 @@ def full(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> ShapeProbl
         plain,
         pressure_bounds=(1e3, 2e4),
         perimeter=Perimeter(skin, RADIUS),
-        weight=1e-4,
+        perimeter_weight=1e-4,
         length_scale=LengthScaleConstraints(skin, plain.filter, LengthScale(), plain.designed),
     )

@@ -243,7 +243,7 @@ def test_gradient_by_each_pressure(grid: Skin, two: EquilibriumSolver) -> None:
         ends = [problem.simulate(density, state, np.array([2e3, 5e3]) + s * step).objective
                 for s in (1.0, -1.0)]  # fmt: skip
         assert base.pressure_gradient[k] == pytest.approx((ends[0] - ends[1]) / 2, rel=1e-4)
-    result = optimize(problem, density, DesignOptions((Stage(3),)))
+    result = optimize(problem, DesignOptions((Stage(3),)), start=density)
     assert result.history[-1].objective < result.history[0].objective
     assert result.pressures[0] == 2e3
     assert result.pressures[1] != 5e3

@@ -256,7 +256,7 @@ THREE = np.array([0.0, np.pi / 8, np.pi / 4])
 
 
 def short_run(chain: TileProblem, **options: Any) -> DesignResult:
-    return optimize(chain, start_of(chain), DesignOptions((Stage(8),), **options))
+    return optimize(chain, DesignOptions((Stage(8),), **options), start=start_of(chain))
 
 
 def test_short_design_run(comm: MPI.Comm) -> None:
@@ -290,11 +290,11 @@ def test_nothing_left_to_do() -> None:
     chain = problem(True, ProfileTarget(np.full(3, 1e3)), angles=THREE)
     there = chain.evaluate(start_of(chain)).equilibrium
     reached = dataclasses.replace(chain, objective=ProfileTarget(there.stiffness))
-    result = optimize(reached, start_of(chain), DesignOptions((Stage(2),)))
+    result = optimize(reached, DesignOptions((Stage(2),)), start=start_of(chain))
     assert result.final.objective < 1e-20
     assert result.density == pytest.approx(start_of(chain), abs=1e-6)
     near = dataclasses.replace(chain, objective=ProfileTarget(1.01 * there.stiffness))
-    result = optimize(near, start_of(chain), DesignOptions((Stage(12),)))
+    result = optimize(near, DesignOptions((Stage(12),)), start=start_of(chain))
     assert result.final.objective < 1e-12
     assert np.isfinite(result.density).all()
 

@@ -255,14 +255,16 @@ def design(
     skin = problem.solver.skin
     options = DesignOptions(settings.stages, mma=MMAOptions(move=settings.move))
     reporter = Reporter(skin, output, options.iterations, scene.metrics, begin)
-    result = optimize(problem, first_density(skin, scene, settings.seed), options, reporter)
+    result = optimize(
+        problem, options, start=first_density(skin, scene, settings.seed), callback=reporter
+    )
     limits = PrintLimits(width=settings.print_width, gap=settings.print_width)
     printed = as_printed(problem, result, limits, settings.island_area)
     if settings.polish and printed.before.free_islands:
         stage = replace(options.stages[-1], iterations=settings.polish)
         start = _without_islands(problem, result, printed)
         polishing = replace(options, stages=(stage,))
-        result = optimize(problem, start, polishing, reporter, after=result)
+        result = optimize(problem, polishing, start=start, callback=reporter, after=result)
         printed = as_printed(problem, result, limits, settings.island_area)
     metrics: dict[str, Any] = {"seed": settings.seed}
     made = printed.evaluation

@@ -1,75 +1,57 @@
-"""The numbers of a design that do not depend on what is designed."""
+"""The configuration that all designs have in common: materials, filter, penalties and loop."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
-import numpy as np
-
-from toros_fem._types import Floats
-from toros_fem._validate import require_between, require_count, require_positive
-from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.density.perimeter import Perimeter
-from toros_fem.design.problem import DesignProblem
-from toros_fem.errors import ParameterError
+from toros_fem.config import Config, quantity
+from toros_fem.density.filters import FILTERS
 from toros_fem.materials import Composite, Material
 
 
 @dataclass(frozen=True)
-class DesignConfig:
-    """Materials, filter, penalties and loop; SI units.
+class DesignConfig(Config):
+    """Materials, filter, penalties and design loop; SI units."""
 
-    Attributes:
-        fabric_young, reinforcement_young: Young's moduli in Pa.
-        poisson, thickness: Of both sheets; the thickness in m.
-        c1, c2: Stretch bounds.
-        filter: "cone" or "helmholtz".
-        radius: R of the filter in m.
-        beta, eta: Of the projection.
-        line, gap: Widths in m that the constraints ask for; 0 takes R.
-        perimeter: Weight of the perimeter term; 0 leaves it out.
-        window, sharpness: Its window's radius over R, and w.
-        move: MMA's move limit.
-        iterations: Steps before the width constraints are switched on.
-        constrained: Steps with them; 0 leaves them out.
-        island_area: Free islands smaller than this, in m², are not printed.
-        print_width: Thinnest line and gap in m that the printer makes: below, they are marked.
-        seed: Of the random start.
-    """
-
-    fabric_young: float = 0.1e6
-    reinforcement_young: float = 26e6
-    poisson: float = 0.3
-    thickness: float = 0.5e-3
-    c1: float = 1.9
-    c2: float = 2.6
-    filter: str = "cone"
-    radius: float = 2.15e-3
-    beta: float = 20.0
-    eta: float = 0.5
-    line: float = 0.0
-    gap: float = 0.0
-    perimeter: float = 0.0
-    window: float = 1.0
-    sharpness: float = 0.5
-    move: float = 0.2
-    iterations: int = 60
-    constrained: int = 40
-    island_area: float = 20e-6
-    print_width: float = 0.6e-3
-    seed: int = 2
-
-    def __post_init__(self) -> None:
-        require_count(1, iterations=self.iterations)
-        require_count(0, constrained=self.constrained, seed=self.seed)
-        require_positive(print_width=self.print_width, window=self.window)
-        require_between(0.0, np.inf, line=self.line, gap=self.gap, perimeter=self.perimeter)
-        require_between(0.0, np.inf, island_area=self.island_area)
+    fabric_young: float = quantity(0.1e6, "Young's modulus of the fabric", "Pa", above=0)
+    reinforcement_young: float = quantity(
+        26e6, "Young's modulus of the reinforced fabric", "Pa", above=0
+    )
+    poisson: float = quantity(0.3, "Poisson's ratio of both sheets", at_least=0, at_most=0.5)
+    thickness: float = quantity(0.5e-3, "thickness of both sheets", "m", above=0)
+    c1: float = quantity(1.9, "bound on a principal stretch, eq. (1)", above=1)
+    c2: float = quantity(2.6, "bound on the sum of both principal stretches less 1", above=1)
+    filter: str = quantity("cone", "density filter", choices=FILTERS)
+    filter_radius: float = quantity(2.15e-3, "radius R of the filter", "m", above=0)
+    beta: float = quantity(20.0, "steepness of the projection", above=0)
+    eta: float = quantity(0.5, "threshold of the projection", above=0, below=1)
+    line_width: float | None = quantity(
+        None, "smallest width of a printed line; none takes R", "m", above=0
+    )
+    gap_width: float | None = quantity(
+        None, "smallest width of a gap between lines; none takes R", "m", above=0
+    )
+    perimeter_weight: float | None = quantity(
+        None, "weight of the perimeter term; none leaves it out", above=0
+    )
+    perimeter_window: float = quantity(1.0, "radius of the perimeter's window over R", above=0)
+    perimeter_sharpness: float = quantity(0.5, "w of eq. (15)", above=0)
+    move_limit: float = quantity(0.2, "largest change of a density in one step", above=0, at_most=1)
+    iterations: int = quantity(60, "steps before the width constraints act", at_least=1)
+    constrained_iterations: int = quantity(
+        40, "steps with the width constraints; 0 leaves them out", at_least=0
+    )
+    island_area: float = quantity(
+        20e-6, "free islands smaller than this are not printed", "m²", at_least=0
+    )
+    print_width: float = quantity(
+        0.6e-3, "thinnest line and gap that the printer makes", "m", above=0
+    )
+    seed: int = quantity(2, "seed of the random start", at_least=0)
 
     @property
     def composite(self) -> Composite:
-        """Fabric and reinforcement, which do not bend."""
+        """Fabric and reinforcement as membranes."""
         sheet = {"poisson": self.poisson, "thickness": self.thickness}
         return Composite(
             fabric=Material(young=self.fabric_young, **sheet),
@@ -78,43 +60,3 @@ class DesignConfig:
             c2=self.c2,
             bending=None,
         )
-
-    def penalise(self, problem: DesignProblem[Any], lattice: Floats | None = None) -> None:
-        """Give a problem the perimeter term and the width constraints asked for (collective).
-
-        Args:
-            problem: The problem, its filter and projection made.
-            lattice: The two vectors, (2, 2), in m, by which a tile repeats.
-        """
-        skin = problem.skin
-        if self.perimeter > 0:
-            problem.perimeter = Perimeter(
-                skin,
-                self.window * self.radius,
-                self.sharpness,
-                lattice=lattice,
-                whole=problem.whole,
-            )
-        if self.constrained > 0:
-            problem.length_scale = LengthScaleConstraints(
-                skin,
-                problem.filter,
-                LengthScale(line=self.line or None, gap=self.gap or None),
-                problem.designed,
-                problem.projection,
-            )
-
-
-def known_inputs(
-    settings: DesignConfig | None, defaults: dict[str, Any], inputs: dict[str, Any]
-) -> dict[str, Any]:
-    """Settings and defaults, with what differs from them put in.
-
-    Raises:
-        ParameterError: An input is none of them.
-    """
-    known = {**({} if settings is None else asdict(settings)), **defaults}
-    unknown = sorted(set(inputs) - set(known))
-    if unknown:
-        raise ParameterError(f"{unknown[0]!r} is no parameter; there are {', '.join(known)}.")
-    return {**known, **inputs}

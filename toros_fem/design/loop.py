@@ -1,14 +1,13 @@
-"""The design loop: MMA on densities and pressure, steps that are no progress tried again."""
+"""The design loop: MMA on densities and pressure, with more cautious steps where one fails."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from toros_fem._mpi import dot, largest, norm, total
 from toros_fem._types import Floats
@@ -20,34 +19,37 @@ from toros_fem.design.variables import Scaled, Values, Variables
 from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.mma.optimizer import MMA
 
-# Over so many steps T is to fall.
+# Number of steps over which T must fall.
 LOOK_BACK = 10
-# What a violated constraint costs at least when progress is judged, in MMA's scaled units.
+# Least price of a violated constraint in the merit function, in MMA's scaled units.
 PRICE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class DesignResult:
-    """What the design loop arrived at.
+    """The result of the design loop.
 
     Attributes:
+        problem: The problem that was solved.
         density: Final ρ at owned triangles.
-        pressure: Final pressure in Pa, the largest of all chambers.
-        final: Evaluation of the two.
-        history: One row for the start of each stage and one for each step, the last one being
-            the final design.
+        final: Evaluation of the final design, with its gradients.
+        history: One row for the start of each stage and one for each step; the last row is the
+            final design.
         reason: Why the loop ended, as a sentence.
         seconds: Wall time by phase.
-        designed: Which owned triangles were designed, not given.
     """
 
+    problem: DesignProblem
     density: Floats
-    pressure: float
     final: Evaluation
     history: tuple[Iteration, ...]
     reason: str
     seconds: dict[str, float]
-    designed: npt.NDArray[np.bool_]
+
+    @property
+    def pressure(self) -> float:
+        """Final pressure in Pa, the largest of all chambers."""
+        return self.final.equilibrium.pressure
 
     @property
     def pressures(self) -> tuple[float, ...]:
@@ -60,39 +62,51 @@ Callback = Callable[[Iteration, Evaluation], None]
 
 def optimize(
     problem: DesignProblem,
-    density: Floats,
-    options: DesignOptions | None = None,
-    callback: Callback | None = None,
+    options: DesignOptions | Sequence[Stage] | None = None,
     *,
+    start: Floats | None = None,
+    seed: int = 0,
+    callback: Callback | None = None,
     after: DesignResult | None = None,
     new_mesh: bool = False,
 ) -> DesignResult:
     """Minimise T over densities and pressure by MMA, stage by stage (collective).
 
     Args:
-        problem: What to design. It is left as it is; the stages work on copies.
-        density: Start ρ at owned triangles, in [0, 1].
-        options: Stages and stop rules.
+        problem: The design problem. It is not changed; the stages work on copies.
+        options: Stages and stop rules, or the stages alone; None takes the defaults.
+        start: ρ to start from at owned triangles, in [0, 1]; None takes that of `after`, or the
+            problem's own start with random noise.
+        seed: Seed of that noise. The same seed gives the same start on any number of ranks.
         callback: Called after each iteration, on every rank.
-        after: A result to go on from: its pressure, shape and history are continued, and only
-            the density is the one given.
-        resewn: Whether that result is of another mesh, so that its shape is no start.
+        after: A result to continue: its pressure, shape and history are taken over.
+        new_mesh: Whether `after` belongs to another mesh, so that its shape is no start; `start`
+            is then required.
 
     Raises:
-        DensityError: The density does not fit or leaves [0, 1].
-        ParameterError: A stage is constrained, the problem has no constraints.
-        NoEquilibriumError: There is no equilibrium for the start. Later failures are stepped back
-            from.
+        DensityError: The start does not fit or leaves [0, 1].
+        ParameterError: A stage is constrained and the problem has no constraints; or `new_mesh`
+            comes without a start.
+        NoEquilibriumError: There is no equilibrium for the start. The loop steps back from later
+            failures.
     """
-    options = options or DesignOptions()
-    check_density(problem.skin, density)
+    if options is None:
+        options = DesignOptions()
+    elif not isinstance(options, DesignOptions):
+        options = DesignOptions(tuple(options))
     if problem.length_scale is None and any(stage.constrained for stage in options.stages):
         raise ParameterError(
-            "a stage asks for constraints on widths, but the problem has no length_scale."
+            "a stage has constrained = True, but the problem has no length_scale. Give the problem "
+            "a LengthScale, or leave the stage unconstrained."
         )
-    loop = _Loop(problem, density, options, callback)
+    if start is None:
+        if new_mesh:
+            raise ParameterError("new_mesh = True needs start, a density on the new mesh.")
+        start = problem.start_density(seed) if after is None else after.density
+    check_density(problem.skin, start)
+    loop = _Loop(problem, start, options, callback)
     if after is not None:
-        loop.go_on(after, density, new_mesh=new_mesh)
+        loop.take_over(after, start, new_mesh=new_mesh)
     first = loop.history[-1].stage + 1 if loop.history else 0
     for number, stage in enumerate(options.stages, first):
         loop.run(number, stage, last=number - first == len(options.stages) - 1)
@@ -100,13 +114,12 @@ def optimize(
             break
     assert loop.evaluation is not None
     return DesignResult(
+        problem=problem,
         density=loop.evaluation.density,
-        pressure=loop.evaluation.equilibrium.pressure,
         final=loop.evaluation,
         history=tuple(loop.history),
         reason=loop.reason,
         seconds=loop.phases,
-        designed=problem.designed,
     )
 
 
@@ -123,7 +136,7 @@ class _Loop:
         self.problem, self.options, self.callback = problem, options, callback
         self.comm = problem.skin.comm
         self.variables = Variables(problem, options)
-        self.x = self.variables.vector(problem.completed(density), problem.pressures)
+        self.x = self.variables.vector(problem.with_passive(density), problem.pressures)
         self.areas = problem.skin.pattern.areas[problem.skin.owned_cells]
         self.areas = self.areas * problem.designed
         self.evaluation: Evaluation | None = None
@@ -134,14 +147,14 @@ class _Loop:
         self.begin = self.iteration_begin = time.perf_counter()
         self.over, self.reason = False, ""
 
-    def go_on(self, result: DesignResult, density: Floats, *, new_mesh: bool) -> None:
-        """Take over what a loop before arrived at, but for the density."""
+    def take_over(self, result: DesignResult, density: Floats, *, new_mesh: bool) -> None:
+        """Take over pressure, shape and history of an earlier result."""
         self.evaluation, self.history = None if new_mesh else result.final, list(result.history)
         self.phases, self.steps_done = dict(result.seconds), result.history[-1].iteration
-        self.x = self.variables.vector(self.problem.completed(density), result.pressures)
+        self.x = self.variables.vector(self.problem.with_passive(density), result.pressures)
 
     def run(self, number: int, stage: Stage, *, last: bool) -> None:
-        """One stage, from the design at hand."""
+        """Run one stage from the current design."""
         given, options = self.problem, self.options
         projection, constrained = given.projection, stage.constrained
         if stage.beta is not None:
@@ -167,7 +180,7 @@ class _Loop:
             problem,
             self.variables,
             constrained=constrained,
-            target_objective=options.target_objective,
+            target_objective=options.target_objective or 0.0,
             start=evaluation,
         )
         kkt = math.inf
@@ -211,7 +224,7 @@ class _Loop:
     def descend(
         self, mma: MMA, scaled: Scaled, near: Evaluation, here: Values
     ) -> Evaluation | None:
-        """The design MMA proposes or a more cautious one; None if the last has no equilibrium."""
+        """Return the design that MMA proposes, or a more cautious one; None without equilibrium."""
         o = self.options
         multipliers = np.asarray(mma.state.multipliers)[: len(here.constraints)]
         prices = np.maximum(PRICE, 2 * multipliers)
@@ -229,14 +242,14 @@ class _Loop:
                 good = mma.conservative(self.x, there.rest, there.constraints, there.residuals)
             else:
                 good = merit(there) <= bound
-            enough = self.rejected >= (2 * o.retries if trial is None else o.retries)
-            if good or enough:
+            exhausted = self.rejected >= (2 * o.retries if trial is None else o.retries)
+            if good or exhausted:
                 return trial
             self.rejected += 1
             mma.retry(self.x, there.rest, there.constraints, there.residuals)
 
     def finished(self, stage: Stage, count: int, kkt: float, *, last: bool) -> bool:
-        """Whether the stage ends here, and with it perhaps the loop; alike on all ranks."""
+        """Return whether the stage ends here, and mark the end of the loop; equal on all ranks."""
         o, now = self.options, self.history[-1]
         if o.seconds is not None:
             spent = largest(self.problem.comm, time.perf_counter() - self.begin)
@@ -247,7 +260,7 @@ class _Loop:
             self.reason = f"The KKT residual is under {o.kkt_tol:g}."
         elif count > 0 and self.change < o.x_tol:
             self.reason = f"No variable changes by more than {o.x_tol:g} any more."
-        elif 0 < o.target_objective >= now.objective and self.kept(stage, now):
+        elif self.target_met(stage, now):
             self.reason = f"T is at most {o.target_objective:g}."
         elif count >= LOOK_BACK and self.slow(stage):
             self.reason = (
@@ -260,33 +273,40 @@ class _Loop:
         self.over = last
         return True
 
+    def target_met(self, stage: Stage, row: Iteration) -> bool:
+        """Return whether T needs no further decrease."""
+        target = self.options.target_objective
+        return target is not None and row.objective <= target and self.kept(stage, row)
+
     def kept(self, stage: Stage, row: Iteration) -> bool:
-        """Whether the constraints of the stage hold."""
+        """Return whether the constraints of the stage hold."""
         if not stage.constrained:
             return True
         limits = self.problem.length_scale
         assert limits is not None
-        return bool(row.solid <= limits.epsilon[0] and row.void <= limits.epsilon[1])
+        return bool(row.g_r <= limits.epsilon[0] and row.g_t <= limits.epsilon[1])
 
     def slow(self, stage: Stage) -> bool:
-        """Whether T has hardly fallen of late, and not because constraints took hold."""
+        """Return whether T fell too little, while the constraints held."""
         before, now = self.history[-1 - LOOK_BACK], self.history[-1]
         kept = self.kept(stage, before) and self.kept(stage, now)
-        least = self.options.min_relative_decrease * abs(before.objective)
-        return kept and least > 0 and now.objective > before.objective - least
+        fraction = self.options.min_relative_decrease
+        if fraction is None or not kept:
+            return False
+        return now.objective > before.objective - fraction * abs(before.objective)
 
     def record(self, number: int, evaluation: Evaluation, kkt: float) -> None:
         e, whole = evaluation, total(self.comm, self.areas.sum())
         assert e.gradient is not None
-        solid, void = (0.0, 0.0) if e.length_scale is None else map(float, e.length_scale)
+        g_r, g_t = (0.0, 0.0) if e.length_scale is None else map(float, e.length_scale)
         row = Iteration(
             iteration=self.steps_done,
             stage=number,
             objective=e.objective,
             shape=e.shape,
             perimeter=e.perimeter or 0.0,
-            solid=solid,
-            void=void,
+            g_r=g_r,
+            g_t=g_t,
             pressure=e.equilibrium.pressure,
             gradient_norm=norm(self.comm, e.gradient),
             kkt=kkt,
@@ -298,6 +318,7 @@ class _Loop:
             newton_steps=self.steps,
             factorisations=self.factorisations,
             seconds=time.perf_counter() - self.iteration_begin,
+            metrics=self.problem.metrics_of(e.equilibrium),
         )
         self.iteration_begin = time.perf_counter()
         self.history.append(row)
@@ -305,7 +326,7 @@ class _Loop:
             self.callback(row, e)
 
     def simulate(self, start: Floats | None, *, allow_continuation: bool = True) -> Evaluation:
-        """The design that the variables stand for; what it costs is added up."""
+        """Simulate the design that the variables stand for, and add up its cost."""
         begin = time.perf_counter()
         density, pressures = self.variables.design(self.x)
         try:
@@ -324,7 +345,7 @@ class _Loop:
         return found
 
     def attempt(self, near: Evaluation) -> Evaluation | None:
-        # A step that has no equilibrium near by is replaced; only the last try gets all effort.
+        # A step without a near equilibrium is replaced; only the last try may use continuation.
         allow_continuation = self.rejected >= 2 * self.options.retries
         try:
             return self.simulate(near.equilibrium.state, allow_continuation=allow_continuation)

@@ -1,26 +1,25 @@
-"""The chain from design to objective and back: one evaluation of a design, eqs. (11-19)."""
+"""The design problem: one evaluation of a design and its gradient, eqs. (11-19)."""
 
 from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, Self, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem._mpi import raise_together, total
-from toros_fem._types import Floats
-from toros_fem._validate import require_between
-from toros_fem.density.field import check_density
+from toros_fem._types import Bools, Floats
+from toros_fem._validate import require_positive
+from toros_fem.density.field import check_density, random_density
 from toros_fem.density.filters import Filter
 from toros_fem.density.length_scale import LengthScaleConstraints
 from toros_fem.density.perimeter import Perimeter
 from toros_fem.density.projection import Projection
-from toros_fem.errors import DensityError
+from toros_fem.errors import DensityError, ParameterError
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 
@@ -29,11 +28,11 @@ Pressure = float | Sequence[float]
 
 
 class Response(Protocol):
-    """What a pattern does, as the design loop sees it."""
+    """The simulated response to a projected density, as the design loop sees it."""
 
     @property
     def state(self) -> Any:
-        """What a neighbouring design's simulation is started from."""
+        """State from which the simulation of a neighbouring design starts."""
 
     @property
     def pressure(self) -> float:
@@ -41,15 +40,15 @@ class Response(Protocol):
 
     @property
     def pressures(self) -> tuple[float, ...]:
-        """Pressures in Pa, none where there is none."""
+        """Pressure of each chamber in Pa; empty without any."""
 
     @property
     def steps(self) -> int:
-        """Newton steps taken."""
+        """Number of Newton steps."""
 
     @property
     def factorisations(self) -> int:
-        """Factorisations made."""
+        """Number of factorisations."""
 
 
 R = TypeVar("R", bound=Response)
@@ -57,23 +56,23 @@ R = TypeVar("R", bound=Response)
 
 @dataclass(frozen=True, eq=False)
 class Evaluation(Generic[R]):
-    """One pass through the chain ρ → ρ̃ → ρ̄ → x → T and back.
+    """One pass ρ → ρ̃ → ρ̄ → x → T, and its gradients.
 
     Attributes:
-        objective: T, shape and penalty together.
-        shape: Its part that measures the distance from what is wanted.
-        perimeter: Length in m of the border of the print; None where no term asks for it.
-        length_scale: (g_r, g_t) of eqs. (13, 14); None where they are not asked for.
-        gradient: dT/dρ at owned triangles, zero where the density is not designed; None if it
-            was not asked for.
-        pressure_gradient: dT/dP in 1/Pa by the pressure of each chamber, (k,), zero where it is
-            not designed; None if it was not asked for, or none is.
-        length_scale_gradients: dg_r/dρ and dg_t/dρ, as `gradient`; None if not asked for.
-        residuals: Numbers of whose squares `shape` is the sum, (j,); none if it is no such sum.
-        residual_gradients: Theirs by ρ, as `gradient`; None if not asked for.
+        objective: T, the shape term and the penalty together.
+        shape: The part of T that measures the distance from the target.
+        perimeter: Length in m of the border of the print; None without a perimeter term.
+        length_scale: (g_r, g_t) of eqs. (13, 14); None without width constraints.
+        gradient: dT/dρ at owned triangles, zero where the density is prescribed; None before
+            `DesignProblem.differentiate`.
+        pressure_gradient: dT/dP in 1/Pa by the pressure of each chamber, (k,), zero where the
+            pressure is prescribed; None before `differentiate`, or without designed pressures.
+        length_scale_gradients: dg_r/dρ and dg_t/dρ, as `gradient`.
+        residuals: Numbers r, (j,), with `shape` = Σ r²; empty if `shape` is no such sum.
+        residual_gradients: dr/dρ, as `gradient`.
         density: ρ at owned triangles.
         filtered, projected: ρ̃ and ρ̄ at owned triangles.
-        equilibrium: What the pattern does: the simulated shape, or the response of a tile.
+        equilibrium: The response: the simulated shape, or the profile of a tile.
         seconds: Wall time by phase, on this rank.
     """
 
@@ -90,33 +89,35 @@ class Evaluation(Generic[R]):
     filtered: Floats
     projected: Floats
     equilibrium: R
-    seconds: dict[str, float]
+    seconds: Mapping[str, float]
 
 
 class DesignProblem(ABC, Generic[R]):
-    """Filter, projection, penalty and constraints around a simulation, and their way back.
+    """Filter, projection, penalty and constraints around a simulation, with their gradients.
 
-    What is None is neither built nor computed. A kind of problem says what a projected density
-    does, `respond`, and how its objective changes with it, `respond_backward`.
+    A part that is None is neither built nor computed. A derived class defines the simulation of
+    a projected density, `respond`, and the gradient of its objective, `respond_backward`.
+
+    The gradient is the discrete adjoint's. Every stage is a pair of a forward and a backward pass,
+    written by hand and tied by tests to differences of the whole chain.
 
     Attributes:
         filter: Filter of the densities.
-        projection: Smoothed step; replaced by the loop when β is raised.
-        passive: Projected density that is given, at owned triangles; NaN where it is designed.
-            None designs every triangle.
-        perimeter: Penalty on the length of the print's border, and its weight: T grows by
-            weight · perimeter/L, L the size of the skin. A weight of 0 leaves it out.
-        weight: That weight, a pure number.
-        length_scale: Constraints on the widths of lines and gaps.
-        whole: What the skin is a part of, `meshes.mirrored`; None if it is whole. What is printed
-            is drawn and measured on the whole.
+        projection: Smoothed step; the loop replaces it where it raises β.
+        passive: Prescribed projected density at owned triangles, NaN where it is designed. None
+            designs every triangle.
+        perimeter: Length of the print's border; None leaves the penalty out.
+        perimeter_weight: Factor on perimeter/L in T, L the size of the skin; None without one.
+        length_scale: Constraints on the widths of lines and gaps; None leaves them out.
+        whole: The whole skin that the skin is a part of, by `meshes.mirrored`; None if the skin is
+            whole. Prints are drawn and measured on the whole.
     """
 
     filter: Filter
     projection: Projection
     passive: Floats | None
     perimeter: Perimeter | None
-    weight: float
+    perimeter_weight: float | None
     length_scale: LengthScaleConstraints | None
     whole: Mirrored | None
 
@@ -127,28 +128,33 @@ class DesignProblem(ABC, Generic[R]):
 
     @property
     def comm(self) -> MPI.Comm:
-        """All ranks that take part."""
+        """Communicator of all ranks that take part."""
         return self.skin.comm
 
     @abstractmethod
     def with_projection(self, projection: Projection) -> Self:
-        """The same with another projection; solver, filter and all else are shared."""
+        """Return the same problem with another projection; all other parts are shared."""
 
     @property
     def pressures(self) -> tuple[float, ...]:
-        """Pressures in Pa, the first guess where designed."""
+        """Pressure of each chamber in Pa, the first guess where it is designed."""
         return ()
 
     @property
     def pressure_ranges(self) -> tuple[Bounds | None, ...]:
-        """Least and largest of each in Pa; None where it is not designed."""
+        """Bounds on the pressure of each chamber in Pa; None where it is prescribed."""
         return ()
 
     @abstractmethod
     def respond(
-        self, projected: Floats, start: Any, pressure: Pressure | None, *, allow_continuation: bool
+        self,
+        projected: Floats,
+        start: Any,
+        pressure: Pressure | None,
+        *,
+        allow_continuation: bool,
     ) -> tuple[R, float]:
-        """What a projected density does, and how far that is from what is wanted (collective).
+        """Simulate a projected density; return the response and its objective (collective).
 
         Raises:
             NoEquilibriumError: There is no equilibrium, on all ranks.
@@ -156,27 +162,48 @@ class DesignProblem(ABC, Generic[R]):
 
     @abstractmethod
     def respond_backward(self, evaluation: Evaluation[R]) -> tuple[Floats, Floats | None]:
-        """Gradients of that distance by ρ̄ and by the pressures, if any is designed (collective)."""
+        """Return the objective's gradients by ρ̄ and by the pressures (collective).
+
+        The second is None if no pressure is designed.
+        """
 
     def residuals(self, response: R) -> Floats:
-        """Numbers of whose squares that distance is the sum, (j,), for MMA to know them apart.
+        """Return numbers whose squares sum to the objective, (j,), for MMA to treat one by one.
 
-        None by default: worth having where they are few and no pressure is designed.
+        Empty by default. They pay where they are few and no pressure is designed.
         """
         return np.zeros(0)
 
     def residuals_backward(self, evaluation: Evaluation[R]) -> Floats:
-        """Their gradients by ρ̄, (j, cells) (collective)."""
+        """Return their gradients by ρ̄, (j, cells) (collective)."""
         return np.zeros((0, len(evaluation.projected)))
+
+    def metrics_of(self, response: R) -> dict[str, float]:
+        """Return the values of all metrics by key, equal on all ranks (collective)."""
+        return {}
+
+    def start_density(self, seed: int) -> Floats:
+        """Return the density to start from, at owned triangles: random by default.
+
+        Raises:
+            ParameterError: The seed is negative.
+        """
+        return random_density(self.skin, seed)
 
     def check(self) -> None:
         """Check what all kinds of problems have in common (collective).
 
         Raises:
-            ParameterError: The weight is negative.
-            DensityError: The given density does not fit, leaves [0, 1] or leaves nothing free.
+            ParameterError: The weight is not positive, or comes without a perimeter, or a
+                perimeter without a weight.
+            DensityError: The prescribed density does not fit, leaves [0, 1] or covers everything.
         """
-        require_between(0.0, np.inf, weight=self.weight)
+        if (self.perimeter is None) != (self.perimeter_weight is None):
+            raise ParameterError(
+                "perimeter and perimeter_weight belong together: give both, or neither."
+            )
+        if self.perimeter_weight is not None:
+            require_positive(perimeter_weight=self.perimeter_weight)
         if self.passive is None:
             return
         skin = self.skin
@@ -194,25 +221,28 @@ class DesignProblem(ABC, Generic[R]):
             )
         raise_together(skin.comm, error)
         if total(skin.comm, self.designed.sum()) == 0:
-            raise DensityError("passive gives the density of every triangle: none is designed.")
+            raise DensityError(
+                "passive prescribes the density of every triangle: none is designed. Set NaN where "
+                "the density is to be designed."
+            )
 
     @property
-    def designed(self) -> npt.NDArray[np.bool_]:
-        """Which owned triangles are designed."""
+    def designed(self) -> Bools:
+        """Whether each owned triangle is designed."""
         if self.passive is None:
             return np.ones(len(self.skin.owned_cells), dtype=bool)
         return np.isnan(self.passive)
 
-    def completed(self, density: Floats) -> Floats:
-        """A density with what is given put in, so that filters see it."""
+    def with_passive(self, density: Floats) -> Floats:
+        """Return a density with the prescribed values put in, so that filters see them."""
         if self.passive is None:
             return density
         return np.where(self.designed, density, self.passive)
 
     def fields(self, density: Floats) -> tuple[Floats, Floats]:
-        """ρ̃ and ρ̄ of a density (collective)."""
+        """Return ρ̃ and ρ̄ of a density (collective)."""
         filtered = self.filter.forward(density)
-        return filtered, self.completed(self.projection.forward(filtered))
+        return filtered, self.with_passive(self.projection.forward(filtered))
 
     def simulate(
         self,
@@ -222,13 +252,14 @@ class DesignProblem(ABC, Generic[R]):
         *,
         allow_continuation: bool = True,
     ) -> Evaluation[R]:
-        """T without its gradient, by one simulation, eq. (17) (collective).
+        """Evaluate T by one simulation, without its gradient, eq. (17) (collective).
 
         Args:
             density: ρ at owned triangles, in [0, 1].
-            start: State to start from, of a neighbouring design say.
+            start: State to start from, of a neighbouring design for instance.
             pressure: In Pa, of all chambers or of each; None takes the problem's own.
-            patient: Whether to go all ways to an equilibrium, or only the nearest one.
+            allow_continuation: Whether to fall back on continuation where the solver fails at the
+                full load.
 
         Raises:
             DensityError: The density does not fit or leaves [0, 1].
@@ -236,28 +267,38 @@ class DesignProblem(ABC, Generic[R]):
         """
         check_density(self.skin, density)
         begin = time.perf_counter()
-        density = self.completed(density)
+        density = self.with_passive(density)
         filtered, projected = self.fields(density)
-        found = self._evaluate(
-            density, filtered, projected, start, pressure, allow_continuation=allow_continuation
+        return self._evaluate(
+            density,
+            filtered,
+            projected,
+            start,
+            pressure,
+            begin=begin,
+            allow_continuation=allow_continuation,
         )
-        found.seconds["filter"] = time.perf_counter() - begin - found.seconds["equilibrium"]
-        return found
 
-    def simulate_binary(self, printed: npt.NDArray[np.bool_], like: Evaluation[R]) -> Evaluation[R]:
-        """What a thresholded pattern does, at the pressure of a design (collective).
+    def simulate_binary(self, printed: Bools, like: Evaluation[R]) -> Evaluation[R]:
+        """Evaluate a binary pattern at the pressure of a design (collective).
 
         Args:
-            printed: Which owned triangles are printed; what is given stays as given.
-            like: The design that it came from: pressure, and state to start from.
+            printed: Whether each owned triangle is printed; prescribed densities are kept.
+            like: The design that it came from: its pressure, and the state to start from.
 
         Raises:
             NoEquilibriumError: There is no equilibrium for this pattern.
         """
-        projected = self.completed(printed.astype(np.float64))
+        projected = self.with_passive(printed.astype(np.float64))
         near = like.equilibrium
         return self._evaluate(
-            like.density, like.filtered, projected, near.state, near.pressures or None
+            like.density,
+            like.filtered,
+            projected,
+            near.state,
+            near.pressures or None,
+            begin=time.perf_counter(),
+            allow_continuation=True,
         )
 
     def _evaluate(
@@ -268,20 +309,20 @@ class DesignProblem(ABC, Generic[R]):
         start: Any,
         pressure: Pressure | None,
         *,
-        allow_continuation: bool = True,
+        begin: float,
+        allow_continuation: bool,
     ) -> Evaluation[R]:
-        perimeter = None
-        if self.perimeter is not None and self.weight > 0:
-            perimeter = self.perimeter.forward(projected)
+        perimeter = None if self.perimeter is None else self.perimeter.forward(projected)
         widths = None
         if self.length_scale is not None:
             widths = self.length_scale.forward(density, filtered, projected)
-        begin = time.perf_counter()
+        middle = time.perf_counter()
         response, distance = self.respond(
             projected, start, pressure, allow_continuation=allow_continuation
         )
+        end = time.perf_counter()
         return Evaluation(
-            objective=distance + self._price * (perimeter or 0.0),
+            objective=distance + self._perimeter_price * (perimeter or 0.0),
             shape=distance,
             perimeter=perimeter,
             length_scale=widths,
@@ -294,7 +335,7 @@ class DesignProblem(ABC, Generic[R]):
             filtered=filtered,
             projected=projected,
             equilibrium=response,
-            seconds={"equilibrium": time.perf_counter() - begin},
+            seconds={"filter": middle - begin, "equilibrium": end - middle},
         )
 
     def differentiate(self, evaluation: Evaluation[R]) -> Evaluation[R]:
@@ -306,8 +347,9 @@ class DesignProblem(ABC, Generic[R]):
         begin = time.perf_counter()
         e = evaluation
         by_projected, pressure_gradient = self.respond_backward(e)
-        if self.perimeter is not None and self.weight > 0:
-            by_projected = by_projected + self._price * self.perimeter.backward(e.projected)
+        if self.perimeter is not None:
+            by_border = self.perimeter.backward(e.projected)
+            by_projected = by_projected + self._perimeter_price * by_border
         gradient = self._pull_back(e, None, by_projected)
         widths = None
         if self.length_scale is not None:
@@ -329,20 +371,20 @@ class DesignProblem(ABC, Generic[R]):
     def evaluate(
         self, density: Floats, start: Any = None, pressure: Pressure | None = None
     ) -> Evaluation[R]:
-        """T and its gradients: `simulate`, then `differentiate` (collective)."""
+        """Evaluate T and its gradients: `simulate`, then `differentiate` (collective)."""
         return self.differentiate(self.simulate(density, start, pressure))
 
     @property
-    def _price(self) -> float:
-        """What T grows by for a metre of border."""
-        return self.weight / self.skin.pattern.size
+    def _perimeter_price(self) -> float:
+        """Increase of T for a metre of border."""
+        return (self.perimeter_weight or 0.0) / self.skin.pattern.size
 
     def _pull_back(
         self, evaluation: Evaluation[R], by_filtered: Floats | None, by_projected: Floats
     ) -> Floats:
-        """Gradient by ρ from those by ρ̃ and ρ̄, through projection and filter (collective)."""
+        """Return the gradient by ρ from those by ρ̃ and ρ̄ (collective)."""
         designed = self.designed
-        whole = self.projection.backward(evaluation.filtered, by_projected * designed)
+        both = self.projection.backward(evaluation.filtered, by_projected * designed)
         if by_filtered is not None:
-            whole = whole + by_filtered
-        return np.asarray(self.filter.backward(whole) * designed)
+            both = both + by_filtered
+        return np.asarray(self.filter.backward(both) * designed)

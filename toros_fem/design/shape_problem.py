@@ -1,39 +1,50 @@
-"""Designing a skin under pressure towards a shape, eqs. (17-19)."""
+"""Design of a skin under pressure towards a target shape, eqs. (17-19)."""
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, Self
 
 import numpy as np
 
 from toros_fem._mpi import dot
 from toros_fem._types import Floats
 from toros_fem._validate import require_between, require_positive
+from toros_fem.density.field import check_density, random_density
 from toros_fem.density.filters import Filter
 from toros_fem.density.length_scale import LengthScaleConstraints
 from toros_fem.density.perimeter import Perimeter
 from toros_fem.density.projection import Projection
 from toros_fem.design.problem import Bounds, DesignProblem, Evaluation, Pressure
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
-from toros_fem.errors import ParameterError
+from toros_fem.errors import DensityError, ParameterError
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
+from toros_fem.objectives.metrics import Metric
 from toros_fem.objectives.shape import Objective
 
 
 @dataclass(eq=False)
 class ShapeProblem(DesignProblem[EquilibriumResult]):
-    """A scene and the shape that is wanted of it; see `DesignProblem` for what is not said here.
+    """A skin, its loads and the target of its shape, put together from their parts.
+
+    `ShapeDesign` builds these parts from a pattern and numbers. For the attributes that are not
+    listed here see `DesignProblem`.
 
     Attributes:
-        solver: Equilibrium solver of the scene.
-        objective: Distance from the target, of the positions.
-        pressure: Pressure in Pa, of all chambers or of each; the first guess where designed.
+        solver: Equilibrium solver of the skin.
+        objective: Distance from the target as a function of the positions.
+        pressure: Pressure in Pa, of all chambers or of each; the first guess where it is designed.
         pressure_bounds: Least and largest pressure in Pa of all chambers, or such a pair for each;
-            None keeps the pressure, or that chamber's, as given.
-        force: Dead forces in N on all assembled vertices, (n, 3), whatever the design.
+            None prescribes the pressure, or that chamber's.
+        force: Dead forces in N on all assembled vertices, (n, 3).
+        target: Target positions of all assembled vertices, (n, 3), in m, for pictures; None if
+            the objective has none.
+        metrics: Numbers that the design is judged by, the most important first.
+        start: Density of all triangles to start from, (t,), within [0.1, 0.9]: noise of 0.1 is
+            added. None starts from 0.5.
     """
 
     solver: EquilibriumSolver
@@ -44,10 +55,13 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
     passive: Floats | None = None
     pressure_bounds: Bounds | Sequence[Bounds | None] | None = None
     perimeter: Perimeter | None = None
-    weight: float = 0.0
+    perimeter_weight: float | None = None
     length_scale: LengthScaleConstraints | None = None
     force: Floats | None = None
     whole: Mirrored | None = None
+    target: Floats | None = None
+    metrics: tuple[Metric, ...] = ()
+    start: Floats | None = None
 
     def __post_init__(self) -> None:
         for pressure, bounds in zip(self.pressures, self.pressure_ranges, strict=True):
@@ -57,19 +71,30 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
                 if not low < high:
                     raise ParameterError(
                         f"the pressure's bounds {low:g} and {high:g} Pa leave it no room; the "
-                        "second must be larger. To keep the pressure as it is, give no bounds."
+                        "second must be larger. To prescribe the pressure, give no bounds."
                     )
                 require_between(low, high, pressure=pressure)
+        keys = [metric.key for metric in self.metrics]
+        if len(set(keys)) < len(keys):
+            raise ParameterError(f"metrics are named {', '.join(keys)}; each needs its own name.")
+        count = len(self.skin.pattern.triangles)
+        if self.start is not None and np.shape(self.start) != (count,):
+            raise DensityError(
+                f"start has shape {np.shape(self.start)}; it must be ({count},), one density for "
+                "each triangle of the pattern."
+            )
         self.check()
 
     @property
     def skin(self) -> Skin:
-        """The solver's."""
+        """The skin of the solver."""
         return self.solver.skin
 
-    def with_projection(self, projection: Projection) -> ShapeProblem:
-        """The same with another projection."""
-        return replace(self, projection=projection)
+    def with_projection(self, projection: Projection) -> Self:
+        """Return the same problem with another projection."""
+        other = copy.copy(self)
+        other.projection = projection
+        return other
 
     @property
     def pressures(self) -> tuple[float, ...]:
@@ -78,7 +103,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
 
     @property
     def pressure_ranges(self) -> tuple[Bounds | None, ...]:
-        """Least and largest pressure of each chamber in Pa; None where it is not designed."""
+        """Least and largest pressure of each chamber in Pa; None where it is prescribed."""
         bounds = self.pressure_bounds
         alike = bounds is None or np.isscalar(bounds[0])
         return self._for_each(bounds, "pressure_bounds", alike)
@@ -93,20 +118,54 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
             )
         return values
 
+    def metrics_of(self, response: EquilibriumResult) -> dict[str, float]:
+        """Return the values of all metrics by key, equal on all ranks (collective)."""
+        if not self.metrics:
+            return {}
+        positions = self.skin.gather_vertices(response.positions)
+        pattern = self.skin.pattern
+        return {m.key: float(m.measure(pattern, positions)) for m in self.metrics}
+
+    def start_density(self, seed: int) -> Floats:
+        """Return `start` with noise added, or noise around 0.5, at owned triangles.
+
+        Raises:
+            DensityError: `start` leaves [0.1, 0.9].
+            ParameterError: The seed is negative.
+        """
+        drawn = random_density(self.skin, seed)
+        if self.start is None:
+            return drawn
+        drawn = self.start[self.skin.owned_cells] + drawn - 0.5
+        check_density(self.skin, drawn)
+        return drawn
+
     def respond(
-        self, projected: Floats, start: Any, pressure: Pressure | None, *, allow_continuation: bool
+        self,
+        projected: Floats,
+        start: Any,
+        pressure: Pressure | None,
+        *,
+        allow_continuation: bool,
     ) -> tuple[EquilibriumResult, float]:
-        """The equilibrium, and the distance of its shape from the target (collective)."""
-        wanted = self.pressure if pressure is None else pressure
+        """Solve for the equilibrium; return it and its distance from the target (collective)."""
         equilibrium = self.solver.solve(
-            projected, wanted, force=self.force, start=start, allow_continuation=allow_continuation
+            projected,
+            self.pressure if pressure is None else pressure,
+            force=self.force,
+            start=start,
+            allow_continuation=allow_continuation,
         )
         return equilibrium, self.objective.forward(equilibrium.positions)
 
     def respond_backward(
         self, evaluation: Evaluation[EquilibriumResult]
     ) -> tuple[Floats, Floats | None]:
-        """By one adjoint solve with the tangent at the equilibrium (collective)."""
+        """Return the gradients by one adjoint solve with the last tangent, eq. (19) (collective).
+
+        K λ = ∂T/∂x gives dT/dρ̄ = −λ · ∂f/∂ρ̄ and dT/dP = λ · ∂V/∂x. UFL derives ∂f/∂ρ̄; the tangent
+        K and ∂T/∂x are written by hand.
+        """
         equilibrium, model = evaluation.equilibrium, self.solver.model
         rhs = np.zeros_like(equilibrium.state)
         model.positions(rhs)[:] = self.objective.backward(equilibrium.positions)

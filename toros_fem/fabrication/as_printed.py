@@ -67,7 +67,7 @@ def drawn(problem: DesignProblem, density: Floats) -> tuple[Floats, Floats]:
     """
     skin = problem.skin
     pattern = skin.pattern
-    density = problem.completed(density)
+    density = problem.with_passive(density)
     at_points = problem.filter.at_points(density)
     at_centroids = skin.gather_cells(problem.filter.forward(density))
     designed = skin.gather_cells(problem.designed.astype(np.float64)) > 0

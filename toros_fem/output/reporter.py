@@ -92,7 +92,7 @@ class Reporter:
             print(
                 f"{row.iteration:4d}  {row.objective:10.4e}{columns}"
                 f"  {row.pressure / 1e3:6.3f}  {row.volume_fraction:6.3f}  {row.grey_level:5.3f}"
-                f"  {row.solid:7.1e}  {row.void:7.1e}  {row.rejected:8d}  {row.newton_steps:6d}"
+                f"  {row.g_r:7.1e}  {row.g_t:7.1e}  {row.rejected:8d}  {row.newton_steps:6d}"
                 f"  {row.seconds:7.2f}",
                 flush=True,
             )

@@ -64,8 +64,8 @@ class TileReporter:
             self._file.write(row, worst_percent=worst)
             print(
                 f"{row.iteration:4d}  {row.stage:5d}  {row.objective:10.4e}  {worst:7.2f}"
-                f"  {row.volume_fraction:7.3f}  {row.grey_level:5.3f}  {row.solid:7.1e}"
-                f"  {row.void:7.1e}  {row.rejected:8d}  {row.newton_steps:6d}"
+                f"  {row.volume_fraction:7.3f}  {row.grey_level:5.3f}  {row.g_r:7.1e}"
+                f"  {row.g_t:7.1e}  {row.rejected:8d}  {row.newton_steps:6d}"
                 f"  {row.seconds:7.2f}",
                 flush=True,
             )

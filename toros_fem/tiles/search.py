@@ -80,7 +80,10 @@ def design_tile(
     )
     finalists, trials = _best_starts(problem, draft.tile, s, options, callback)
     whole = replace(options, stages=(Stage(s.iterations, STEEPER * s.beta, constrained=bound),))
-    drafts = [optimize(problem, one.density, whole, callback, after=one) for one in finalists]
+    drafts = [
+        optimize(problem, whole, start=one.density, callback=callback, after=one)
+        for one in finalists
+    ]
     drafts.sort(key=lambda one: _judged(problem, draft.tile, options, one)[0])
     densities = [problem.skin.gather_cells(one.density) for one in drafts]
     near, _ = draft.tile.nearest(scene.tile.pattern.centroids)
@@ -117,7 +120,12 @@ def _made(
     s, wanted, bound = settings, problem.objective, settings.constrained > 0
     last = tuple(Stage(s.finish, k * s.beta, constrained=bound) for k in STEEPEST)
     result = optimize(
-        problem, density, replace(options, stages=last), callback, after=drafted, new_mesh=True
+        problem,
+        replace(options, stages=last),
+        start=density,
+        callback=callback,
+        after=drafted,
+        new_mesh=True,
     )
     problem = problem.with_projection(Projection(STEEPEST[-1] * s.beta, s.eta))
     found = check(TileResult(problem, result, None, None, "", np.zeros(0), (), ()))
@@ -135,9 +143,9 @@ def _made(
         aim = _moved(wanted, found.result.final.equilibrium, found.profile)
         result = optimize(
             replace(problem, objective=aim),
-            found.result.density,
             again,
-            callback,
+            start=found.result.density,
+            callback=callback,
             after=found.result,
         )
         found = check(replace(found, result=result))
@@ -161,7 +169,9 @@ def _best_starts(
     skin, first = problem.skin, settings.seed
     for seed in range(first, first + settings.starts):
         try:
-            result = optimize(problem, wavy(tile, seed)[skin.owned_cells], options, callback)
+            result = optimize(
+                problem, options, start=wavy(tile, seed)[skin.owned_cells], callback=callback
+            )
         except NoEquilibriumError as caught:  # raised by all ranks or by none
             failure = caught
             continue

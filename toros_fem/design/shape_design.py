@@ -1,0 +1,173 @@
+"""A shape design from a pattern, a target and numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem._types import Floats
+from toros_fem.density.filters import make_filter
+from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.density.perimeter import Perimeter
+from toros_fem.density.projection import Projection
+from toros_fem.design.problem import Bounds, Pressure
+from toros_fem.design.shape_problem import ShapeProblem
+from toros_fem.equilibrium.newton import NewtonStep
+from toros_fem.equilibrium.options import NewtonOptions
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.errors import DensityError
+from toros_fem.materials import Composite
+from toros_fem.mechanics.chambers import Chambers
+from toros_fem.mechanics.dead_loads import Weight
+from toros_fem.mechanics.supports import Supports
+from toros_fem.meshes.mirror import mirrored
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.skin import Skin, sew
+from toros_fem.objectives.metrics import Metric, distance
+from toros_fem.objectives.shape import Objective, ShapeObjective, checked_target
+
+DEFAULT_LENGTH_SCALE = LengthScale()
+
+
+class ShapeDesign(ShapeProblem):
+    """A pattern whose print is designed so that the inflated skin takes a target shape.
+
+    Only what is given is built: no pressure unknowns without bounds, no perimeter without a weight.
+
+    Args:
+        comm: Communicator.
+        pattern: Panels and seams.
+        target: Target positions of all assembled vertices, (n, 3), in m, or a map from assembled
+            positions to them, `meshes.bend` for instance.
+        supports: What is fixed.
+        filter_radius: R of the density filter in m.
+        pressure: In Pa, of all chambers or of each; the first guess where it is designed.
+        composite: Fabric, reinforcement and stretch bounds.
+        pressure_bounds: Least and largest pressure in Pa, of all chambers or of each; None
+            prescribes it.
+        printed_panels: Names of panels that are printed all over.
+        passive: Prescribed density of all triangles, (t,), NaN where it is designed; the printed
+            panels come on top.
+        filter: "cone" or "helmholtz".
+        projection: Smoothed step from ρ̃ to ρ̄.
+        length_scale: Widths of lines and gaps that constrained stages enforce; None leaves the
+            constraints out.
+        perimeter_weight: Weight of the perimeter term; None leaves it out.
+        perimeter_window: Radius of its window in m; None takes R.
+        perimeter_sharpness: w of eq. (15).
+        weights, relative: Factors on each vertex in the objective, as of `ShapeObjective`.
+        objective: Makes another objective of the sewn skin; None takes `ShapeObjective`.
+        metrics: Numbers that the design is judged by, the most important first; None takes the
+            root mean square distance from the target in mm.
+        start: Density of all triangles to start from, (t,), within [0.1, 0.9]; None: 0.5.
+        symmetry: Axes of the planes that the pattern is cut at, as of `meshes.mirrored`: filters,
+            pictures and prints see the whole skin.
+        chambers: Pressure chambers; None for one.
+        weight: The skin's own weight; None leaves it out.
+        force: Dead forces in N on all assembled vertices, (n, 3).
+        options: Options of the equilibrium solver.
+        log: Called with each Newton step, on every rank.
+
+    Raises:
+        TorosError: An argument does not fit the pattern or is out of its bounds; the message names
+            the value, the bound and the remedy.
+    """
+
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        pattern: Pattern,
+        *,
+        target: Floats | Callable[[Floats], Floats],
+        supports: Supports,
+        filter_radius: float,
+        pressure: Pressure,
+        composite: Composite | None = None,
+        pressure_bounds: Bounds | Sequence[Bounds | None] | None = None,
+        printed_panels: Sequence[str] = (),
+        passive: Floats | None = None,
+        filter: str = "cone",
+        projection: Projection | None = None,
+        length_scale: LengthScale | None = DEFAULT_LENGTH_SCALE,
+        perimeter_weight: float | None = None,
+        perimeter_window: float | None = None,
+        perimeter_sharpness: float = 0.5,
+        weights: Floats | None = None,
+        relative: Floats | None = None,
+        objective: Callable[[Skin], Objective] | None = None,
+        metrics: Sequence[Metric] | None = None,
+        start: Floats | None = None,
+        symmetry: Sequence[int] = (),
+        chambers: Chambers | None = None,
+        weight: Weight | None = None,
+        force: Floats | None = None,
+        options: NewtonOptions | None = None,
+        log: Callable[[NewtonStep], None] | None = None,
+    ) -> None:
+        skin = sew(comm, pattern)
+        goal = checked_target(skin, target(pattern.points) if callable(target) else target)
+        whole = mirrored(pattern, tuple(symmetry)) if symmetry else None
+        solver = EquilibriumSolver(
+            skin,
+            composite or Composite(),
+            supports,
+            options,
+            log,
+            chambers=chambers,
+            weight=weight,
+        )
+        density_filter = make_filter(filter, skin, filter_radius, whole=whole)
+        perimeter = None
+        if perimeter_weight is not None:
+            window = filter_radius if perimeter_window is None else perimeter_window
+            perimeter = Perimeter(skin, window, perimeter_sharpness, whole=whole)
+        given = _given_density(pattern, passive, printed_panels)
+        projection = projection or Projection()
+        super().__init__(
+            solver=solver,
+            objective=(
+                ShapeObjective(skin, goal, weights, relative)
+                if objective is None
+                else objective(skin)
+            ),
+            filter=density_filter,
+            pressure=pressure,
+            projection=projection,
+            passive=None if given is None else given[skin.owned_cells],
+            pressure_bounds=pressure_bounds,
+            perimeter=perimeter,
+            perimeter_weight=perimeter_weight,
+            force=force,
+            whole=whole,
+            target=goal,
+            metrics=(_distance_metric(goal),) if metrics is None else tuple(metrics),
+            start=start,
+        )
+        if length_scale is not None:
+            self.length_scale = LengthScaleConstraints(
+                skin, density_filter, length_scale, self.designed, projection
+            )
+
+
+def _given_density(
+    pattern: Pattern, passive: Floats | None, printed_panels: Sequence[str]
+) -> Floats | None:
+    """Prescribed density of all triangles, (t,); None if there is none."""
+    count = len(pattern.triangles)
+    if passive is not None and np.shape(passive) != (count,):
+        raise DensityError(
+            f"passive has shape {np.shape(passive)}; it must be ({count},), one density for each "
+            "triangle of the pattern, NaN where it is designed."
+        )
+    if passive is None and not printed_panels:
+        return None
+    given = np.full(count, np.nan) if passive is None else np.array(passive, dtype=np.float64)
+    for name in printed_panels:
+        given[pattern.cells_of(name)] = 1.0
+    return given
+
+
+def _distance_metric(target: Floats) -> Metric:
+    return Metric("distance", "mm", 0.0, lambda of, x: 1e3 * distance(of, x, target))
