@@ -1,4 +1,8 @@
-"""Designs robotic skins: stiffening patterns that make an inflated fabric bend, twist or grip."""
+"""Design of robotic skins: printed patterns that make an inflated fabric bend, twist or grip.
+
+The names below are the public interface. `toros_fem.actuators`, `toros_fem.tiles`, `toros_fem.mma`
+and the pictures in `toros_fem.output` are imported explicitly. All quantities are in SI units.
+"""
 
 from pathlib import Path
 
@@ -8,4 +12,95 @@ from toros_fem._version import __version__
 if not (Path(__file__).parent / "forms").is_dir():
     __path__.append(str(Path(__file__).parent.parent))
 
-__all__ = ["__version__"]
+from toros_fem import errors, meshes
+from toros_fem.analysis.error_estimate import ErrorEstimate, estimate_error
+from toros_fem.analysis.pressure_path import PressurePathPoint, trace_pressure_path
+from toros_fem.density.field import random_density
+from toros_fem.density.filters import make_filter
+from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.density.perimeter import Perimeter
+from toros_fem.density.projection import Projection
+from toros_fem.design.loop import DesignResult, optimize
+from toros_fem.design.options import DesignOptions, Stage
+from toros_fem.design.shape_design import ShapeDesign
+from toros_fem.design.shape_problem import ShapeProblem
+from toros_fem.equilibrium.options import NewtonOptions
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
+from toros_fem.errors import TorosError
+from toros_fem.fabrication.as_printed import PrintedDesign, as_printed
+from toros_fem.fabrication.printability import PrintLimits
+from toros_fem.materials import Bending, Bladder, Composite, Material
+from toros_fem.mechanics.chambers import Chambers
+from toros_fem.mechanics.dead_loads import Weight, spread_force
+from toros_fem.mechanics.supports import (
+    Supports,
+    build_in,
+    clamp,
+    clamp_where,
+    displace,
+    pin,
+    symmetry_plane,
+)
+from toros_fem.meshes.skin import sew
+from toros_fem.objectives.alignment import AlignedObjective
+from toros_fem.objectives.gap import Body, GapObjective
+from toros_fem.objectives.metrics import Metric, bend_angle, shortening, swelling, twist_angle
+from toros_fem.objectives.sections import CrossSectionObjective, CrossSections
+from toros_fem.objectives.shape import ShapeObjective, SumObjective
+
+__all__ = [
+    "AlignedObjective",
+    "Bending",
+    "Bladder",
+    "Body",
+    "Chambers",
+    "Composite",
+    "CrossSectionObjective",
+    "CrossSections",
+    "DesignOptions",
+    "DesignResult",
+    "EquilibriumError",
+    "EquilibriumResult",
+    "EquilibriumSolver",
+    "ErrorEstimate",
+    "GapObjective",
+    "LengthScale",
+    "LengthScaleConstraints",
+    "Material",
+    "Metric",
+    "NewtonOptions",
+    "Perimeter",
+    "PressurePathPoint",
+    "PrintLimits",
+    "PrintedDesign",
+    "Projection",
+    "ShapeDesign",
+    "ShapeObjective",
+    "ShapeProblem",
+    "Stage",
+    "SumObjective",
+    "Supports",
+    "TorosError",
+    "Weight",
+    "__version__",
+    "as_printed",
+    "bend_angle",
+    "build_in",
+    "clamp",
+    "clamp_where",
+    "displace",
+    "errors",
+    "estimate_error",
+    "make_filter",
+    "meshes",
+    "optimize",
+    "pin",
+    "random_density",
+    "sew",
+    "shortening",
+    "spread_force",
+    "swelling",
+    "symmetry_plane",
+    "trace_pressure_path",
+    "twist_angle",
+]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations, product
 
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem._types import Floats, Ints
+from toros_fem._types import Bools, Floats, Ints
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.mirror import FLAT, plane_border
 from toros_fem.meshes.pattern import Pattern
@@ -191,6 +191,32 @@ def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
     for name in panels:
         fixed[pattern.vertices_of(name)] = True
     return Supports(fixed)
+
+
+def clamp_where(pattern: Pattern, where: Callable[[Floats], Bools]) -> Supports:
+    """Fix every vertex in a region of space in all three components.
+
+    Args:
+        pattern: The pattern.
+        where: Returns for assembled positions (n, 3), in m, whether each lies in the region, (n,):
+            `lambda x: x[:, 2] < 5e-3` for instance.
+
+    Raises:
+        ParameterError: The region holds no vertex, or `where` returns something else.
+    """
+    inside = np.asarray(where(pattern.points.copy()))
+    if inside.dtype != bool or inside.shape != (len(pattern.points),):
+        raise ParameterError(
+            f"where returned {inside.dtype} of shape {inside.shape}; it must return True or False "
+            f"for each of the {len(pattern.points)} vertices."
+        )
+    if not inside.any():
+        low, high = pattern.points.min(axis=0), pattern.points.max(axis=0)
+        raise ParameterError(
+            f"the region holds no vertex; the skin spans {low} to {high}, in m. Check its unit and "
+            "its axes."
+        )
+    return Supports(np.repeat(inside[:, None], 3, axis=1))
 
 
 def displace(

@@ -1,0 +1,112 @@
+"""Your own mesh from an STL file to a print: fixed region, target, design, results.
+
+    python demos/own_design.py
+    python demos/own_design.py --file my.stl --scale 1e-3 --angle 60
+
+The default file is a finger with an elliptic section, 90 mm high, in millimetres. The script reads
+it, cuts it into flat panels, fixes the part below a height, prints the flat end caps all over, and
+designs the rest so that the finger bends towards +x. The results lie in `output/own_design/`. Copy
+this script and change what differs in your case: every step is one call.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+import toros_fem as tf
+from toros_fem.command_line import run_from_command_line
+from toros_fem.config import Config, quantity
+
+FINGER = Path(__file__).parent / "surfaces" / "finger.stl"
+
+
+@dataclass(frozen=True)
+class OwnDesignConfig(Config):
+    """Numbers of this script; SI units."""
+
+    scale: float = quantity(1e-3, "length of the file's unit", "m", above=0)
+    angle: float = quantity(60.0, "bend angle of the target", "deg", above=-360, below=360)
+    fixed_height: float = quantity(4e-3, "the skin is fixed below this height", "m", at_least=0)
+    pressure: float = quantity(8e3, "first guess of the pressure", "Pa", above=0)
+    pressure_max: float = quantity(20e3, "largest pressure", "Pa", above=0)
+    filter_radius: float = quantity(3.9e-3, "radius R of the filter", "m", above=0)
+    iterations: int = quantity(30, "design steps before the width constraints act", at_least=1)
+    constrained_iterations: int = quantity(20, "design steps with them", at_least=1)
+    seed: int = quantity(0, "seed of the random start", at_least=0)
+
+
+def run(
+    comm: MPI.Comm,
+    output: Path | str,
+    config: OwnDesignConfig | None = None,
+    *,
+    file: Path | None = None,
+    verbose: bool = False,
+) -> dict[str, Any]:
+    """Design the skin in a mesh file and write the results; return the summary.
+
+    Args:
+        comm: Communicator.
+        output: Folder for the results.
+        config: Numbers of this script.
+        file: Closed triangle surface whose long axis is z; None takes the finger.
+        verbose: Whether to print every Newton step.
+    """
+    c = config or OwnDesignConfig()
+    surface = tf.meshes.read_surface(comm, file or FINGER, scale=c.scale)
+    pattern = tf.meshes.unwrap(comm, surface).pattern
+    low, high = pattern.points[:, 2].min(), pattern.points[:, 2].max()
+    half_width = float(np.ptp(pattern.points[:, 0])) / 2
+    # A skin under pressure does not shorten, so the inner side of the bend keeps its length.
+    bend = tf.meshes.bend(np.radians(c.angle), high - low, neutral=half_width)
+    flat = [
+        name
+        for name in pattern.panel_names
+        if np.ptp(pattern.points[pattern.vertices_of(name), 2]) < 1e-3 * (high - low)
+    ]
+    problem = tf.ShapeDesign(
+        comm,
+        pattern,
+        target=lambda x: bend(x - [0, 0, low]) + [0, 0, low],
+        supports=tf.clamp_where(pattern, lambda x: x[:, 2] < low + c.fixed_height),
+        pressure=c.pressure,
+        pressure_bounds=(1e3, c.pressure_max),
+        printed_panels=flat,
+        filter_radius=c.filter_radius,
+        log=(lambda step: print(step, flush=True)) if verbose and comm.rank == 0 else None,
+    )
+    stages = [tf.Stage(c.iterations), tf.Stage(c.constrained_iterations, constrained=True)]
+    reporter = tf.DesignReporter(comm, output)
+    result = tf.optimize(problem, stages, seed=c.seed, callback=reporter)
+    printed = tf.as_printed(problem, result, tf.PrintLimits(width=0.6e-3, gap=0.6e-3))
+    return tf.write_results(output, result, printed, config=c)
+
+
+def sentence(summary: dict[str, Any]) -> str:
+    """Return the result in words."""
+    printed = summary["distance_mm"]
+    found = "no equilibrium" if printed is None else f"{printed:.1f} mm from the target"
+    return (
+        f"{found} as printed, {summary['design']['distance_mm']:.1f} mm as designed, at "
+        f"{summary['pressure_pa'] / 1e3:.2f} kPa, {summary['manufacture']['islands']} islands"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(
+        run_from_command_line(
+            MPI.COMM_WORLD,
+            __doc__,
+            OwnDesignConfig(),
+            run,
+            Path("output/own_design"),
+            sentence=sentence,
+            files={"file": "closed triangle surface whose long axis is z; default: a finger"},
+        )
+    )
