@@ -1,19 +1,19 @@
-"""Your own surface as a sewing pattern: read, mended, cut, laid flat.
+"""Your own surface as a sewing pattern: read, repaired, cut, laid flat.
 
     python demos/unwrap.py my.stl --scale 1e-3
     python demos/unwrap.py my.msh --method lscm --max-stretch 0.1 --output output/my
 
 The file is an STL, OBJ, PLY, MSH or XDMF triangle mesh. Line elements in it and the borders between
-its groups of triangles become seams; without them the seams are found: along creases, and wherever
-a panel would be stretched too far. Prints how far the panels are from the surface, and writes the
-pattern true to scale (pattern.svg), a picture (unwrap.png) and fields for ParaView (surface.vtu).
-Without a file it unwraps a capsule.
+its groups of triangles become seams. Without them the seams are found: along creases, and wherever
+a panel would be stretched too far. The demo prints how far the panels are from the surface. It
+writes the pattern in true scale (pattern.svg), a picture (unwrap.png) and fields for ParaView
+(surface.vtu). Without a file it unwraps a capsule.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,24 +21,41 @@ import numpy as np
 import shapely
 from mpi4py import MPI
 
-from toros_fem.command_line import parsed, run_guarded
+from toros_fem.command_line import run_from_command_line
+from toros_fem.config import Config, quantity
 from toros_fem.fabrication.svg import write_svg
 from toros_fem.meshes import Surface, read_surface, unwrap
+from toros_fem.meshes.chart import METHODS
 from toros_fem.output.files import write_fields, write_json
 from toros_fem.output.reporter import if_plotting, write_together
 
-DEFAULTS: dict[str, Any] = {
-    "scale": 1.0,  # m a unit of the file
-    "component": -1,  # which connected component, 0 the largest; -1 asks for a single one
-    "seams": "given",  # or "auto": what the file says of seams is passed over
-    "method": "auto",
-    "crease_angle": 45.0,  # degrees
-    "max_stretch": 0.0,  # 0: 0.15 with automatic seams, no bound with given ones
-}
+
+@dataclass(frozen=True)
+class UnwrapConfig(Config):
+    """How a surface is read, cut and laid flat."""
+
+    scale: float = quantity(1.0, "length of the file's unit", "m", above=0)
+    component: int | None = quantity(
+        None, "connected component, 0 for the largest; none: the file holds only one", at_least=0
+    )
+    seams: str = quantity(
+        "given",
+        "seams of the file, found if it has none, or always found",
+        choices=("given", "auto"),
+    )
+    method: str = quantity("auto", "how panels are laid flat", choices=METHODS)
+    crease_angle: float = quantity(
+        45.0, "angle between normals above which a found seam follows an edge", "deg",
+        above=0, at_most=180,
+    )  # fmt: skip
+    max_stretch: float | None = quantity(
+        None, "largest stretch of a panel; none: 0.15 with found seams, no bound with given ones",
+        above=0,
+    )  # fmt: skip
 
 
 def capsule(around: int = 36, radius: float = 0.02, length: float = 0.06) -> Surface:
-    """A tube along z with round ends, closed."""
+    """Return a closed tube along z with round ends."""
     quarter = np.linspace(0, np.pi / 2, around // 4 + 1)[1:]
     rows = round(length / (2 * np.pi * radius / around))
     r = radius * np.concatenate([np.sin(quarter), np.ones(rows - 1), np.sin(quarter[::-1])])
@@ -61,50 +78,58 @@ def capsule(around: int = 36, radius: float = 0.02, length: float = 0.06) -> Sur
     return Surface(np.vstack([rings.reshape(-1, 3), poles]), triangles)
 
 
-def run(comm: MPI.Comm, output: Path, *, file: Path | None = None, **inputs: Any) -> dict[str, Any]:
-    """Unwrap a surface; returns the summary that is also written to `output`.
+def run(
+    comm: MPI.Comm,
+    output: Path,
+    config: UnwrapConfig,
+    *,
+    file: Path | None = None,
+    verbose: bool = False,
+) -> dict[str, Any]:
+    """Unwrap a surface, and return the summary that is also written to `output`.
 
     Args:
         comm: Communicator.
         output: Folder for pattern, picture, fields and summary.
+        config: How the surface is read, cut and laid flat.
         file: The mesh file; None takes a capsule.
-        inputs: What differs from `DEFAULTS`.
+        verbose: Whether to print the distortion of each panel.
     """
-    o = {**DEFAULTS, **inputs}
-    component = None if o["component"] < 0 else o["component"]
-    surface = capsule() if file is None else read_surface(comm, file, o["scale"], component)
-    made = unwrap(
+    surface = (
+        capsule() if file is None else read_surface(comm, file, config.scale, config.component)
+    )
+    unwrapped = unwrap(
         comm,
         surface,
-        None if o["seams"] == "given" else o["seams"],
-        o["method"],
-        crease_angle=np.radians(o["crease_angle"]),
-        max_stretch=o["max_stretch"] or None,
+        "auto" if config.seams == "auto" else None,
+        config.method,
+        crease_angle=np.radians(config.crease_angle),
+        max_stretch=config.max_stretch,
     )
-    distortion, pattern = made.distortion, made.pattern
+    distortion, pattern = unwrapped.distortion, unwrapped.pattern
     summary = {
         "file": None if file is None else file.name,
         "triangles": len(surface.triangles),
         "closed": surface.closed,
         "area_m2": surface.area,
         "repairs": str(surface.repairs),
-        "panels": dict(zip(pattern.panel_names, made.methods, strict=True)),
+        "panels": dict(zip(pattern.panel_names, unwrapped.methods, strict=True)),
         "worst_stretch": distortion.worst_stretch,
         "mean_stretch": distortion.mean_stretch,
         "worst_seam": distortion.worst_seam,
-        "inputs": o,
+        "inputs": config.as_dict(),
     }
 
     def write() -> None:
         output.mkdir(parents=True, exist_ok=True)
-        print(f"{len(surface.triangles)} triangles; repairs: {surface.repairs}")
-        print(distortion.table())
-        write_svg(output / "pattern.svg", pattern, [shapely.Polygon()] * len(made.methods))
+        if verbose:
+            print(distortion.table())
+        write_svg(output / "pattern.svg", pattern, [shapely.Polygon()] * len(unwrapped.methods))
 
         def draw() -> None:
             from toros_fem.output.surface_plot import plot_unwrapped
 
-            plot_unwrapped(output / "unwrap.png", made)
+            plot_unwrapped(output / "unwrap.png", unwrapped)
 
         if_plotting(draw)
         fields = {
@@ -119,22 +144,27 @@ def run(comm: MPI.Comm, output: Path, *, file: Path | None = None, **inputs: Any
     return summary
 
 
-def main(comm: MPI.Comm) -> int:
-    """Run with what the command line says; the exit code is returned."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+def sentence(summary: dict[str, Any]) -> str:
+    """Return the result in a sentence."""
+    return (
+        f"{summary['triangles']} triangles (repairs: {summary['repairs']}) in "
+        f"{len(summary['panels'])} panels: stretch {summary['worst_stretch']:.2%} at most, "
+        f"{summary['mean_stretch']:.2%} in the mean, lengths at a seam within "
+        f"{summary['worst_seam']:.2%}"
     )
-    parser.add_argument("file", type=Path, nargs="?", help="triangle mesh; none: a capsule")
-    folder = Path("output/unwrap")
-    parser.add_argument("--output", type=Path, default=folder, help=f"folder, default {folder}")
-    options = parsed(parser, DEFAULTS)
-    file, output = options.pop("file", None), options.pop("output")
 
-    def action() -> str:
-        run(comm, output, file=file, **options)
-        return f"see {output}/"
 
-    return run_guarded(comm, action)
+def main(comm: MPI.Comm) -> int:
+    """Run with the values that the command line gives; return the exit code."""
+    return run_from_command_line(
+        comm,
+        __doc__ or "",
+        UnwrapConfig(),
+        run,
+        Path("output/unwrap"),
+        sentence=sentence,
+        arguments={"file": "triangle mesh; none: a capsule"},
+    )
 
 
 if __name__ == "__main__":

@@ -37,6 +37,7 @@ def run_from_command_line(
     coarse: Callable[[C], C] | None = None,
     sentence: Callable[[dict[str, Any]], str],
     files: dict[str, str] | None = None,
+    arguments: dict[str, str] | None = None,
 ) -> int:
     """Run a script with the values that the command line gives; return the exit code.
 
@@ -50,6 +51,8 @@ def run_from_command_line(
             beside it come on top.
         sentence: Returns the result in a sentence, from the summary.
         files: Further options that name a file or folder, with their help; by default None.
+        arguments: Files that are named without an option, in this order, with their help; those
+            left out are None.
     """
     parser = _Parser(
         description=about,
@@ -58,15 +61,17 @@ def run_from_command_line(
     )
     if coarse is not None:
         parser.add_argument("--coarse", action="store_true", help="a small mesh and few steps")
-    parser.add_argument("--verbose", action="store_true", help="print every Newton step")
+    parser.add_argument("--verbose", action="store_true", help="print details, such as every Newton step")
     parser.add_argument("--output", type=Path, default=output, help=f"folder; default {output}")
     for name, text in (files or {}).items():
         parser.add_argument(f"--{name}", type=Path, default=None, help=text, metavar="PATH")
+    for name, text in (arguments or {}).items():
+        parser.add_argument(name, type=Path, nargs="?", default=None, help=text)
     add_options(parser, config)
     given = vars(parser.parse_args())
     folder, verbose = given.pop("output"), given.pop("verbose")
     small = given.pop("coarse", False)
-    paths = {name: given.pop(name) for name in files or {}}
+    paths = {name: given.pop(name) for name in (*(files or {}), *(arguments or {}))}
     values = {name: value for name, value in given.items() if value is not _UNSET}
 
     def action() -> str:

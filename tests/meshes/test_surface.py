@@ -103,9 +103,8 @@ def test_xdmf_of_dolfinx(comm: MPI.Comm, folder: Path) -> None:
     assert len(found.points) == len(made.points)
 
 
-def test_flat_xdmf(comm: MPI.Comm, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Points of two coordinates, as text and in HDF5, read without h5py; they lie in z = 0."""
-    monkeypatch.setitem(sys.modules, "h5py", None)
+def test_flat_xdmf(comm: MPI.Comm, folder: Path) -> None:
+    """Points of two coordinates, as text and in HDF5, lie in z = 0."""
     sheet = square(n=2)
     written = xdmf(sheet.flat_points, sheet.flat_triangles)
     flat = written.replace("XYZ", "XY").replace('"9 3"', '"9 2"')
@@ -121,12 +120,23 @@ def test_flat_xdmf(comm: MPI.Comm, folder: Path, monkeypatch: pytest.MonkeyPatch
         assert found.points.shape == (9, 3)
         assert found.area == pytest.approx(4e-4, rel=1e-12)
         assert np.all(found.points[:, 2] == 0)
-    apart = (folder / "hdf5.xdmf").read_text(encoding="utf-8").replace('"XY"', '"X_Y"')
-    path = text(comm, folder / "apart.xdmf", apart)
-    with pytest.raises(errors.SurfaceError, match="'X_Y'.* h5py"):
+    hdf5 = (folder / "hdf5.xdmf").read_text(encoding="utf-8")
+    path = text(comm, folder / "apart.xdmf", hdf5.replace('"XY"', '"X_Y"'))
+    with pytest.raises(errors.SurfaceError, match=r'apart.xdmf .* "X_Y".* Save it as STL'):
         read_surface(comm, path)
+    begin, end = hdf5.index("<Grid"), hdf5.index("</Domain>")
+    path = text(comm, folder / "two.xdmf", hdf5[:end] + hdf5[begin:end] + hdf5[end:])
+    with pytest.raises(errors.SurfaceError, match=r"one grid.* Save it as STL"):
+        read_surface(comm, path)
+
+
+def test_formats_that_need_another_package(
+    comm: MPI.Comm, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without h5py, as a stand-in for a package that is missing."""
+    monkeypatch.setitem(sys.modules, "h5py", None)
     path = text(comm, folder / "code.med", "no mesh")
-    with pytest.raises(errors.SurfaceError, match="h5py.*Save it as STL"):
+    with pytest.raises(errors.SurfaceError, match=r"lacks a package .*h5py.*Save it as STL"):
         read_surface(comm, path)
 
 

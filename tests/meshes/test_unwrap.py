@@ -1,19 +1,14 @@
 """Surfaces laid flat: exactly where they are developable, conformally elsewhere."""
 
-import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
-import meshio
 import numpy as np
 import pytest
 from helpers import surfaces
-from helpers.scenes import DATA
 from mpi4py import MPI
 from scipy.optimize import brentq
 
-from demos import unwrap as demo
 from toros_fem import errors
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.fabrication.contours import panel_outline
@@ -281,19 +276,3 @@ def test_sphere_of_panels_inflates(comm: MPI.Comm) -> None:
     swollen = (result.volume / volume(surface.points, surface.triangles)) ** (1 / 3)
     assert growth > 0.07
     assert swollen == pytest.approx(1 + growth, rel=0.01)
-
-
-def test_demo(comm: MPI.Comm, tmp_path: Path) -> None:
-    folder = comm.bcast(tmp_path, root=0) / "bracket"
-    summary = demo.run(comm, folder, file=DATA / "bracket.stl", scale=1e-3)
-    assert summary["triangles"] == 494
-    assert set(summary["panels"].values()) == {"exact", "abf"}
-    comm.barrier()
-    assert (folder / "unwrap.png").stat().st_size > 10_000
-    cell_data = meshio.read(folder / "surface.vtu").cell_data
-    assert cell_data["area_ratio"][0] == pytest.approx(1, abs=1e-3)
-    section_vertices = (
-        ET.parse(folder / "pattern.svg").getroot().findall("{http://www.w3.org/2000/svg}g")
-    )
-    assert [group.get("id") for group in section_vertices] == list(summary["panels"])
-    assert demo.capsule(12, 0.02, 0.04).closed
