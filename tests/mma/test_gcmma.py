@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from helpers.mma_problems import Problem, beam, vec
 from mpi4py import MPI
-from petsc4py import PETSc
 from scipy.optimize import minimize
 
 from toros_fem.errors import ParameterError
@@ -46,27 +45,40 @@ def large(n: int, variant: int) -> Problem:
 
 
 def gcmma(
-    problem: Problem, start: np.ndarray, bounds: tuple[np.ndarray, np.ndarray], outer: int
-) -> tuple[np.ndarray, list[tuple[float, float]], MMA, int]:
-    """Svanberg's inner loop; value and largest constraint of each accepted point."""
+    problem: Problem,
+    start: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    outer: int,
+    tolerance: float = MMAOptions.tolerance,
+) -> tuple[np.ndarray, list[tuple[float, float]], MMA, list[float]]:
+    """Run Svanberg's inner loop until the KKT residual is under 1e-7.
+
+    Returns:
+        The last point; value and largest constraint of each accepted point; MMA; and the KKT
+        residual at each evaluated point, infinite for a rejected one.
+    """
     f, df, values, jacobian = problem(start)
-    mma = MMA(vec(bounds[0]), vec(bounds[1]), len(values), MMAOptions(move=1.0, tolerance=1e-12))
+    mma = MMA(
+        vec(bounds[0]), vec(bounds[1]), len(values), MMAOptions(move=1.0, tolerance=tolerance)
+    )
     x = vec(start)
-    history, tried = [(f, max(values))], 0
+    history: list[tuple[float, float]] = [(f, max(values))]
+    residuals: list[float] = []
     for _ in range(outer):
         mma.step(x, f, vec(df), values, [vec(row) for row in jacobian])
         for _ in range(40):
             f, df, values, jacobian = problem(x.array)
-            tried += 1
+            residuals.append(np.inf)
             if mma.conservative(x, f, values):
                 break
             mma.retry(x, f, values)
         else:
             pytest.fail("no conservative approximation after 40 attempts")
         history.append((f, max(values)))
-        if mma.kkt(x, vec(df), values, [vec(row) for row in jacobian]) < 1e-7:
+        residuals[-1] = mma.kkt(x, vec(df), values, [vec(row) for row in jacobian])
+        if residuals[-1] < 1e-7:
             break
-    return x.array.copy(), history, mma, tried
+    return x.array.copy(), history, mma, residuals
 
 
 def slsqp(problem: Problem, start: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]) -> float:
@@ -96,7 +108,7 @@ def monotone(history: list[tuple[float, float]]) -> bool:
 def test_two_bar_truss() -> None:
     bounds = (np.array([0.2, 0.1]), np.array([4.0, 1.6]))
     start = np.array([1.5, 0.5])
-    x, history, mma, _ = gcmma(truss, start, bounds, 40)
+    x, history, mma, _ = gcmma(truss, start, bounds, 40, tolerance=1e-12)
     assert x == pytest.approx([1.41, 0.38], abs=5e-3), "as published"
     assert history[-1][0] == pytest.approx(1.51, abs=5e-3), "as published"
     assert history[-1][0] == pytest.approx(slsqp(truss, start, bounds), rel=1e-9)
@@ -107,14 +119,22 @@ def test_two_bar_truss() -> None:
 
 
 @pytest.mark.parametrize(("variant", "start"), [(1, 0.5), (2, 0.25)])
-def test_large_nonconvex_problems(variant: int, start: float) -> None:
+@pytest.mark.parametrize("seed", [None, 0, 1, 4])
+def test_large_nonconvex_problems(variant: int, start: float, seed: int | None) -> None:
+    """With the default options the residual falls on; a fixed tolerance would let it stall."""
     n = 100
     problem = large(n, variant)
     bounds = (-np.ones(n), np.ones(n))
-    _, history, _, tried = gcmma(problem, np.full(n, start), bounds, 400)
+    begin = np.full(n, start)
+    if seed is not None:
+        begin *= 1 + 0.2 * np.random.default_rng(seed).uniform(-1, 1, n)
+    _, history, _, residuals = gcmma(problem, begin, bounds, 400)
     assert monotone(history)
-    assert tried > len(history), "some first proposals were not conservative"
-    assert history[-1][0] == pytest.approx(slsqp(problem, np.full(n, start), bounds), rel=1e-8)
+    assert residuals[-1] < 1e-7
+    assert len(residuals) > len(history), "some first proposals were not conservative"
+    assert len(residuals) == pytest.approx({1: 312, 2: 556}[variant], rel=0.05)
+    if seed is None:
+        assert history[-1][0] == pytest.approx(slsqp(problem, begin, bounds), rel=1e-8)
 
 
 def test_only_what_was_not_conservative_gets_curvature() -> None:
@@ -197,27 +217,6 @@ def test_resumes_exactly_with_curvatures() -> None:
     assert second.state.curvature is not None
     second.state.curvature *= 0
     assert not np.array_equal(steps(second, half, 5), whole)
-
-
-def test_restart_forgets() -> None:
-    problem = large(20, 1)
-    used, new = (MMA(vec(-np.ones(20)), vec(np.ones(20)), 2) for _ in range(2))
-    x = vec(np.full(20, 0.5))
-
-    def step(mma: MMA, x: PETSc.Vec) -> np.ndarray:
-        f, df, values, jacobian = problem(x.array)
-        mma.step(x, f, vec(df), values, [vec(row) for row in jacobian])
-        return x.array.copy()
-
-    for _ in range(4):
-        step(used, x)
-    used.retry(x, np.inf)
-    here = x.array.copy()
-    again = copy.deepcopy(used.state)
-    used.restart()
-    assert np.array_equal(step(used, vec(here)), step(new, vec(here)))
-    used.state = again
-    assert not np.array_equal(step(used, vec(here)), step(new, vec(here)))
 
 
 def test_move_limit_of_each_variable() -> None:

@@ -256,10 +256,6 @@ class MMA:
             state.multipliers[:m] *= factor
             state.multipliers[m:] *= root
 
-    def restart(self) -> None:
-        """Forget asymptotes, curvatures and multipliers: the problem is another one now."""
-        self.state = MMAState()
-
     def kkt(
         self,
         x: PETSc.Vec,

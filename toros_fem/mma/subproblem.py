@@ -12,6 +12,8 @@ from toros_fem.mma.approximation import TINY, Approximation
 STEPS = 100  # far more than ever seen: a bound on what unforeseen input can cost
 GROWTH = 10.0  # of a multiplier in one step, where the curvature tells nothing about its size
 EPSILON = np.finfo(np.float64).eps
+FORCING = 0.1  # what is left of the starting multipliers' residual, at most
+ROUNDING = 1e-13  # residual that rounding may leave: nothing smaller is requested
 SHIFT = 1e-3  # of the Hessian, times the residual: it keeps the convergence superlinear
 
 
@@ -88,6 +90,9 @@ def solve_subproblem(
     size[size == 0] = 1.0
     point = _evaluate(model, values, price, unit if start is None else start)
     residual = _residual(point, price, unit, size)
+    # Near the outer solution the last multipliers pass as they are. Were they kept, the iterates
+    # would drift off the constraints and stall there: the residual has to fall all the same.
+    tolerance = max(min(tolerance, FORCING * residual), ROUNDING)
     for _ in range(STEPS):
         if residual <= tolerance:
             break
