@@ -9,7 +9,6 @@ from helpers.designs import full, problem
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem._mpi import norm
 from toros_fem.density.field import random_density
 from toros_fem.design.loop import optimize
 from toros_fem.design.options import DesignOptions, Stage
@@ -17,115 +16,6 @@ from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, Eq
 from toros_fem.materials import Composite
 from toros_fem.mechanics.supports import clamp
 from toros_fem.meshes import Skin, cylinder, sew
-from toros_fem.objectives.shape import ShapeObjective
-
-
-def test_objective_by_hand(tube: Skin) -> None:
-    target = tube.pattern.points + [0.003, 0.0, 0.004]
-    state = tube.pattern.points[tube.owned_vertices]
-    value = ShapeObjective(tube, target).forward(state)
-    assert value == pytest.approx(0.5 * (0.005 / tube.pattern.size) ** 2, rel=1e-12)
-    only = (tube.pattern.points[:, 2] > 0.059).astype(float)
-    away = np.where(only[:, None] > 0, tube.pattern.points + [0, 0.001, 0], 7.0)
-    value = ShapeObjective(tube, away, only).forward(state)
-    assert value == pytest.approx(0.5 * (0.001 / tube.pattern.size) ** 2, rel=1e-12)
-
-
-def test_relative_objective_sees_turning_and_not_place(tube: Skin, comm: MPI.Comm) -> None:
-    """A part that is moved as it is costs nothing; turned, it costs by its own extent."""
-    pattern = tube.pattern
-    tip = (pattern.points[:, 2] > 0.059).astype(float)
-    objective = ShapeObjective(tube, pattern.points, np.full(len(tip), 1e-12), tip)
-    own = tube.owned_vertices
-    moved = pattern.points + [0.01, 0.02, 0.0]
-    assert objective.forward(moved[own]) < 1e-9 * objective.forward(0 * moved[own])
-    weight = tip * pattern.vertex_areas
-    gap = np.random.default_rng(0).normal(size=pattern.points.shape)
-    gap -= weight @ gap / weight.sum()
-    expected = 0.5 * weight @ (gap**2).sum(axis=1)
-    expected /= 1e-12 * pattern.vertex_areas.sum() * pattern.size**2
-    state = (moved + gap)[own]
-    assert objective.forward(state) == pytest.approx(expected, rel=1e-9)
-    direction = np.random.default_rng(1).normal(size=pattern.points.shape)[own]
-    slope = comm.allreduce(float((objective.backward(state) * direction).sum()))
-    ends = [objective.forward(state + h * direction) for h in (1e-4, -1e-4)]
-    assert slope == pytest.approx((ends[0] - ends[1]) / 2e-4, rel=1e-7)
-
-
-def test_taylor_of_the_whole_chain(
-    tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
-) -> None:
-    """Filter, projection, equilibrium with bending under pressure, objective: rate 2."""
-    chain = problem(tube, tube_solver)
-    density = random_density(tube, 2, spread=0.3)
-    base = chain.evaluate(density)
-    assert base.gradient is not None
-    start = base.equilibrium.state
-    direction = np.random.default_rng(9).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
-    slope = comm.allreduce(float(base.gradient @ direction))
-    gaps = []
-    for step in 1e-2 * 0.5 ** np.arange(6):
-        there = chain.simulate(density + step * direction, start)
-        gaps.append(abs(there.objective - base.objective - step * slope))
-    rates = np.log2(np.array(gaps[:-1]) / gaps[1:])
-    assert rates[-4:] == pytest.approx(2, abs=0.05)
-    # The part that is linear must matter, or the rate would show nothing.
-    assert abs(slope) * 1e-2 > 10 * gaps[0]
-
-
-def test_taylor_of_everything_by_density_and_pressure(
-    tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
-) -> None:
-    """T with its perimeter term, and both constraints, along a joint step of ρ and P."""
-    chain = full(tube, tube_solver)
-    density = random_density(tube, 2, spread=0.3)
-    base = chain.evaluate(density)
-    assert base.gradient is not None
-    assert base.pressure_gradient is not None
-    assert base.length_scale is not None
-    assert base.length_scale_gradients is not None
-    drawn = np.random.default_rng(9).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
-    direction, pressure = drawn * chain.designed, 4e3
-    along = lambda g: comm.allreduce(float(g @ direction))  # noqa: E731
-    by_pressure = base.pressure_gradient[0] * pressure
-    slopes = [along(base.gradient) + by_pressure, *map(along, base.length_scale_gradients)]
-    assert abs(by_pressure) > 1e-2 * abs(slopes[0]), "the pressure must matter"
-    gaps = []
-    for step in 1e-2 * 0.5 ** np.arange(6):
-        there = chain.simulate(
-            density + step * direction, base.equilibrium.state, chain.pressures[0] + step * pressure
-        )
-        assert there.length_scale is not None
-        values = np.array([there.objective - base.objective,
-                           *(there.length_scale - base.length_scale)])  # fmt: skip
-        gaps.append(np.abs(values - step * np.array(slopes)))
-    rates = np.log2(np.array(gaps[:-1]) / gaps[1:])
-    assert rates[-3:] == pytest.approx(2, abs=0.1)
-
-
-def test_pressure_gradient_alone(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    chain = full(tube, tube_solver)
-    density = random_density(tube, 2, spread=0.3)
-    base = chain.evaluate(density, pressure=3e3)
-    assert base.equilibrium.pressure == 3e3
-    state = base.equilibrium.state
-    there, back = (chain.simulate(density, state, 3e3 + s).objective for s in (1.0, -1.0))
-    assert base.pressure_gradient == pytest.approx((there - back) / 2, rel=1e-4)
-
-
-def test_what_is_not_asked_for_is_not_there(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    plain = problem(tube, tube_solver).evaluate(random_density(tube, 0))
-    assert plain.perimeter is None
-    assert plain.length_scale is None
-    assert plain.pressure_gradient is None
-    assert plain.objective == plain.shape
-    unweighted = dataclasses.replace(full(tube, tube_solver), perimeter=None, perimeter_weight=None)
-    assert unweighted.simulate(random_density(tube, 0)).perimeter is None
-    with_it = full(tube, tube_solver).simulate(random_density(tube, 0))
-    assert with_it.perimeter is not None
-    size = tube.pattern.size
-    expected = with_it.shape + 1e-4 * with_it.perimeter / size
-    assert with_it.objective == pytest.approx(expected, rel=1e-14)
 
 
 def test_stages_switch_constraints_on_and_pressure_moves(
@@ -244,77 +134,6 @@ def test_conservative_steps_descend(tube: Skin, tube_solver: EquilibriumSolver) 
     assert objectives[-1] < 0.5 * objectives[0]
 
 
-def test_binary_pattern_is_simulated_as_it_is(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    chain = problem(tube, tube_solver)
-    design = chain.simulate(random_density(tube, 3, spread=0.5))
-    printed = design.filtered > 0.5
-    binary = chain.simulate_binary(printed, design)
-    assert set(np.unique(binary.projected)) <= {0.0, 1.0}
-    assert np.array_equal(binary.projected[chain.designed] > 0.5, printed[chain.designed])
-    assert np.all(binary.projected[~chain.designed] == 1)
-    assert binary.equilibrium.pressure == design.equilibrium.pressure
-    assert binary.shape != design.shape
-
-
-def test_bad_pressure_bounds(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    chain = problem(tube, tube_solver)
-    with pytest.raises(errors.ParameterError, match=r"pressure = 5000.0 .* between 6000"):
-        dataclasses.replace(chain, pressure_bounds=(6e3, 2e4))
-    with pytest.raises(errors.ParameterError, match="leave it no room"):
-        dataclasses.replace(chain, pressure_bounds=(5e3, 5e3))
-    constrained = DesignOptions((Stage(1, constrained=True),))
-    with pytest.raises(errors.ParameterError, match="problem has no length_scale"):
-        optimize(problem(tube, tube_solver), constrained, start=random_density(tube, 0))
-    with pytest.raises(errors.ParameterError, match="iterations = 2.5"):
-        Stage(2.5)  # type: ignore[arg-type]
-    with pytest.raises(errors.ParameterError, match="retries = -1"):
-        DesignOptions(retries=-1)
-    with pytest.raises(errors.ParameterError, match="least_pressure = 0"):
-        dataclasses.replace(chain, pressure_bounds=(0.0, 2e4))
-
-
-def test_bending_matters_in_the_taylor_state(
-    tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
-) -> None:
-    """Bending is active there: without it the gradient is another one."""
-    plain = EquilibriumSolver(
-        tube, dataclasses.replace(Composite(), bending=None), clamp(tube.pattern, ["base"])
-    )
-    density = random_density(tube, 2, spread=0.3)
-    with_it = problem(tube, tube_solver).evaluate(density).gradient
-    without = problem(tube, plain).evaluate(density).gradient
-    assert with_it is not None
-    assert without is not None
-    assert norm(comm, with_it - without) > 1e-3 * norm(comm, with_it)
-
-
-def test_gradient_against_central_differences(
-    tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
-) -> None:
-    chain = problem(tube, tube_solver)
-    density = random_density(tube, 4, spread=0.3)
-    base = chain.evaluate(density)
-    assert base.gradient is not None
-    gradient = tube.gather_cells(base.gradient)
-    wall = tube.pattern.cells_of("wall")
-    for cell in np.random.default_rng(1).choice(wall, 3, replace=False):
-        values = []
-        for sign in (1, -1):
-            moved = density + sign * 1e-4 * (tube.owned_cells == cell)
-            values.append(chain.simulate(moved, base.equilibrium.state).objective)
-        difference = (values[0] - values[1]) / 2e-4
-        assert gradient[cell] == pytest.approx(difference, rel=1e-4, abs=1e-9)
-
-
-def test_given_cells_have_no_gradient(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    chain = problem(tube, tube_solver)
-    result = chain.evaluate(random_density(tube, 0))
-    assert result.gradient is not None
-    caps = ~chain.designed
-    assert np.all(result.gradient[caps] == 0)
-    assert np.all(result.projected[caps] == 1)
-
-
 def test_ranks_agree_over_ten_iterations(
     tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
 ) -> None:
@@ -395,37 +214,3 @@ def test_continuation_raises_beta(tube: Skin, tube_solver: EquilibriumSolver) ->
     assert [row.stage for row in result.history] == [0, 0, 0, 1, 1, 1, 2, 2, 2]
     assert [row.iteration for row in result.history] == [0, 1, 2, 2, 3, 4, 4, 5, 6]
     assert chain.projection.beta == 6.0, "the problem is left as it was"
-
-
-def test_gradient_of_a_state_that_is_gone(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    chain = problem(tube, tube_solver)
-    first = chain.simulate(random_density(tube, 0))
-    chain.simulate(random_density(tube, 1))
-    with pytest.raises(errors.ParameterError, match="another state"):
-        chain.differentiate(first)
-
-
-def test_bad_densities(tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm) -> None:
-    chain = problem(tube, tube_solver)
-    density = random_density(tube, 0)
-    short = density[:-1] if comm.rank == comm.size - 1 else density
-    with pytest.raises(errors.DensityError, match="shape"):
-        optimize(chain, DesignOptions((Stage(1),)), start=short)
-    with pytest.raises(errors.DensityError, match="passive has shape"):
-        dataclasses.replace(chain, passive=short)
-    with pytest.raises(errors.DensityError, match="none is designed"):
-        dataclasses.replace(chain, passive=np.ones_like(density))
-    with pytest.raises(errors.DensityError, match="from 2.0 to 2.0"):
-        dataclasses.replace(chain, passive=np.where(density > 0.5, np.nan, 2.0))
-
-
-def test_bad_targets(tube: Skin) -> None:
-    points = tube.pattern.points
-    with pytest.raises(errors.TargetError, match=f"has {len(points)} vertices"):
-        ShapeObjective(tube, points[:-1])
-    wrong = points.copy()
-    wrong[11, 2] = np.nan
-    with pytest.raises(errors.TargetError, match="target vertex 11"):
-        ShapeObjective(tube, wrong)
-    with pytest.raises(errors.ParameterError, match="weights"):
-        ShapeObjective(tube, points, np.zeros(len(points)))

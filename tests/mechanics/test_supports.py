@@ -10,7 +10,7 @@ from toros_fem._mpi import norm
 from toros_fem.analysis.error_estimate import estimate_error
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.materials import Composite
-from toros_fem.mechanics.supports import Supports, clamp, displace, pin, symmetry_plane
+from toros_fem.mechanics.supports import Supports, clamp, clamp_where, displace, pin, symmetry_plane
 from toros_fem.meshes import Skin, cylinder, sew
 
 SIZE = 0.02
@@ -168,3 +168,13 @@ def test_what_cannot_be_pinned(comm: MPI.Comm) -> None:
     line = square(square().points * [1, 0, 0])
     with pytest.raises(errors.ParameterError, match="lie on a line"):
         pin(line)
+
+
+def test_region_by_coordinates(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.06, 0.02, 4.5e-3)
+    fixed = clamp_where(pattern, lambda x: x[:, 2] < 1e-6).fixed
+    np.testing.assert_array_equal(fixed, clamp(pattern, ["base"]).fixed)
+    with pytest.raises(errors.ParameterError, match="holds no vertex; the skin spans"):
+        clamp_where(pattern, lambda x: x[:, 2] > 1.0)
+    with pytest.raises(errors.ParameterError, match="where returned float64"):
+        clamp_where(pattern, lambda x: x[:, 2])

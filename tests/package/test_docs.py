@@ -1,0 +1,93 @@
+"""Every code block of the documentation runs, and every command in it has the options it names."""
+
+import contextlib
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from helpers.scenes import ROOT, shared
+from mpi4py import MPI
+
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "demos" / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+]
+# What a page sets up without showing it stands in a comment: <!-- setup … -->.
+BLOCK = re.compile(r"^(?:```python\n(.*?)^```|<!-- setup\n(.*?)^-->)", re.DOTALL | re.MULTILINE)
+COMMAND = re.compile(r"python3? ((?:demos|benchmarks)/\w+\.py)([^\n`]*)")
+
+
+def blocks(page: Path) -> list[tuple[int, str]]:
+    """Line and code of each block."""
+    text = page.read_text(encoding="utf-8")
+    return [
+        (text.count("\n", 0, match.start()) + 1, match.group(1) or match.group(2))
+        for match in BLOCK.finditer(text)
+    ]
+
+
+@contextlib.contextmanager
+def inside(folder: Path) -> Iterator[None]:
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
+
+
+def test_pages_with_code_are_found() -> None:
+    assert sum(len(blocks(page)) for page in PAGES) > 15
+    assert blocks(ROOT / "README.md")
+    for page in PAGES:
+        shown = page.read_text(encoding="utf-8").count("```python\n")
+        hidden = page.read_text(encoding="utf-8").count("<!-- setup\n")
+        assert len(blocks(page)) == shown + hidden, page
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if blocks(page)], ids=lambda page: str(page.relative_to(ROOT))
+)
+def test_code_of_a_page_runs(comm: MPI.Comm, tmp_path: Path, page: Path) -> None:
+    """The blocks of a page run one after the other, each with the names of those before it."""
+    names: dict[str, object] = {"__name__": "page"}
+    with inside(shared(comm, tmp_path)):
+        for line, code in blocks(page):
+            # Padded, so that a failure names the line of the page.
+            exec(compile("\n" * line + code, str(page), "exec"), names)
+
+
+def commands() -> list[tuple[str, tuple[str, ...]]]:
+    """Scripts that pages run, and the options that they are run with."""
+    found: dict[str, set[str]] = {}
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+        for script, rest in COMMAND.findall(text):
+            options = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", rest))
+            found.setdefault(script, set()).update(options)
+    return [(script, tuple(sorted(options))) for script, options in sorted(found.items())]
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreters")
+@pytest.mark.parametrize(("script", "options"), commands(), ids=lambda value: str(value)[:40])
+def test_commands_have_their_options(script: str, options: tuple[str, ...]) -> None:
+    path = ROOT / script
+    assert path.is_file(), script
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
+    done = subprocess.run(
+        [sys.executable, str(path), "--help"],
+        env={**environment, "PYTHONPATH": str(ROOT)},
+        text=True,
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    for option in options:
+        assert option in done.stdout, f"{script} has no {option}"
