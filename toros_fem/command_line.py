@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -18,13 +18,29 @@ C = TypeVar("C", bound=Config)
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser that answers an unknown option by the nearest known one."""
+    """A parser that suggests the nearest option for an unknown one; only the first rank prints."""
+
+    def __init__(self, *, first_rank: bool, about: str) -> None:
+        self._first_rank = first_rank
+        super().__init__(
+            description=about,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
 
     def error(self, message: str) -> NoReturn:
         unknown = message.partition("unrecognized arguments: ")[2].split()
-        known = [flag for action in self._actions for flag in action.option_strings]
-        near = difflib.get_close_matches(unknown[0], known, n=1) if unknown else []
-        super().error(f"{message}; did you mean {near[0]}?" if near else message)
+        options = [word.partition("=")[0] for word in unknown if word.startswith("--")]
+        if options:
+            known = [flag for action in self._actions for flag in action.option_strings]
+            near = difflib.get_close_matches(options[0], known, n=1)
+            advice = f"did you mean {near[0]}?" if near else "--help lists all options."
+            message = f"unknown option {options[0]}; {advice}"
+        self.exit(2, f"{self.prog}: {message}\n")  # without the usage: it lists all options
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if self._first_rank:
+            super()._print_message(message, file)
 
 
 def run_from_command_line(
@@ -36,8 +52,8 @@ def run_from_command_line(
     *,
     coarse: Callable[[C], C] | None = None,
     sentence: Callable[[dict[str, Any]], str],
-    files: dict[str, str] | None = None,
-    arguments: dict[str, str] | None = None,
+    files: Mapping[str, str] | None = None,
+    arguments: Mapping[str, str] | None = None,
 ) -> int:
     """Run a script with the values that the command line gives; return the exit code.
 
@@ -45,23 +61,20 @@ def run_from_command_line(
         comm: Communicator.
         about: Help text.
         config: The configuration with its defaults.
-        run: `run(comm, output, config, verbose=…)`, and what `files` names; returns the summary.
+        run: `run(comm, output, config, verbose=…)`, with a further argument for each name in
+            `files` and `arguments`; returns the summary.
         output: Default folder.
-        coarse: Makes the quick variant that `--coarse` asks for; None for none. Values given
-            beside it come on top.
+        coarse: Returns the quick variant of a configuration, for `--coarse`; None if there is
+            none. Other options override its values.
         sentence: Returns the result in a sentence, from the summary.
         files: Further options that name a file or folder, with their help; by default None.
         arguments: Files that are named without an option, in this order, with their help; those
-            left out are None.
+            that are not given are None.
     """
-    parser = _Parser(
-        description=about,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+    parser = _Parser(first_rank=comm.rank == 0, about=about)
     if coarse is not None:
-        parser.add_argument("--coarse", action="store_true", help="a small mesh and few steps")
-    parser.add_argument("--verbose", action="store_true", help="print details, such as every Newton step")
+        parser.add_argument("--coarse", action="store_true", help="a coarse mesh and few steps")
+    parser.add_argument("--verbose", action="store_true", help="print details, every Newton step")
     parser.add_argument("--output", type=Path, default=output, help=f"folder; default {output}")
     for name, text in (files or {}).items():
         parser.add_argument(f"--{name}", type=Path, default=None, help=text, metavar="PATH")
@@ -69,46 +82,53 @@ def run_from_command_line(
         parser.add_argument(name, type=Path, nargs="?", default=None, help=text)
     add_options(parser, config)
     given = vars(parser.parse_args())
-    folder, verbose = given.pop("output"), given.pop("verbose")
-    small = given.pop("coarse", False)
+    folder, verbose, quick = (given.pop(name, False) for name in ("output", "verbose", "coarse"))
     paths = {name: given.pop(name) for name in (*(files or {}), *(arguments or {}))}
-    values = {name: value for name, value in given.items() if value is not _UNSET}
 
     def action() -> str:
-        start = coarse(config) if small and coarse is not None else config
-        summary = run(comm, folder, start.updated(**values), verbose=verbose, **paths)
+        start = coarse(config) if quick and coarse is not None else config
+        summary = run(comm, folder, start.updated(**given), verbose=verbose, **paths)
         return f"{sentence(summary)}; see {folder}/"
 
     return run_guarded(comm, action)
 
 
-_UNSET = object()
-
-
 def add_options(parser: argparse.ArgumentParser, config: Config) -> None:
-    """Add an option for each field: its meaning, unit, default and bounds are its help."""
+    """Add an option for each field; its help is the field's meaning, unit, bounds and default.
+
+    Options that are not given are absent from the parsed result.
+    """
+    options = parser.add_argument_group("numbers of the configuration")
     for name, (kind, optional) in config.kinds().items():
-        spec, default = config.quantity(name), getattr(config, name)
-        unit = f" in {spec.unit}" if spec.unit else ""
-        bounds = f"; {spec.bounds}" if spec.bounds else ""
-        shown = f"{default:g}" if isinstance(default, float) else str(default).lower()
-        if kind is str:
-            shown = str(default)
-        text = f"{spec.meaning}{unit}{bounds}{' or none' if optional else ''}; default {shown}"
-        flag = "--" + name.replace("_", "-")
-        text = text.replace("%", "%%")
+        flag, text = "--" + name.replace("_", "-"), option_help(config, name)
         if kind is bool:
-            parser.add_argument(
-                flag, action=argparse.BooleanOptionalAction, default=_UNSET, help=text
+            options.add_argument(
+                flag, action=argparse.BooleanOptionalAction, default=argparse.SUPPRESS, help=text
             )
             continue
-        parser.add_argument(
+        options.add_argument(
             flag,
             type=_reader(kind, optional=optional),
-            default=_UNSET,
+            default=argparse.SUPPRESS,
             help=text,
             metavar={float: "X", int: "N", str: "NAME"}[kind],
         )
+
+
+def option_help(config: Config, name: str) -> str:
+    """Return the help of a field: its meaning, unit, bounds and default."""
+    kind, optional = config.kinds()[name]
+    spec, default = config.quantity(name), getattr(config, name)
+    if default is None:
+        shown = "none"
+    elif kind is bool:
+        shown = "yes" if default else "no"
+    else:
+        shown = f"{default:g}" if kind is float else str(default)
+    unit = f" in {spec.unit}" if spec.unit else ""
+    bounds = f"; {spec.bounds}" if spec.bounds else ""
+    none = (", or none" if spec.bounds else "; or none") if optional else ""
+    return f"{spec.meaning}{unit}{bounds}{none}; default {shown}".replace("%", "%%")
 
 
 def _reader(kind: type, *, optional: bool) -> Callable[[str], Any]:

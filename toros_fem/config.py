@@ -17,6 +17,7 @@ from toros_fem._validate import require_choice
 from toros_fem.errors import ParameterError
 
 KEY = "quantity"
+KINDS = {float: "a number", int: "a whole number", bool: "True or False", str: "a word"}
 
 
 @dataclass(frozen=True)
@@ -99,8 +100,14 @@ class Config:
     Validation, command line, summaries and files all read this one place.
 
     Raises:
-        ParameterError: A value has another type, or is outside its bounds.
+        ParameterError: A name is unknown, a value has another type, or it is outside its bounds.
     """
+
+    def __new__(cls, *args: Any, **values: Any) -> Self:
+        """Return a new configuration, if all names are known."""
+        for name in values:
+            require_known(name, cls.__dataclass_fields__)
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         for name, (kind, optional) in self.kinds().items():
@@ -109,8 +116,8 @@ class Config:
                 continue
             _check_kind(name, value, kind, optional=optional)
             spec = self.quantity(name)
-            if kind is float:
-                object.__setattr__(self, name, float(value))
+            if kind in (float, int):  # numpy's numbers become plain ones, which JSON can hold
+                object.__setattr__(self, name, kind(value))
             if spec.choices is not None:
                 require_choice(name, value, spec.choices)
             elif kind in (float, int):
@@ -124,14 +131,26 @@ class Config:
 
     @classmethod
     def redefault(cls, name: str, default: Any) -> Any:
-        """Return a field of this configuration with another default, for a class derived of it."""
+        """Return a field of this configuration with another default, for a derived class."""
         return field(default=default, metadata={KEY: cls.quantity(name)})
 
     @classmethod
     def kinds(cls) -> dict[str, tuple[type, bool]]:
-        """Return the type of each field, and whether it may be None."""
+        """Return the type of each field, and whether it may be None.
+
+        Raises:
+            TypeError: The class itself is wrong: a field has another type than float, int, bool or
+                str, or was not made by `quantity`.
+        """
         hints = typing.get_type_hints(cls)
-        return {entry.name: _kind(hints[entry.name]) for entry in fields(cls)}
+        found = {entry.name: _kind(hints[entry.name]) for entry in fields(cls)}
+        for entry in fields(cls):
+            if found[entry.name][0] not in KINDS or KEY not in entry.metadata:
+                raise TypeError(
+                    f"{cls.__name__}.{entry.name} must be a float, int, bool or str (or None), "
+                    "with its default, meaning and unit given by quantity(…)."
+                )
+        return found
 
     def updated(self, **changes: Any) -> Self:
         """Return a copy with other values.
@@ -149,10 +168,10 @@ class Config:
 
 
 def require_known(name: str, known: Mapping[str, Any] | Sequence[str]) -> None:
-    """Check that a name is one of those that are known.
+    """Check that a name is known.
 
     Raises:
-        ParameterError: It is not; the nearest one is suggested, or all are listed.
+        ParameterError: It is not; the message suggests the nearest one, or lists all.
     """
     if name in known:
         return
@@ -161,10 +180,12 @@ def require_known(name: str, known: Mapping[str, Any] | Sequence[str]) -> None:
     raise ParameterError(f"unknown parameter {name!r}; {advice}")
 
 
-def _kind(hint: Any) -> tuple[type, bool]:
+def _kind(hint: Any) -> tuple[Any, bool]:
+    """Return the type that a hint names, and whether it allows None."""
     if get_origin(hint) in (Union, types.UnionType):
-        (kind,) = (part for part in get_args(hint) if part is not type(None))
-        return kind, True
+        kinds = [part for part in get_args(hint) if part is not type(None)]
+        if len(kinds) == 1:
+            return kinds[0], True
     return hint, False
 
 
@@ -178,6 +199,5 @@ def _check_kind(name: str, value: Any, kind: type, *, optional: bool) -> None:
         str: isinstance(value, str),
     }[kind]
     if not good:
-        what = {float: "a number", int: "a whole number", bool: "True or False", str: "a word"}
         none = ", or None" if optional else ""
-        raise ParameterError(f"{name} = {value!r} must be {what[kind]}{none}.")
+        raise ParameterError(f"{name} = {value!r} must be {KINDS[kind]}{none}.")
