@@ -43,9 +43,9 @@ from toros_fem.mechanics.supports import (
 )
 from toros_fem.meshes.skin import sew
 from toros_fem.objectives.alignment import AlignedObjective
+from toros_fem.objectives.cross_sections import CrossSectionObjective, CrossSections
 from toros_fem.objectives.gap import Body, GapObjective
 from toros_fem.objectives.metrics import Metric, bend_angle, shortening, swelling, twist_angle
-from toros_fem.objectives.sections import CrossSectionObjective, CrossSections
 from toros_fem.objectives.shape import ShapeObjective, SumObjective
 
 __all__ = [

@@ -54,10 +54,10 @@ def test_measured_angle_of_a_leg(comm: MPI.Comm, quarter: Pattern, degrees: floa
 
 def test_sections_of_a_leg(quarter: Pattern) -> None:
     found = limb_cross_sections(quarter, ALONG, WALKER.root, 5, 0.1, 0.03)
-    assert set(np.unique(found.label)) == {-1, 0, 1, 2, 3, 4}
+    assert set(np.unique(found.labels)) == {-1, 0, 1, 2, 3, 4}
     inside = quarter.points @ ALONG > WALKER.root
-    assert np.array_equal(found.label >= 0, inside)
-    assert found.centre.sum() == pytest.approx(3 * 0.1)
+    assert np.array_equal(found.labels >= 0, inside)
+    assert found.position_weights.sum() == pytest.approx(3 * 0.1)
     with pytest.raises(errors.ParameterError, match="no vertex lies further"):
         limb_vertices(quarter, ALONG, 1.0)
 

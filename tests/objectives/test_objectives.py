@@ -10,10 +10,13 @@ from toros_fem import errors
 from toros_fem._mpi import dot
 from toros_fem.meshes import Skin, bend, compose, contract, cylinder, rectangle, sew, twist
 from toros_fem.objectives.alignment import AlignedObjective
-from toros_fem.objectives.cross_sections import cross_sections
+from toros_fem.objectives.cross_sections import (
+    CrossSectionObjective,
+    CrossSections,
+    label_cross_sections,
+)
 from toros_fem.objectives.metrics import Metric, bend_angle, shortening, swelling, twist_angle
 from toros_fem.objectives.rotation import axial, best_rotation, polar_rotation
-from toros_fem.objectives.sections import CrossSectionObjective, CrossSections
 from toros_fem.objectives.shape import Objective, ShapeObjective, SumObjective
 
 LENGTH = 0.06
@@ -21,7 +24,7 @@ TARGET = compose(twist(4.0, LENGTH), bend(1.0, LENGTH))
 
 
 def sections(skin: Skin, turn: float = 1.0) -> CrossSections:
-    label = cross_sections(skin.pattern, skin.pattern.vertices_of("wall"), (0, 0, 1), 5)
+    label = label_cross_sections(skin.pattern, skin.pattern.vertices_of("wall"), (0, 0, 1), 5)
     return CrossSections(label, np.tile([1.0, 2.0, 3.0], (6, 1)), turn * np.arange(1.0, 7.0))
 
 
@@ -71,7 +74,7 @@ def test_a_whole_turn_is_not_taken_for_none(tube: Skin) -> None:
     """The tip of a tube twisted by 360° stands as it stood, yet the sections tell them apart."""
     points = tube.pattern.points
     goal = sections(tube)
-    only = CrossSections(goal.label, np.zeros((6, 3)), np.ones(6))
+    only = CrossSections(goal.labels, np.zeros((6, 3)), np.ones(6))
     objective = CrossSectionObjective(tube, twist(2 * np.pi, LENGTH)(points), only)
     values = [
         objective.forward(twist(share * 2 * np.pi, LENGTH)(points)[tube.owned_vertices])
@@ -87,7 +90,7 @@ def test_small_turn_costs_as_documented(tube: Skin) -> None:
     turn = np.zeros(6)
     turn[0] = 3.0  # the first section against how it is assembled: the whole tube is turned
     objective = CrossSectionObjective(
-        tube, points, CrossSections(goal.label, np.zeros((6, 3)), turn)
+        tube, points, CrossSections(goal.labels, np.zeros((6, 3)), turn)
     )
     turned = points @ Rotation.from_rotvec([0, angle, 0]).as_matrix().T
     found = objective.forward(turned[tube.owned_vertices])
@@ -123,16 +126,18 @@ def test_sections_on_a_line_have_no_orientation(comm: MPI.Comm) -> None:
     """Slabs of a flat sheet that hold one row of vertices each; their places may count."""
     pattern = rectangle(comm, 0.06, 0.02, 5e-3)
     skin = sew(comm, pattern)
-    label = cross_sections(pattern, np.arange(len(pattern.points)), (1, 0, 0), 12, border=False)
+    label = label_cross_sections(
+        pattern, np.arange(len(pattern.points)), (1, 0, 0), 12, border=False
+    )
     places, turns = np.ones((12, 3)), np.ones(12)
-    with pytest.raises(errors.TargetError, match=r"section 0 .* lies on a line.* Take fewer"):
+    with pytest.raises(errors.TargetError, match=r"section 0 .* lies on a line.* Use fewer"):
         CrossSectionObjective(skin, pattern.points, CrossSections(label, places, turns))
     objective = CrossSectionObjective(skin, pattern.points, CrossSections(label, places, 0 * turns))
     moved = (pattern.points + [1e-3, 2e-3, 0])[skin.owned_vertices]
     assert objective.forward(moved) == pytest.approx(0.5 * 12 * 5e-6 / pattern.size**2)
     total = skin.gather_vertices(objective.backward(moved)).sum(axis=0)
     assert total == pytest.approx(12 * np.array([1e-3, 2e-3, 0]) / pattern.size**2)
-    body = cross_sections(pattern, np.arange(len(pattern.points)), (1, 0, 0), 3, border=False)
+    body = label_cross_sections(pattern, np.arange(len(pattern.points)), (1, 0, 0), 3, border=False)
     whole = CrossSectionObjective(skin, pattern.points, CrossSections(body, places[:3], turns[:3]))
     crushed = (pattern.points * [1, 0, 0])[skin.owned_vertices]
     for act in (whole.forward, whole.backward):
@@ -183,8 +188,8 @@ def test_measured_shortening_and_swelling(comm: MPI.Comm) -> None:
 def test_figures_are_written_with_their_units() -> None:
     figure = Metric("twist", "deg", 300.0, twist_angle)
     assert (figure.key, figure.label) == ("twist_deg", "twist in degrees")
-    assert figure.written(298.7) == "299°"
-    with pytest.raises(errors.ParameterError, match="makes no name"):
+    assert figure.formatted(298.7) == "299°"
+    with pytest.raises(errors.ParameterError, match="must be identifiers"):
         Metric("two words", "deg", 1.0, twist_angle)
 
 
@@ -192,15 +197,17 @@ def test_bad_input(comm: MPI.Comm) -> None:
     pattern = cylinder(comm, LENGTH, 0.02, 4.5e-3)
     skin = sew(comm, pattern)
     goal = sections(skin)
-    with pytest.raises(errors.ParameterError, match="each needs 3"):
-        CrossSections(np.array([0, 0, 1]), goal.centre[:2], goal.turn[:2])
+    with pytest.raises(errors.ParameterError, match="each needs at least 3"):
+        CrossSections(np.array([0, 0, 1]), goal.position_weights[:2], goal.orientation_weights[:2])
     with pytest.raises(errors.ParameterError, match=r"must be \(6, 3\)"):
-        CrossSections(goal.label, goal.centre[:2], goal.turn)
+        CrossSections(goal.labels, goal.position_weights[:2], goal.orientation_weights)
     with pytest.raises(errors.ParameterError, match="not negative"):
-        CrossSections(goal.label, -goal.centre, goal.turn)
-    with pytest.raises(errors.ParameterError, match="label has shape"):
+        CrossSections(goal.labels, -goal.position_weights, goal.orientation_weights)
+    with pytest.raises(errors.ParameterError, match="labels have shape"):
         CrossSectionObjective(
-            skin, pattern.points, CrossSections(goal.label[:-1], goal.centre, goal.turn)
+            skin,
+            pattern.points,
+            CrossSections(goal.labels[:-1], goal.position_weights, goal.orientation_weights),
         )
     with pytest.raises(errors.TargetError, match="the target has shape"):
         CrossSectionObjective(skin, pattern.points[1:], goal)

@@ -36,9 +36,9 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin, sew
 from toros_fem.mma.optimizer import MMAOptions
 from toros_fem.objectives.alignment import AlignedObjective
+from toros_fem.objectives.cross_sections import CrossSectionObjective, CrossSections
 from toros_fem.objectives.gap import Body, GapObjective
 from toros_fem.objectives.metrics import Metric
-from toros_fem.objectives.sections import CrossSectionObjective, CrossSections
 from toros_fem.objectives.shape import Objective, ShapeObjective, SumObjective
 from toros_fem.output.reporter import Reporter, print_step
 

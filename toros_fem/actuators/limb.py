@@ -11,9 +11,12 @@ from toros_fem._types import Floats, Ints
 from toros_fem.errors import ParameterError
 from toros_fem.mechanics.supports import Supports, symmetry_plane
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.objectives.cross_sections import cross_sections, section_vertices
+from toros_fem.objectives.cross_sections import (
+    CrossSections,
+    label_cross_sections,
+    section_vertices,
+)
 from toros_fem.objectives.metrics import Metric, turn_angle
-from toros_fem.objectives.sections import CrossSections
 
 # The angle of a limb is that of so much of its length, at the tip.
 OUTER = 1 / 3
@@ -53,7 +56,7 @@ def limb_cross_sections(
             tenth of that.
     """
     vertices = limb_vertices(pattern, along, root)
-    label = cross_sections(pattern, vertices, along, count, border=False)
+    label = label_cross_sections(pattern, vertices, along, count, border=False)
     turn = np.full(count, count * (orientation_length / pattern.size) ** 2)
     return CrossSections(label, np.full((count, 3), place / count), turn)
 
@@ -75,7 +78,7 @@ def tip_angle_metric(
 
     def measure(pattern: Pattern, positions: Floats) -> float:
         vertices = limb_vertices(pattern, along, root)
-        label = cross_sections(pattern, vertices, along, 12, border=False)
+        label = label_cross_sections(pattern, vertices, along, 12, border=False)
         inner = section_vertices(label)[: round(12 * (1 - OUTER))]
         outer = np.flatnonzero(label >= round(12 * (1 - OUTER)))
         angle = turn_angle(pattern, positions, [*inner, outer], along, toward)

@@ -17,9 +17,8 @@ from toros_fem.mechanics.supports import Supports, clamp
 from toros_fem.meshes.cylinder import BASE, TIP, WALL, cylinder
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
-from toros_fem.objectives.cross_sections import cross_sections
+from toros_fem.objectives.cross_sections import CrossSections, label_cross_sections
 from toros_fem.objectives.metrics import Metric, bend_angle, shortening, twist_angle
-from toros_fem.objectives.sections import CrossSections
 
 TUBE: dict[str, Any] = {
     "length": 0.15,  # m
@@ -129,7 +128,7 @@ def section_scene(
         _free_scene(pattern, target, metrics),
         start=start,
         sections=CrossSections(
-            cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count),
+            label_cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count),
             np.outer(share, [1.0, 1.0, o["along"]]),
             # If each of n sections is off by δ/n from the one before, the tip is off by δ.
             np.full(count + 1, (count + 1) * o["tip_weight"] * (o["lever"] / pattern.size) ** 2),

@@ -1,1 +1,33 @@
-"""What is minimised and what is measured of a simulated shape, eqs. (17, 18)."""
+"""Objectives and metrics of a simulated shape, eqs. (17, 18)."""
+
+from toros_fem.objectives.alignment import AlignedObjective
+from toros_fem.objectives.cross_sections import CrossSectionObjective, CrossSections
+from toros_fem.objectives.gap import Body, GapObjective
+from toros_fem.objectives.metrics import (
+    Metric,
+    bend_angle,
+    distance,
+    shortening,
+    swelling,
+    turn_angle,
+    twist_angle,
+)
+from toros_fem.objectives.shape import Objective, ShapeObjective, SumObjective
+
+__all__ = [
+    "AlignedObjective",
+    "Body",
+    "CrossSectionObjective",
+    "CrossSections",
+    "GapObjective",
+    "Metric",
+    "Objective",
+    "ShapeObjective",
+    "SumObjective",
+    "bend_angle",
+    "distance",
+    "shortening",
+    "swelling",
+    "turn_angle",
+    "twist_angle",
+]

@@ -1,4 +1,4 @@
-"""Rigid motion factored out of an objective."""
+"""Objectives that do not depend on rigid motion."""
 
 from __future__ import annotations
 
@@ -12,27 +12,28 @@ from toros_fem.objectives.shape import Objective, checked_target
 
 
 class AlignedObjective:
-    """An objective of the skin moved rigidly onto the target: T(R(x − x̄) + x̄*).
+    """Objective of the skin after a rigid motion onto the target: T(R(x − x̄) + x̄*).
 
-    R and the means are those of the least sum of squares (Kabsch 1976), each vertex counting by
-    its flat area. Their change with x is part of the gradient, so that any objective may follow.
+    R and the means minimise the sum of squares (Kabsch 1976), in which each vertex counts by its
+    flat area. Their dependence on x is part of the gradient, so that T may be any objective.
 
     Args:
         skin: The sewn skin.
         target: Target positions of all assembled vertices, (n, 3), in m.
-        objective: What is measured after the motion.
+        objective: T, evaluated after the motion.
         weights: Factor on each vertex's area in the fit, (n,); None: 1.
 
     Raises:
-        TargetError: The target does not fit, or skin and target lie on a line, so that no
-            rotation is best; the latter when it is used.
+        TargetError: The target does not fit; or, on use, the skin or the target lies on a line,
+            so that the best rotation is not unique.
     """
 
     def __init__(
         self, skin: Skin, target: Floats, objective: Objective, weights: Floats | None = None
     ) -> None:
         target = checked_target(skin, target)
-        weight = skin.pattern.vertex_areas * (1.0 if weights is None else weights)
+        factors = 1.0 if weights is None else np.asarray(weights, dtype=np.float64)
+        weight = skin.pattern.vertex_areas * factors
         weight = weight / weight.sum()
         owned = skin.owned_vertices
         self._comm, self._objective = skin.comm, objective
@@ -41,16 +42,16 @@ class AlignedObjective:
         self._weight = weight[owned, None]
 
     def forward(self, positions: Floats) -> float:
-        """T at positions of the owned nodes, (n, 3) (collective)."""
+        """Return T at positions of the owned nodes, (n, 3) (collective)."""
         return self._objective.forward(self.aligned(positions))
 
     def aligned(self, positions: Floats) -> Floats:
-        """The positions moved rigidly onto the target, (n, 3) (collective)."""
+        """Return the positions moved rigidly onto the target, (n, 3) (collective)."""
         arm, rotation, _ = self._fit(positions)
         return np.asarray(arm @ rotation.T + self._centre)
 
     def backward(self, positions: Floats) -> Floats:
-        """∂T/∂x at the owned nodes, (n, 3), in 1/m (collective)."""
+        """Return ∂T/∂x at the owned nodes, (n, 3), in 1/m (collective)."""
         arm, rotation, matrix = self._fit(positions)
         aligned = arm @ rotation.T + self._centre
         by_arm = self._objective.backward(aligned) @ rotation
@@ -60,10 +61,10 @@ class AlignedObjective:
         return np.asarray(by_arm - self._weight * sum_over_ranks(self._comm, by_arm.sum(axis=0)))
 
     def _fit(self, positions: Floats) -> tuple[Floats, Floats, Floats]:
-        """Arms from the mean, (n, 3), the rotation onto the target, and B of `polar_rotation`."""
+        """Return the arms from the mean, (n, 3), the rotation, and B of `polar_rotation`."""
         mean = sum_over_ranks(self._comm, (self._weight * positions).sum(axis=0))
         arm = positions - mean
         moment = sum_over_ranks(self._comm, (self._weight * self._target).T @ arm)
         rotation, matrix = polar_rotation(moment)
-        require_determined(matrix[None], ["the skin"], "Leave out the alignment.")
+        require_determined(matrix[None], ["the skin"], "Do not align.")
         return arm, rotation, matrix

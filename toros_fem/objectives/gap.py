@@ -1,4 +1,4 @@
-"""An object to be gripped: distance from its surface, as an objective and as a figure."""
+"""Gap between a skin and a body to be gripped: signed distance and objective."""
 
 from __future__ import annotations
 
@@ -17,13 +17,16 @@ SHAPES = ("sphere", "box")
 
 @dataclass(frozen=True)
 class Body:
-    """A sphere, or a box along the axes with rounded edges.
+    """Sphere, or box along the axes with rounded edges.
 
     Attributes:
         shape: "sphere" or "box".
         size: Diameter or edge length in m.
-        centre: Its middle, in m.
+        centre: Centre in m.
         rounding: Radius of a box's edges over half its size, in (0, 1].
+
+    Raises:
+        ParameterError: The shape is unknown, or a number is out of bounds.
     """
 
     shape: str
@@ -38,17 +41,17 @@ class Body:
 
     @property
     def radius(self) -> float:
-        """Of the sphere, or of the box's edges, in m."""
+        """Radius of the sphere, or of the box's edges, in m."""
         return self.size / 2 * (1.0 if self.shape == "sphere" else self.rounding)
 
     def distance(self, points: Floats) -> tuple[Floats, Floats]:
-        """Signed distance from the surface, (n,), in m, positive outside, and its gradient, (n, 3).
+        """Return the signed distance from the surface, (n,), in m, and its gradient, (n, 3).
 
-        Inside a box, where two sides are equally near, the gradient is that of one of them; right
-        in the middle of a body it is 0.
+        The distance is positive outside. Inside a box, where two sides are equally near, the
+        gradient is that of one of them; at the centre of a body it is 0.
         """
         arm = points - self.centre
-        # A sphere is a box that is all rounding.
+        # A sphere is a box whose flat sides have no width.
         core = self.size / 2 - self.radius
         over = np.abs(arm) - core
         out = np.maximum(over, 0.0)
@@ -65,37 +68,37 @@ class Body:
 class GapObjective:
     """T = ½ Σᵥ wᵥ dᵥ² / (L² Σᵥ wᵥ), d the distance from a body's surface.
 
-    L is the diagonal of the assembled skin's bounding box. Inside counts as outside: contact is
-    not modelled, and what lies inside would press.
+    L is the diagonal of the assembled skin's bounding box. Distances inside the body count as much
+    as those outside, since contact is not modelled: a vertex inside would press on the body.
 
     Args:
         skin: The sewn skin.
-        body: What is gripped.
+        body: The body to be gripped.
         weights: Factor on each vertex's flat area, (n,), ≥ 0.
-        share: Factor on T.
+        factor: Factor on T.
 
     Raises:
         ParameterError: The weights do not fit, are negative, or all zero.
     """
 
-    def __init__(self, skin: Skin, body: Body, weights: Floats, share: float = 1.0) -> None:
-        require_between(0.0, np.inf, share=share)
-        pattern = skin.pattern
+    def __init__(self, skin: Skin, body: Body, weights: Floats, factor: float = 1.0) -> None:
+        require_between(0.0, np.inf, factor=factor)
+        pattern, weights = skin.pattern, np.asarray(weights, dtype=np.float64)
         if weights.shape != (len(pattern.points),) or not (weights.min() >= 0 < weights.max()):
             raise ParameterError(
-                f"weights have shape {weights.shape}; they must be ({len(pattern.points)},), not "
-                "negative and not all zero."
+                f"weights have shape {weights.shape}; they must have shape "
+                f"({len(pattern.points)},), be not negative, and not all zero."
             )
         areas = pattern.vertex_areas * weights
         self._comm, self._body = skin.comm, body
-        self._weight = share * areas[skin.owned_vertices] / (areas.sum() * pattern.size**2)
+        self._weight = factor * areas[skin.owned_vertices] / (areas.sum() * pattern.size**2)
 
     def forward(self, positions: Floats) -> float:
-        """T at positions of the owned nodes, (n, 3) (collective)."""
+        """Return T at positions of the owned nodes, (n, 3) (collective)."""
         distance, _ = self._body.distance(positions)
         return 0.5 * dot(self._comm, distance, self._weight * distance)
 
     def backward(self, positions: Floats) -> Floats:
-        """∂T/∂x at the owned nodes, (n, 3), in 1/m."""
+        """Return ∂T/∂x at the owned nodes, (n, 3), in 1/m."""
         distance, gradient = self._body.distance(positions)
         return np.asarray((self._weight * distance)[:, None] * gradient)

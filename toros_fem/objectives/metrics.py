@@ -1,4 +1,4 @@
-"""What a simulated shape has reached: angles in rad, shares as pure numbers, lengths in m."""
+"""Metrics of a simulated shape: angles in rad, fractions as pure numbers, lengths in m."""
 
 from __future__ import annotations
 
@@ -12,22 +12,25 @@ import numpy.typing as npt
 from toros_fem._types import Floats, Ints
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.objectives.cross_sections import cross_sections, section_vertices
+from toros_fem.objectives.cross_sections import label_cross_sections, section_vertices
 from toros_fem.objectives.rotation import best_rotation, polar_rotation
 
 MetricFunction = Callable[[Pattern, Floats], float]
-"""A number from a pattern and the deformed positions (n, 3) of all its vertices in m."""
+"""Function of a pattern and the deformed positions, (n, 3), of all its vertices in m."""
 
 
 @dataclass(frozen=True)
 class Metric:
-    """A number that a run is judged by, named in history, summary and pictures.
+    """Number that a run is judged by, listed in history, summary and pictures.
 
     Attributes:
-        name: What it is, "angle" say.
-        unit: Its unit, as it ends names: "deg", "percent", "mm".
-        target: The target value.
-        measure: Computes the value reached, in that unit.
+        name: Its name, such as "angle"; an identifier.
+        unit: Its unit as written in names: "deg", "percent" or "mm"; an identifier.
+        target: Target value in that unit.
+        measure: Function that returns the computed value in that unit.
+
+    Raises:
+        ParameterError: Name or unit is not an identifier.
     """
 
     name: str
@@ -37,25 +40,28 @@ class Metric:
 
     def __post_init__(self) -> None:
         if not (self.name.isidentifier() and self.unit.isidentifier()):
-            raise ParameterError(f"{self.name!r} in {self.unit!r} makes no name for a column.")
+            raise ParameterError(
+                f"name = {self.name!r} and unit = {self.unit!r} must be identifiers, since they "
+                "name a column of the history. Use letters, digits and underscores."
+            )
 
     @property
     def key(self) -> str:
-        """Its name in files, "angle_deg"."""
+        """Name in files, such as "angle_deg"."""
         return f"{self.name}_{self.unit}"
 
     @property
     def label(self) -> str:
-        """How a picture writes it: "angle in degrees"."""
+        """Name in pictures, such as "angle in degrees"."""
         return f"{self.name} in {UNITS.get(self.unit, (self.unit, ''))[0]}"
 
-    def written(self, value: float) -> str:
-        """A value with its unit, "180°"."""
+    def formatted(self, value: float) -> str:
+        """Return a value with its unit, such as "180°"."""
         sign = UNITS.get(self.unit, ("", f" {self.unit}"))[1]
         return f"{value:.3g}{sign}"
 
 
-# How a unit is written in words and behind a number.
+# Each unit in words, and as it follows a number.
 UNITS = {"deg": ("degrees", "°"), "percent": ("per cent", " %"), "mm": ("mm", " mm")}
 
 
@@ -66,18 +72,17 @@ def turn_angle(
     along: npt.ArrayLike,
     toward: npt.ArrayLike,
 ) -> float:
-    """Angle in rad by which the last of a body's sections has turned in a plane.
+    """Return the angle in rad by which the last of a body's cross-sections has turned in a plane.
 
     Each section's best rigid rotation turns the direction `along` into n; its angle is
-    atan2(n·toward, n·along), followed continuously from section to section so that it may pass
-    180°.
+    atan2(n·toward, n·along). It is continued from section to section, so that it may exceed 180°.
 
     Args:
         pattern: The pattern.
         positions: Deformed positions of all assembled vertices, (n, 3), in m.
-        sections: Vertices of each section, from the body's root on.
-        along, toward: Perpendicular unit vectors, (3,): of the assembled body, and to where it
-            bends.
+        sections: Vertices of each cross-section, starting at the body's root.
+        along, toward: Perpendicular unit vectors, (3,): the axis of the assembled body, and the
+            direction that it bends towards.
     """
     plane = np.array([toward, along], dtype=np.float64)
     angles = []
@@ -90,16 +95,16 @@ def turn_angle(
 def bend_angle(
     pattern: Pattern, positions: Floats, panel: str = "wall", sections: int = 12
 ) -> float:
-    """Angle in rad by which a tube along z bends in the x-z plane towards +x.
+    """Return the angle in rad by which a tube along z bends in the x-z plane towards +x.
 
-    `turn_angle` of the ring at the tip, after slabs of the wall of equal length along the assembled
-    z: the counterpart of `meshes.bend`'s angle.
+    It is the `turn_angle` of the ring at the tip, where the wall is cut into slabs of equal length
+    along the assembled z. This is the angle of `meshes.bend`.
 
     Args:
         pattern: The pattern, assembled along z from z = 0.
         positions: Deformed positions of all assembled vertices, (n, 3), in m.
         panel: Name of the wall's panel.
-        sections: How many slabs; each should span at least one ring of vertices.
+        sections: Number of slabs; each should contain at least one ring of vertices.
     """
     rings = _rings(pattern, panel, sections)
     return turn_angle(pattern, positions, rings, (0, 0, 1), (1, 0, 0))
@@ -108,19 +113,19 @@ def bend_angle(
 def twist_angle(
     pattern: Pattern, positions: Floats, panel: str = "wall", sections: int = 24
 ) -> float:
-    """Angle in rad by which a tube along z is twisted about its own axis, counter-clockwise.
+    """Return the angle in rad by which a tube along z is twisted about its axis, counter-clockwise.
 
-    From section to section the relative rotation RₖᵀRₖ₊₁ is parted into a swing, which bends the
-    axis, and a twist about it, 2 atan2(q_z, q_w) of its quaternion q; the twists add up. The first
-    section counts against how it is assembled, so the base must be held: a turn of the whole tube
-    is not told from a twist. For a straight tube that is the angle by which the tip has turned, the
-    counterpart of `meshes.twist`'s; a bent one is not taken for a twisted one.
+    The relative rotation RₖᵀRₖ₊₁ between two sections is the product of a swing, which bends the
+    axis, and a twist about it, 2 atan2(q_z, q_w) of its quaternion q. The twists are summed. The
+    first section is compared with its assembled state, so the base must be fixed: a rotation of
+    the whole tube would count as twist. For a straight tube the result is the angle by which the
+    tip has turned, as in `meshes.twist`. Bending does not count as twist.
 
     Args:
         pattern: The pattern, assembled along z.
         positions: Deformed positions of all assembled vertices, (n, 3), in m.
         panel: Name of the wall's panel.
-        sections: How many sections; from one to the next the twist must stay under 180°.
+        sections: Number of cross-sections; between neighbours the twist must stay under 180°.
     """
     rings = _rings(pattern, panel, sections)
     rotations = [best_rotation(pattern.points[ring], positions[ring]) for ring in rings]
@@ -131,9 +136,10 @@ def twist_angle(
 
 
 def shortening(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
-    """By how much the straight distance of a tube's two ends has shrunk, over what it was.
+    """Return the decrease of the straight distance between a tube's two ends, over its length.
 
-    The ends are the means of the panel's two borders across z; negative if they move apart.
+    The ends are the means of the panel's two borders across z; the value is negative if they move
+    apart.
 
     Args:
         pattern: The pattern, assembled along z.
@@ -150,9 +156,10 @@ def shortening(pattern: Pattern, positions: Floats, panel: str = "wall") -> floa
 
 
 def swelling(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
-    """Radius of the middle third of a tube along z, over what it was.
+    """Return the radius of the middle third of a tube along z, over its assembled radius.
 
-    The mean distance of the vertices from the line through the means of the third's two ends.
+    The radius is the mean distance of the vertices from the line through the means of the third's
+    two ends.
 
     Args:
         pattern: The pattern, assembled along z.
@@ -174,32 +181,31 @@ def swelling(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
 def distance(
     pattern: Pattern, positions: Floats, target: Floats, *, aligned: bool = False
 ) -> float:
-    """Root mean square distance of all vertices from a target in m, each by its flat area.
+    """Return the root mean square distance from a target in m, each vertex by its flat area.
 
     Args:
         pattern: The pattern.
         positions: Deformed positions of all assembled vertices, (n, 3), in m.
-        target: Where they are wanted, (n, 3), in m.
-        aligned: Whether the rigid motion that fits best is taken out (Kabsch 1976).
+        target: Target positions, (n, 3), in m.
+        aligned: Whether the best-fitting rigid motion is removed first (Kabsch 1976).
     """
     weight = pattern.vertex_areas / pattern.vertex_areas.sum()
-    found = positions
+    moved = positions
     if aligned:
         arm, goal = positions - weight @ positions, target - weight @ target
         rotation, _ = polar_rotation((weight[:, None] * goal).T @ arm)
-        found = arm @ rotation.T + weight @ target
-    return float(np.sqrt(weight @ ((found - target) ** 2).sum(axis=1)))
+        moved = arm @ rotation.T + weight @ target
+    return float(np.sqrt(weight @ ((moved - target) ** 2).sum(axis=1)))
 
 
 def _rings(pattern: Pattern, panel: str, count: int) -> list[Ints]:
-    """Vertices of a panel in slabs along z, and those of its far end."""
-    return section_vertices(
-        cross_sections(pattern, pattern.vertices_of(panel), (0, 0, 1), count), least=6
-    )
+    """Return the vertices of a panel by slabs along z, and those of its far end."""
+    labels = label_cross_sections(pattern, pattern.vertices_of(panel), (0, 0, 1), count)
+    return section_vertices(labels, least=6)
 
 
 def _swing_free(rotation: Floats) -> tuple[float, float]:
-    """Of a rotation's quaternion q_z and q_w, up to a common factor."""
+    """Return q_z and q_w of a rotation's quaternion, up to a common factor."""
     # q_z/q_w of the twist is (R₂₁ − R₁₂)/(1 + tr R), without dividing where tr R = −1.
     z, w = rotation[1, 0] - rotation[0, 1], 1 + np.trace(rotation)
     if w > 1e-6:

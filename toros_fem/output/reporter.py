@@ -215,7 +215,7 @@ class Reporter:
         what = "as printed" if printed.evaluation else "as designed, not as printed,"
         reached = summary if printed.evaluation else self.reached[-1]
         found = ", ".join(
-            f"{f.name} {f.written(reached[f.key])} of {f.written(f.target)}" for f in self._figures
+            f"{f.name} {f.formatted(reached[f.key])} of {f.formatted(f.target)}" for f in self._figures
         )
         title = f"{found} {what} at {summary['pressure_pa'] / 1e3:.3g} kPa"
         cells = printed.cells.astype(np.float64)
