@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import gc
 import io
 import sys
 from collections.abc import Generator
 
 import pytest
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.materials import Composite
@@ -32,6 +34,18 @@ def pytest_runtest_makereport(
         print(f"\n{who}\n{report.longreprtext}", file=sys.stderr, flush=True)
         MPI.COMM_WORLD.Abort(1)
     return report
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _clean_up(comm: MPI.Comm) -> Generator[None]:
+    """Free what a file's tests leave behind, on all ranks together.
+
+    PETSc keeps distributed objects until all ranks have dropped them and meet here.
+    """
+    yield
+    gc.collect()
+    PETSc.garbage_cleanup()
+    comm.barrier()
 
 
 @pytest.fixture(scope="session")
