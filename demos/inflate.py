@@ -24,7 +24,7 @@ from toros_fem.command_line import command_line
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import sew
 from toros_fem.objectives.metrics import Metric, shortening, swelling
-from toros_fem.output.reporter import write_path
+from toros_fem.output.writer import write_pressure_path
 
 DEFAULTS: dict[str, Any] = {
     **TUBE,
@@ -66,14 +66,12 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
         "length_percent_at_pressure": points[half].metrics["length_percent"],
         "growth_above_over_below": (radius[-1] - radius[half]) / (radius[half] - radius[0]),
         "steepest_kpa": 1e-3 * float(levels[1:][np.argmax(np.diff(radius))]),
-        "stretch_use": points[-1].result.stretch_use,
-        "newton_steps": sum(point.result.steps for point in points),
-        "triangles": len(pattern.panel),
-        "ranks": comm.size,
         "inputs": o,
     }
-    write_path(comm, output, pattern, points, density, FIGURES, summary, begin)
-    return summary
+    seconds = {"total": time.perf_counter() - begin}
+    return write_pressure_path(
+        comm, output, pattern, points, density, FIGURES, figures=summary, seconds=seconds
+    )
 
 
 def sentence(summary: dict[str, Any]) -> str:

@@ -28,8 +28,9 @@ from toros_fem.command_line import parsed, run_guarded
 from toros_fem.design.config import known_inputs
 from toros_fem.fabrication.svg import write_svg
 from toros_fem.meshes import tile
+from toros_fem.output.console import print_step
 from toros_fem.output.files import versions, write_json, write_table
-from toros_fem.output.reporter import if_plotting, print_step, write_together
+from toros_fem.output.writer import if_plotting, write_together
 from toros_fem.tiles.printed_tile import PrintedTile, read_tile
 from toros_fem.tiles.pull_test import pull_sheet
 from toros_fem.tiles.sheet import print_layout, resampled, sheet_of

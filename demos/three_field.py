@@ -22,7 +22,7 @@ from toros_fem.actuators.case import design, merged
 from toros_fem.actuators.tube import COARSE_TUBE, TUBE, bend_metric, tube_scene
 from toros_fem.command_line import command_line
 from toros_fem.meshes import bend
-from toros_fem.output.reporter import write_comparison
+from toros_fem.output.writer import write_comparison
 
 DEFAULTS: dict[str, Any] = {
     **TUBE,
@@ -72,7 +72,7 @@ def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -
         folder = output / name.replace(" ", "_")
         done = design(comm, folder, scene, o, begin=begin, verbose=verbose)
         rows.append(row(name, done.summary))
-        wall = done.printed.bare[scene.pattern.panel_index("wall")]
+        wall = done.printed.contours[scene.pattern.panel_index("wall")]
         pictures.append((name, wall, caption(rows[-1])))
     if comm.rank == 0:
         print("\n" + table(rows))

@@ -26,7 +26,7 @@ from toros_fem._validate import require_between, require_choice, require_count, 
 from toros_fem.command_line import command_line
 from toros_fem.design.config import known_inputs
 from toros_fem.meshes import tile
-from toros_fem.output.reporter import print_step
+from toros_fem.output.console import print_step
 from toros_fem.tiles.as_printed import measure_print
 from toros_fem.tiles.case import TileCase, TileConfig
 from toros_fem.tiles.objectives import Contrast, ProfileTarget

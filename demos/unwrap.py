@@ -27,7 +27,7 @@ from toros_fem.fabrication.svg import write_svg
 from toros_fem.meshes import Surface, read_surface, unwrap
 from toros_fem.meshes.chart import METHODS
 from toros_fem.output.files import write_fields, write_json
-from toros_fem.output.reporter import if_plotting, write_together
+from toros_fem.output.writer import if_plotting, write_together
 
 
 @dataclass(frozen=True)

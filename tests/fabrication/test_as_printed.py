@@ -15,7 +15,7 @@ from toros_fem.density.field import random_density
 from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Stage
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
-from toros_fem.fabrication.as_printed import as_printed, drawn, without_islands
+from toros_fem.fabrication.as_printed import as_printed, contour_values, remove_islands
 from toros_fem.fabrication.printability import PrintLimits
 from toros_fem.meshes import Skin
 
@@ -29,7 +29,7 @@ def result(tube: Skin, tube_solver: EquilibriumSolver) -> DesignResult:
 def test_contours_are_of_the_filters_own_field(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     chain = full(tube, tube_solver)
     density = random_density(tube, 3, spread=0.5)
-    at_points, at_centroids = drawn(chain, density)
+    at_points, at_centroids = contour_values(chain, density)
     pattern, wall = tube.pattern, tube.pattern.cells_of("wall")
     filtered = tube.gather_cells(chain.filter.forward(chain.with_passive(density)))
     assert at_centroids[wall] == pytest.approx(filtered[wall])
@@ -47,7 +47,7 @@ def test_given_triangles_inside_a_panel(tube: Skin, tube_solver: EquilibriumSolv
     given = (pattern.panel == pattern.panel_index("wall")) & (pattern.centroids[:, 1] < 0.02)
     passive = np.where(given, 0.0, np.nan)[tube.owned_cells]
     chain = dataclasses.replace(full(tube, tube_solver), passive=passive)
-    at_points, at_centroids = drawn(chain, np.ones(len(tube.owned_cells)))
+    at_points, at_centroids = contour_values(chain, np.ones(len(tube.owned_cells)))
     assert np.all(at_centroids[given] == 0)
     inside = np.setdiff1d(pattern.flat_triangles[given], pattern.flat_triangles[~given])
     border = np.intersect1d(pattern.flat_triangles[given], pattern.flat_triangles[~given])
@@ -86,13 +86,13 @@ def test_islands_are_taken_out_of_the_density(tube: Skin, tube_solver: Equilibri
     chosen = DesignResult(chain, density, chain.simulate(density), (), "", {})
     printed = as_printed(chain, chosen, PrintLimits())
     assert len(printed.before.free_islands) == 2
-    start = without_islands(chain, chosen, printed)
+    start = remove_islands(chain, chosen, printed)
     again = DesignResult(chain, start, chain.simulate(start), (), "", {})
     bare = as_printed(chain, again, PrintLimits())
     assert not bare.before.free_islands
     wall = pattern.panel_index("wall")
-    body = max(printed.bare[wall].geoms, key=lambda part: part.area)
-    assert bare.bare[wall].symmetric_difference(body).area < 0.01 * body.area
+    body = max(printed.contours[wall].geoms, key=lambda part: part.area)
+    assert bare.contours[wall].symmetric_difference(body).area < 0.01 * body.area
 
 
 def test_pattern_without_equilibrium_is_said(

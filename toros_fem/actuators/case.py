@@ -24,8 +24,8 @@ from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.fabrication.as_printed import (
     PrintedDesign,
     as_printed,
-    with_bridges,
-    without_islands,
+    connect_islands,
+    remove_islands,
 )
 from toros_fem.fabrication.printability import PrintLimits
 from toros_fem.materials import CURVATURES, SEAMS, Bending, Bladder, Composite
@@ -276,7 +276,7 @@ def design(
 
 def _without_islands(problem: ShapeProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
     """Free islands taken out or joined to the rest, whichever does less harm (collective)."""
-    starts = [make(problem, result, printed) for make in (without_islands, with_bridges)]
+    starts = [make(problem, result, printed) for make in (remove_islands, connect_islands)]
     harm = []
     for density in starts:
         try:

@@ -19,7 +19,7 @@ from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.rotation import best_rotation
 from toros_fem.output.files import write_json, write_table
-from toros_fem.output.reporter import if_plotting, write_together
+from toros_fem.output.writer import if_plotting, write_together
 
 
 @dataclass(frozen=True, eq=False)

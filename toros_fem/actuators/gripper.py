@@ -11,7 +11,7 @@ from mpi4py import MPI
 from toros_fem._types import Floats, Ints
 from toros_fem.objectives.gap import Body
 from toros_fem.output.files import write_json
-from toros_fem.output.reporter import if_plotting, write_together
+from toros_fem.output.writer import if_plotting, write_together
 
 FINGERS = 3
 

@@ -24,6 +24,8 @@ from toros_fem.fabrication.printability import (
 )
 from toros_fem.meshes.pattern import Pattern
 
+DEFAULT_LIMITS = PrintLimits()
+
 
 @dataclass(frozen=True, eq=False)
 class PrintedDesign:
@@ -31,7 +33,7 @@ class PrintedDesign:
 
     Attributes:
         pattern: What is printed on.
-        bare: The contours of ρ̃ at η on each panel, in m.
+        contours: The contours of ρ̃ at η on each panel, in m.
         cleaned: What is printed on each panel, with what was dropped and filled on the way.
         limits: Below which widths and gaps count as offences.
         before: Printability of the bare contours.
@@ -43,7 +45,7 @@ class PrintedDesign:
     """
 
     pattern: Pattern
-    bare: list[BaseGeometry]
+    contours: list[BaseGeometry]
     cleaned: Cleaned
     limits: PrintLimits
     before: Printability
@@ -58,7 +60,7 @@ class PrintedDesign:
         return self.cleaned.regions
 
 
-def drawn(problem: DesignProblem, density: Floats) -> tuple[Floats, Floats]:
+def contour_values(problem: DesignProblem, density: Floats) -> tuple[Floats, Floats]:
     """ρ̃ at all flat points and at all centroids, what is given as it is given (collective).
 
     Args:
@@ -81,10 +83,10 @@ def drawn(problem: DesignProblem, density: Floats) -> tuple[Floats, Floats]:
     return at_points, at_centroids
 
 
-def without_islands(problem: DesignProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
+def remove_islands(problem: DesignProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
     """ρ at owned triangles without what makes free islands of its contours (collective).
 
-    What carries load may be an island: `with_bridges` keeps it.
+    What carries load may be an island: `connect_islands` keeps it.
 
     Of a whole its part has the first triangles and panels, at the same flat places.
 
@@ -102,7 +104,7 @@ def without_islands(problem: DesignProblem, result: DesignResult, printed: Print
         for panel in {island.panel for island in printed.before.free_islands}:
             islands = [i.polygon for i in printed.before.free_islands if i.panel == panel]
             together = shapely.union_all(islands)
-            rest = shapely.difference(printed.bare[panel], together)
+            rest = shapely.difference(printed.contours[panel], together)
             # What feeds an island lies up to R beyond its border; what lies closer to the rest of
             # the print than half of that feeds this too.
             cells = np.flatnonzero(pattern.panel == panel)
@@ -115,7 +117,7 @@ def without_islands(problem: DesignProblem, result: DesignResult, printed: Print
     return np.where(clear[skin.owned_cells], 0.0, result.density)
 
 
-def with_bridges(problem: DesignProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
+def connect_islands(problem: DesignProblem, result: DesignResult, printed: PrintedDesign) -> Floats:
     """ρ at owned triangles with the free islands of its contours joined to the rest (collective).
 
     Each by a straight line two filter radii wide, the shortest way to other print of the panel.
@@ -134,7 +136,7 @@ def with_bridges(problem: DesignProblem, result: DesignResult, printed: PrintedD
             if island.panel >= len(pattern.panel_names):
                 continue  # an image of one on the part
             cells = np.flatnonzero(pattern.panel == island.panel)
-            rest = shapely.difference(printed.bare[island.panel], island.polygon)
+            rest = shapely.difference(printed.contours[island.panel], island.polygon)
             if rest.is_empty:
                 continue
             line = shapely.shortest_line(island.polygon, rest)
@@ -149,7 +151,8 @@ def with_bridges(problem: DesignProblem, result: DesignResult, printed: PrintedD
 def as_printed(
     problem: DesignProblem,
     result: DesignResult,
-    limits: PrintLimits,
+    limits: PrintLimits = DEFAULT_LIMITS,
+    *,
     island_area: float = 0.0,
     hole_area: float = 0.0,
 ) -> PrintedDesign:
@@ -164,7 +167,7 @@ def as_printed(
     """
     skin = problem.skin
     pattern, comm, whole = skin.pattern, skin.comm, problem.whole
-    at_points, at_centroids = drawn(problem, result.density)
+    at_points, at_centroids = contour_values(problem, result.density)
     if whole is not None:
         pattern = whole.pattern
         at_points, at_centroids = at_points[whole.flat], whole.at_cells(at_centroids)

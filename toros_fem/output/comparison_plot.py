@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from toros_fem._types import Floats, Ints
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.fabrication.contours import (panel_outline)
-from toros_fem.objectives.metrics import (Metric)
+from toros_fem._types import Floats, Ints
+from toros_fem.fabrication.contours import panel_outline
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.output.plots import (DPI, FABRIC, PRINTED, TARGET, camera, draw_skin, fill)
-
+from toros_fem.objectives.metrics import Metric
+from toros_fem.output.plots import DPI, FABRIC, PRINTED, TARGET, camera, draw_skin, fill
 
 
 def plot_variants(

@@ -1,11 +1,8 @@
-"""Fields for ParaView, history as CSV, summary as JSON."""
+"""Fields for ParaView, tables as CSV, summaries as JSON."""
 
 from __future__ import annotations
 
-from toros_fem._types import Floats
-
 import csv
-import dataclasses
 import json
 import platform
 import sys
@@ -16,13 +13,12 @@ from typing import Any
 import dolfinx
 import meshio
 import numpy as np
-import numpy.typing as npt
 import petsc4py
 
+from toros_fem._types import Floats
 from toros_fem._version import __version__
+from toros_fem.design.options import Iteration
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.design.options import (Iteration)
-
 
 
 def write_fields(
@@ -30,12 +26,13 @@ def write_fields(
 ) -> None:
     """Write the deformed skin as a VTU file (one rank).
 
+    The displacement from the assembled shape is written too, so that a viewer can show either.
+
     Args:
         path: File ending in .vtu.
         pattern: The pattern.
-        positions: Deformed positions of all assembled vertices (n, 3) in m. The displacement
-            from the assembled shape is written too, so that either can be shown.
-        cell_fields: Values of all triangles, (t,) each.
+        positions: Deformed positions of all assembled vertices, (n, 3), in m.
+        cell_fields: Values of all triangles by name, (t,) each.
     """
     meshio.Mesh(
         positions,
@@ -54,15 +51,16 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows of equal columns as CSV (one rank)."""
+    """Write rows as CSV (one rank); a column that a row does not have stays empty there."""
+    columns = list(dict.fromkeys(key for row in rows for key in row))
     with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
+        writer = csv.DictWriter(file, columns)
         writer.writeheader()
         writer.writerows(rows)
 
 
 def versions() -> dict[str, str]:
-    """Versions that a result depends on."""
+    """Return the versions that a result depends on."""
     return {
         "toros_fem": __version__,
         "dolfinx": dolfinx.__version__,
@@ -74,15 +72,15 @@ def versions() -> dict[str, str]:
 
 
 class HistoryFile:
-    """The design loop's history as CSV, each row on disk before the next iteration starts."""
+    """The design loop's history as CSV; each row is on disk before the next iteration starts."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        self._mode = "w"  # what an earlier run left stays until this one has a row of its own
+        self._mode = "w"  # the file of an earlier run stays until this run has a row of its own
 
     def write(self, row: Iteration, **extra: float) -> None:
-        """Append one row, with further columns that must be the same in each row."""
-        columns = {**dataclasses.asdict(row), **extra}
+        """Append one row, with further columns; all rows must have the same columns."""
+        columns = {**row.columns(), **extra}
         with self._path.open(self._mode, newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, list(columns))
             if self._mode == "w":

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from toros_fem._types import Floats, Ints
-
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 import shapely
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
@@ -24,13 +21,13 @@ from matplotlib.transforms import Bbox
 from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.fabrication.contours import (layout, panel_outline)
-from toros_fem.fabrication.printability import (Printability, PrintLimits)
-from toros_fem.objectives.metrics import (Metric)
+from toros_fem._types import Floats, Ints
+from toros_fem.design.options import Iteration
+from toros_fem.fabrication.contours import layout, panel_outline
+from toros_fem.fabrication.printability import Printability, PrintLimits
+from toros_fem.fabrication.widths import Place
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.design.options import (Iteration)
-from toros_fem.fabrication.widths import (Place)
-
+from toros_fem.objectives.metrics import Metric
 
 FABRIC = np.array([0.93, 0.86, 0.72])
 PRINTED = np.array([0.13, 0.20, 0.33])
@@ -228,15 +225,13 @@ def plot_convergence(
     path: Path,
     history: Sequence[Iteration],
     metrics: Sequence[Metric],
-    reached: Sequence[Mapping[str, float]],
 ) -> None:
     """Picture of objective, figures and grey level over the iterations.
 
     Args:
         path: PNG file to write.
         history: Rows of the design loop.
-        figures: What the run is judged by.
-        reached: Their values in each iteration, by their keys.
+        metrics: Numbers that the design is judged by.
     """
     count = [row.iteration for row in history]
     rows = 2 + len(metrics)
@@ -246,8 +241,8 @@ def plot_convergence(
     top.semilogy(count, [row.objective for row in history], color=PRINTED)
     top.set_ylabel("objective T")
     for axis, of in zip(middle, metrics, strict=True):
-        axis.plot(count, [row[of.key] for row in reached], color=PRINTED, label="reached")
-        axis.axhline(of.target, color="0.6", linestyle="--", label="asked")
+        axis.plot(count, [row.metrics[of.key] for row in history], color=PRINTED)
+        axis.axhline(of.target, color="0.6", linestyle="--", label="target")
         axis.set_ylabel(of.label)
         axis.legend(frameon=False)
     bottom.plot(count, [row.volume_fraction for row in history], label="volume fraction")

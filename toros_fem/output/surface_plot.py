@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from toros_fem._types import Floats
-
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 
-from toros_fem.fabrication.contours import (panel_outline)
+from toros_fem._types import Floats
+from toros_fem.fabrication.contours import panel_outline
 from toros_fem.meshes.unwrap import Unwrapped
-from toros_fem.output.plots import (DPI, camera)
-
+from toros_fem.output.plots import DPI, camera
 
 COLOURS = "RdBu_r"
 SEAM = (0.05, 0.05, 0.05, 1.0)

@@ -73,7 +73,7 @@ class TileCheck:
     def __call__(self, outcome: TileResult) -> TileResult:
         """The outcome with its print and what that does (collective)."""
         problem, s = outcome.problem, self._settings
-        printed = as_printed(problem, outcome.result, s.limits, s.island_area)
+        printed = as_printed(problem, outcome.result, s.limits, island_area=s.island_area)
         profile, failure = None, ""
         try:
             profile = self.solver.solve(self.density(printed), gradients=False)

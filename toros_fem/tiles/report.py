@@ -19,7 +19,7 @@ from toros_fem.fabrication.printability import printability
 from toros_fem.fabrication.svg import write_svg
 from toros_fem.meshes.tile import Tile
 from toros_fem.output.files import HistoryFile, versions, write_fields, write_json, write_table
-from toros_fem.output.reporter import if_plotting, write_together
+from toros_fem.output.writer import if_plotting, write_together
 from toros_fem.tiles.as_printed import TileFindings
 from toros_fem.tiles.case import TileCase, TileResult
 from toros_fem.tiles.objectives import ProfileTarget

@@ -1,0 +1,94 @@
+"""Lines and a progress bar on the terminal while a design runs."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+from mpi4py import MPI
+from tqdm import tqdm
+
+from toros_fem.design.options import Iteration
+from toros_fem.equilibrium.newton import NewtonStep
+
+# Least width of a column that holds a metric.
+METRIC_WIDTH = 12
+
+
+def print_line(text: str) -> None:
+    """Print a line above the progress bar, if there is one (one rank)."""
+    tqdm.write(text, file=sys.stdout)
+    sys.stdout.flush()
+
+
+def print_step(comm: MPI.Comm) -> Callable[[NewtonStep], None]:
+    """Return a log for `EquilibriumSolver` that prints each Newton step on the first rank."""
+
+    def show(row: NewtonStep) -> None:
+        if comm.rank == 0:
+            print_line(f"    {row}")
+
+    return show
+
+
+def header(row: Iteration) -> str:
+    """Return the titles of the columns of `line`."""
+    titles = [_title(key) for key in row.metrics]
+    metrics = "".join(f"  {t:>{_width(t) - 2}}" for t in titles)
+    return (
+        f"  it  stage   objective{metrics}  kPa     volume   grey   g_r      g_t     rejected"
+        "  newton  seconds"
+    )
+
+
+def line(row: Iteration) -> str:
+    """Return a row of the history as a line of text."""
+    metrics = "".join(f"{value:{_width(_title(key))}.2f}" for key, value in row.metrics.items())
+    return (
+        f"{row.iteration:4d}  {row.stage:5d}  {row.objective:10.4e}{metrics}"
+        f"  {row.pressure / 1e3:6.3f}  {row.volume_fraction:6.3f}  {row.grey_level:5.3f}"
+        f"  {row.g_r:7.1e}  {row.g_t:7.1e}  {row.rejected:8d}  {row.newton_steps:6d}"
+        f"  {row.seconds:7.2f}"
+    )
+
+
+def _title(key: str) -> str:
+    """Return "angle/deg" for the key "angle_deg"."""
+    name, _, unit = key.rpartition("_")
+    return f"{name}/{unit}" if name else key
+
+
+def _width(title: str) -> int:
+    return max(METRIC_WIDTH, len(title) + 2)
+
+
+class ProgressBar:
+    """A bar on a terminal that shows the number of steps done; nothing elsewhere."""
+
+    def __init__(self) -> None:
+        self._bar: tqdm | None = None
+        self._total: int | None = None
+
+    def expect(self, total: int) -> None:
+        """Set the planned number of steps."""
+        self._total = total
+        if self._bar is not None:
+            self._bar.total = total
+            self._bar.refresh()
+
+    def advance(self, done: int) -> None:
+        """Show how many steps are done; the last planned one removes the bar."""
+        if self._total is None or done >= self._total:
+            self.close()
+            return
+        if self._bar is None:
+            self._bar = tqdm(
+                total=self._total, unit="step", file=sys.stderr, leave=False, disable=None
+            )
+        self._bar.update(done - self._bar.n)
+
+    def close(self) -> None:
+        """Remove the bar."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None

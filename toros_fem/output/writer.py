@@ -1,0 +1,254 @@
+"""The files of a finished run: summary, history, drawing, fields and pictures."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem._mpi import on_first_rank
+from toros_fem._types import Floats
+from toros_fem.analysis.pressure_path import PressurePathPoint
+from toros_fem.config import Config
+from toros_fem.design.loop import DesignResult
+from toros_fem.errors import OutputError
+from toros_fem.fabrication.as_printed import PrintedDesign
+from toros_fem.fabrication.svg import write_svg
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.objectives.metrics import Metric
+from toros_fem.output.files import (
+    versions,
+    write_fields,
+    write_json,
+    write_table,
+)
+from toros_fem.output.summary import design_summary, shape_problem
+
+
+def write_results(
+    folder: str | Path,
+    result: DesignResult,
+    printed: PrintedDesign,
+    *,
+    config: Config | None = None,
+    figures: Mapping[str, Any] | None = None,
+    seconds: Mapping[str, float] | None = None,
+) -> dict[str, Any]:
+    """Write summary, history, drawing, fields and pictures of a design (collective).
+
+    The files are summary.json, history.csv, pattern.svg, skin.vtu, pattern.png, manufacture.png,
+    shape.png and convergence.png. Where the print has no equilibrium, the pictures and fields show
+    the design's own shape.
+
+    Args:
+        folder: Output folder, made if missing.
+        result: Result of the design loop.
+        printed: The printed pattern, by `as_printed`.
+        config: Configuration of the run, for "inputs" in the summary.
+        figures: Further entries of the summary.
+        seconds: Further wall times in s, those of `DesignReporter.seconds` for instance.
+
+    Returns:
+        The summary, as in summary.json; equal on all ranks.
+
+    Raises:
+        OutputError: A file cannot be written; on all ranks.
+        ParameterError: The result is not the design of a shape.
+    """
+    folder, problem = Path(folder), shape_problem(result)
+    skin, final, whole = problem.skin, result.final, problem.whole
+    summary = design_summary(result, printed, config=config, figures=figures, seconds=seconds)
+    shown = printed.evaluation or final
+    positions, target = skin.gather_vertices(shown.equilibrium.positions), problem.target
+    fields = {
+        "rho": skin.gather_cells(result.density),
+        "rho_filtered": skin.gather_cells(final.filtered),
+        "rho_projected": skin.gather_cells(final.projected),
+    }
+    if whole is not None:
+        positions = whole.at_vertices(positions)
+        target = None if target is None else whole.at_vertices(target)
+        fields = {name: whole.at_cells(values) for name, values in fields.items()}
+    fields["printed"] = printed.cells.astype(np.float64)
+
+    def write() -> None:
+        write_json(folder / "summary.json", summary)
+        write_table(folder / "history.csv", [row.columns() for row in result.history])
+        write_svg(folder / "pattern.svg", printed.pattern, printed.regions)
+        write_fields(folder / "skin.vtu", printed.pattern, positions, fields)
+        if_plotting(draw)
+
+    def draw() -> None:
+        from toros_fem.output import plots
+
+        plots.plot_pattern(folder / "pattern.png", printed.pattern, printed.regions)
+        plots.plot_printability(
+            folder / "manufacture.png",
+            printed.pattern,
+            printed.regions,
+            printed.after,
+            printed.limits,
+        )
+        plots.plot_shape(
+            folder / "shape.png",
+            printed.pattern,
+            positions,
+            target,
+            fields["printed"],
+            _title(problem.metrics, summary),
+        )
+        plots.plot_convergence(folder / "convergence.png", result.history, problem.metrics)
+
+    write_together(skin.comm, folder, write)
+    return summary
+
+
+def _title(metrics: Sequence[Metric], summary: Mapping[str, Any]) -> str:
+    """Return what a picture says above the shape: metrics, their targets and the pressure."""
+    as_printed = summary["printed_failure"] is None
+    values = summary if as_printed else summary["design"]
+    found = ", ".join(f"{m.name} {m.written(values[m.key])} of {m.written(m.target)}"
+                      for m in metrics)  # fmt: skip
+    what = "as printed" if as_printed else "as designed, not as printed,"
+    return f"{found} {what} at {summary['pressure_pa'] / 1e3:.3g} kPa"
+
+
+def write_comparison(
+    comm: MPI.Comm,
+    folder: str | Path,
+    name: str,
+    content: Mapping[str, Any],
+    pattern: Pattern,
+    panel: str,
+    variants: Sequence[tuple[str, BaseGeometry, str]],
+) -> None:
+    """Write the table and the picture strip of several designs (collective).
+
+    Args:
+        comm: Communicator.
+        folder: Output folder, made if missing.
+        name: Name of both files, without ending.
+        content: Content of the JSON file.
+        pattern: The pattern.
+        panel: Name of the panel to show.
+        variants: For each variant its title, its print on that panel, in m, and a caption.
+
+    Raises:
+        OutputError: A file cannot be written; on all ranks.
+    """
+    folder = Path(folder)
+
+    def draw() -> None:
+        from toros_fem.output.comparison_plot import plot_variants
+
+        plot_variants(folder / f"{name}.png", pattern, panel, variants)
+
+    def write() -> None:
+        write_json(folder / f"{name}.json", content)
+        if_plotting(draw)
+
+    write_together(comm, folder, write)
+
+
+def write_pressure_path(
+    comm: MPI.Comm,
+    folder: str | Path,
+    pattern: Pattern,
+    points: Sequence[PressurePathPoint],
+    density: Floats,
+    metrics: Sequence[Metric],
+    *,
+    config: Config | None = None,
+    figures: Mapping[str, Any] | None = None,
+    seconds: Mapping[str, float] | None = None,
+) -> dict[str, Any]:
+    """Write table, fields, pictures and summary of a pressure path (collective).
+
+    Args:
+        comm: Communicator.
+        folder: Output folder, made if missing.
+        pattern: The pattern.
+        points: The equilibria.
+        density: Density of all triangles, (t,), to colour by.
+        metrics: Numbers that were measured, drawn over the pressure.
+        config: Configuration of the run, for "inputs" in the summary.
+        figures: Further entries of the summary.
+        seconds: Wall times in s.
+
+    Returns:
+        The summary, as in summary.json; equal on all ranks.
+
+    Raises:
+        OutputError: A file cannot be written; on all ranks.
+    """
+    folder = Path(folder)
+    rows = [
+        {"pressure_pa": p.result.pressure, "volume_m3": p.result.volume, **p.metrics}
+        for p in points
+    ]
+    summary: dict[str, Any] = {
+        **(figures or {}),
+        "stretch_use": points[-1].result.stretch_use,
+        "newton_steps": sum(point.result.steps for point in points),
+        "triangles": len(pattern.panel),
+        "ranks": comm.size,
+        "inputs": None if config is None else config.as_dict(),
+        "versions": versions(),
+        "seconds": dict(seconds or {}),
+    }
+    summary = dict(comm.bcast(summary, root=0))  # each rank has its own clock
+
+    def draw() -> None:
+        from toros_fem.output.comparison_plot import plot_curves, plot_shapes
+
+        chosen = [points[k] for k in np.linspace(0, len(points) - 1, 4).round().astype(int)]
+        shapes = [(f"{1e-3 * p.result.pressure:.3g} kPa", p.positions) for p in chosen]
+        plot_curves(folder / "curve.png", rows, metrics)
+        plot_shapes(folder / "shapes.png", pattern.triangles, shapes, density)
+
+    def write() -> None:
+        write_table(folder / "curve.csv", rows)
+        write_fields(folder / "skin.vtu", pattern, points[-1].positions, {"density": density})
+        write_json(folder / "summary.json", summary)
+        if_plotting(draw)
+
+    write_together(comm, folder, write)
+    return summary
+
+
+def if_plotting(draw: Callable[[], None]) -> None:
+    """Draw pictures, or print which package is missing for them (one rank)."""
+    try:
+        draw()
+    except ImportError as missing:
+        print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
+
+
+def write_together(comm: MPI.Comm, folder: Path, action: Callable[[], None]) -> None:
+    """Make a folder and write files into it on the first rank (collective).
+
+    Args:
+        comm: Communicator.
+        folder: The folder, made if missing.
+        action: Writes the files; called on the first rank only.
+
+    Raises:
+        OutputError: The folder or a file cannot be written; on all ranks.
+    """
+
+    def guarded() -> None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            action()
+        except OSError as caught:
+            raise OutputError(
+                f"{folder} could not be written: {caught}. Choose another folder, or free some "
+                "space. Files that are already written stay."
+            ) from None
+
+    on_first_rank(comm, guarded)
