@@ -92,7 +92,7 @@ def scene(formulation: str, sides: int) -> ActuatorCase:
 
 def widths() -> LengthScale:
     """Widths that the coarsest mesh resolves."""
-    return LengthScale(line=6e-3, gap=6e-3)
+    return LengthScale(line_width=6e-3, gap_width=6e-3)
 
 
 def drawn(skin: Skin, seed: int) -> Floats:

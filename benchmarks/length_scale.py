@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.density.bar_width import raw_width
+from toros_fem.density.bar_width import unfiltered_width
 from toros_fem.density.filters import make_filter
 from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.density.neighbours import mean_edge
@@ -48,7 +48,7 @@ def study(name: str, ratio: float, decays: list[float], alignments: int) -> list
     }
     rng = np.random.default_rng(0)
     found: dict[tuple[float, float], list[float]] = {}
-    halves = {share: raw_width(name, share) * radius / 2 for share in SHARES}
+    halves = {share: unfiltered_width(name, share) * radius / 2 for share in SHARES}
     for angle in np.linspace(0, np.pi, alignments, endpoint=False):
         normal = np.array([np.cos(angle), np.sin(angle)])
         across = np.abs(points @ normal - rng.uniform(-0.5, 0.5) * edge)

@@ -9,17 +9,17 @@ from helpers.scenes import square, table, taylor_rates
 from mpi4py import MPI
 
 from toros_fem.density.bar_width import (
-    bar_response,
-    raw_width,
+    filtered_bar,
     threshold_for_width,
-    width_of_threshold,
+    unfiltered_width,
+    width_for_threshold,
 )
 from toros_fem.density.cone import ConeFilter
 from toros_fem.density.field import random_density
 from toros_fem.density.filters import make_filter
 from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.density.neighbours import mean_edge
-from toros_fem.density.perimeter import Perimeter, edge_response
+from toros_fem.density.perimeter import Perimeter, edge_factor
 from toros_fem.density.projection import Projection
 from toros_fem.errors import ParameterError
 from toros_fem.meshes import Skin, cylinder, sew
@@ -28,7 +28,7 @@ Floats = np.ndarray
 
 
 @dataclass
-class HatStrip:
+class HatBar:
     """A straight strip along y under the one-dimensional hat of R = 1: exact ρ̃ and ∇ρ̃."""
 
     x: Floats
@@ -63,9 +63,9 @@ class HatStrip:
 def test_g_r_against_the_strip_table(width: float, decay: float) -> None:
     """The table's continuous value, a strip on a sheet 6 R wide, by a fine mesh's midpoint sum."""
     skin = sew(MPI.COMM_SELF, square(n=120, size=6.0))
-    strip = HatStrip(skin.pattern.centroids[skin.owned_cells, 0] - 3.0, width)
+    strip = HatBar(skin.pattern.centroids[skin.owned_cells, 0] - 3.0, width)
     everywhere = np.ones(len(skin.owned_cells), dtype=bool)
-    parameters = LengthScale(solid=0.7, void=0.3, decay=decay, epsilon=1e-5)
+    parameters = LengthScale(solid_threshold=0.7, void_threshold=0.3, decay=decay, epsilon=1e-5)
     limits = LengthScaleConstraints(skin, strip, parameters, everywhere)
     nothing = np.zeros(len(skin.owned_cells))
     filtered = strip.forward(nothing)
@@ -88,13 +88,13 @@ def test_g_r_against_the_strip_table(width: float, decay: float) -> None:
 def test_strip_against_the_tables(name: str) -> None:
     column = {"cone": "peak_cone2D", "helmholtz": "peak_helmholtz"}[name]
     for row in table("filter_strip_peak"):
-        peak = bar_response(name, float(row["b_over_R"]), 0.0)
+        peak = filtered_bar(name, float(row["b_over_R"]), 0.0)
         assert peak == pytest.approx(float(row[column]), abs=2e-6)
     if name == "cone":
         for row in table("filter_min_bar")[1:]:
             width = float(row["projected width at eta=.5 for that bar cone2D/R"])
             assert threshold_for_width(name, width) == pytest.approx(float(row["eta"]), abs=1e-5)
-    with pytest.raises(ParameterError, match="out of control"):
+    with pytest.raises(ParameterError, match="cannot be enforced"):
         threshold_for_width(name, 3.0)
 
 
@@ -118,7 +118,7 @@ def test_thin_lines_and_gaps_are_caught_wide_ones_pass(
     across = np.abs((pattern.centroids - centre) @ direction)[skin.owned_cells]
     values = {}
     for share in (0.8, wide):  # of the width asked for
-        half = raw_width(name, share) * radius / 2
+        half = unfiltered_width(name, share) * radius / 2
         # A raw line's border triangles are grey by their share, as any line of that width is.
         raw = np.clip(0.5 + (half - across) / edge, 0, 1)
         filtered = flat.forward(raw)
@@ -135,7 +135,7 @@ def test_constraints_taylor(name: str, tube: Skin, comm: MPI.Comm) -> None:
     """From ρ through filter, slope and projection to g_r and g_t: rate 2, on any ranks."""
     flat, projection = make_filter(name, tube, 8e-3), Projection(6.0)
     wall = tube.pattern.panel[tube.owned_cells] == tube.pattern.panel_index("wall")
-    limits = LengthScaleConstraints(tube, flat, LengthScale(line=6e-3, gap=6e-3), wall)
+    limits = LengthScaleConstraints(tube, flat, LengthScale(line_width=6e-3, gap_width=6e-3), wall)
 
     def forward(density: Floats) -> Floats:
         filtered = flat.forward(density)
@@ -181,34 +181,34 @@ def test_length_scale_parameters(tube: Skin) -> None:
     flat = ConeFilter(tube, 8e-3)
     designed = np.ones(len(tube.owned_cells), dtype=bool)
     default = LengthScaleConstraints(tube, flat, LengthScale(), designed)
-    assert default.solid == pytest.approx(0.7799, abs=1e-3)
-    assert default.void == pytest.approx(1 - 0.7799, abs=1e-3)
+    assert default.solid_threshold == pytest.approx(0.7799, abs=1e-3)
+    assert default.void_threshold == pytest.approx(1 - 0.7799, abs=1e-3)
     assert default.decay == pytest.approx(25 * 8e-3**2)
     paper = LengthScaleConstraints(tube, flat, LengthScale.paper(tube), designed)
-    assert (paper.solid, paper.void) == pytest.approx((0.7, 0.3))
+    assert (paper.solid_threshold, paper.void_threshold) == pytest.approx((0.7, 0.3))
     assert np.all(paper.epsilon == 1e-3)
     # Each ε belongs to its own width; another η of the projection shifts both thresholds.
-    wide = LengthScaleConstraints(tube, flat, LengthScale(gap=4e-3), designed)
+    wide = LengthScaleConstraints(tube, flat, LengthScale(gap_width=4e-3), designed)
     assert wide.epsilon[0] == pytest.approx(default.epsilon[0])
     assert wide.epsilon[1] < 0.2 * default.epsilon[1]
     low = LengthScaleConstraints(tube, flat, LengthScale(), designed, Projection(20.0, 0.3))
-    assert width_of_threshold("cone", low.solid, 0.3) == pytest.approx(1)
-    assert width_of_threshold("cone", 1 - low.void, 0.7) == pytest.approx(1)
+    assert width_for_threshold("cone", low.solid_threshold, 0.3) == pytest.approx(1)
+    assert width_for_threshold("cone", 1 - low.void_threshold, 0.7) == pytest.approx(1)
     assert paper.decay == pytest.approx(100 * mean_edge(tube) ** 2)
-    with pytest.raises(ParameterError, match="solid = 0.3"):
-        LengthScale(solid=0.3)
-    with pytest.raises(ParameterError, match="line = -1"):
-        LengthScale(line=-1.0)
-    with pytest.raises(ParameterError, match="out of control"):
-        LengthScaleConstraints(tube, flat, LengthScale(line=0.1), designed)
+    with pytest.raises(ParameterError, match="solid_threshold = 0.3"):
+        LengthScale(solid_threshold=0.3)
+    with pytest.raises(ParameterError, match="line_width = -1"):
+        LengthScale(line_width=-1.0)
+    with pytest.raises(ParameterError, match="cannot be enforced"):
+        LengthScaleConstraints(tube, flat, LengthScale(line_width=0.1), designed)
     with pytest.raises(ParameterError, match="no triangle is designed"):
         LengthScaleConstraints(tube, flat, LengthScale(), ~designed)
 
 
-def test_edge_response_against_the_table() -> None:
+def test_edge_factor_against_the_table() -> None:
     for row in table("perimeter_soft_erode"):
         kappa = float(row["kappa = sum_i A_i P_i/(L r_w)"])
-        assert edge_response(float(row["w"])) == pytest.approx(kappa, abs=2e-6)
+        assert edge_factor(float(row["w"])) == pytest.approx(kappa, abs=2e-6)
 
 
 @pytest.mark.parametrize("sharpness", [0.5, 20.0])
@@ -222,10 +222,12 @@ def test_perimeter_of_stripes_on_a_torus(sharpness: float) -> None:
     assert term.forward(stripes) == pytest.approx(2 * np.sqrt(5) * size, rel=0.03)
 
 
-@pytest.mark.parametrize("plain", [False, True])
+@pytest.mark.parametrize("area_weighted", [True, False])
 @pytest.mark.parametrize("sharpness", [0.5, 8.0])
-def test_perimeter_taylor(sharpness: float, plain: bool, tube: Skin, comm: MPI.Comm) -> None:
-    term = Perimeter(tube, 8e-3, sharpness, plain=plain)
+def test_perimeter_taylor(
+    sharpness: float, area_weighted: bool, tube: Skin, comm: MPI.Comm
+) -> None:
+    term = Perimeter(tube, 8e-3, sharpness, area_weighted=area_weighted)
     projected = random_density(tube, 6, spread=0.4)
     gradient = term.backward(projected)
     # Along a random direction of no mean the linear part would all but cancel.
@@ -239,7 +241,7 @@ def test_plain_sum_by_its_definition(tube: Skin) -> None:
     """Eqs. (15, 16) as printed, over unweighted triangles of a panel."""
     pattern, window, w = tube.pattern, 7e-3, 0.5
     values = np.random.default_rng(3).random(len(pattern.panel))
-    found = Perimeter(tube, window, w, plain=True).forward(values[tube.owned_cells])
+    found = Perimeter(tube, window, w, area_weighted=False).forward(values[tube.owned_cells])
     distance = np.linalg.norm(pattern.centroids[:, None] - pattern.centroids[None], axis=2)
     near = (distance <= window) & (pattern.panel[:, None] == pattern.panel[None])
     mean = (near * np.exp(w * (1 - values))).sum(axis=1) / near.sum(axis=1)

@@ -135,7 +135,7 @@ def full(batched: bool, objective: ProfileObjective, symmetry: str = "tetragonal
     """All that the chain has: part of the print given, its border penalised, widths constrained."""
     plain = problem(batched, objective, symmetry)
     skin = plain.skin
-    limits = LengthScale(solid=0.7, void=0.3, epsilon=1e-3)
+    limits = LengthScale(solid_threshold=0.7, void_threshold=0.3, epsilon=1e-3)
     place = np.abs(skin.pattern.centroids[skin.owned_cells] / SIDE - 0.5)
     return dataclasses.replace(
         plain,
@@ -222,8 +222,8 @@ def test_symmetric_filter(symmetry: str, kind: str) -> None:
     for image in symmetry_maps:
         assert filtered[image] == pytest.approx(filtered, abs=1e-13)
     assert np.ptp(filtered) > 0.03
-    mean = symmetric.mean(density)
-    assert symmetric.mean(mean) == pytest.approx(mean, abs=1e-15)
+    mean = symmetric.symmetrized(density)
+    assert symmetric.symmetrized(mean) == pytest.approx(mean, abs=1e-15)
     assert symmetric.forward(mean) == pytest.approx(inner.forward(mean), abs=1e-14)
     plain = skin.gather_cells(inner.forward(density))
     assert (np.abs(plain[symmetry_maps[-1]] - plain).max() > 0.01) == (symmetry != "none")

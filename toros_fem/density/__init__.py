@@ -1,1 +1,24 @@
-"""From the design density to the printed one: filters, projection, width constraints, perimeter."""
+"""From design density to projected density: filters, projection, length scale, perimeter."""
+
+from toros_fem.density.cone import ConeFilter
+from toros_fem.density.field import check_density, random_density
+from toros_fem.density.filters import Filter, make_filter
+from toros_fem.density.helmholtz import HelmholtzFilter
+from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.density.perimeter import Perimeter
+from toros_fem.density.projection import Projection
+from toros_fem.density.symmetric import SymmetricFilter
+
+__all__ = [
+    "ConeFilter",
+    "Filter",
+    "HelmholtzFilter",
+    "LengthScale",
+    "LengthScaleConstraints",
+    "Perimeter",
+    "Projection",
+    "SymmetricFilter",
+    "check_density",
+    "make_filter",
+    "random_density",
+]

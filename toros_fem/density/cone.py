@@ -1,4 +1,4 @@
-"""Cone filter: convolution on the flat panels, eq. (11)."""
+"""Cone filter, eq. (11): a convolution on the flat panels."""
 
 from __future__ import annotations
 
@@ -19,27 +19,28 @@ from toros_fem.meshes.skin import Skin
 
 
 class ConeFilter:
-    """ρ̃ᵢ = Σⱼ ωᵢⱼ Āⱼ ρⱼ / Σⱼ ωᵢⱼ Āⱼ with ωᵢⱼ = max(R − ‖x̄ᵢ − x̄ⱼ‖, 0), eq. (11).
+    """Filter ρ̃ᵢ = Σⱼ ωᵢⱼ Āⱼ ρⱼ / Σⱼ ωᵢⱼ Āⱼ with ωᵢⱼ = max(R − ‖x̄ᵢ − x̄ⱼ‖, 0), eq. (11).
 
-    Distances are taken inside one panel, since a print does not cross a seam. Rows sum to 1, so
-    that a uniform density passes unchanged. The weights are a sparse matrix built once; those of
-    the slope, the exact gradient of (11) at the centroid, are built when first asked for.
-    A matrix takes about 90 (R/h)² bytes a triangle, h the edge length: for 250 000 triangles
-    0.2 GiB at R = 3 h and 2 GiB at 10 h; a slope takes twice that on top. Radii beyond are what
-    the Helmholtz filter is for.
+    Distances are measured inside one panel, since a print does not cross a seam. Rows sum to 1, so
+    that a uniform density does not change. The weights form a sparse matrix that is built once;
+    those of the slope, the exact gradient of (11) at the centroid, are built on first use.
+    A matrix takes about 90 (R/h)² bytes per triangle, where h is the edge length: for 250 000
+    triangles 0.2 GiB at R = 3 h and 2 GiB at 10 h; the slope takes twice that in addition. For
+    larger radii use the Helmholtz filter.
 
     Args:
         skin: The sewn skin.
         radius: R in m.
-        lattice: The two vectors, (2, 2), in m, by which a tile repeats: distances are taken on
-            the torus.
-        whole: What the skin is a part of, `meshes.mirrored`: its images count too.
+        lattice: The two lattice vectors, (2, 2), in m, of a periodic tile: distances are measured
+            on the torus.
+        whole: The symmetric skin that this one is a part of, from `meshes.mirrored`: mirrored
+            triangles count too.
 
     Raises:
         ParameterError: The radius is not positive, or does not fit the tile.
 
     Warns:
-        UserWarning: The radius is under 1.5 edge lengths and hardly filters anything.
+        UserWarning: The radius is under 1.5 edge lengths and hardly filters.
     """
 
     name = "cone"
@@ -55,20 +56,20 @@ class ConeFilter:
         warn_if_unresolved(skin, radius)
         self.radius = radius
         self._skin, self._areas = skin, skin.pattern.areas
-        (self._matrix,) = neighbour_matrices(skin, self._near, self._shares)
+        (self._matrix,) = neighbour_matrices(skin, self._near, self._weights)
         self._slopes: list[PETSc.Mat] = []
 
-    def _shares(self, pairs: Pairs) -> list[Floats]:
+    def _weights(self, pairs: Pairs) -> list[Floats]:
         weight = (self.radius - pairs.distance) * self._areas[pairs.cell]
         return [weight / pairs.sums(weight)[pairs.row]]
 
-    def _share_slopes(self, pairs: Pairs) -> list[Floats]:
-        """Gradient of the shares with respect to the point they belong to."""
+    def _weight_slopes(self, pairs: Pairs) -> list[Floats]:
+        """Return the gradient of the weights with respect to the point that they belong to."""
         area = self._areas[pairs.cell]
         weight = (self.radius - pairs.distance) * area
         whole = pairs.sums(weight)[pairs.row]
         slopes = []
-        # The kernel has a tip where the point is the centroid itself: its mean slope there is 0.
+        # At the centroid itself the kernel has a tip; its mean slope there is 0.
         far = np.where(pairs.distance > 0, pairs.distance, np.inf)
         for offset in pairs.offset.T:
             slope = area * offset / far
@@ -76,33 +77,33 @@ class ConeFilter:
         return slopes
 
     def forward(self, density: Floats) -> Floats:
-        """ρ̃ at owned triangles from ρ there (collective)."""
+        """Return ρ̃ at owned triangles from ρ there (collective)."""
         return multiply(self._matrix, density)
 
     def backward(self, gradient: Floats) -> Floats:
-        """∂T/∂ρ from ∂T/∂ρ̃, owned values (collective)."""
+        """Return ∂T/∂ρ from ∂T/∂ρ̃, owned values (collective)."""
         return multiply_transpose(self._matrix, gradient)
 
     def slope(self, density: Floats) -> Floats:
-        """∇ρ̃ at the centroids of owned triangles, (2, k), in 1/m (collective)."""
+        """Return ∇ρ̃ at the centroids of owned triangles, (2, k), in 1/m (collective)."""
         if not self._slopes:
-            self._slopes = neighbour_matrices(self._skin, self._near, self._share_slopes, 2)
+            self._slopes = neighbour_matrices(self._skin, self._near, self._weight_slopes, 2)
         return np.array([multiply(matrix, density) for matrix in self._slopes])
 
     def slope_backward(self, gradient: Floats) -> Floats:
-        """∂T/∂ρ from ∂T/∂∇ρ̃, (2, k), owned values (collective); after `slope`."""
+        """Return ∂T/∂ρ from ∂T/∂∇ρ̃, (2, k), owned values (collective); after `slope`."""
         parts = [
             multiply_transpose(m, part) for m, part in zip(self._slopes, gradient, strict=True)
         ]
         return np.asarray(sum(parts))
 
     def at_points(self, density: Floats) -> Floats:
-        """ρ̃ at all flat points of the pattern, (m,), on every rank (collective)."""
+        """Return ρ̃ at all flat points of the pattern, (m,), on every rank (collective)."""
         pattern = self._skin.pattern
         every = self._skin.gather_cells(density)
         panel = np.zeros(len(pattern.flat_points), dtype=np.int64)
         panel[pattern.flat_triangles] = pattern.panel[:, None]
-        # Where no centroid is within reach, the nearest one speaks.
+        # Where no centroid is within the radius, the nearest one gives the value.
         values = every[self._near.nearest(pattern.flat_points, panel)]
         begin = 0
         for pairs in self._near.pairs(pattern.flat_points, panel):

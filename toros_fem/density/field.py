@@ -1,4 +1,4 @@
-"""Densities as owned arrays: their check, and a reproducible random start."""
+"""Densities as owned arrays: a check, and reproducible random densities."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from toros_fem.meshes.skin import Skin
 
 
 def random_density(skin: Skin, seed: int, mean: float = 0.5, spread: float = 0.1) -> Floats:
-    """Owned densities drawn uniformly from mean ± spread by pattern triangle.
+    """Return owned densities drawn uniformly from mean ± spread for each pattern triangle.
 
     The same seed gives the same density in each triangle on any number of ranks.
 
@@ -30,10 +30,10 @@ def random_density(skin: Skin, seed: int, mean: float = 0.5, spread: float = 0.1
 
 
 def check_density(skin: Skin, density: Floats) -> None:
-    """Check size and range of owned densities, alike on all ranks (collective).
+    """Check shape and range of owned densities, with one result on all ranks (collective).
 
     Raises:
-        DensityError: Naming the size, or the first triangle outside [0, 1].
+        DensityError: The shape is wrong, or a triangle is outside [0, 1].
     """
     error = None
     owned = len(skin.owned_cells)
@@ -47,6 +47,6 @@ def check_density(skin: Skin, density: Floats) -> None:
             k = int(np.flatnonzero(outside)[0])
             error = DensityError(
                 f"density of triangle {skin.owned_cells[k]} is {density[k]}; it must lie in "
-                "[0, 1]. Clip it, or look for the error before."
+                "[0, 1]. Clip the density, or look for an earlier error."
             )
     raise_together(skin.comm, error)

@@ -1,4 +1,4 @@
-"""Density filters, chosen by name."""
+"""Interface of the density filters, and their choice by name."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FILTERS = ("cone", "helmholtz")
 
 
 class Filter(Protocol):
-    """From the design density ρ to the filtered density ρ̃, and back.
+    """Map from the design density ρ to the filtered density ρ̃, with its derivative.
 
     Attributes:
         name: "cone" or "helmholtz".
@@ -26,23 +26,23 @@ class Filter(Protocol):
     radius: float
 
     def forward(self, density: Floats) -> Floats:
-        """ρ̃ at owned triangles from ρ there (collective)."""
+        """Return ρ̃ at owned triangles from ρ there (collective)."""
         ...
 
     def backward(self, gradient: Floats) -> Floats:
-        """∂T/∂ρ from ∂T/∂ρ̃, owned values (collective)."""
+        """Return ∂T/∂ρ from ∂T/∂ρ̃, owned values (collective)."""
         ...
 
     def slope(self, density: Floats) -> Floats:
-        """∇ρ̃ at the centroids of owned triangles, (2, k), in 1/m (collective)."""
+        """Return ∇ρ̃ at the centroids of owned triangles, (2, k), in 1/m (collective)."""
         ...
 
     def slope_backward(self, gradient: Floats) -> Floats:
-        """∂T/∂ρ from ∂T/∂∇ρ̃, (2, k), owned values (collective)."""
+        """Return ∂T/∂ρ from ∂T/∂∇ρ̃, (2, k), owned values (collective)."""
         ...
 
     def at_points(self, density: Floats) -> Floats:
-        """ρ̃ at all flat points of the pattern, (m,), on every rank (collective)."""
+        """Return ρ̃ at all flat points of the pattern, (m,), on every rank (collective)."""
         ...
 
 
@@ -53,14 +53,17 @@ def make_filter(
     lattice: Floats | None = None,
     whole: Mirrored | None = None,
 ) -> Filter:
-    """The filter of a name.
+    """Return the filter of a given name.
 
     Args:
         name: "cone" (`ConeFilter`) or "helmholtz" (`HelmholtzFilter`).
         skin: The sewn skin.
         radius: R in m.
-        lattice, whole: As for `ConeFilter`; the Helmholtz filter crosses all seams as it is, and
-            its free borders are planes of symmetry.
+        lattice, whole: As for `ConeFilter`. The Helmholtz filter needs neither: it crosses all
+            seams, and its free borders act as planes of symmetry.
+
+    Raises:
+        ParameterError: The name is unknown, or the radius is out of bounds.
     """
     require_choice("filter", name, FILTERS)
     if name == "cone":

@@ -1,4 +1,4 @@
-"""Helmholtz filter: a partial differential equation on the sewn skin."""
+"""Helmholtz filter, a partial differential equation on the sewn skin."""
 
 from __future__ import annotations
 
@@ -18,23 +18,22 @@ from toros_fem.meshes.skin import Skin
 
 
 class HelmholtzFilter:
-    """−r² ∇²ρ̃ + ρ̃ = ρ on the sewn skin, r = R/(2√3) (Lazarov & Sigmund 2011, eqs. 3, 7).
+    """Filter −r² ∇²ρ̃ + ρ̃ = ρ on the sewn skin, r = R/(2√3) (Lazarov & Sigmund 2011, eqs. 3, 7).
 
-    ρ̃ is continuous and piecewise linear; its value in a triangle is that at the centroid. Seams
-    are no borders: what is printed on one panel reaches over to the next. Costs grow with the
-    number of triangles only, whatever the radius. The mass is lumped at the vertices, so that ρ̃
-    stays in [0, 1] on meshes without obtuse angles whatever the radius; elsewhere it is clipped
-    by the projection's own bounds.
+    ρ̃ is continuous and piecewise linear; its value in a triangle is that at the centroid. The
+    filter crosses seams, so that the print on one panel affects the next. The cost grows with the
+    number of triangles and does not depend on the radius. The mass is lumped at the vertices, so
+    that ρ̃ stays in [0, 1] on meshes without obtuse angles; on other meshes the projection clips it.
 
     Args:
         skin: The sewn skin.
-        radius: R in m of the cone of the same reach.
+        radius: R in m; the cone of this radius filters as much.
 
     Raises:
         ParameterError: The radius is not positive.
 
     Warns:
-        UserWarning: The radius is under 1.5 edge lengths and hardly filters anything.
+        UserWarning: The radius is under 1.5 edge lengths and hardly filters.
     """
 
     name = "helmholtz"
@@ -76,7 +75,7 @@ class HelmholtzFilter:
         self._grads = np.ascontiguousarray(self._grads.transpose(1, 0, 2))
 
     def _gathered(self, corners: Floats) -> Floats:
-        """Sum of values at the corners (k, 3) of owned triangles, at owned vertices."""
+        """Return sums at owned vertices of values at the corners of owned triangles, (k, 3)."""
         self._work.array[:] = np.bincount(
             self._nodes.ravel(), corners.ravel(), minlength=len(self._work.array)
         )
@@ -84,7 +83,7 @@ class HelmholtzFilter:
         return np.array(self._work.array[: self._size])
 
     def _corners(self, vertices: Floats) -> Floats:
-        """Values at the corners (k, 3) of owned triangles from those at owned vertices."""
+        """Return values at the corners of owned triangles, (k, 3), from those at owned vertices."""
         self._work.array[: self._size] = vertices
         self._work.scatter_forward()
         return np.asarray(self._work.array[self._nodes])
@@ -98,27 +97,27 @@ class HelmholtzFilter:
         return self._solve(self._gathered((self._third * np.repeat(density, 3)).reshape(-1, 3)))
 
     def _vertices_backward(self, corners: Floats) -> Floats:
-        reached = self._corners(self._solve(self._gathered(corners)))
-        return np.asarray((self._third.reshape(-1, 3) * reached).sum(axis=1))
+        at_corners = self._corners(self._solve(self._gathered(corners)))
+        return np.asarray((self._third.reshape(-1, 3) * at_corners).sum(axis=1))
 
     def forward(self, density: Floats) -> Floats:
-        """ρ̃ at owned triangles from ρ there (collective)."""
+        """Return ρ̃ at owned triangles from ρ there (collective)."""
         return np.asarray(self._corners(self._vertices(density)).mean(axis=1))
 
     def backward(self, gradient: Floats) -> Floats:
-        """∂T/∂ρ from ∂T/∂ρ̃, owned values (collective)."""
+        """Return ∂T/∂ρ from ∂T/∂ρ̃, owned values (collective)."""
         return self._vertices_backward(np.repeat(gradient[:, None] / 3, 3, axis=1))
 
     def slope(self, density: Floats) -> Floats:
-        """∇ρ̃ in owned triangles, (2, k), in 1/m (collective)."""
+        """Return ∇ρ̃ in owned triangles, (2, k), in 1/m (collective)."""
         return np.einsum("dki,ki->dk", self._grads, self._corners(self._vertices(density)))
 
     def slope_backward(self, gradient: Floats) -> Floats:
-        """∂T/∂ρ from ∂T/∂∇ρ̃, (2, k), owned values (collective)."""
+        """Return ∂T/∂ρ from ∂T/∂∇ρ̃, (2, k), owned values (collective)."""
         return self._vertices_backward(np.einsum("dki,dk->ki", self._grads, gradient))
 
     def at_points(self, density: Floats) -> Floats:
-        """ρ̃ at all flat points of the pattern, (m,), on every rank (collective)."""
+        """Return ρ̃ at all flat points of the pattern, (m,), on every rank (collective)."""
         pattern = self._skin.pattern
         owned = self._vertices(density)
         vertex = self._vertex[: self._size]

@@ -1,4 +1,4 @@
-"""Neighbours inside a panel, and sparse matrices on them, built once and spread over the ranks."""
+"""Neighbours inside a panel, and distributed sparse matrices of weights on them."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 
-# Pairs searched for at once: what is sorted and weighed stays small beside the matrix.
+# Pairs searched for at once: the work arrays stay small beside the matrix.
 PAIRS = 2_000_000
-# Below so many edge lengths a filter reaches no neighbour worth the name.
+# Number of edge lengths below which a filter reaches hardly any neighbour.
 RESOLVED = 1.5
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """Some rows of a stencil: which triangles lie near which points.
+    """Pairs of a point and a triangle near it, ordered by point.
 
     Attributes:
-        row: Point of each pair, counted from the first one of these rows, ascending.
+        row: Point of each pair, counted from the first point of these rows, ascending.
         rows: Number of points.
         cell: Pattern triangle of each pair.
         offset: From the point to the triangle's centroid, (k, 2), in m.
@@ -43,21 +43,22 @@ class Pairs:
     distance: Floats
 
     def sums(self, weight: Floats) -> Floats:
-        """Sum of a weight over the pairs of each point, (rows,)."""
+        """Return the sum of a weight over the pairs of each point, (rows,)."""
         return np.bincount(self.row, weight, minlength=self.rows).astype(np.float64)
 
 
 class Neighbourhood:
-    """Finds the centroids within a radius of points of the same panel.
+    """Search for the centroids within a radius of points on the same panel.
 
-    A print does not cross a seam, so that distances are taken inside one panel; on a periodic
-    tile they are taken on the torus, and on a part of a symmetric skin across its planes.
+    A print does not cross a seam, so distances are measured inside one panel; on a periodic tile
+    they are measured on the torus, and on a part of a symmetric skin across its planes.
 
     Args:
         pattern: The pattern.
         radius: Radius in m.
-        lattice: The two vectors, (2, 2), in m, by which a tile repeats; None if nothing does.
-        whole: What the pattern is a part of, `meshes.mirrored`; None if it is whole.
+        lattice: The two lattice vectors, (2, 2), in m, of a periodic tile; None: not periodic.
+        whole: The symmetric skin that the pattern is a part of, from `meshes.mirrored`; None: the
+            pattern is whole.
 
     Raises:
         ParameterError: The radius is not positive, or a tile is not wider than twice the radius.
@@ -79,16 +80,16 @@ class Neighbourhood:
         elif lattice is not None:
             points, cells = _repeated(points, np.asarray(lattice, dtype=np.float64), radius)
             panel = panel[cells]
-        # Panels are told apart by a third coordinate that neither radius nor panel bridges.
+        # A third coordinate separates the panels by more than the radius and their size.
         self._floor = 3 * radius + 2 * float(np.ptp(points, axis=0).max())
         self._cells = cells
         self._points = np.column_stack([points, self._floor * panel])
         self._tree = cKDTree(self._points)
-        share = np.pi * radius**2 / float(pattern.areas.mean())
-        self._chunk = max(1, int(PAIRS / min(max(share, 1.0), float(len(cells)))))
+        expected = np.pi * radius**2 / float(pattern.areas.mean())
+        self._chunk = max(1, int(PAIRS / min(max(expected, 1.0), float(len(cells)))))
 
     def pairs(self, points: Floats, panel: Ints) -> Iterator[Pairs]:
-        """The neighbours of points (k, 2) of given panels (k,), some rows at a time."""
+        """Yield the neighbours of points, (k, 2), on given panels, (k,), some rows at a time."""
         lifted = np.column_stack([points, self._floor * panel])
         for begin in range(0, len(points), self._chunk):
             part = lifted[begin : begin + self._chunk]
@@ -102,38 +103,38 @@ class Neighbourhood:
             yield Pairs(row, len(part), self._cells[target], offset, near["v"][ordered.data])
 
     def counts(self, points: Floats, panel: Ints) -> Ints:
-        """How many neighbours points (k, 2) of given panels (k,) have."""
+        """Return the number of neighbours of points, (k, 2), on given panels, (k,)."""
         lifted = np.column_stack([points, self._floor * panel])
         return self._tree.query_ball_point(lifted, self.radius, return_length=True)
 
     def nearest(self, points: Floats, panel: Ints) -> Ints:
-        """The triangle whose centroid lies nearest to each point of the same panel."""
+        """Return the triangle on the same panel whose centroid is nearest to each point."""
         _, found = self._tree.query(np.column_stack([points, self._floor * panel]))
         return self._cells[found]
 
 
 def _by_rows(row: Ints, column: Ints, shape: tuple[int, int]) -> csr_array:
-    """Which pair stands where when pairs are ordered by row and column."""
+    """Return a matrix of pair numbers, ordered by row and column."""
     ordered = coo_array((np.arange(len(row)), (row, column)), shape=shape).tocsr()
     ordered.sort_indices()
     return ordered
 
 
 def _repeated(points: Floats, lattice: Floats, radius: float) -> tuple[Floats, Ints]:
-    """Points of a tile with those copies of them that are within reach, and whose they are."""
+    """Return a tile's points with their copies within the radius, and the triangle of each."""
     if lattice.shape != (2, 2):
-        raise ParameterError(f"lattice has shape {lattice.shape}; it must hold two vectors (2, 2).")
+        raise ParameterError(f"lattice has shape {lattice.shape}; two vectors have shape (2, 2).")
     area = abs(float(np.linalg.det(lattice)))
     width = area / max(float(np.linalg.norm(lattice, axis=1).max()), np.finfo(float).tiny)
     if not width > 2 * radius:
         raise ParameterError(
-            f"a tile {width:.3g} m wide meets itself within the radius = {radius:.3g} m; it must "
-            "be wider than twice the radius. Repeat the tile, or reduce the radius."
+            f"the tile is {width:.3g} m wide and radius = {radius:.3g} m; the tile must be wider "
+            "than twice the radius. Repeat the tile, or reduce the radius."
         )
     low, high = points.min(axis=0) - radius, points.max(axis=0) + radius
     cells: Ints = np.arange(len(points), dtype=np.int64)
     copies, owners = [points], [cells]
-    # However slanted the vectors are: a copy further off than this lies beyond reach.
+    # A copy further away than this is out of reach, however oblique the lattice is.
     most = int(np.ceil(np.linalg.norm(high - low) / width))
     for i in range(-most, most + 1):
         for j in range(-most, most + 1):
@@ -151,15 +152,15 @@ def neighbour_matrices(
     weigh: Callable[[Pairs], Sequence[Floats]],
     number: int = 1,
 ) -> list[PETSc.Mat]:
-    """Matrices over the triangles of a skin, one for each weight, with the stencil in common.
+    """Assemble matrices over the triangles of a skin, one for each weight (collective).
 
-    Rows and columns are numbered as the densities are; the reach crosses the borders of ranks.
+    Rows and columns are numbered like the densities; neighbours may belong to other ranks.
 
     Args:
         skin: The sewn skin.
-        near: Its neighbourhoods.
-        weigh: Weights of some pairs, one array for each matrix.
-        number: How many matrices.
+        near: Search for neighbours.
+        weigh: Function that returns the weights of pairs, one array for each matrix.
+        number: Number of matrices.
     """
     pattern, owned = skin.pattern, skin.owned_cells
     first = skin.density_space.dofmap.index_map.local_range[0]
@@ -168,21 +169,20 @@ def neighbour_matrices(
     points, panel = pattern.centroids[owned], pattern.panel[owned]
     counts = near.counts(points, panel).astype(PETSc.IntType)
     size = (len(owned), len(column))
-    # What is not owned is not known before: room that is never touched costs no memory.
+    # How many neighbours are owned is not known here; allocated rows that stay empty cost nothing.
     room = counts if skin.comm.size == 1 else (np.minimum(counts, len(owned)), counts)
     matrices = [
         PETSc.Mat().createAIJ((size, size), nnz=room, comm=skin.comm) for _ in range(number)
     ]
-    for (
-        matrix
-    ) in matrices:  # a pair just at the radius may be counted in one way and found in another
+    # Rounding may find a pair at the radius that the count did not include.
+    for matrix in matrices:
         matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
     begin = 0
     for pairs in near.pairs(points, panel):
         rows = np.arange(begin, begin + pairs.rows, dtype=PETSc.IntType) + first
         start = np.searchsorted(pairs.row, np.arange(pairs.rows + 1)).astype(PETSc.IntType)
         for matrix, weight in zip(matrices, weigh(pairs), strict=True):
-            # A triangle and its image may both be near.
+            # A triangle and its copy may both be near, so entries are added.
             matrix.setValuesIJV(start, column[pairs.cell], weight, addv=True, rowmap=rows)
         begin += pairs.rows
     for matrix in matrices:
@@ -191,7 +191,7 @@ def neighbour_matrices(
 
 
 def multiply(matrix: PETSc.Mat, values: Floats) -> Floats:
-    """Owned entries of A v (collective)."""
+    """Return the owned entries of A v (collective)."""
     right, left = matrix.createVecs()
     right.array[:] = values
     matrix.mult(right, left)
@@ -199,7 +199,7 @@ def multiply(matrix: PETSc.Mat, values: Floats) -> Floats:
 
 
 def multiply_transpose(matrix: PETSc.Mat, values: Floats) -> Floats:
-    """Owned entries of Aᵀ v (collective)."""
+    """Return the owned entries of Aᵀ v (collective)."""
     right, left = matrix.createVecs()
     left.array[:] = values
     matrix.multTranspose(left, right)
@@ -207,17 +207,17 @@ def multiply_transpose(matrix: PETSc.Mat, values: Floats) -> Floats:
 
 
 def mean_edge(skin: Skin) -> float:
-    """Edge length in m of an equilateral triangle of the pattern's mean area."""
+    """Return the edge length in m of an equilateral triangle of the pattern's mean area."""
     return float(np.sqrt(skin.pattern.areas.mean() * 4 / np.sqrt(3)))
 
 
 def warn_if_unresolved(skin: Skin, radius: float) -> None:
-    """Say loudly that a filter's radius in m is too small for the mesh."""
+    """Warn if a filter's radius in m is too small for the mesh."""
     edge = mean_edge(skin)
     if radius < RESOLVED * edge:
         warnings.warn(
             f"filter radius = {radius:.3g} m is under {RESOLVED} edge lengths ({edge:.3g} m "
-            "each): it hardly filters, and no width of a line is under control. Refine the mesh "
-            f"to edges of {radius / RESOLVED:.3g} m, or enlarge the radius.",
+            "each): it hardly filters and guarantees no width of a line. Refine the mesh to "
+            f"edges of {radius / RESOLVED:.3g} m, or enlarge the radius.",
             stacklevel=3,
         )

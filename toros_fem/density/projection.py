@@ -12,11 +12,14 @@ from toros_fem._validate import require_between, require_positive
 
 @dataclass(frozen=True)
 class Projection:
-    """ρ̄ = (tanh βη + tanh β(ρ̃−η)) / (tanh βη + tanh β(1−η)), eq. (12).
+    """Projection ρ̄ = (tanh βη + tanh β(ρ̃−η)) / (tanh βη + tanh β(1−η)), eq. (12).
 
     Attributes:
         beta: Steepness β; 20 in the paper.
         eta: Threshold η; 0.5 in the paper.
+
+    Raises:
+        ParameterError: β is not positive, or η is outside [0, 1].
     """
 
     beta: float = 20.0
@@ -31,14 +34,14 @@ class Projection:
         return float(np.tanh(self.beta * self.eta) + np.tanh(self.beta * (1 - self.eta)))
 
     def forward(self, filtered: Floats) -> Floats:
-        """ρ̄ from ρ̃, both in [0, 1]."""
+        """Return ρ̄ from ρ̃, both in [0, 1]."""
         low = np.tanh(self.beta * self.eta)
         raised = (low + np.tanh(self.beta * (filtered - self.eta))) / self._scale
-        return np.asarray(np.clip(raised, 0.0, 1.0))  # rounding alone could leave [0, 1]
+        return np.asarray(np.clip(raised, 0.0, 1.0))  # rounding may leave [0, 1]
 
     def backward(self, filtered: Floats, gradient: Floats) -> Floats:
-        """∂T/∂ρ̃ from ∂T/∂ρ̄."""
-        # Where `forward` clips (an obtuse mesh may overshoot) nothing changes; rounding is no clip.
+        """Return ∂T/∂ρ̃ from ∂T/∂ρ̄."""
+        # Where `forward` clips, on obtuse meshes, the derivative is 0; rounding does not count.
         inside = (filtered > -1e-9) & (filtered < 1 + 1e-9)
         slope = inside * self.beta / np.cosh(self.beta * (filtered - self.eta)) ** 2 / self._scale
         return np.asarray(slope * gradient)
