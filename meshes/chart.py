@@ -1,4 +1,4 @@
-"""One piece of a surface: opened to a disc, laid flat, checked."""
+"""Charts: regions of a surface, opened to a disc, laid flat and checked."""
 
 from __future__ import annotations
 
@@ -10,39 +10,40 @@ import shapely
 from toros_fem._types import Bools, Floats, Ints
 from toros_fem.errors import SurfaceError
 from toros_fem.meshes.cut import cones, cut_open, disc_cuts, euler
-from toros_fem.meshes.distortion import principal_stretches
+from toros_fem.meshes.distortion import triangle_stretches
 from toros_fem.meshes.flatten import abf_angles, closure_error, conformal, unrolled
 from toros_fem.meshes.pattern import MIN_HEIGHT_RATIO
 from toros_fem.meshes.topology import (
     angle_defects,
     corner_angles,
     edges_of,
+    flat_areas,
     half_edges,
     normals,
     shapes,
 )
 
 METHODS = ("auto", "exact", "abf", "lscm")
-# Edges whose lengths differ by less than this share are equal: an STL has seven digits.
+# Edges whose lengths differ by less than this fraction are equal: an STL has seven digits.
 DEVELOPABLE = 1e-4
-# Flat triangles thinner than this (height over longest edge) are near to what patterns refuse.
+# Patterns refuse flat triangles of half this thickness (height over longest edge).
 SLIVER = 2 * MIN_HEIGHT_RATIO
-# On so small a share of a piece's area the bound on stretch may be exceeded: at rough spots.
+# Fraction of a region's area, at rough spots, on which the bound on stretch may be exceeded.
 SPOTS = 0.02
 
 
 class ChartError(Exception):
-    """A piece cannot be laid flat in one; parting it may help."""
+    """A region cannot be laid flat as one panel; dividing it may help."""
 
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """A piece laid flat.
+    """A region laid flat.
 
     Attributes:
         corners: Flat corners of each triangle, shape (t, 3, 2), in m.
-        slits: Whether the piece was cut from corner i to i + 1 of each triangle, to be a disc,
-            shape (t, 3).
+        slits: Whether the region was cut from corner i to i + 1 of each triangle to become a
+            disc, shape (t, 3).
         method: "exact", "abf" or "lscm".
     """
 
@@ -54,20 +55,20 @@ class Chart:
 def lay_flat(
     points: Floats, triangles: Ints, cuts: Bools, method: str, max_stretch: float, tips: bool
 ) -> Chart:
-    """Open a connected piece to a disc and lay it flat, with the area that it has in space.
+    """Open a connected region to a disc and lay it flat, with the area that it has in space.
 
     Args:
         points: Vertices of the whole surface (n, 3) in m.
-        triangles: Triangles of the piece (t, 3).
+        triangles: Triangles of the region (t, 3).
         cuts: Whether it is already cut from corner i to i + 1 of each triangle, (t, 3).
         method: One of `METHODS`.
         max_stretch: Bound on stretch and compression.
         tips: Whether cuts may go through tips of high curvature.
 
     Raises:
-        ChartError: The flat piece is turned over, has slivers, overlaps itself or is stretched too
-            far.
-        SurfaceError: "exact" was asked for a piece that is not developable.
+        ChartError: Flat triangles are turned over or slivers, or the flat region overlaps itself
+            or is stretched too far.
+        SurfaceError: The method is "exact", but the region is not developable.
     """
     edges = edges_of(triangles)
     seams = np.zeros(len(edges.ends), dtype=bool)
@@ -86,7 +87,7 @@ def lay_flat(
     corners = flat[cut.triangles]
     _check_injective(flat, cut.triangles)
     if np.isfinite(max_stretch):
-        stretches = principal_stretches(corners, embedded[cut.triangles])
+        stretches = triangle_stretches(corners, embedded[cut.triangles])
         strain = np.maximum(stretches[:, 0], 1 / stretches[:, 1]) - 1
         area = np.linalg.norm(normals(points, triangles), axis=1)
         if area[strain > max_stretch].sum() > SPOTS * area.sum():
@@ -105,10 +106,10 @@ def _mapped(points: Floats, triangles: Ints, method: str) -> tuple[Floats, str]:
             defect = np.abs(angle_defects(triangles, edges_of(triangles), angles))
             vertex = int(np.argmax(defect))
             raise SurfaceError(
-                f"a piece of {len(triangles)} triangles is not developable: unrolled, edges are "
-                f"off by {error:.2g} (bound {DEVELOPABLE:g}); the angles around the vertex at "
-                f"{points[vertex]} m miss 2π by {defect[vertex]:.2g} rad. Cut through such "
-                "vertices, or take method 'auto'."
+                f"a region of {len(triangles)} triangles is not developable: unrolled, edge "
+                f"lengths change by {error:.2g} (bound {DEVELOPABLE:g}); the angles around the "
+                f"vertex at {points[vertex]} m miss 2π by {defect[vertex]:.2g} rad. Cut through "
+                "such vertices, or use method 'auto'."
             )
     if method != "lscm":
         try:
@@ -121,19 +122,16 @@ def _mapped(points: Floats, triangles: Ints, method: str) -> tuple[Floats, str]:
 
 
 def _scaled(points: Floats, triangles: Ints, flat: Floats) -> Floats:
-    wanted = np.linalg.norm(normals(points, triangles), axis=1).sum()
-    return flat * np.sqrt(wanted / np.abs(_double_areas(flat, triangles).sum()))
-
-
-def _double_areas(flat: Floats, triangles: Ints) -> Floats:
-    a, b, c = np.moveaxis(flat[triangles], 1, 0)
-    u, v = b - a, c - a
-    return u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    target = np.linalg.norm(normals(points, triangles), axis=1).sum() / 2
+    return flat * np.sqrt(target / np.abs(flat_areas(flat[triangles]).sum()))
 
 
 def _check_injective(flat: Floats, triangles: Ints) -> None:
-    """A map of a disc that turns no triangle over is one-to-one if it is so on the border."""
-    area = _double_areas(flat, triangles)
+    """Check that a flat disc does not overlap itself.
+
+    A map of a disc that turns no triangle over is one-to-one if it is one-to-one on the border.
+    """
+    area = flat_areas(flat[triangles])
     if np.any(area <= 0):
         raise ChartError(f"{np.sum(area <= 0)} of its {len(area)} triangles are turned over.")
     thin = shapes(np.pad(flat, ((0, 0), (0, 1))), triangles) <= SLIVER
@@ -143,10 +141,10 @@ def _check_injective(flat: Floats, triangles: Ints) -> None:
             "their longest edge."
         )
     edges = edges_of(triangles)
-    trace_pressure_path = dict(half_edges(triangles)[edges.twins[edges.border, 0]].tolist())
-    start = here = next(iter(trace_pressure_path))
+    next_vertex = dict(half_edges(triangles)[edges.twins[edges.border, 0]].tolist())
+    start = here = next(iter(next_vertex))
     loop = [start]
-    while (here := trace_pressure_path[here]) != start:
+    while (here := next_vertex[here]) != start:
         loop.append(here)
     if not shapely.is_simple(shapely.linearrings(flat[loop])):
         raise ChartError("its border overlaps itself.")

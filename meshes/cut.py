@@ -12,16 +12,16 @@ from toros_fem._types import Bools, Floats, Ints
 from toros_fem.meshes.topology import (
     Edges,
     angle_defects,
+    connected_regions,
     corner_angles,
     edges_of,
     fans,
     half_edges,
     lengths,
-    pieces,
 )
 
-# A vertex whose angles miss 2π by so much, in rad, is a tip of its own and no part of a smooth
-# rounding; seams go through such tips if they hold most of a chart's curvature.
+# A vertex whose angles miss 2π by more than this, in rad, is a tip and not part of a smooth
+# rounding. Seams go through the tips if these hold most of a chart's curvature.
 CONE = 0.5
 
 
@@ -32,7 +32,7 @@ class Cut:
     Attributes:
         chart: Chart of each triangle, shape (t,), from 0.
         triangles: Corners of each triangle among the vertices of the cut surface, (t, 3).
-        sewn: Vertex of the surface that each vertex of the cut one comes from, shape (m,).
+        sewn: Vertex of the original surface for each vertex of the cut one, shape (m,).
     """
 
     chart: Ints
@@ -46,7 +46,7 @@ def cut_open(triangles: Ints, edges: Edges, seams: Bools) -> Cut:
     Args:
         triangles: Oriented manifold triangles (t, 3).
         edges: Their edges.
-        seams: Whether to cut each edge, (e,). A lone edge that cuts nothing apart stays whole.
+        seams: Whether to cut each edge, (e,). A single edge that separates nothing stays whole.
     """
     open_edges = seams.copy()
     while True:
@@ -60,27 +60,27 @@ def cut_open(triangles: Ints, edges: Edges, seams: Bools) -> Cut:
         open_edges[slits[whole]] = False
     sewn = np.zeros(fan.max() + 1, dtype=np.int64)
     sewn[fan.ravel()] = triangles.ravel()
-    return Cut(pieces(edges, crossed), fan, sewn)
+    return Cut(connected_regions(edges, crossed), fan, sewn)
 
 
 def euler(triangles: Ints) -> int:
-    """Euler characteristic, vertices − edges + triangles: 1 for a disc, 2 for a sphere."""
+    """Return the Euler characteristic, vertices − edges + triangles: 1 for a disc."""
     return len(np.unique(triangles)) - len(edges_of(triangles).ends) + len(triangles)
 
 
 def disc_cuts(points: Floats, triangles: Ints, *, tips: bool) -> Ints:
-    """Edges along which to cut a connected piece so that it becomes a disc.
+    """Return edges along which a connected region must be cut to become a disc.
 
-    Borders and, if asked, tips (vertices of high curvature) are joined by a tree of shortest
+    Borders and, on request, tips (vertices of high curvature) are connected by a tree of shortest
     paths, the approximation of a Steiner tree by Mehlhorn (1988,
-    doi:10.1016/0020-0190(88)90066-X); Sheffer and Hart (2002, Seamster) cut through such tips. A
-    piece without either is slit between two vertices far apart. What handles are left are cut
-    along the shortest loops of a tree-cotree decomposition (Erickson and Whittlesey 2005, greedy
-    homotopy generators).
+    doi:10.1016/0020-0190(88)90066-X). Sheffer and Hart (2002, Seamster) cut through such tips. A
+    region without borders and tips is slit between two vertices far apart. The remaining handles
+    are cut along the shortest loops of a tree-cotree decomposition (Erickson and Whittlesey 2005,
+    greedy homotopy generators).
 
     Args:
         points: Vertices (n, 3) in m.
-        triangles: Oriented triangles of one connected piece (t, 3).
+        triangles: Oriented triangles of one connected region (t, 3).
         tips: Whether to cut through tips too.
 
     Returns:
@@ -112,7 +112,7 @@ def _graph(points: Floats, edges: Edges) -> csr_array:
 
 
 def _borders(edges: Edges, size: int) -> Ints:
-    """Number of the border that each vertex lies on, −1 inside."""
+    """Return the number of the border that each vertex is on, −1 inside."""
     a, b = edges.ends[edges.border].T
     graph = csr_array((np.ones(len(a)), (a, b)), shape=(size, size))
     label = connected_components(graph, directed=False)[1].astype(np.int64)
@@ -123,7 +123,7 @@ def _borders(edges: Edges, size: int) -> Ints:
 
 
 def cones(points: Floats, triangles: Ints, edges: Edges) -> Ints:
-    """Inner vertices that are tips, (k,), if they hold most of the curvature; else none."""
+    """Return the inner vertices that are tips, (k,); none if they do not hold most curvature."""
     defect = np.abs(angle_defects(triangles, edges, corner_angles(points, triangles)))
     tips = np.flatnonzero(defect > CONE)
     return tips if defect[tips].sum() > defect.sum() / 2 else tips[:0]
@@ -136,7 +136,7 @@ def _far_apart(points: Floats, edges: Edges) -> Ints:
 
 
 def _tree(points: Floats, edges: Edges, groups: Ints) -> Ints:
-    """Edges of shortest paths that join all groups of vertices (−1 is none) to a tree."""
+    """Return the edges of a tree of shortest paths between groups of vertices (−1: no group)."""
     distance, before, source = dijkstra(
         _graph(points, edges), directed=False, indices=np.flatnonzero(groups >= 0),
         return_predecessors=True, min_only=True,
@@ -148,17 +148,15 @@ def _tree(points: Floats, edges: Edges, groups: Ints) -> Ints:
     bridges = bridges[np.argsort(way[bridges], kind="stable")]
     bridges = bridges[np.unique(pair[bridges], axis=0, return_index=True)[1]]
     count = int(groups.max()) + 1
-    between = pair[bridges].T.astype(np.int32)  # the tree takes no wider indices
-    graph = csr_array((way[bridges], between), shape=(count, count))
-    chosen = minimum_spanning_tree(graph).nonzero()
-    wanted = np.isin(pair[bridges] @ [count, 1], np.stack(chosen, axis=1) @ [count, 1])
-    return np.concatenate(
-        [bridges[wanted], _ways_back(edges, before, edges.ends[bridges[wanted]].ravel())]
-    )
+    ends = pair[bridges].T.astype(np.int32)  # minimum_spanning_tree takes no wider indices
+    graph = csr_array((way[bridges], ends), shape=(count, count))
+    chosen = np.stack(minimum_spanning_tree(graph).nonzero(), axis=1)
+    bridges = bridges[np.isin(pair[bridges] @ [count, 1], chosen @ [count, 1])]
+    return np.concatenate([bridges, _ways_back(edges, before, edges.ends[bridges].ravel())])
 
 
 def _ways_back(edges: Edges, before: Ints, starts: Ints) -> Ints:
-    """Edges on the way from vertices back to the source of a shortest-path search."""
+    """Return the edges on the paths from vertices back to the source of a shortest-path search."""
     number = {(int(a), int(b)): k for k, (a, b) in enumerate(edges.ends)}
     found: set[int] = set()
     for start in starts:
@@ -173,7 +171,7 @@ def _ways_back(edges: Edges, before: Ints, starts: Ints) -> Ints:
 
 
 def _loops(points: Floats, triangles: Ints, edges: Edges, seams: Bools) -> Ints:
-    """Edges of shortest loops (or arcs between seams and borders) that open all handles."""
+    """Return the edges of shortest loops, or arcs between seams and borders, that open handles."""
     on = np.unique(np.concatenate([edges.ends[edges.border], edges.ends[seams]]))
     roots = on if len(on) else np.array([_far_apart(points, edges)[0]])
     distance, before, _ = dijkstra(
@@ -184,7 +182,7 @@ def _loops(points: Floats, triangles: Ints, edges: Edges, seams: Bools) -> Ints:
     in_tree[_ways_back(edges, before, np.arange(len(points)))] = True
     free = edges.inner[~in_tree[edges.inner] & ~seams[edges.inner]]
     way = distance[edges.ends[free]].sum(axis=1) + lengths(points, edges.ends[free])
-    # The dual tree crosses the edges with the longest loops; short loops remain.
+    # The dual tree crosses the edges with the longest loops, so that short loops remain.
     leader = np.arange(len(triangles))
 
     def find(t: int) -> int:

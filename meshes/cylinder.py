@@ -24,22 +24,22 @@ def cylinder(
     mesh: str = "unstructured",
     caps: bool = True,
 ) -> Pattern:
-    """A tube along z from z = 0 (panel "base") to z = length (panel "tip"), same on all ranks.
+    """Make a tube along z from z = 0 (panel "base") to z = length (panel "tip") (collective).
 
-    The wall is developed into one rectangle, u around and v = z along, cut at the generator in
-    the half-plane y = 0, x < 0, the outside of a bend towards +x. The tube is the prism
-    over the regular n-gon inscribed in the given circle, n = round(π diameter / edge_length), so
-    that rolling up the structured mesh is an exact isometry; its perimeter is short of
-    π diameter by a share π²/(6 n²).
+    The wall is one flat rectangle, u around the tube and v = z along it. It is sewn along the line
+    in the half-plane y = 0, x < 0: the outside of a bend towards +x. The tube is the prism over the
+    regular n-gon inscribed in the given circle, n = round(π diameter / edge_length). Rolling up
+    the structured mesh is therefore an exact isometry. The perimeter is smaller than π diameter by
+    the fraction π²/(6 n²).
 
     Args:
         comm: Communicator; gmsh runs on its first rank only.
         length: Length of the tube in m.
         diameter: Diameter of the circle through the vertices, in m.
-        edge_length: Wanted edge length in m.
+        edge_length: Target edge length in m.
         mesh: "unstructured" (gmsh, frontal Delaunay) or "structured" (right triangles with one
             diagonal direction, on which the curvature "average" is exact for quadratics).
-        caps: Whether the ends are closed; an open tube cannot carry pressure.
+        caps: Whether the ends are closed. An open tube cannot carry pressure.
 
     Raises:
         ParameterError: A size is not positive, or too large for a tube of six sides and two rows.
@@ -51,8 +51,8 @@ def cylinder(
     around = round(np.pi * diameter / edge_length)
     rows = max(2, round(length / edge_length))
     radius = diameter / 2
-    modified = 2 * radius * np.sin(np.pi / around)
-    width = around * modified
+    chord = 2 * radius * np.sin(np.pi / around)
+    width = around * chord
 
     def build() -> Pattern:
         if mesh == "structured":
@@ -69,7 +69,7 @@ def cylinder(
         panels = [_wall_panel(*wall, radius, width)]
         if cap is not None:
             panels += [_cap_panel(BASE, *cap, 0.0), _cap_panel(TIP, *cap, length)]
-        return Pattern.from_panels(panels, tolerance=1e-3 * min(modified, length / rows))
+        return Pattern.from_panels(panels, tolerance=1e-3 * min(chord, length / rows))
 
     return on_first_rank(comm, build)
 

@@ -1,4 +1,4 @@
-"""A target shape that the user has deformed in a program of their own."""
+"""Target shapes that the user deforms in another program."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from toros_fem.meshes.pattern import Pattern
 
 
 def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
-    """Target positions from a deformed copy of the assembled skin (collective).
+    """Read target positions from a deformed copy of the assembled skin (collective).
 
-    `meshio.write_points_cells(path, pattern.points, [("triangle", pattern.triangles)])` writes what
-    is to be deformed. Vertices are matched by their order, so the program must keep it: OBJ, PLY
-    and VTU files do, STL files hold none.
+    `meshio.write_points_cells(path, pattern.points, [("triangle", pattern.triangles)])` writes the
+    skin to be deformed. Vertices are matched by their order, which the program must keep. OBJ, PLY
+    and VTU files keep it; STL files do not.
 
     Args:
         comm: Communicator.
         path: A file that meshio reads, in m.
-        pattern: The pattern; the mesh must have its vertices and triangles, in whatever order the
-            triangles are.
+        pattern: The pattern. The mesh must have its vertices, in their order, and its triangles,
+            in any order.
 
     Returns:
         Position of each assembled vertex, (n, 3), in m.
 
     Raises:
-        TargetError: The file cannot be read, holds a position that is not finite, or another mesh
-            than the pattern's.
+        TargetError: The file cannot be read, has a position that is not finite, or its mesh is
+            not the pattern's.
     """
     return on_first_rank(comm, lambda: _read(Path(path), pattern))
 
@@ -59,22 +59,22 @@ def _read(path: Path, pattern: Pattern) -> Floats:
             f"{path} has {len(theirs)} triangles; the skin has {len(pattern.panel)}. Deform the "
             "skin itself, and do not remesh it."
         )
-    ours = _turned(pattern.triangles)
-    both = np.concatenate([ours, _turned(theirs)])
+    ours = _lowest_first(pattern.triangles)
+    both = np.concatenate([ours, _lowest_first(theirs)])
     number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
     missing = np.flatnonzero(~np.isin(number[: len(ours)], number[len(ours) :]))
     if len(missing):
         cell = int(missing[0])
         raise TargetError(
             f"triangle {cell} of the skin, between the vertices {pattern.triangles[cell]}, is not "
-            f"in {path}: its vertices are in another order, or it is turned inside out. Export it "
-            "so that the order is kept."
+            f"in {path}: the vertices are in another order, or the surface is inside out. Export "
+            "it so that the order is kept."
         )
     return points
 
 
-def _turned(triangles: Ints) -> Ints:
-    """The same triangles, each beginning with its lowest corner."""
+def _lowest_first(triangles: Ints) -> Ints:
+    """Return the same triangles, each one starting with its lowest corner."""
     first = np.argmin(triangles, axis=1)[:, None]
-    turned = np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)
-    return np.asarray(turned, dtype=np.int64)
+    rotated = np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)
+    return np.asarray(rotated, dtype=np.int64)

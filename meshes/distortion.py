@@ -1,4 +1,4 @@
-"""How far flat panels are from the surface they are to cover."""
+"""Distortion between flat panels and the surface that they cover."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Distortion:
     Attributes:
         panel: Panel of each triangle, shape (t,).
         panel_names: A name for each panel.
-        weight: Area of each triangle on the surface, shape (t,), in m²; means are weighted by it.
+        weight: Area of each triangle on the surface, shape (t,), in m², the weight in means.
         stretches: Principal stretches of each triangle, the larger first, shape (t, 2).
         area_ratio: Area on the surface over flat area, shape (t,).
         angle_error: Largest change of a triangle's angles, shape (t,), in rad.
@@ -54,7 +54,7 @@ class Distortion:
         return float(self.seam_gap.max(initial=0.0))
 
     def table(self) -> str:
-        """Worst and mean figures of each panel and of all, as lines of text."""
+        """Return the worst and mean values of each panel and of all, as lines of text."""
         head = (
             "panel             triangles  area/cm²   stretch        area ratio     angle error\n"
             "                                       worst   mean    min    max     worst   mean"
@@ -76,14 +76,14 @@ class Distortion:
 
 
 def distortion(pattern: Pattern) -> Distortion:
-    """Distortion between the flat and the assembled shape of a pattern.
+    """Return the distortion between the flat and the assembled shape of a pattern.
 
     Args:
         pattern: Any pattern.
     """
     ends = pattern.flat_points[pattern.seams]
     length = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
-    stretches = principal_stretches(pattern.corners, pattern.points[pattern.triangles])
+    stretches = triangle_stretches(pattern.corners, pattern.points[pattern.triangles])
     ratio = stretches.prod(axis=1)
     angle = corner_angles(pattern.points, pattern.triangles) - corner_angles(
         pattern.flat_points, pattern.flat_triangles
@@ -99,8 +99,8 @@ def distortion(pattern: Pattern) -> Distortion:
     )
 
 
-def principal_stretches(flat: Floats, corners: Floats) -> Floats:
-    """Singular values of F = ∂x/∂x̄ of each triangle, the larger first, (t, 2).
+def triangle_stretches(flat: Floats, corners: Floats) -> Floats:
+    """Return the singular values of F = ∂x/∂x̄ of each triangle, the larger first, (t, 2).
 
     Args:
         flat: Flat corners (t, 3, 2).

@@ -1,4 +1,4 @@
-"""Discs laid flat: triangle by triangle, by least angle distortion, by least conformal energy."""
+"""Flattening of discs: unrolled, with least angle distortion, or with least conformal energy."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ ROUNDS = 500
 
 
 def unrolled(points: Floats, triangles: Ints) -> Floats:
-    """A developable disc laid out triangle by triangle, breadth first, (n, 2) in m.
+    """Unroll a developable disc triangle by triangle, breadth first, to points (n, 2) in m.
 
     Args:
         points: Vertices (n, 3) in m.
@@ -27,7 +27,7 @@ def unrolled(points: Floats, triangles: Ints) -> Floats:
     dual = csr_array((np.ones(len(one)), (one, two)), shape=(size, size))
     order, before = breadth_first_order(dual, 0, directed=False)
     a, b, c = np.moveaxis(points[triangles], 1, 0)
-    # Place of corner i + 2 if corner i lies at 0 and corner i + 1 at 1, as a complex number.
+    # Place of corner i + 2, as a complex number, if corner i is at 0 and corner i + 1 at 1.
     ratio = np.stack([_third(a, b, c), _third(b, c, a), _third(c, a, b)], axis=1)
     place = np.full(len(points), np.nan, dtype=complex)
     first = triangles[order[0]]
@@ -49,23 +49,23 @@ def _third(a: Floats, b: Floats, c: Floats) -> np.ndarray:
 
 
 def closure_error(points: Floats, flat: Floats, triangles: Ints) -> float:
-    """Largest relative difference between lengths of edges in the plane and in space."""
+    """Return the largest relative difference of edge lengths between the plane and space."""
     ends = edges_of(triangles).ends
     return float(np.abs(lengths(flat, ends) / lengths(points, ends) - 1).max())
 
 
 def conformal(triangles: Ints, angles: Floats) -> Floats:
-    """The layout of a disc of least conformal energy for given angles, (n, 2), of any size.
+    """Lay a disc flat with least conformal energy for given angles; return points (n, 2).
 
-    The energy is that of least squares conformal maps (Lévy et al. 2002, doi:10.1145/566654.
-    566590). Instead of two pinned vertices, of which the result would depend, the border's
-    spread is fixed: the smallest eigenvector of Mullen et al. (2008, spectral conformal
-    parameterization, doi:10.1111/j.1467-8659.2008.01289.x, eq. 5), here in complex numbers, so
-    that it is a simple one, by inverse iteration.
+    Their scale is arbitrary. The energy is that of least squares conformal maps (Lévy et al. 2002,
+    doi:10.1145/566654.566590). With two pinned vertices the result would depend on these.
+    Therefore the spread of the border is fixed instead: the result is the smallest eigenvector of
+    Mullen et al. (2008, spectral conformal parameterization, doi:10.1111/j.1467-8659.2008.01289.x,
+    eq. 5), found by inverse iteration. In complex numbers its eigenvalue is simple.
 
     Args:
         triangles: Oriented triangles of a disc (t, 3) that use the vertices 0 … n − 1.
-        angles: Angle at each corner, (t, 3), in rad: the surface's, or what `abf_angles` found.
+        angles: Angle at each corner, (t, 3), in rad: those of the surface, or of `abf_angles`.
     """
     size = int(triangles.max()) + 1
     weight = 1 / (4 * np.tan(angles.ravel()))
@@ -77,7 +77,7 @@ def conformal(triangles: Ints, angles: Floats) -> Floats:
     cols = np.concatenate([a, b, b, a, q, p])
     values = np.concatenate([weight, weight, -weight, -weight, -area, area])
     energy = csc_array(coo_array((values, (rows, cols)), shape=(size, size)))
-    # Of a developable disc the energy has a kernel; the shift is below rounding elsewhere.
+    # The energy of a developable disc has a kernel. Elsewhere the shift is below rounding.
     shift = 1e-13 * np.abs(energy.diagonal()).mean()
     kept = np.delete(np.arange(size), p[0])
     factor = splu(
@@ -104,20 +104,21 @@ def _identity(size: int) -> csc_array:
 
 
 def abf_angles(triangles: Ints, angles: Floats) -> Floats:
-    """Angles of a flat disc that differ least from a surface's, (t, 3), in rad.
+    """Return the angles of a flat disc that differ least from a surface's, (t, 3), in rad.
 
-    Angle-based flattening, Sheffer et al. 2005 (ABF++, doi:10.1145/1061347.1061354): the least
-    relative change (eq. 1) under the constraints that triangles sum up to π (eq. 2), wheels to 2π
-    (eq. 3), and wheels close in length (eq. 4, here as a sum of logarithms, which makes the
-    Hessian of the Lagrangian diagonal). Newton's steps come from a system of two unknowns an
-    inner vertex, angles and triangle constraints being eliminated (section 3).
+    Angle-based flattening by Sheffer et al. 2005 (ABF++, doi:10.1145/1061347.1061354) minimises
+    the relative change of angles (eq. 1) under these constraints: the angles of a triangle sum to π
+    (eq. 2), those around an inner vertex to 2π (eq. 3), and the edges around it close (eq. 4, here
+    as a sum of logarithms, which makes the Hessian of the Lagrangian diagonal). Angles and triangle
+    constraints are eliminated from Newton's system (section 3): two unknowns remain for each inner
+    vertex.
 
     Args:
         triangles: Oriented triangles of a disc (t, 3) that use the vertices 0 … n − 1.
         angles: Angle at each corner on the surface, (t, 3), in rad.
 
     Raises:
-        SurfaceError: Newton's method did not converge.
+        SurfaceError: Newton's method does not converge.
     """
     size, count = triangles.size, len(triangles)
     edges = edges_of(triangles)
@@ -127,14 +128,14 @@ def abf_angles(triangles: Ints, angles: Floats) -> Floats:
         return angles
     around = np.bincount(triangles.ravel(), angles.ravel())
     scale = np.where(inner, 2 * np.pi / around, 1.0)
-    wanted = (angles * scale[triangles]).ravel()
-    weight = 2 / wanted**2
+    target = (angles * scale[triangles]).ravel()
+    weight = 2 / target**2
     number = np.cumsum(inner) - 1
     corner = np.flatnonzero(inner[triangles.ravel()])
     row = number[triangles.ravel()[corner]]
     tri, place = np.divmod(corner, 3)
     ahead, behind = 3 * tri + (place + 1) % 3, 3 * tri + (place + 2) % 3
-    wheels = int(inner.sum())
+    wheels = int(inner.sum())  # a wheel: the triangles around an inner vertex
     alpha = angles.ravel().copy()
     of_triangle, of_wheel = np.zeros(count), np.zeros(2 * wheels)
     for _ in range(60):
@@ -157,7 +158,7 @@ def abf_angles(triangles: Ints, angles: Floats) -> Floats:
                 np.bincount(row, log[ahead] - log[behind], wheels),
             ]
         )
-        force = -weight * (alpha - wanted) - np.repeat(of_triangle, 3) - jacobian.T @ of_wheel
+        force = -weight * (alpha - target) - np.repeat(of_triangle, 3) - jacobian.T @ of_wheel
         done = max(np.abs(sums).max(), np.abs(closing).max(), np.abs(force / weight).max())
         if done < 1e-12:
             break
@@ -165,7 +166,7 @@ def abf_angles(triangles: Ints, angles: Floats) -> Floats:
             ahead, of_wheel[wheels + row], size
         )
         diagonal = np.maximum(weight + bend * square, 0.25 * weight)
-        # Angles first, then the multipliers of triangles: both blocks are diagonal.
+        # Eliminate the angles, then the multipliers of triangles: both blocks are diagonal.
         soft = 1 / diagonal
         pivot = soft.reshape(-1, 3).sum(axis=1)
         load = (soft * force).reshape(-1, 3).sum(axis=1) + sums
@@ -176,16 +177,16 @@ def abf_angles(triangles: Ints, angles: Floats) -> Floats:
         wheel_step = splu(csc_array(reduced)).solve(right)
         triangle_step = (load - coupling.T @ wheel_step) / pivot
         step = soft * (force - np.repeat(triangle_step, 3) - jacobian.T @ wheel_step)
-        # An angle goes at most nine tenths of the way to 0 or π.
+        # No angle moves by more than nine tenths of its distance to 0 or π.
         room = np.where(step < 0, alpha, np.pi - alpha) / np.maximum(np.abs(step), 1e-300)
-        share = min(1.0, 0.9 * float(room.min()))
-        alpha += share * step
-        of_triangle += share * triangle_step
-        of_wheel += share * wheel_step
+        fraction = min(1.0, 0.9 * float(room.min()))
+        alpha += fraction * step
+        of_triangle += fraction * triangle_step
+        of_wheel += fraction * wheel_step
     else:
         raise SurfaceError(
             f"angle-based flattening did not converge on a chart of {count} triangles (residual "
-            f"{done:.1g}). Cut the chart, or unwrap by method 'lscm'."
+            f"{done:.1g}). Cut the chart, or use method 'lscm'."
         )
     return alpha.reshape(-1, 3)
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from toros_fem._types import Floats, Ints
+from toros_fem.meshes.topology import flat_areas
 
 
 def polygon_meshes(
@@ -14,18 +15,18 @@ def polygon_meshes(
 ) -> list[tuple[Floats, Ints]]:
     """Mesh flat polygons with a prescribed number of edges on each side.
 
-    To be called on one rank: gmsh is serial. The sides are divided evenly, so that two sides of
-    equal length and count can be sewn together.
+    Call it on one rank: gmsh is serial. The sides are divided evenly, so that two sides of equal
+    length and number of edges can be sewn together.
 
     Args:
         outlines: For each polygon its corners (k, 2) in m, counter-clockwise, and the number of
             edges on the side that starts at each corner.
-        edge_length: Wanted edge length inside, in m.
+        edge_length: Target edge length inside, in m.
 
     Returns:
         For each polygon flat points (m, 2) in m and counter-clockwise triangles (t, 3).
     """
-    import gmsh  # a heavy import that structured meshes do without
+    import gmsh  # here, because it is slow, and structured meshes do not need it
 
     ours = not gmsh.isInitialized()
     if ours:
@@ -68,7 +69,5 @@ def polygon_meshes(
 
 
 def _counter_clockwise(flat: Floats, triangles: Ints) -> Ints:
-    a, b, c = np.moveaxis(flat[triangles], 1, 0)
-    u, v = b - a, c - a
-    clockwise = u[:, 0] * v[:, 1] < u[:, 1] * v[:, 0]
+    clockwise = flat_areas(flat[triangles]) < 0
     return np.where(clockwise[:, None], triangles[:, ::-1], triangles).astype(np.int64)

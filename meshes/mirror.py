@@ -1,4 +1,4 @@
-"""A part of a skin that is cut at symmetry planes, completed to the whole."""
+"""Whole skins from a part that is cut at symmetry planes."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from toros_fem.errors import ParameterError, PatternError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import half_edges
 
-# How far from a symmetry plane a vertex may lie, over the size of the skin.
+# Largest distance of a vertex in a symmetry plane from it, as a fraction of the skin's size.
 FLAT = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Mirrored:
-    """A completed skin and where its parts come from.
+    """A whole skin, and the vertex and triangle of the part behind each of its own.
 
     Attributes:
-        pattern: The whole. A panel that is cut goes on across the cut, without a seam.
-        vertex: Vertex of the part that each assembled vertex is an image of, shape (n,).
-        cell: Triangle of the part that each triangle is an image of, shape (t,). The part's own
-            come first, with their flat places.
-        flat: Flat point of the part that each flat point is an image of, shape (m,).
-        signs: What the coordinates of an image are multiplied by, ±1, shape (n, 3).
+        pattern: The whole. A panel that is cut continues across the cut, without a seam.
+        vertex: Vertex of the part whose mirror image each assembled vertex is, shape (n,).
+        cell: Triangle of the part whose mirror image each triangle is, shape (t,). The part's own
+            triangles come first, at their flat places.
+        flat: Flat point of the part whose mirror image each flat point is, shape (m,).
+        signs: Factors ±1 from the part's coordinates to those of the image, shape (n, 3).
     """
 
     pattern: Pattern
@@ -36,44 +36,44 @@ class Mirrored:
     signs: Floats
 
     def at_vertices(self, positions: Floats) -> Floats:
-        """Positions of the part's vertices, (m, 3), as those of the whole, (n, 3), in m."""
+        """Return positions of the whole, (n, 3), from those of the part, (m, 3), in m."""
         return np.asarray(self.signs * positions[self.vertex])
 
     def at_cells(self, values: Floats) -> Floats:
-        """Values at the part's triangles, such as densities, as values at those of the whole."""
+        """Return values of the whole's triangles, such as densities, from those of the part's."""
         return np.asarray(values[self.cell])
 
 
 def plane_border(pattern: Pattern, axis: int) -> Ints:
-    """Free half-edges, (k,), in a coordinate plane through the origin: where the skin is cut.
+    """Return the free half-edges, (k,), in a coordinate plane through the origin.
 
     Args:
         pattern: Half a skin, or a quarter.
         axis: Normal of the plane, 0 for x = 0, …
 
     Raises:
-        ParameterError: There is none.
+        ParameterError: There is none: the skin is not cut there.
     """
     flat = np.abs(pattern.points[:, axis]) <= FLAT * pattern.size
     border = pattern.edges.border[flat[pattern.free_edges].all(axis=1)]
     if len(border) == 0:
         raise ParameterError(
-            f"no free edge lies in the plane {'xyz'[axis]} = 0: cut the skin there, and put the "
+            f"no free edge lies in the plane {'xyz'[axis]} = 0. Cut the skin there, and put the "
             "plane through the origin."
         )
     return pattern.edges.twins[border, 0]
 
 
 def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
-    """Complete a skin by its mirror images in coordinate planes through the origin.
+    """Complete a part of a skin by its mirror images in coordinate planes through the origin.
 
     Args:
-        pattern: The part; its free edges in a plane are a cut, where it meets its image.
-        axes: Normals of the planes it is mirrored in, one after the other: 0 for x = 0, …
+        pattern: The part. Its free edges in a plane are a cut, where it meets its image.
+        axes: Normals of the planes of reflection, in this order: 0 for x = 0, …
 
     Raises:
         ParameterError: No free edge lies in a plane.
-        PatternError: The part reaches across a plane, so that part and image do not make a skin.
+        PatternError: The part reaches across a plane, so that it overlaps its image.
     """
     found = Mirrored(
         pattern,
@@ -91,7 +91,7 @@ def _doubled(part: Mirrored, axis: int) -> Mirrored:
     pattern = part.pattern
     if axis not in (0, 1, 2):
         raise ParameterError(f"axes holds {axis!r}; it may hold 0, 1 and 2, for x, y and z.")
-    # In the order of the triangles: a panel goes on across its first cut edge.
+    # In the order of the triangles: a panel continues across its first cut edge.
     flat_cut = half_edges(pattern.flat_triangles)[np.sort(plane_border(pattern, axis))]
     _check_side(pattern, axis)
     flip = np.where(np.arange(3) == axis, -1.0, 1.0)
@@ -122,28 +122,28 @@ def _doubled(part: Mirrored, axis: int) -> Mirrored:
 
 
 def _check_side(pattern: Pattern, axis: int) -> None:
-    """Check that all vertices lie on one side of a plane."""
+    """Check that all vertices are on one side of a plane."""
     away, name = pattern.points[:, axis], "xyz"[axis]
     low, high = int(np.argmin(away)), int(np.argmax(away))
     if -away[low] > FLAT * pattern.size < away[high]:
         raise PatternError(
-            f"the part reaches across the plane {name} = 0 it is mirrored in: vertex {low} lies at "
-            f"{name} = {away[low]:.6g} m, vertex {high} at {away[high]:.6g} m, where the image of "
-            "the other would be. Cut all of it there, and give what lies on one side."
+            f"the part reaches across the plane {name} = 0 of reflection: vertex {low} lies at "
+            f"{name} = {away[low]:.6g} m, vertex {high} at {away[high]:.6g} m, so that the part "
+            "and its image would overlap. Cut it there, and give one side only."
         )
 
 
 def _flat_images(
     pattern: Pattern, cut: Ints, plane: str
 ) -> tuple[Floats, Bools, Ints, tuple[str, ...]]:
-    """Mirror each panel in the line of its first cut edge, to go on there.
+    """Mirror each panel in the line of its first cut edge, where it continues.
 
-    A cut elsewhere, as on a tube's wall, becomes a seam; a panel that is not cut gets an image of
-    its own.
+    Its other cuts, as on a tube's wall, become seams. A panel without a cut gets a second panel as
+    its image.
 
     Returns:
-        Flat points mirrored, which of them are their own image, the panel of each mirrored
-        triangle, and the panels' names.
+        The mirrored flat points, whether each is its own image, the panel of each mirrored
+        triangle, and the names of all panels.
     """
     flat, names = pattern.flat_points.copy(), list(pattern.panel_names)
     panel = pattern.panel.copy()

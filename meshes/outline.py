@@ -16,7 +16,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import Line, region_mesh
 
 TOP, BOTTOM = "top", "bottom"
-# Root mean square slope of the pillow; the mean strain of the assembled panels is half its square.
+# Root mean square slope of the pillow. The mean strain of the assembled panels is half its square.
 SLOPE = 0.02
 
 
@@ -28,22 +28,22 @@ def two_panels(
     lines: Sequence[Line] = (),
     planes: Sequence[int] = (),
 ) -> Pattern:
-    """Two equal panels, "top" and "bottom", sewn along an outline; the same on all ranks.
+    """Make two equal panels, "top" and "bottom", sewn along an outline (collective).
 
-    Both have the same mesh, so that they fit vertex by vertex. The assembled skin lies in the
-    plane z = 0 up to a slight pillow, top at z > 0, which tells a simulation the sides; the rest
-    shape is flat. The first two coordinates of `Pattern.points` are the place in the outline, on
-    either panel; the flat coordinates of the bottom are mirrored, (x, −y).
+    Both have the same mesh, so that they fit vertex by vertex. The assembled skin lies in the plane
+    z = 0, apart from a slight pillow with the top at z > 0, which shows a simulation the inside.
+    The stress-free shape is flat. The first two coordinates of `Pattern.points` are the place in
+    the outline on either panel. The flat coordinates of the bottom are mirrored, (x, −y).
 
     Args:
         comm: Communicator; gmsh runs on its first rank only.
-        outline: Points (k, 2) in m of the whole closed outline: corners, or an arc as points. Where
-            it turns by more than 20° is a corner; between corners it is divided evenly.
-        edge_length: Wanted edge length in m.
-        lines: Straight lines from border to border that are to consist of mesh edges on both
-            panels: ((x, y), (x, y)) in m, each of the whole outline.
+        outline: Points (k, 2) in m of the whole closed outline: corners, and points on arcs. A
+            point where it turns by more than 20° is a corner. Between corners it is divided evenly.
+        edge_length: Target edge length in m.
+        lines: Straight lines from border to border of the whole outline, ((x, y), (x, y)) in m,
+            along which both panels get mesh edges.
         planes: Symmetry planes that cut the skin: 0 keeps x ≥ 0, 1 keeps y ≥ 0. The cut is not
-            sewn: `supports.symmetry_plane` holds it, `mirror.mirrored` completes the skin.
+            sewn: `supports.symmetry_plane` supports it, `mirror.mirrored` completes the skin.
 
     Raises:
         OutlineError: The outline crosses itself, is not symmetric, or does not fit its lines or
@@ -70,15 +70,15 @@ def two_panels(
 
 
 def plane_centroids(pattern: Pattern) -> Floats:
-    """Where each triangle lies in the outline, (t, 2), in m: the same on top and bottom.
+    """Return the place of each triangle in the outline, (t, 2), in m, alike on top and bottom.
 
-    `Pattern.centroids` are in each panel's own coordinates, the bottom's mirrored.
+    `Pattern.centroids` are in each panel's own coordinates, which are mirrored on the bottom.
     """
     return pattern.points[pattern.triangles, :2].mean(axis=1)
 
 
 def _pillow(flat: Floats, triangles: Ints, seam: Bools) -> Floats:
-    """Heights (m,) of a membrane under pressure, −Δu = 1, held on the seam and free at cuts."""
+    """Return heights (m,) of a membrane under pressure, −Δu = 1, fixed at the seam only."""
     count = len(flat)
     a, b, c = np.moveaxis(flat[triangles], 1, 0)
     opposite = np.stack([c - b, a - c, b - a], axis=1)
@@ -93,5 +93,5 @@ def _pillow(flat: Floats, triangles: Ints, seam: Bools) -> Floats:
     inner = np.flatnonzero(~seam)
     height = np.zeros(count)
     height[inner] = spsolve(stiffness[inner][:, inner], load[inner])
-    # ∫ |∇u|² = ∫ u, which hardly depends on the mesh; the steepest slope does, at inner corners.
+    # ∫ |∇u|² = ∫ u hardly depends on the mesh. The steepest slope, at inner corners, would.
     return np.asarray(SLOPE * height / np.sqrt(load @ height / area.sum()))

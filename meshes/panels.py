@@ -1,4 +1,4 @@
-"""From pieces of a surface to panels: parted until they lie flat, then joined where they can be."""
+"""Panels from regions of a surface: divided until they lie flat, then merged where possible."""
 
 from __future__ import annotations
 
@@ -9,30 +9,37 @@ from toros_fem.errors import SurfaceError
 from toros_fem.meshes.chart import Chart, ChartError, lay_flat
 from toros_fem.meshes.regions import halves
 from toros_fem.meshes.surface import Surface
-from toros_fem.meshes.topology import Edges, between, edges_of, lengths, normals, pieces
+from toros_fem.meshes.topology import (
+    Edges,
+    between,
+    connected_regions,
+    edges_of,
+    lengths,
+    normals,
+)
 
 Panels = list[tuple[Ints, Chart]]
-"""Triangles of the surface in a panel, and the panel laid flat."""
+"""Triangles of the surface in each panel, and the panel laid flat."""
 
 
 def flat_panels(
     surface: Surface, edges: Edges, cuts: Bools, method: str, max_stretch: float, *, tips: bool
 ) -> Panels:
-    """Panels between cuts; a piece that cannot be laid flat in one is parted, as often as needed.
+    """Lay the regions between cuts flat; divide those that cannot be laid flat as one panel.
 
     Args:
         surface: The surface.
         edges: Its edges.
-        cuts: Edges that are cut in any case, (e,).
-        method, max_stretch, tips: As of `lay_flat`.
+        cuts: Edges that are always cut, (e,).
+        method, max_stretch, tips: As in `lay_flat`.
 
     Raises:
-        SurfaceError: A piece is not developable but was to be unrolled.
+        SurfaceError: The method is "exact", but a region is not developable.
     """
-    region = pieces(edges, edges.inner[~cuts[edges.inner]])
+    region = connected_regions(edges, edges.inner[~cuts[edges.inner]])
     waiting = [np.flatnonzero(region == k) for k in range(region.max() + 1)][::-1]
     panels: Panels = []
-    parted = False
+    divided = False
 
     def flat(cells: Ints) -> Chart:
         sides = cuts[edges.of_triangle[cells]]
@@ -45,10 +52,10 @@ def flat_panels(
         except ChartError as error:
             if len(cells) < 2:
                 raise SurfaceError(f"triangle {cells[0]} cannot be laid flat: {error}") from error
-            waiting += _parted(surface, edges, cuts, cells)
-            parted = True
+            waiting += _divided(surface, edges, cuts, cells)
+            divided = True
     refused: set[bytes] = set()
-    while parted:
+    while divided:
         for one, two in _neighbours(surface, edges, cuts, panels):
             cells = np.sort(np.concatenate([panels[one][0], panels[two][0]]))
             key = cells.tobytes()
@@ -67,26 +74,27 @@ def flat_panels(
     return sorted(panels, key=lambda panel: (int(surface.parts[panel[0][0]]), int(panel[0][0])))
 
 
-def _parted(surface: Surface, edges: Edges, cuts: Bools, cells: Ints) -> list[Ints]:
-    """What a piece falls into when it is parted in two."""
+def _divided(surface: Surface, edges: Edges, cuts: Bools, cells: Ints) -> list[Ints]:
+    """Divide a region in two; return the triangles of each connected part."""
     triangles = surface.triangles[cells]
     side = halves(surface.points, triangles)
     local = edges_of(triangles)
     whole = np.ones(len(local.ends), dtype=bool)
     whole[local.of_triangle[cuts[edges.of_triangle[cells]]]] = False
-    label = pieces(local, np.flatnonzero(whole & (local.count == 2) & ~between(local, side)))
+    label = connected_regions(
+        local, np.flatnonzero(whole & (local.count == 2) & ~between(local, side))
+    )
     return [cells[label == k] for k in range(label.max(), -1, -1)]
 
 
 def _neighbours(
     surface: Surface, edges: Edges, cuts: Bools, panels: Panels
 ) -> list[tuple[int, int]]:
-    """Panels that meet at an edge nobody asked to cut, the most compact together first."""
+    """Return pairs of panels that meet at an edge outside `cuts`, the most compact pair first."""
     label = np.zeros(len(surface.triangles), dtype=np.int64)
     for number, (cells, _) in enumerate(panels):
         label[cells] = number
-    share = np.linalg.norm(normals(surface.points, surface.triangles), axis=1)
-    area = np.bincount(label, share)
+    area = np.bincount(label, np.linalg.norm(normals(surface.points, surface.triangles), axis=1))
     meeting = between(edges, label) & ~cuts
     pair, group = np.unique(
         np.sort(label[edges.sides[meeting]], axis=1), axis=0, return_inverse=True

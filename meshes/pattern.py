@@ -1,4 +1,4 @@
-"""The sewing pattern: flat panels, which flat vertices are sewn together, the assembled shape."""
+"""The sewing pattern: flat panels, their seams, and the assembled shape."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from toros_fem._types import Bools, Floats, Ints
@@ -21,18 +19,27 @@ from toros_fem.errors import (
     PatternError,
     SeamError,
 )
-from toros_fem.meshes.topology import Edges, clashing, edges_of, half_edges, pinched, users
+from toros_fem.meshes.topology import (
+    Edges,
+    clashing,
+    edges_of,
+    flat_areas,
+    half_edges,
+    linked,
+    pinched,
+    users,
+)
 
-# A triangle thinner than this share of its longest edge has no usable shape functions.
+# A triangle thinner than this fraction of its longest edge has no usable shape functions.
 MIN_HEIGHT_RATIO = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One flat piece of cloth and where its vertices lie in the assembled skin.
+    """A flat piece of cloth, with the positions of its vertices in the assembled skin.
 
     Attributes:
-        name: What messages and pictures call it.
+        name: Name in messages and pictures.
         flat_points: Flat positions, shape (m, 2), in m.
         triangles: Corners among the flat points, shape (t, 3), counter-clockwise.
         points: Embedded positions, shape (m, 3), in m.
@@ -53,14 +60,14 @@ class Pattern:
     A tube is one rectangle with its left and right borders mapped to the same vertices.
 
     Args:
-        flat_points: Flat positions, shape (m, 2), in m. Panels may overlap: they are told apart
-            by `panel`, not by place.
+        flat_points: Flat positions, shape (m, 2), in m. Panels may overlap: `panel` separates
+            them, not their places. `arrange.panel_offsets` gives places beside each other.
         flat_triangles: Corners of each triangle among the flat points, shape (t, 3),
             counter-clockwise seen from outside the skin.
         panel: Panel of each triangle, shape (t,), numbered from 0.
         sewn: Assembled vertex of each flat point, shape (m,).
-        points: Assembled positions, shape (n, 3), in m: the start of a simulation. The rest
-            shape is the flat one; for bending it may be chosen to be this one.
+        points: Assembled positions, shape (n, 3), in m, where a simulation starts. The flat shape
+            is free of stress; for bending, the assembled one may be chosen instead.
         panel_names: A name for each panel.
         seam_tolerance: Largest relative difference of length of two edges sewn together.
 
@@ -88,8 +95,8 @@ class Pattern:
         ):
             array = np.array(getattr(self, name), dtype=kind)
             if array.ndim != (2 if width else 1) or (width and array.shape[1] != width):
-                wanted = f"(…, {width})" if width else "(…,)"
-                raise PatternError(f"{name} has shape {array.shape}; it must be {wanted}.")
+                required = f"(…, {width})" if width else "(…,)"
+                raise PatternError(f"{name} has shape {array.shape}; it must be {required}.")
             if not np.all(np.isfinite(array)):
                 row = int(np.flatnonzero(~np.isfinite(array.reshape(len(array), -1)).all(1))[0])
                 raise PatternError(f"{name}[{row}] = {array[row]} is not finite.")
@@ -108,8 +115,8 @@ class Pattern:
         """Sew panels wherever their embedded border vertices coincide.
 
         Args:
-            panels: Flat panels with the place of each vertex in the assembled skin.
-            tolerance: Distance in m below which two embedded border vertices are one.
+            panels: Flat panels with their embedded positions.
+            tolerance: Distance in m below which two embedded border vertices coincide.
             seam_tolerance: As in the constructor.
         """
         offsets = np.cumsum([0] + [len(panel.flat_points) for panel in panels])
@@ -118,22 +125,20 @@ class Pattern:
         edges = edges_of(flat)
         border = np.unique(edges.ends[edges.border])
         pairs = border[cKDTree(embedded[border]).query_pairs(tolerance, output_type="ndarray")]
-        size = len(embedded)
-        same = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
-        _, sewn = connected_components(same, directed=False)
+        sewn = linked(pairs[:, 0], pairs[:, 1], len(embedded))
         _, first = np.unique(sewn, return_index=True)
         return cls(
             flat_points=np.concatenate([panel.flat_points for panel in panels]),
             flat_triangles=flat,
             panel=np.repeat(np.arange(len(panels)), [len(p.triangles) for p in panels]),
-            sewn=sewn.astype(np.int64),
+            sewn=sewn,
             points=embedded[first],
             panel_names=tuple(panel.name for panel in panels),
             seam_tolerance=seam_tolerance,
         )
 
     def panel_index(self, name: str) -> int:
-        """Number of the panel with this name.
+        """Return the number of the panel with this name.
 
         Raises:
             PanelError: There is no such panel.
@@ -143,11 +148,11 @@ class Pattern:
         return self.panel_names.index(name)
 
     def cells_of(self, name: str) -> Ints:
-        """Triangles of a panel, by its name."""
+        """Return the triangles of a panel, by its name."""
         return np.flatnonzero(self.panel == self.panel_index(name))
 
     def vertices_of(self, name: str) -> Ints:
-        """Assembled vertices of a panel, by its name; those on a seam belong to both sides."""
+        """Return the assembled vertices of a panel, by its name, including those on its seams."""
         return np.unique(self.triangles[self.cells_of(name)])
 
     @property
@@ -163,9 +168,7 @@ class Pattern:
     @cached_property
     def areas(self) -> Floats:
         """Flat area of each triangle, shape (t,), in m²."""
-        a, b, c = np.moveaxis(self.corners, 1, 0)
-        u, v = b - a, c - a
-        return 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        return flat_areas(self.corners)
 
     @cached_property
     def centroids(self) -> Floats:
@@ -181,29 +184,26 @@ class Pattern:
 
     @cached_property
     def size(self) -> float:
-        """Diagonal of the assembled skin's bounding box in m: the skin's length scale."""
+        """Diagonal of the assembled skin's bounding box in m, the skin's length scale."""
         return float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
     @cached_property
     def free_edges(self) -> Ints:
-        """Assembled edges with one triangle only, shape (k, 2)."""
+        """Assembled edges with only one triangle, shape (k, 2)."""
         return half_edges(self.triangles)[self.edges.twins[self.edges.border, 0]]
 
     @cached_property
     def seams(self) -> Ints:
-        """Pairs of flat edges sewn together, shape (s, 2 sides, 2 ends), indices of flat points.
+        """Pairs of flat edges sewn together, flat points of shape (s, 2 sides, 2 ends).
 
-        Ends correspond: `seams[k, 0, e]` and `seams[k, 1, e]` are sewn to the same vertex.
+        `seams[k, 0, e]` and `seams[k, 1, e]` are sewn to the same vertex.
         """
         flat = self._flat_sides
         return flat[np.any(flat[:, 0] != flat[:, 1], axis=1)]
 
     @cached_property
     def seam_edges(self) -> Bools:
-        """Whether a triangle is sewn to another piece, or to itself, at edge i, shape (t, 3).
-
-        Edge i lies opposite corner i.
-        """
+        """Whether each triangle has a seam at edge i, opposite corner i, shape (t, 3)."""
         flat = self._flat_sides
         seam = np.zeros(len(self.edges.ends), dtype=bool)
         seam[self.edges.inner] = np.any(flat[:, 0] != flat[:, 1], axis=1)
@@ -231,7 +231,7 @@ class Pattern:
 
     @cached_property
     def _flat_sides(self) -> Ints:
-        """Flat ends of both sides of each inner edge, those sewn together at the same place."""
+        """Flat ends of both sides of each inner edge, sewn ones at the same index."""
         sides = half_edges(self.flat_triangles)[self.edges.twins[self.edges.inner]]
         sides[:, 1] = sides[:, 1, ::-1]
         return sides
@@ -304,18 +304,18 @@ class Pattern:
         edges = self.edges
         many = np.flatnonzero(edges.count > 2)
         if len(many):
-            a, b = self._run(many[0])
+            a, b = self._ends(many[0])
             raise ManifoldError(
                 f"the edge between vertices {a} and {b} has {edges.count[many[0]]} triangles "
                 f"({users(edges, many[0]).tolist()}); a skin allows two."
             )
         wrong = clashing(self.triangles, edges)
         if len(wrong):
-            a, b = self._run(wrong[0])
+            a, b = self._ends(wrong[0])
             one, two = edges.sides[wrong[0]]
             raise OrientationError(
-                f"triangles {one} and {two} run through their common edge {a}-{b} in "
-                "the same direction. Mirror one of their panels, or reverse a seam."
+                f"triangles {one} and {two} pass their common edge {a}-{b} in the same direction. "
+                "Mirror one of their panels, or reverse a seam."
             )
 
     def _check_vertices(self) -> None:
@@ -338,13 +338,13 @@ class Pattern:
             raise SeamError(
                 f"the seam edge between vertices {a} and {b} is {length[worst, 0]:.6g} m long on "
                 f"one side and {length[worst, 1]:.6g} m on the other, a relative difference of "
-                f"{gap[worst]:.2g}; the bound is {self.seam_tolerance:g}. Mend the panels, or "
+                f"{gap[worst]:.2g}; the bound is {self.seam_tolerance:g}. Correct the panels, or "
                 "raise seam_tolerance if the cloth is to be gathered."
             )
 
     def _panel_of(self, triangle: int) -> str:
         return f"{self.panel[triangle]} ({self.panel_names[self.panel[triangle]]!r})"
 
-    def _run(self, edge: int) -> Ints:
-        """Ends of an edge as its first triangle runs through it."""
+    def _ends(self, edge: int) -> Ints:
+        """Return the ends of an edge in the direction in which its first triangle passes it."""
         return half_edges(self.triangles)[self.edges.twins[edge, 0]]

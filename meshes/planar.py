@@ -1,4 +1,4 @@
-"""Regions of the plane: rounded corners, cuts at symmetry planes, meshes with lines in them."""
+"""Regions of the plane: rounded corners, cuts at symmetry planes, meshes with given lines."""
 
 from __future__ import annotations
 
@@ -15,37 +15,38 @@ from toros_fem._types import Bools, Floats, Ints
 from toros_fem._validate import require_between
 from toros_fem.errors import OutlineError
 from toros_fem.meshes.gmsh_panels import polygon_meshes
-from toros_fem.meshes.topology import edges_of, half_edges
+from toros_fem.meshes.topology import coincident, edges_of, half_edges
 
 Line = tuple[tuple[float, float], tuple[float, float]]
 
-# Lengths below this share of the outline's size count as none.
+# Lengths below this fraction of the outline's size count as 0.
 TINY = 1e-9
-# A point where the outline turns by more is a corner; the others lie on a curve. In rad.
+# A point where the outline turns by more than this, in rad, is a corner. Others are on a curve.
 CORNER = np.radians(20.0)
-# Angle in rad between neighbouring points of an arc.
+# Largest angle in rad between neighbouring points of an arc.
 ARC_STEP = np.radians(5.0)
 
 
 def arc(centre: npt.ArrayLike, radius: float, begin: float, end: float) -> Floats:
-    """Points on an arc, (k, 2), in m, from one angle in rad to another, both ends included."""
+    """Return points on an arc, (k, 2), in m, from one angle in rad to another, with both ends."""
     steps = max(1, int(np.ceil(abs(end - begin) / ARC_STEP)))
     angle = np.linspace(begin, end, steps + 1)
     return np.asarray(centre) + radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def rounded(corners: npt.ArrayLike, radius: float | Sequence[float]) -> Floats:
-    """A polygon with its corners rounded by arcs that touch both sides.
+    """Round the corners of a polygon by arcs that are tangent to both sides.
 
     Args:
-        corners: Corners (k, 2) in m, in either sense of rotation, convex or not.
-        radius: Of all arcs or one for each corner, in m; 0 leaves a corner as it is.
+        corners: Corners (k, 2) in m, clockwise or not, convex or not.
+        radius: One radius in m for all arcs, or one for each corner; 0 leaves a corner sharp.
 
     Returns:
-        Points (m, 2) in m, those on arcs at most 5° apart.
+        Points (m, 2) in m, on arcs at most 5° apart.
 
     Raises:
-        OutlineError: A radius is too large for the sides at its corner, or none is given for it.
+        OutlineError: A radius is too large for the sides at its corner, or the number of radii is
+            wrong.
         ParameterError: A radius is negative or not finite.
     """
     points = _checked(corners)
@@ -59,16 +60,16 @@ def rounded(corners: npt.ArrayLike, radius: float | Sequence[float]) -> Floats:
     out = after / side[:, None]
     into = np.roll(out, 1, axis=0)
     turn = np.arctan2(into[:, 0] * out[:, 1] - into[:, 1] * out[:, 0], (into * out).sum(axis=1))
-    cut = radii * np.tan(np.abs(turn) / 2)  # what an arc takes from each side
+    cut = radii * np.tan(np.abs(turn) / 2)  # length that an arc takes from each side
     room = side - cut - np.roll(cut, -1)
     if np.any(room < -TINY * side):
         k = int(np.argmin(room / side))
         other = (k + 1) % len(points)
-        share = side[k] / (cut[k] + cut[other])
+        fraction = side[k] / (cut[k] + cut[other])
         raise OutlineError(
             f"the arcs of radius {radii[k]:.6g} and {radii[other]:.6g} m at corners {k} and "
             f"{other} take {cut[k] + cut[other]:.6g} m of a side of {side[k]:.6g} m. Radii at "
-            f"most {share:.3g} times as large fit."
+            f"most {fraction:.3g} times as large fit."
         )
     parts = []
     for k, point in enumerate(points):
@@ -88,19 +89,19 @@ def region_mesh(
 ) -> tuple[Floats, Ints, Bools]:
     """Mesh the inside of an outline, or the part of it at positive coordinates.
 
-    To be called on one rank: gmsh is serial. Between corners, ends of lines and cuts the border
-    is divided evenly; a curve becomes the polygon through its divisions.
+    Call it on one rank: gmsh is serial. Between corners, ends of lines and cuts the border is
+    divided evenly; a curve becomes the polygon through its divisions.
 
     Args:
-        outline: Points (k, 2) of the whole closed outline in m, in either sense of rotation. A
-            point where it turns by more than 20° is a corner, the others lie on a curve.
-        edge_length: Wanted edge length in m.
-        lines: Straight lines across the outline that are to consist of mesh edges, in m.
-        planes: 0 to keep x ≥ 0 only, 1 for y ≥ 0.
+        outline: Points (k, 2) of the whole closed outline in m, clockwise or not. A point where it
+            turns by more than 20° is a corner. The others are on a curve.
+        edge_length: Target edge length in m.
+        lines: Straight lines across the outline, in m, along which the mesh gets edges.
+        planes: 0 keeps x ≥ 0 only, 1 keeps y ≥ 0 only.
 
     Returns:
-        Points (m, 2) in m, counter-clockwise triangles (t, 3), and whether each point lies on the
-        outline, (m,): the others on the border are on a cut. On a cut the coordinate is 0.
+        Points (m, 2) in m, counter-clockwise triangles (t, 3), and whether each point is on the
+        outline, (m,). Other points of the border are on a cut, where a coordinate is exactly 0.
 
     Raises:
         OutlineError: The outline crosses itself, is not symmetric, or does not fit its lines or
@@ -120,7 +121,7 @@ def region_mesh(
         if face.area < edge_length**2 / 4:
             middle = face.centroid
             raise OutlineError(
-                f"the lines leave a piece of {face.area:.3g} m² at ({middle.x:.4g}, "
+                f"the lines leave a face of {face.area:.3g} m² at ({middle.x:.4g}, "
                 f"{middle.y:.4g}) m; the least for this edge length is {edge_length**2 / 4:.3g} "
                 "m². Move the lines, or shorten the edges."
             )
@@ -129,11 +130,11 @@ def region_mesh(
     for polygon in polygons:
         if not Polygon(polygon).is_valid:
             raise OutlineError(
-                f"edge_length = {edge_length} m is too long for the outline: divided so, its "
-                "border crosses itself. Shorten the edges."
+                f"edge_length = {edge_length} m is too long for the outline: its border crosses "
+                "itself when it is divided evenly. Shorten the edges."
             )
-    pieces = polygon_meshes([(polygon, [1] * len(polygon)) for polygon in polygons], edge_length)
-    flat, triangles = glued(pieces, 1e-3 * edge_length)
+    meshes = polygon_meshes([(polygon, [1] * len(polygon)) for polygon in polygons], edge_length)
+    flat, triangles = glued(meshes, 1e-3 * edge_length)
     for axis in planes:
         flat[np.abs(flat[:, axis]) < TINY * size, axis] = 0.0
     sewn = _on_outline(flat, triangles, planes)
@@ -147,7 +148,7 @@ def _checked(points: npt.ArrayLike) -> Floats:
     gap = np.linalg.norm(found - np.roll(found, 1, axis=0), axis=1)
     found = found[gap > TINY * np.hypot(*np.ptp(found, axis=0))]
     if len(found) < 3:
-        raise OutlineError(f"the outline has {len(found)} different points; it needs 3.")
+        raise OutlineError(f"the outline has {len(found)} different points; it needs at least 3.")
     return found
 
 
@@ -155,12 +156,12 @@ def _polygon(points: Floats) -> Polygon:
     polygon = Polygon(points)
     if not polygon.is_valid:
         why = shapely.is_valid_reason(polygon)
-        raise OutlineError(f"the outline is no simple closed curve: {why}. Mend it there.")
+        raise OutlineError(f"the outline is no simple closed curve: {why}. Correct it there.")
     return shapely.geometry.polygon.orient(polygon)
 
 
 def _part(whole: Polygon, planes: Sequence[int], size: float) -> Polygon:
-    """What lies at positive coordinates."""
+    """Return the part of the region at positive coordinates."""
     part = whole
     for axis in planes:
         if axis not in (0, 1):
@@ -170,19 +171,18 @@ def _part(whole: Polygon, planes: Sequence[int], size: float) -> Polygon:
         if apart > 1e-6:
             raise OutlineError(
                 f"the outline and its mirror image in {'xy'[axis]} = 0 differ by {apart:.2g} of "
-                "its area; a part of it stands for the whole only where they are equal. Centre "
-                "the outline, or leave the plane out."
+                "its area; they must be equal. Centre the outline, or leave the plane out."
             )
         low = np.where(np.arange(2) == axis, 0.0, -2.0) * size + _origin(whole, axis)
         high = _origin(whole, axis) + 2 * size
         part = _snapped(part.intersection(box(*low, *high)), [axis], size)
     if part.geom_type != "Polygon":
-        raise OutlineError("the symmetry planes cut the outline into pieces; leave one out.")
+        raise OutlineError("the symmetry planes divide the outline into several parts; omit one.")
     return shapely.geometry.polygon.orient(part)
 
 
 def _origin(whole: Polygon, axis: int) -> Floats:
-    """The outline's middle, on the plane through the origin along the axis."""
+    """Return the outline's middle, moved along the axis into the plane through the origin."""
     middle = np.array([whole.centroid.x, whole.centroid.y])
     middle[axis] = 0.0
     return middle
@@ -198,7 +198,7 @@ def _snapped(shape: shapely.Geometry, planes: Sequence[int], size: float) -> sha
 
 
 def _line_across(whole: Polygon, number: int, line: Line, size: float) -> LineString:
-    """A line that reaches a little over the outline, so that rounding cannot end it before."""
+    """Return a line extended a little beyond the outline, so that rounding cannot shorten it."""
     ends = np.array(line, dtype=np.float64)
     if ends.shape != (2, 2) or not np.all(np.isfinite(ends)):
         raise OutlineError(f"line {number} = {line!r} must be two points ((x, y), (x, y)) in m.")
@@ -208,14 +208,14 @@ def _line_across(whole: Polygon, number: int, line: Line, size: float) -> LineSt
     inside = [end for end in found.coords if whole.contains(shapely.Point(end))]
     if inside or not found.intersects(whole):
         what = f"ends inside the outline at {inside[0]}" if inside else "misses the outline"
-        raise OutlineError(f"line {number} {what}; it must lead across, from border to border.")
+        raise OutlineError(f"line {number} {what}; it must cross it from border to border.")
     return found
 
 
 def _faces(
     part: Polygon, cuts: Sequence[LineString], planes: Sequence[int], size: float
 ) -> list[Polygon]:
-    """The pieces that lines cut a region into."""
+    """Return the faces into which lines divide a region."""
     if not cuts:
         return [part]
     work = shapely.union_all([part.exterior, *(_snapped(cut, planes, size) for cut in cuts)])
@@ -232,7 +232,7 @@ def _ring(face: Polygon) -> Floats:
 
 
 def _stops(faces: Sequence[Polygon], size: float) -> cKDTree:
-    """Where divisions must end: corners, and points where a line ends or crosses another."""
+    """Return the points that must be vertices: corners, ends of lines, and their crossings."""
     corners = []
     for face in faces:
         points = _checked(_ring(face))
@@ -244,7 +244,7 @@ def _stops(faces: Sequence[Polygon], size: float) -> cKDTree:
 
 
 def _divided(face: Polygon, stops: cKDTree, edge_length: float) -> Floats:
-    """Border of a face, divided evenly between the stops."""
+    """Divide the border of a face evenly between the stops."""
     points = _checked(_ring(face))
     size = np.hypot(*np.ptp(points, axis=0))
     first = np.flatnonzero(stops.query(points)[0] < 10 * TINY * size)
@@ -264,20 +264,17 @@ def _divided(face: Polygon, stops: cKDTree, edge_length: float) -> Floats:
     return np.concatenate(parts)
 
 
-def glued(pieces: Sequence[tuple[Floats, Ints]], tolerance: float) -> tuple[Floats, Ints]:
-    """One mesh from pieces whose border points coincide."""
-    offsets = np.cumsum([0] + [len(flat) for flat, _ in pieces])[:-1]
-    points = np.concatenate([flat for flat, _ in pieces])
-    triangles = np.concatenate([off + tri for off, (_, tri) in zip(offsets, pieces, strict=True)])
-    first = np.arange(len(points))
-    for one, two in sorted(cKDTree(points).query_pairs(tolerance)):
-        first[two] = min(first[two], first[one])
-    kept, number = np.unique(first, return_inverse=True)
-    return points[kept], number[triangles]
+def glued(meshes: Sequence[tuple[Floats, Ints]], tolerance: float) -> tuple[Floats, Ints]:
+    """Merge meshes, given by points (m, 2) and triangles (t, 3), where their points coincide."""
+    offsets = np.cumsum([0] + [len(flat) for flat, _ in meshes])[:-1]
+    points = np.concatenate([flat for flat, _ in meshes])
+    triangles = np.concatenate([off + tri for off, (_, tri) in zip(offsets, meshes, strict=True)])
+    place = coincident(points, tolerance)
+    return points[np.unique(place, return_index=True)[1]], place[triangles]
 
 
 def _on_outline(flat: Floats, triangles: Ints, planes: Sequence[int]) -> Bools:
-    """Ends of those border edges that lie in no plane."""
+    """Return whether each point is an end of a border edge that is in no plane."""
     edges, inner = _edges(triangles)
     found = np.zeros(len(flat), dtype=bool)
     found[edges[~inner & ~_cut(flat, edges, planes)].ravel()] = True
@@ -285,14 +282,14 @@ def _on_outline(flat: Floats, triangles: Ints, planes: Sequence[int]) -> Bools:
 
 
 def _edges(triangles: Ints) -> tuple[Ints, Bools]:
-    """Edges (e, 2), in the order of the triangles, and which have two of them."""
+    """Return the edges (e, 2), in the order of the triangles, and whether each has two."""
     edges = edges_of(triangles)
     order = np.argsort(edges.twins[:, 0])
     return half_edges(triangles)[edges.twins[order, 0]], edges.count[order] == 2
 
 
 def _cut(flat: Floats, edges: Ints, planes: Sequence[int]) -> Bools:
-    """Which edges lie in a plane."""
+    """Return whether each edge is in a plane."""
     found = np.zeros(len(edges), dtype=bool)
     for axis in planes:
         found |= (flat[edges, axis] == 0).all(axis=1)
@@ -302,10 +299,10 @@ def _cut(flat: Floats, edges: Ints, planes: Sequence[int]) -> Bools:
 def without_bridges(
     flat: Floats, triangles: Ints, sewn: Bools, planes: Sequence[int]
 ) -> tuple[Floats, Ints, Bools]:
-    """Halve every edge that leads through the inside, or along a cut, from outline to outline.
+    """Halve every edge, inside or along a cut, whose two ends are on the outline.
 
-    Two panels would both have it between the same sewn vertices: inside, four triangles would
-    meet there; at a cut, it would be closed.
+    Both panels would have this edge between the same sewn vertices: inside, four triangles would
+    meet there; at a cut, the skin would be closed there.
     """
     while True:
         edges, inner = _edges(triangles)

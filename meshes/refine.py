@@ -1,4 +1,4 @@
-"""Uniform refinement: each triangle of a pattern in four."""
+"""Uniform refinement of patterns: each triangle is divided in four."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from toros_fem.meshes.topology import edges_of
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """A refined pattern and where its parts come from.
+    """A refined pattern, and its relation to the coarse one.
 
     Attributes:
         pattern: The refined pattern: the same flat panels, the same seams.
-        cell: Triangle of the coarse pattern that each triangle is a quarter of, shape (4 t,).
-        ends: Two vertices of the coarse pattern whose middle each assembled vertex is, shape
-            (n, 2); twice the same for a vertex that was there.
+        cell: Coarse triangle of which each triangle is a quarter, shape (4 t,).
+        ends: Two coarse vertices with each assembled vertex in their middle, shape (n, 2); both
+            are the same for a vertex of the coarse pattern.
     """
 
     pattern: Pattern
@@ -27,21 +27,21 @@ class Refinement:
     ends: Ints
 
     def at_vertices(self, values: Floats) -> Floats:
-        """Values at the coarse vertices, (n, …), interpolated to the refined ones."""
+        """Interpolate values at the coarse vertices, (n, …), to the refined ones."""
         return np.asarray(values[self.ends].mean(axis=1))
 
 
 def refine(pattern: Pattern) -> Refinement:
     """Divide each triangle into four by the middles of its edges.
 
-    Flat panels keep their outlines: a round panel stays the polygon that it was.
+    Flat panels keep their outlines: a round panel stays the same polygon.
 
     Args:
         pattern: Any pattern.
     """
     flat, tri = pattern.flat_points, pattern.flat_triangles
     edges = edges_of(tri)
-    # Two flat edges sewn together have one middle.
+    # Two flat edges that are sewn together share their middle.
     sewn_ends = np.sort(pattern.sewn[edges.ends], axis=1)
     ends, sewn_middle = np.unique(sewn_ends, axis=0, return_inverse=True)
     count = len(pattern.points)

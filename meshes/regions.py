@@ -1,4 +1,4 @@
-"""Automatic seams: a surface parted at its creases, and pieces parted in two."""
+"""Automatic seams: at the creases of a surface, and short ones that divide a region in two."""
 
 from __future__ import annotations
 
@@ -7,16 +7,22 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order, dijkstra, maximum_flow
 
 from toros_fem._types import Floats, Ints
-from toros_fem.meshes.topology import dihedral_angles, edges_of, lengths, normals, pieces
+from toros_fem.meshes.topology import (
+    connected_regions,
+    dihedral_angles,
+    edges_of,
+    lengths,
+    normals,
+)
 
-# A piece smaller than this share of the surface is no panel of its own.
+# A region smaller than this fraction of the surface is merged with a neighbour.
 SMALLEST = 0.01
-# Between these shares of the way between two far ends a dividing seam looks for its place.
+# A dividing seam lies between these fractions of the way from one far end to the other.
 BAND = (0.42, 0.58)
 
 
 def crease_regions(points: Floats, triangles: Ints, angle: float) -> Ints:
-    """Region of each triangle, (t,): pieces between creases, the smallest joined to a neighbour.
+    """Return the region of each triangle, (t,): between creases, small ones merged with neighbours.
 
     Args:
         points: Vertices (n, 3) in m.
@@ -26,13 +32,13 @@ def crease_regions(points: Floats, triangles: Ints, angle: float) -> Ints:
     edges = edges_of(triangles)
     inner = edges.inner
     sharp = dihedral_angles(points, triangles, edges) > angle
-    region = pieces(edges, inner[~sharp[inner]])
+    region = connected_regions(edges, inner[~sharp[inner]])
     area = np.linalg.norm(normals(points, triangles), axis=1)
     length = lengths(points, edges.ends)
     while region.max() > 0:
-        share = np.bincount(region, area) / area.sum()
-        small = int(np.argmin(share))
-        if share[small] >= SMALLEST:
+        fraction = np.bincount(region, area) / area.sum()
+        small = int(np.argmin(fraction))
+        if fraction[small] >= SMALLEST:
             break
         pair = region[edges.sides[inner]]
         touching = (pair == small).sum(axis=1) == 1
@@ -44,10 +50,10 @@ def crease_regions(points: Floats, triangles: Ints, angle: float) -> Ints:
 
 
 def halves(points: Floats, triangles: Ints) -> Ints:
-    """Part a connected piece in two, across its length, by a short seam; 0 or 1 a triangle.
+    """Divide a connected region in two by a short seam across it; return 0 or 1 for each triangle.
 
-    Two triangles far apart are its ends; near the middle between them, the seam of least length
-    is a minimum cut of the dual graph.
+    Two triangles far apart are the ends of the region. The seam is the shortest one near the middle
+    between them: a minimum cut of the dual graph.
 
     Args:
         points: Vertices (n, 3) in m.
@@ -58,19 +64,19 @@ def halves(points: Floats, triangles: Ints) -> Ints:
     one, two = edges.sides[inner].T
     centre = points[triangles].mean(axis=1)
     apart = np.linalg.norm(centre[one] - centre[two], axis=1)
-    # Entries at one place are added up: two triangles that share two edges, which is rare,
-    # count as twice as far apart and shift the middle a little.
+    # Equal entries are added up: two triangles that share two edges, which is rare, count as
+    # twice as far apart. This moves the middle a little.
     dual = coo_array((apart, (one, two)), shape=(size, size)).tocsr()
     near = int(np.argmax(dijkstra(dual, directed=False, indices=0)))
     from_near = dijkstra(dual, directed=False, indices=near)
     far = int(np.argmax(from_near))
     from_far = dijkstra(dual, directed=False, indices=far)
-    share = from_near / (from_near + from_far)
-    share[[near, far]] = 0, 1
+    fraction = from_near / (from_near + from_far)
+    fraction[[near, far]] = 0, 1
     length = lengths(points, edges.ends[inner])
     weight = np.maximum(1, np.round(1e5 * length / length.max())).astype(np.int32)
     total = np.int32(min(weight.sum(dtype=np.int64), 2**30))
-    start, end = np.flatnonzero(share <= BAND[0]), np.flatnonzero(share >= BAND[1])
+    start, end = np.flatnonzero(fraction <= BAND[0]), np.flatnonzero(fraction >= BAND[1])
     rows = np.concatenate([one, two, np.full(len(start), size), end]).astype(np.int32)
     cols = np.concatenate([two, one, start, np.full(len(end), size + 1)]).astype(np.int32)
     capacity = np.concatenate([weight, weight, np.full(len(start) + len(end), total)])

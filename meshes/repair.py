@@ -1,43 +1,37 @@
-"""Mending what files hold: vertices told twice, triangles told twice, needles and caps."""
+"""Repair of meshes from files: copies of vertices and triangles, needles and caps."""
 
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from toros_fem._types import Floats, Ints
-from toros_fem.meshes.topology import edges_of, normals, shapes
+from toros_fem.meshes.topology import coincident, edge_keys, edges_of, normals, shapes
 
-# Vertices closer than this share of the bounding box's diagonal are one.
+# Vertices closer than this fraction of the bounding box's diagonal are merged.
 COINCIDENT = 1e-7
-# Triangles thinner than this (height over longest edge) are mended.
+# Triangles thinner than this (height over longest edge) are repaired.
 THIN = 1e-3
 PASSES = 50
 
 
 def weld(points: Floats, triangles: Ints) -> tuple[Ints, Ints]:
-    """Join vertices that lie at the same place and drop triangles that are left without sense.
+    """Merge vertices at the same place; leave out triangles that degenerate or become copies.
 
     Args:
         points: Vertices (n, 3).
         triangles: Corners (t, 3).
 
     Returns:
-        For each vertex the one that stands for it, (n,), and the triangles that stay, by index:
-        those with three corners, each set of corners once.
+        For each vertex the one that replaces it, (n,), and the indices of the triangles that are
+        kept: those with three different corners, each set of corners once.
     """
     reach = COINCIDENT * float(np.linalg.norm(np.ptp(points, axis=0)))
-    pairs = cKDTree(points).query_pairs(reach, output_type="ndarray")
-    size = len(points)
-    same = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
-    label = connected_components(same, directed=False)[1]
-    stands_for = np.unique(label, return_index=True)[1][label].astype(np.int64)
-    corners = np.sort(stands_for[triangles], axis=1)
+    place = coincident(points, reach)
+    replaced_by = np.unique(place, return_index=True)[1][place]
+    corners = np.sort(replaced_by[triangles], axis=1)
     first = np.unique(corners, axis=0, return_index=True)[1]
     proper = (corners[:, 0] != corners[:, 1]) & (corners[:, 1] != corners[:, 2])
-    return stands_for, np.sort(first[proper[first]])
+    return replaced_by, np.sort(first[proper[first]])
 
 
 def mend(
@@ -45,9 +39,9 @@ def mend(
 ) -> tuple[Floats, Ints, Ints, Ints, dict[str, int]]:
     """Remove triangles thinner than `THIN`, where that is simple.
 
-    A needle's short edge is collapsed, a cap's long edge is flipped, or the cap dropped where
-    that edge is a border; the surface moves by less than `THIN` of the longest edge. What would
-    change the topology, fold the surface over or move a kept edge is left as it is.
+    A needle's short edge is collapsed. A cap's long edge is flipped; where that edge is a border,
+    the cap is dropped. The surface moves by less than `THIN` of the longest edge. A triangle stays
+    as it is if its repair would change the topology, fold the surface over or move a kept edge.
 
     Args:
         points: Vertices (n, 3).
@@ -56,37 +50,40 @@ def mend(
         kept: Edges (k, 2) that are kept.
 
     Returns:
-        Points (n, 3), triangles, parts, for each old vertex its new one (n,), and how many
-        edges were collapsed and flipped and triangles dropped.
+        Points (n, 3), triangles, parts, the vertex that replaces each old one (n,), and the
+        numbers of edges collapsed, edges flipped and triangles dropped.
     """
     points, triangles = points.copy(), triangles.copy()
-    stands_for = np.arange(len(points))
+    replaced_by = np.arange(len(points))
     count = {"collapsed": 0, "flipped": 0, "dropped": 0}
     for _ in range(PASSES):
-        work = _Pass(points, triangles, parts, stands_for[kept])
+        work = _Pass(points, triangles, parts, replaced_by[kept])
         done = work.run()
         if not any(done.values()):
             break
         for name in count:
             count[name] += done[name]
         triangles, parts = triangles[~work.gone], parts[~work.gone]
-        stands_for = work.stands_for[stands_for]
-    return points, triangles, parts, stands_for, count
+        replaced_by = work.replaced_by[replaced_by]
+    return points, triangles, parts, replaced_by, count
 
 
 class _Pass:
-    """One round over the bad triangles, worst first; each takes its neighbourhood for itself."""
+    """One pass over the thin triangles, the worst first.
+
+    After a repair, its neighbourhood is not changed again in this pass.
+    """
 
     def __init__(self, points: Floats, triangles: Ints, parts: Ints, kept: Ints) -> None:
         self.points, self.triangles, self.parts = points, triangles, parts
         self.edges = edges_of(triangles)
         self.gone = np.zeros(len(triangles), dtype=bool)
-        self.stands_for = np.arange(len(points))
+        self.replaced_by = np.arange(len(points))
         self.locked = np.zeros(len(points), dtype=bool)
         ends, sides = self.edges.ends, self.edges.sides
         split = (self.edges.count == 2) & (parts[sides[:, 0]] != parts[sides[:, 1]])
         size = len(points)
-        named = np.isin(ends @ [size, 1], np.sort(kept, axis=1) @ [size, 1])
+        named = np.isin(edge_keys(ends, size), edge_keys(kept, size))
         self.fixed_edge = split | named | (self.edges.count == 1)
         self.fixed = np.zeros(size, dtype=bool)
         self.fixed[ends[self.fixed_edge]] = True
@@ -96,6 +93,7 @@ class _Pass:
         self.start = np.searchsorted(triangles.ravel()[self.order], np.arange(size + 1))
 
     def run(self) -> dict[str, int]:
+        """Repair each thin triangle once; return the numbers of repairs."""
         done = {"collapsed": 0, "flipped": 0, "dropped": 0}
         shape = shapes(self.points, self.triangles)
         bad = np.flatnonzero(shape < THIN)
@@ -118,20 +116,20 @@ class _Pass:
         return done
 
     def star(self, vertex: int) -> Ints:
-        """Triangles around a vertex."""
+        """Return the triangles around a vertex."""
         return self.order[self.start[vertex] : self.start[vertex + 1]] // 3
 
     def drop(self, t: int, edge: int, apex: int) -> bool:
-        """Leave out a triangle whose given edge is a border, if that tears nothing apart."""
+        """Drop a triangle at a border edge, if the surface stays connected there."""
         alone = self.edges.count[self.edges.of_triangle[t]] == 1
-        # With its apex on the border too, all but an ear parts what lies on its two sides.
+        # With its apex on the border too, it connects its two neighbours, unless it has only one.
         if not alone[edge] or (self.at_border[apex] and alone.sum() != 2):
             return False
         self.gone[t] = True
         return True
 
     def flip(self, t: int, edge: int, apex: int) -> bool:
-        """Swap the diagonal of the two triangles at an edge, if that makes both better."""
+        """Flip an edge, if both new triangles are less thin and nothing folds over."""
         number = self.edges.of_triangle[t, edge]
         if self.fixed_edge[number]:
             return False
@@ -150,7 +148,7 @@ class _Pass:
         return True
 
     def collapse(self, t: int, edge: int) -> bool:
-        """Join the ends of an edge, if neither topology nor a kept edge forbids it."""
+        """Merge the ends of an edge, unless topology, a fold or a kept edge forbids it."""
         number = self.edges.of_triangle[t, edge]
         a, b = (int(v) for v in self.edges.ends[number])
         if self.fixed[a] and self.fixed[b] and not self.fixed_edge[number]:
@@ -178,5 +176,5 @@ class _Pass:
             return False
         self.triangles[ring] = new
         self.gone[lost] = True
-        self.stands_for[goes] = stays
+        self.replaced_by[goes] = stays
         return True

@@ -1,7 +1,6 @@
 """Flat robots of two panels: a walker, a finger, a gripper.
 
-The paper shows the walker (Figs. 9, 10) and the gripper (Fig. 1) and gives no sizes: all here are
-ours.
+The paper shows the walker (Figs. 9, 10) and the gripper (Fig. 1) without sizes: all sizes are ours.
 """
 
 from __future__ import annotations
@@ -25,12 +24,12 @@ class Star:
     """A round body with equal arms that end in half circles.
 
     Attributes:
-        arms: How many, at least 2.
-        arm_length: From the body's circle to the tip, in m.
-        arm_width: In m.
-        body_radius: In m.
-        corner_radius: Of the fillets between arm and body, or between two arms, in m.
-        angle: Of the first arm from the x axis, in rad.
+        arms: Number of arms, at least 2.
+        arm_length: Length of an arm from the body's circle to the tip, in m.
+        arm_width: Width of an arm in m.
+        body_radius: Radius of the body in m.
+        corner_radius: Radius of the fillets between arm and body, or between two arms, in m.
+        angle: Angle from the x axis to the first arm, in rad.
 
     Raises:
         OutlineError: The arms are wider than the body, or shorter than the fillets.
@@ -72,7 +71,7 @@ class Star:
 
     @property
     def root(self) -> float:
-        """Distance from the centre, in m, from which on the arms have their width."""
+        """Distance from the centre in m beyond which the arms have their width."""
         return float(self._fillet[0])
 
     @property
@@ -104,7 +103,7 @@ class Star:
         fillet = arc(centre, self.corner_radius, -np.pi / 2, end - np.pi)
         body = arc([0, 0], self.body_radius, touch, step)[1:] if touch < step else fillet[:0]
         upper = np.concatenate([tip, fillet, body])
-        # The last point lies on the border to the next sector, the first on the arm's axis.
+        # The last point is on the border to the next sector, the first on the arm's axis.
         sector = np.concatenate([upper[:0:-1] * [1, -1], upper])[1:]
         left = self.directions[:, ::-1] * [-1, 1]
         turned = sector[:, 0, None] * self.directions[:, None] + sector[:, 1, None] * left[:, None]
@@ -127,19 +126,19 @@ GRIPPER = Star(3, 0.09, 0.025, 0.025, 6e-3)
 def walker(
     comm: MPI.Comm, edge_length: float, star: Star = WALKER, *, planes: Sequence[int] = ()
 ) -> Pattern:
-    """A body with legs, by default four along the diagonals (paper Figs. 9, 10).
+    """Make a body with legs, by default four along the diagonals (paper Figs. 9, 10).
 
-    The legs' roots are mesh edges, so that body and legs can be told apart: a triangle of
-    `plane_centroids` c belongs to leg k where c · star.directions[k] > star.root.
+    Mesh edges separate body and legs: a triangle with the `plane_centroids` c belongs to leg k
+    where c · star.directions[k] > star.root.
 
     Args:
         comm: Communicator.
-        edge_length: Wanted edge length in m.
-        star: Sizes; the paper gives none.
+        edge_length: Target edge length in m.
+        star: The sizes.
         planes: () for the whole, (0,) or (1,) for half of it, (0, 1) for a quarter with one leg.
 
     Raises:
-        OutlineError: As `two_panels` does.
+        OutlineError: As in `two_panels`.
     """
     return _star_panels(comm, edge_length, star, planes)
 
@@ -147,16 +146,16 @@ def walker(
 def gripper(
     comm: MPI.Comm, edge_length: float, star: Star = GRIPPER, *, planes: Sequence[int] = ()
 ) -> Pattern:
-    """A palm with fingers, by default three at 120° (paper Fig. 1), the first along +x.
+    """Make a palm with fingers, by default three at 120° (paper Fig. 1), the first along +x.
 
     Args:
         comm: Communicator.
-        edge_length: Wanted edge length in m.
-        star: Sizes; the paper gives none.
+        edge_length: Target edge length in m.
+        star: The sizes.
         planes: () for the whole, (1,) for the half at y ≥ 0.
 
     Raises:
-        OutlineError: As `two_panels` does.
+        OutlineError: As in `two_panels`.
     """
     return _star_panels(comm, edge_length, star, planes)
 
@@ -171,20 +170,20 @@ def finger(
     corner_radius: float = 4e-3,
     planes: Sequence[int] = (),
 ) -> Pattern:
-    """A straight finger along +x from x = 0, closed all around, its tip a half circle.
+    """Make a straight finger along +x from x = 0, sewn all around, with a half circle as its tip.
 
     The defaults are ours: the paper gives no sizes.
 
     Args:
         comm: Communicator.
-        edge_length: Wanted edge length in m.
-        length, width: In m.
-        root: A line of mesh edges at x = root marks off what a mount holds, in m.
-        corner_radius: Of the two corners at x = 0, in m.
+        edge_length: Target edge length in m.
+        length, width: Size in m.
+        root: Length in m of the part that a mount holds; a line of mesh edges ends it.
+        corner_radius: Radius of the two corners at x = 0, in m.
         planes: () for the whole, (1,) for the half at y ≥ 0.
 
     Raises:
-        OutlineError: Root and tip overlap, or as `rounded` and `two_panels` do.
+        OutlineError: Root and tip overlap, or as in `rounded` and `two_panels`.
         ParameterError: A size is not positive.
     """
     require_positive(length=length, width=width, root=root, corner_radius=corner_radius)
@@ -201,5 +200,5 @@ def finger(
 
 
 def _star_panels(comm: MPI.Comm, edge_length: float, star: Star, planes: Sequence[int]) -> Pattern:
-    """Two panels along a star's outline, the roots of its arms marked off."""
+    """Make two panels along a star's outline, with mesh edges at the roots of its arms."""
     return two_panels(comm, star.outline, edge_length, lines=star.roots, planes=planes)

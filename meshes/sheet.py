@@ -1,4 +1,4 @@
-"""Open sheets of one panel: rectangles and discs, on meshes of several kinds."""
+"""Open sheets of one panel: rectangles and discs with meshes of several kinds."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ Place = Callable[[Floats], Floats]
 
 
 def one_panel(flat: Floats, triangles: Ints, place: Place | None = None) -> Pattern:
-    """A pattern of one flat panel, `sheet`, that is not sewn to anything.
+    """Make a pattern of one flat panel, `sheet`, without seams.
 
     Args:
         flat: Flat positions, (m, 2), in m.
-        triangles: Corners among them, (t, 3), counter-clockwise.
-        place: Assembled positions (m, 3) from flat ones; None lays the sheet in the plane z = 0.
+        triangles: Corners among the flat positions, (t, 3), counter-clockwise.
+        place: Maps flat positions to assembled ones, (m, 3). None: the sheet is in the plane z = 0.
     """
     points = np.column_stack([flat, np.zeros(len(flat))]) if place is None else place(flat)
     return Pattern(
@@ -46,19 +46,19 @@ def rectangle(
     mesh: str = "right",
     place: Place | None = None,
 ) -> Pattern:
-    """A rectangle [0, length] × [0, width] (collective).
+    """Make a rectangle [0, length] × [0, width] (collective).
 
     Args:
         comm: Communicator.
-        length, width: In m.
-        edge_length: Wanted edge length in m; the sides are divided evenly.
+        length, width: Size in m.
+        edge_length: Target edge length in m; the sides are divided evenly.
         mesh: "right" triangles with one diagonal direction, "equilateral" ones (halved at two
             borders), "crossed" (four around each square's centre), "union-jack" (diagonals that
             alternate), or "unstructured" (gmsh).
         place: As in `one_panel`.
 
     Raises:
-        ParameterError: A length is not positive or the kind of mesh is unknown.
+        ParameterError: A length is not positive, or the kind of mesh is unknown.
     """
     require_positive(length=length, width=width)
     require_positive(edge_length=edge_length, at_most=min(length, width))
@@ -88,17 +88,17 @@ def disc(
     mesh: str = "structured",
     place: Place | None = None,
 ) -> Pattern:
-    """A disc around the origin, its border a regular polygon on the circle (collective).
+    """Make a disc around the origin, with a regular polygon as its border (collective).
 
     Args:
         comm: Communicator.
-        radius: In m.
-        edge_length: Wanted edge length in m.
+        radius: Radius in m of the circle through the corners.
+        edge_length: Target edge length in m.
         mesh: "structured" (rings around the centre) or "unstructured" (gmsh).
         place: As in `one_panel`.
 
     Raises:
-        ParameterError: A length is not positive or the kind of mesh is unknown.
+        ParameterError: A length is not positive, or the kind of mesh is unknown.
     """
     require_positive(radius=radius)
     require_positive(edge_length=edge_length, at_most=radius)
@@ -115,13 +115,13 @@ def disc(
 
 
 def circle(count: int, radius: float) -> Floats:
-    """Corners of a regular polygon on a circle, (count, 2), from the angle π on."""
+    """Return the corners of a regular polygon on a circle, (count, 2), starting at the angle π."""
     angle = np.pi + 2 * np.pi * np.arange(count) / count
     return radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def ringed_disc(around: int, radius: float) -> tuple[Floats, Ints]:
-    """Rings of vertices around a centre, neighbouring rings zipped together by angle."""
+    """Mesh a disc by rings of vertices; neighbouring rings are connected in the order of angles."""
     rings = max(1, round(around / (2 * np.pi)))
     counts = [max(3, round(around * k / rings)) for k in range(rings, 0, -1)]
     points = np.concatenate(
@@ -146,7 +146,7 @@ def ringed_disc(around: int, radius: float) -> tuple[Floats, Ints]:
 
 
 def grid(along: int, across: int, kind: str) -> tuple[Floats, Ints]:
-    """Unit squares, each cut in two or, if crossed, in four."""
+    """Mesh a rectangle of unit squares, each divided in two triangles or, if crossed, in four."""
     u, v = np.meshgrid(np.arange(along + 1.0), np.arange(across + 1.0))
     points = np.column_stack([u.ravel(), v.ravel()])
     node = np.arange(len(points)).reshape(across + 1, along + 1)
@@ -168,7 +168,7 @@ def grid(along: int, across: int, kind: str) -> tuple[Floats, Ints]:
 
 
 def _staggered(along: int, across: int) -> tuple[Floats, Ints]:
-    """Rows of unit height, every other one shifted by half an edge and closed by half edges."""
+    """Mesh rows of unit height, every second one shifted by half an edge."""
     rows: list[Ints] = []
     points: list[tuple[float, float]] = []
     triangles: list[tuple[int, int, int]] = []

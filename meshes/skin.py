@@ -20,17 +20,17 @@ from toros_fem.meshes.pattern import Pattern
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """A pattern sewn together and spread over the ranks of a communicator.
+    """A sewn pattern, distributed over the ranks of a communicator.
 
-    Geometry is the flat pattern (gdim = tdim = 2, three corners a cell), topology the assembled
-    surface: `ufl.grad` of a position field in R³ is the deformation gradient, `ufl.dx` measures
-    flat area.
+    The geometry is the flat pattern (gdim = tdim = 2, three corners per cell), the topology is the
+    assembled surface: `ufl.grad` of a position field in R³ is the deformation gradient, and
+    `ufl.dx` measures flat area.
 
     Attributes:
-        pattern: The pattern, whole on every rank.
+        pattern: The whole pattern, on every rank.
         mesh: The distributed mesh, with a layer of ghost cells across facets.
-        position_space: Continuous piecewise linear fields in R³, one node an assembled vertex.
-        density_space: One value a triangle.
+        position_space: Continuous piecewise linear fields in R³, one node per assembled vertex.
+        density_space: Fields with one value per triangle.
         vertex: Assembled vertex of each local node of `position_space`, owned nodes first.
         cell: Pattern triangle of each local dof of `density_space`, owned dofs first.
     """
@@ -44,30 +44,30 @@ class Skin:
 
     @property
     def comm(self) -> MPI.Comm:
-        """The communicator the skin is spread over."""
+        """Communicator over which the skin is distributed."""
         return self.mesh.comm
 
     @property
     def owned_vertices(self) -> Ints:
-        """Assembled vertices of the nodes this rank owns."""
+        """Assembled vertices of the nodes that this rank owns."""
         return self.vertex[: self.position_space.dofmap.index_map.size_local]
 
     @property
     def owned_cells(self) -> Ints:
-        """Pattern triangles this rank owns, in the order of their density dofs."""
+        """Pattern triangles that this rank owns, in the order of their density dofs."""
         return self.cell[: self.density_space.dofmap.index_map.size_local]
 
     def gather_vertices(self, owned: Floats) -> Floats:
-        """Values at owned nodes, (k, …), as values at all assembled vertices, on every rank."""
+        """Return values at all vertices on every rank, from owned ones, (k, …) (collective)."""
         return gather_by_index(self.comm, self.owned_vertices, owned, len(self.pattern.points))
 
     def gather_cells(self, owned: Floats) -> Floats:
-        """Values at owned triangles, (k, …), as values at all triangles, on every rank."""
+        """Return values at all triangles on every rank, from owned ones, (k, …) (collective)."""
         return gather_by_index(self.comm, self.owned_cells, owned, len(self.pattern.panel))
 
 
 def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
-    """The sewn skin of a pattern, distributed over a communicator (collective).
+    """Sew a pattern into a skin, distributed over a communicator (collective).
 
     Args:
         comm: Communicator.
@@ -75,7 +75,7 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
     """
     root = comm.rank == 0
     points, triangles = pattern.points, pattern.triangles
-    # A mesh of the embedded surface gives topology, partition and numbering …
+    # A mesh of the embedded surface gives topology, partition and numbering.
     embedded = mesh.create_mesh(
         comm,
         cells=triangles if root else np.zeros((0, 3), dtype=np.int64),
@@ -87,13 +87,13 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
     original = np.asarray(topology.original_cell_index, dtype=np.int64)
     nodes = _compat.geometry_dofmap(embedded.geometry)
     corner = np.asarray(embedded.geometry.input_global_indices, dtype=np.int64)[nodes]
-    # … and a second geometry on it puts each corner at its place on the flat panel.
+    # A second geometry on it puts each corner at its place on the flat panel.
     place = np.argmax(triangles[original][:, None, :] == corner[:, :, None], axis=2)
     flat = np.take_along_axis(pattern.corners[original], place[:, :, None], axis=1)
     cells = topology.index_map(2)
     count = cells.size_local + cells.num_ghosts
     geometry = cpp.mesh.Geometry_float64(
-        joined_index_map(comm, [(cells, 3)])[0],
+        concatenated_index_map(comm, [(cells, 3)])[0],
         np.arange(3 * count, dtype=np.int32).reshape(count, 3),
         _compat.coordinate_map(embedded.geometry),
         np.ascontiguousarray(flat.reshape(-1, 2)),
@@ -113,23 +113,23 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
     return Skin(pattern, domain, position_space, density_space, vertex, cell)
 
 
-def joined_index_map(
+def concatenated_index_map(
     comm: MPI.Comm, parts: list[tuple[Any, int]]
 ) -> tuple[Any, list[npt.NDArray[np.int32]]]:
-    """One index map over several (collective).
+    """Concatenate index maps (collective).
 
     Args:
         comm: Communicator.
-        parts: Index maps with the block size by which each is unrolled. A rank owns its entries
+        parts: Index maps, each with the block size by which it is unrolled. A rank owns its entries
             of the first part, then those of the second; ghosts follow in the same order.
 
     Returns:
-        The index map, and of each part the local entries in it, owned ones first.
+        The index map, and the local indices in it of the entries of each part, owned ones first.
     """
     owned = np.array([block * index_map.size_local for index_map, block in parts])
     everywhere = np.array(comm.allgather(owned.tolist()))
     begin = np.concatenate([[0], np.cumsum(everywhere.sum(axis=1))])
-    ahead = np.cumsum(everywhere, axis=1) - everywhere  # of the same rank, in the joined numbering
+    ahead = np.cumsum(everywhere, axis=1) - everywhere  # entries of earlier parts on the same rank
     ghosts, owners, numbers = [], [], []
     before, count = 0, int(owned.sum())
     for p, (index_map, block) in enumerate(parts):
@@ -142,13 +142,13 @@ def joined_index_map(
         there = count + np.arange(entry.size)
         numbers.append(np.concatenate([here, there]).astype(np.int32))
         before, count = before + int(owned[p]), count + entry.size
-    joined = _compat.index_map(
+    concatenated = _compat.index_map(
         comm,
         int(owned.sum()),
         np.concatenate(ghosts).astype(np.int64),
         np.concatenate(owners).astype(np.int32),
     )
-    return joined, numbers
+    return concatenated, numbers
 
 
 def _local_size(space: fem.FunctionSpace) -> int:

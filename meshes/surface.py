@@ -1,12 +1,10 @@
-"""A triangulated surface in space, as one models or scans it, ready to be cut and unwrapped."""
+"""A triangulated surface in space, as it is modelled or scanned, before it is cut and unwrapped."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from toros_fem._types import Floats, Ints
 from toros_fem.errors import (
@@ -17,30 +15,31 @@ from toros_fem.errors import (
 )
 from toros_fem.meshes.topology import (
     clashing,
-    components,
+    connected_regions,
     edges_of,
     half_edges,
+    linked,
     normals,
-    pieces,
     pinched,
     shapes,
+    surface_components,
     users,
 )
 
-# Thinner triangles (height over longest edge) spoil every map to the plane.
+# Thinner triangles (height over longest edge) spoil every flattening.
 MIN_SHAPE = 1e-5
 
 
 @dataclass(frozen=True)
 class Repairs:
-    """What was mended when a surface was read.
+    """Number of repairs of each kind that were made when a surface was read.
 
     Attributes:
-        merged: Vertices dropped because they lay where another one does.
-        dropped: Triangles dropped: the same as another one, with a corner twice, or a flat ear.
-        collapsed: Edges collapsed in needles.
-        flipped: Edges flipped in caps.
-        turned: Triangles turned round to agree with their neighbours or to face outwards.
+        merged: Vertices merged with another one at the same place.
+        dropped: Triangles dropped: copies, those with a corner twice, and flat ones at a border.
+        collapsed: Edges collapsed in needles (triangles with one short edge).
+        flipped: Edges flipped in caps (triangles with a corner on the opposite edge).
+        turned: Triangles reversed to agree with their neighbours or to face outwards.
     """
 
     merged: int = 0
@@ -55,7 +54,7 @@ class Repairs:
             "triangles dropped": self.dropped,
             "edges collapsed": self.collapsed,
             "edges flipped": self.flipped,
-            "triangles turned round": self.turned,
+            "triangles reversed": self.turned,
         }
         return ", ".join(f"{count} {what}" for what, count in done.items() if count) or "none"
 
@@ -71,13 +70,13 @@ class Surface:
             Borders between parts are seams.
         part_names: A name for each part.
         seams: Edges to cut along, pairs of vertices, shape (k, 2).
-        repairs: What was mended on the way here.
+        repairs: Repairs that were made when it was read.
 
     Raises:
-        SurfaceError: The arrays do not fit together, hold NaN, or the surface is in pieces.
+        SurfaceError: The arrays do not fit together, hold NaN, or the surface is not connected.
         DegenerateTriangleError: Triangles are thinner than `MIN_SHAPE`.
-        ManifoldError: An edge has more than two triangles, or a vertex two fans of them.
-        OrientationError: Neighbours are oriented differently, or a closed surface inwards.
+        ManifoldError: An edge has more than two triangles, or a vertex has several fans of them.
+        OrientationError: Neighbours are oriented differently, or a closed surface faces inwards.
     """
 
     points: Floats
@@ -98,8 +97,8 @@ class Surface:
         ):
             array = np.array(getattr(self, name), dtype=kind)
             if array.ndim != (2 if width else 1) or (width and array.shape[1] != width):
-                wanted = f"(…, {width})" if width else "(…,)"
-                raise SurfaceError(f"{name} has shape {array.shape}; it must be {wanted}.")
+                required = f"(…, {width})" if width else "(…,)"
+                raise SurfaceError(f"{name} has shape {array.shape}; it must be {required}.")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         names = self.part_names or tuple(
@@ -150,11 +149,11 @@ class Surface:
                 f"worst, {worst}, at {self.points[self.triangles[worst]].mean(axis=0)} m with "
                 f"{shape[worst]:.2g}. Remesh the surface."
             )
-        label = components(self.triangles)
+        label = surface_components(self.triangles)
         if label.max() > 0:
             raise SurfaceError(
-                f"the surface is in {label.max() + 1} pieces, of {np.bincount(label).tolist()} "
-                "triangles. Give one of them, or join them."
+                f"the surface has {label.max() + 1} connected components, of "
+                f"{np.bincount(label).tolist()} triangles. Give one of them, or connect them."
             )
 
     def _check_orientation(self) -> None:
@@ -163,8 +162,8 @@ class Surface:
         if len(wrong):
             a, b = half_edges(self.triangles)[edges.twins[wrong[0], 0]]
             raise OrientationError(
-                f"the triangles at edge {a}-{b} run through it in the same direction. Turn one of "
-                "them round; a surface with one side only cannot be sewn."
+                f"both triangles at edge {a}-{b} pass it in the same direction. Reverse one of "
+                "them; a surface with one side only cannot be sewn."
             )
         if self.closed and volume(self.points, self.triangles) <= 0:
             raise OrientationError(
@@ -174,35 +173,38 @@ class Surface:
 
 
 def volume(points: Floats, triangles: Ints) -> float:
-    """Volume in m³ that a closed oriented surface encloses; negative if it faces inwards."""
+    """Return the volume in m³ inside a closed oriented surface; negative if it faces inwards."""
     a, b, c = np.moveaxis(points[triangles] - points.mean(axis=0), 1, 0)
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
 def oriented(triangles: Ints) -> Ints:
-    """Triangles (t, 3) of manifold pieces turned round to agree with the first of each piece.
+    """Reverse triangles (t, 3) to agree with the first one of their connected region.
+
+    Args:
+        triangles: Triangles with at most two at each edge.
 
     Raises:
-        OrientationError: A piece has one side only, as a Möbius strip has.
+        OrientationError: A region has one side only, as a Möbius strip has.
     """
     edges = edges_of(triangles)
     one, two = edges.sides[edges.inner].T
     clash = np.isin(edges.inner, clashing(triangles, edges))
     size = len(triangles)
-    # In the doubled graph (triangle, turned?) the first triangle as it is reaches each one once.
+    # Each triangle is two nodes: as it is, and reversed (+ size). On a surface with two sides, a
+    # node is linked to one of the two nodes of any other triangle.
     rows = np.concatenate([one, one + size])
     cols = np.concatenate([two + size * clash, two + size * ~clash])
-    graph = coo_array((np.ones(len(rows)), (rows, cols)), shape=(2 * size, 2 * size))
-    label = connected_components(graph, directed=False)[1]
+    label = linked(rows, cols, 2 * size)
     if np.any(label[:size] == label[size:]):
         k = int(np.flatnonzero(label[:size] == label[size:])[0])
         raise OrientationError(
             f"the surface has one side only around triangle {k}, vertices "
-            f"{triangles[k].tolist()}: outside and inside cannot be told apart. Cut it, or remove "
-            "the faces that join its two sides."
+            f"{triangles[k].tolist()}: it has no outside. Cut it, or remove the faces that "
+            "connect its two sides."
         )
-    piece = pieces(edges, edges.inner)
-    root = np.unique(piece, return_index=True)[1][piece]
+    region = connected_regions(edges, edges.inner)
+    root = np.unique(region, return_index=True)[1][region]
     turned = label[:size] != label[root]
     return np.where(turned[:, None], triangles[:, ::-1], triangles)
 
@@ -226,7 +228,9 @@ def check_edges(points: Floats, triangles: Ints) -> None:
 
 
 def check_fans(points: Floats, triangles: Ints) -> None:
-    """Check that the triangles around each vertex, which must agree, are one fan.
+    """Check that the triangles around each vertex form one fan.
+
+    Neighbours must be oriented alike.
 
     Raises:
         ManifoldError: Naming the vertex and where it lies.

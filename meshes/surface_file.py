@@ -1,4 +1,4 @@
-"""Reading a surface from a file: STL, OBJ, PLY, MSH, XDMF and what else meshio reads."""
+"""Surfaces read from STL, OBJ, PLY, MSH, XDMF and the other formats of meshio."""
 
 from __future__ import annotations
 
@@ -15,37 +15,37 @@ from toros_fem.errors import SurfaceError
 from toros_fem.meshes.mesh_file import load, obj_lines
 from toros_fem.meshes.repair import mend, weld
 from toros_fem.meshes.surface import Repairs, Surface, check_edges, oriented, volume
-from toros_fem.meshes.topology import components, edge_keys, edges_of, normals
+from toros_fem.meshes.topology import edge_keys, edges_of, normals, surface_components
 
 FORMATS = "STL, OBJ, PLY, MSH or XDMF"
 READ = ("triangle", "quad", "line")
-# Names under which files keep the part of each triangle; the first that is there counts.
+# Names of the cell data that hold the part of each triangle; the first one found counts.
 PARTS = ("gmsh:physical", "gmsh:geometrical", "obj:group_ids", "medit:ref", "cell_tags", "part")
 
 
 def read_surface(
     comm: MPI.Comm, path: Path | str, scale: float = 1.0, component: int | None = None
 ) -> Surface:
-    """The surface in a mesh file, mended, oriented, the same on all ranks (collective).
+    """Read a surface from a mesh file, repaired and oriented, the same on all ranks (collective).
 
-    Coincident vertices are merged (an STL tells each one several times), triangles told twice
-    dropped, quadrilaterals split at their shorter diagonal, needles collapsed and caps flipped,
-    triangles turned round to agree and, if the surface is closed, to face outwards.
-    `Surface.repairs` says how many. Vertices are numbered as the triangles first use them, so
-    that the format does not matter. Line elements become seams, cell groups parts; points of two
-    coordinates lie in z = 0.
+    Coincident vertices are merged (an STL repeats each one), copies of triangles dropped,
+    quadrilaterals split at their shorter diagonal, needles collapsed and caps flipped. Triangles
+    are reversed to agree with their neighbours and, if the surface is closed, to face outwards.
+    `Surface.repairs` counts the repairs. Vertices are numbered in the order in which the triangles
+    use them, so that the format does not matter. Line elements become seams, cell groups become
+    parts. Points of two coordinates lie in z = 0.
 
     Args:
         comm: Communicator; the first rank reads.
         path: STL, OBJ, PLY, MSH, XDMF or another format of meshio.
         scale: Length of the file's unit in m, 1e-3 for mm.
-        component: Which connected component to take, 0 for the one of largest area; None asks
-            for a single one.
+        component: Connected component to read, 0 for the one of largest area. None: the file must
+            have a single one.
 
     Raises:
         ParameterError: scale is not positive, or component not a whole number from 0.
-        SurfaceError: The file cannot be read, holds no triangles, several components, or lines
-            that are no edges of its triangles.
+        SurfaceError: The file cannot be read, has no triangles, several components, or lines that
+            are not edges of its triangles.
         ManifoldError, OrientationError, DegenerateTriangleError: As of `Surface`.
     """
     require_positive(scale=scale)
@@ -66,27 +66,27 @@ def _read(path: Path, scale: float, component: int | None) -> Surface:
     cells = [(block.type, block.data) for block in mesh.cells if block.type in READ]
     if path.suffix.lower() == ".obj":
         cells.append(("line", obj_lines(path)))
-    for what, corners in cells:
+    for kind, corners in cells:
         wrong = corners[(corners < 0) | (corners >= len(points))]
         if len(wrong):
             raise SurfaceError(
-                f"{path} has a {what} at vertex {wrong[0]}, but its vertices are 0 … "
+                f"{path} has a {kind} at vertex {wrong[0]}, but its vertices are 0 … "
                 f"{len(points) - 1}. Export it again; an OBJ's faces need positive numbers."
             )
     triangles, tags = _triangles(path, mesh, points)
-    lines = [corners for what, corners in cells if what == "line"]
+    lines = [corners for kind, corners in cells if kind == "line"]
     seams = np.concatenate([*lines, np.zeros((0, 2), dtype=np.int64)]).astype(np.int64)
-    # Lines may have vertices of their own, at the places of the triangles'.
+    # Lines may have their own vertices, at the places of the triangles' vertices.
     used = np.union1d(triangles, seams)
     if not np.all(np.isfinite(points[used])):
         raise SurfaceError(f"{path} holds coordinates that are not finite. Export it again.")
 
-    stands_for, stay = weld(points[used], np.searchsorted(used, triangles))
-    merged = len(used) - len(np.unique(stands_for))
+    replaced_by, kept = weld(points[used], np.searchsorted(used, triangles))
+    merged = len(used) - len(np.unique(replaced_by))
     place = np.arange(len(points))
-    place[used] = used[stands_for]
-    seams, dropped = place[seams], len(triangles) - len(stay)
-    triangles, tags = place[triangles[stay]], tags[stay]
+    place[used] = used[replaced_by]
+    seams, dropped = place[seams], len(triangles) - len(kept)
+    triangles, tags = place[triangles[kept]], tags[kept]
     if len(triangles) == 0:
         raise SurfaceError(f"all triangles of {path} have no area. Is `scale` = {scale:g} right?")
 
@@ -95,11 +95,11 @@ def _read(path: Path, scale: float, component: int | None) -> Surface:
     chosen = _component(path, points, triangles, component)
     triangles, tags = triangles[chosen], tags[chosen]
     check_edges(points, triangles)
-    filed, triangles = triangles, _outwards(points, triangles)
-    turned = int(np.any(filed != triangles, axis=1).sum())
+    read, triangles = triangles, _outwards(points, triangles)
+    turned = int(np.any(read != triangles, axis=1).sum())
     parts, names = _parts(mesh, tags)
-    points, triangles, parts, stands_for, mended = mend(points, triangles, parts, seams)
-    points, triangles, seams = _renumbered(points, triangles, stands_for[seams])
+    points, triangles, parts, replaced_by, mended = mend(points, triangles, parts, seams)
+    points, triangles, seams = _renumbered(points, triangles, replaced_by[seams])
     return Surface(
         points=points,
         triangles=triangles,
@@ -117,7 +117,7 @@ def _read(path: Path, scale: float, component: int | None) -> Surface:
 
 
 def _triangles(path: Path, mesh: Any, points: Floats) -> tuple[Ints, Ints]:
-    """Triangles (t, 3) of a mesh, quadrilaterals split, and the tag of each."""
+    """Return the triangles (t, 3) of a mesh, with quadrilaterals split, and the tag of each."""
     name = next((n for n in PARTS if n in mesh.cell_data and _tags(mesh, n)), None)
     found, tags, other = [], [], []
     for number, block in enumerate(mesh.cells):
@@ -151,7 +151,7 @@ def _tags(mesh: Any, name: str) -> bool:
 
 
 def _parts(mesh: Any, tags: Ints) -> tuple[Ints, tuple[str, ...]]:
-    """Parts numbered from 0, and what the file calls them."""
+    """Return the part of each triangle, numbered from 0, and the names of the parts."""
     known, parts = np.unique(tags, return_inverse=True)
     named = {int(tag): name for name, (tag, dim) in mesh.field_data.items() if dim == 2}
     return parts.ravel(), tuple(named.get(int(tag), f"part-{tag}") for tag in known)
@@ -164,20 +164,20 @@ def _check_seams(path: Path, points: Floats, triangles: Ints, seams: Ints) -> No
         a, b = points[seams[np.argmax(wrong)]]
         raise SurfaceError(
             f"{wrong.sum()} lines of {path} are no edges of its triangles, the first from {a} to "
-            f"{b} m. Draw seams along the mesh, edge by edge, and delete other lines."
+            f"{b} m. Draw seams along the mesh, edge by edge, and delete all other lines."
         )
 
 
 def _component(path: Path, points: Floats, triangles: Ints, component: int | None) -> Ints:
-    """Triangles of one connected component."""
-    label = components(triangles)
+    """Return the triangles of one connected component."""
+    label = surface_components(triangles)
     area = np.bincount(label, np.linalg.norm(normals(points, triangles), axis=1) / 2)
     order = np.argsort(-area, kind="stable")
     if component is None and len(area) > 1:
         shown = ", ".join(f"{area[k]:.3g}" for k in order[:5])
         raise SurfaceError(
             f"{path} holds {len(area)} components, of {shown}{', …' if len(area) > 5 else ''} m². "
-            "Pick one by `component` (0 is the largest), or join them before saving."
+            "Choose one by `component` (0 is the largest), or connect them before saving."
         )
     if component is not None and component >= len(area):
         raise SurfaceError(f"component = {component}, but {path} holds {len(area)}, from 0 on.")
@@ -185,7 +185,7 @@ def _component(path: Path, points: Floats, triangles: Ints, component: int | Non
 
 
 def _outwards(points: Floats, triangles: Ints) -> Ints:
-    """Triangles that agree; closed ones face outwards, open ones as most of the file's area."""
+    """Orient triangles alike: closed surfaces outwards, open ones as most of their area is."""
     agreed = oriented(triangles)
     if len(edges_of(agreed).border) == 0:
         inwards = volume(points, agreed) < 0
@@ -197,9 +197,9 @@ def _outwards(points: Floats, triangles: Ints) -> Ints:
 
 
 def _renumbered(points: Floats, triangles: Ints, seams: Ints) -> tuple[Floats, Ints, Ints]:
-    """Vertices in the order of their first use; of the seams those that are left of the surface.
+    """Number vertices in the order of their first use; keep the seams that are still edges.
 
-    What else there was lies on another component, or went where the surface was mended.
+    The other seams were on another component, or collapsed in a repair.
     """
     used, first, inverse = np.unique(triangles, return_index=True, return_inverse=True)
     rank = np.argsort(np.argsort(first))

@@ -1,4 +1,4 @@
-"""Target shapes: composable deformers of the assembled skin."""
+"""Target shapes, made by deformers of the assembled skin that can be composed."""
 
 from __future__ import annotations
 
@@ -14,24 +14,27 @@ from toros_fem.errors import ParameterError
 Deformer = Callable[[Floats], Floats]
 """Maps positions (n, 3) in m to positions (n, 3) in m."""
 
-# Largest cosine between two directions that are meant to be perpendicular.
+# Largest cosine between two directions that must be perpendicular.
 SQUARE = 1e-6
 
 
 def bend(angle: float, length: float, *, neutral: float = 0.0) -> Deformer:
-    """Bend a body along z to constant curvature, in the x-z plane towards +x.
+    """Return a deformer that bends a body along z to constant curvature, towards +x.
 
-    The end z = 0 stays fixed; every cross-section z = const is turned rigidly by
-    angle · z/length about +y, so that the tip's normal turns from +z towards +x by `angle`. The
-    neutral line x = neutral keeps its length: material at smaller x
-    is stretched, at larger x shortened, by (neutral − x) · angle/length. Material beyond the ends
-    z = 0 and z = length goes on straight.
+    The end z = 0 stays fixed. Every cross-section z = const is rotated rigidly by
+    angle · z/length about +y, so that the tip's normal rotates from +z towards +x by `angle`. The
+    neutral line x = neutral keeps its length. Material at smaller x is stretched, at larger x
+    shortened, by (neutral − x) · angle/length. Beyond the ends z = 0 and z = length the body
+    continues straight.
 
     Args:
-        angle: Angle between the two end sections in rad; negative bends towards −x.
+        angle: Angle between the two end cross-sections in rad; negative bends towards −x.
         length: Length in m over which the curvature is spread.
-        neutral: Position x of the neutral line in m. On a tube of radius R, 0 is the centre
-            line, R the inner side of the bend.
+        neutral: Position x of the neutral line in m. In a tube of radius R, 0 is the centre line
+            and R the inner side of the bend.
+
+    Raises:
+        ParameterError: A number is not finite, or the length is not positive.
     """
     _require_finite(angle=angle, neutral=neutral)
     return curl(angle, length, origin=(neutral, 0, 0), along=(0, 0, 1), toward=(1, 0, 0))
@@ -45,18 +48,19 @@ def curl(
     along: npt.ArrayLike,
     toward: npt.ArrayLike,
 ) -> Deformer:
-    """Bend a body to constant curvature, from a place on, in any direction.
+    """Return a deformer that bends a body to constant curvature at any place, in any direction.
 
-    What lies before the origin stays; behind it every cross-section across `along` is turned
-    rigidly, by up to `angle` at the distance `length`; what lies beyond goes on straight. The
-    line through the origin keeps its length, and so does the plane through it across `toward`.
+    Material before the origin stays. Behind it every cross-section perpendicular to `along` is
+    rotated rigidly, by up to `angle` at the distance `length`. Beyond this the body continues
+    straight. The plane through the origin perpendicular to `toward` keeps its lengths.
 
     Args:
-        angle: Between the directions before and after in rad; negative bends the other way.
+        angle: Angle between the directions before and after the bend, in rad; negative bends the
+            other way.
         length: Length in m over which the curvature is spread.
         origin: Point in m on the neutral line where the bend begins, (3,).
         along: Direction of the body, (3,), of any length.
-        toward: Direction it bends to, (3,), across `along`, of any length.
+        toward: Direction of the bend, (3,), perpendicular to `along`, of any length.
 
     Raises:
         ParameterError: A number is not finite, the length not positive, or the directions are
@@ -77,7 +81,7 @@ def curl(
         far, high = away @ out, away @ side
         bent = np.clip(far, 0, length)
         turn = angle * bent / length
-        # Written without the centre of curvature, so that angle = 0 is no special case:
+        # This form has no centre of curvature, so that angle = 0 is no special case:
         # sin(t)/κ = s sinc, (1 − cos t)/κ = s tan(t/2) sinc.
         sinc = np.sinc(turn / np.pi)
         half = np.sinc(turn / (2 * np.pi))
@@ -95,19 +99,19 @@ def curl(
 
 
 def stand(angle: float, length: float, *, directions: npt.ArrayLike, root: float) -> Deformer:
-    """Turn all arms of a flat star down: a walker that stands up (paper Figs. 9, 10).
+    """Return a deformer that bends all arms of a flat star down (paper Figs. 9, 10).
 
-    The body stays. From the distance `root` from the centre on, each arm bends towards −z about
-    the horizontal axis across it, to constant curvature over `length`; the rest of it goes on
+    The body stays. Beyond the distance `root` from the centre, each arm bends towards −z about the
+    horizontal axis across it, to constant curvature over `length`; the rest of it continues
     straight. The plane z = 0 keeps its lengths.
 
     Args:
-        angle: By which each arm turns down in rad; negative turns it up.
+        angle: Angle in rad by which each arm bends down; negative bends it up.
         length: Length in m over which the curvature is spread.
-        directions: Of the arms, (k, 2), of any length, as `Star.directions`.
+        directions: Directions of the arms, (k, 2), of any length, as in `Star.directions`.
         root: Distance along each arm from the z axis, in m, at which the bend begins. The arms
-            must be apart there, as they are at `Star.root`: a point belongs to the arm whose
-            direction is nearest.
+            must be apart there, as they are at `Star.root`: a point belongs to the arm with the
+            nearest direction.
 
     Raises:
         ParameterError: A number is out of bounds, or the directions are not (k, 2).
@@ -130,7 +134,7 @@ def stand(angle: float, length: float, *, directions: npt.ArrayLike, root: float
 
 
 def twist(angle: float, length: float) -> Deformer:
-    """Turn the section z = const about the z axis by angle · z/length, counter-clockwise."""
+    """Return a deformer that rotates cross-sections about z by angle · z/length."""
     require_positive(length=length)
     _require_finite(angle=angle)
 
@@ -144,20 +148,20 @@ def twist(angle: float, length: float) -> Deformer:
 
 
 def contract(axial: float, radial: float = 1.0) -> Deformer:
-    """Scale lengths along z and across it; the section z = 0 stays in its plane.
+    """Return a deformer that scales lengths along z and across it, about the origin.
 
     Args:
-        axial: New over old length along z: 0.92 shortens by 8 %.
-        radial: New over old radius.
+        axial: Ratio of new to old length along z: 0.92 shortens by 8 %.
+        radial: Ratio of new to old radius.
     """
     require_positive(axial=axial, radial=radial)
     return lambda points: np.asarray(points, dtype=np.float64) * [radial, radial, axial]
 
 
 def compose(*deformers: Deformer) -> Deformer:
-    """Apply deformers one after the other, the first one first.
+    """Return a deformer that applies the given ones one after the other, the first one first.
 
-    A deformer takes the body as lying where it lay, so a bend comes last: compose(contract(0.9),
+    Deformers expect a straight body along z, so that a bend comes last: compose(contract(0.9),
     twist(1.0, 0.15), bend(3.1, 0.135)).
     """
 

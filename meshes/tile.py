@@ -1,4 +1,4 @@
-"""A rectangular patch of cloth that repeats: sewn into a torus, laid side by side, mirrored."""
+"""Rectangular patches of cloth that repeat: sewn into a torus, side by side, symmetric."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class Tile:
     """A rectangular patch of cloth that repeats, sewn into a torus on its flat pattern.
 
     Attributes:
-        pattern: One panel, `tile`, its opposite borders sewn to each other. Its flat points fill
-            the closed rectangle [0, a] × [0, b]; each assembled vertex lies at its own place in
+        pattern: One panel, `tile`, with opposite borders sewn to each other. Its flat points fill
+            the closed rectangle [0, a] × [0, b]. Each assembled vertex has its own place in
             [0, a) × [0, b), z = 0, in m.
         lattice: The two vectors by which it repeats, rows of (2, 2), in m.
-        wraps: By how many lattice vectors each corner is away from its vertex's own place, shape
-            (t, 3, 2): corner k of triangle t lies at `points[vertex, :2] + wraps[t, k] @ lattice`.
+        wraps: Numbers of lattice vectors from the vertex's own place to each corner, shape
+            (t, 3, 2): corner k of triangle t is at `points[vertex, :2] + wraps[t, k] @ lattice`.
     """
 
     pattern: Pattern
@@ -42,7 +42,11 @@ class Tile:
     wraps: Ints
 
     def repeated(self, along: int, across: int) -> Repeated:
-        """The tile made of so many copies of this one along x and y; the first is in place.
+        """Return a tile made of copies of this one.
+
+        Args:
+            along: Number of copies along x. The first copy is in its own place.
+            across: Number of copies along y.
 
         Raises:
             ParameterError: A number is not whole, or less than 1.
@@ -64,11 +68,15 @@ class Tile:
         )
 
     def sheet(self, along: int, across: int) -> tuple[Pattern, Ints]:
-        """An open sheet of so many tiles along x and y.
+        """Return an open sheet made of copies of this tile.
+
+        Args:
+            along: Number of copies along x. The first copy is in its own place.
+            across: Number of copies along y.
 
         Returns:
-            The pattern, its one panel `sheet` sewn to nothing, and the triangle of this tile that
-            each of its triangles copies, shape (t · along · across,).
+            The pattern, whose single panel `sheet` has no seams, and the triangle of this tile
+            that each of its triangles copies, shape (t · along · across,).
 
         Raises:
             ParameterError: A number is not whole, or less than 1.
@@ -78,13 +86,13 @@ class Tile:
         return one_panel(pattern.flat_points, pattern.flat_triangles), whole.cell
 
     def nearest(self, places: Floats) -> tuple[Ints, Floats]:
-        """The triangles whose centroids lie nearest to flat places on the torus.
+        """Return the triangles with the nearest centroids to flat places on the torus.
 
         Args:
-            places: In m, (k, 2), on any copy of the tile.
+            places: Places in m, (k, 2), on any copy of the tile.
 
         Returns:
-            The triangle, and how far away its centroid is in m, (k,) each.
+            The triangle, and the distance of its centroid in m, (k,) each.
         """
         size = np.diagonal(self.lattice)
         tree = cKDTree(_home(self.pattern.centroids, size), boxsize=size)
@@ -92,10 +100,10 @@ class Tile:
         return np.asarray(found, dtype=np.int64), np.asarray(away)
 
     def symmetry_maps(self, symmetry: str) -> Ints:
-        """The triangle to which each goes by each operation of a symmetry, shape (g, t).
+        """Return the triangle onto which each operation of a symmetry maps each one, shape (g, t).
 
         Args:
-            symmetry: One of `SYMMETRIES`, which gives the operations in the same order.
+            symmetry: One of `SYMMETRIES`, where the operations are in the same order.
 
         Raises:
             ParameterError: The symmetry is unknown, or needs a square tile.
@@ -110,9 +118,10 @@ class Tile:
             worst = int(np.argmax(away))
             if away[worst] > SAME:
                 raise PatternError(
-                    f"the tile's mesh is not {symmetry}: by {operation.tolist()} triangle {worst} "
-                    f"misses the nearest one by {away[worst]:.2g} of the tile; {SAME:g} is "
-                    f"allowed. Make the tile with symmetry={symmetry!r}, and not of 'right' mesh."
+                    f"the tile's mesh is not {symmetry}: {operation.tolist()} maps triangle "
+                    f"{worst} to a place {away[worst]:.2g} of the tile away from the nearest one; "
+                    f"the bound is {SAME:g}. Make the tile with symmetry={symmetry!r}, and a mesh "
+                    "other than 'right'."
                 )
             symmetry_maps.append(found)
         return np.array(symmetry_maps, dtype=np.int64)
@@ -124,7 +133,7 @@ class Repeated:
 
     Attributes:
         tile: The larger tile.
-        cell: Triangle of the other that each triangle copies, shape (t,).
+        cell: Triangle of the original tile that each triangle copies, shape (t,).
     """
 
     tile: Tile
@@ -138,18 +147,18 @@ def tile(
     mesh: str = "crossed",
     symmetry: str = "none",
 ) -> Tile:
-    """A tile [0, a] × [0, b] (collective).
+    """Make a tile [0, a] × [0, b] (collective).
 
     Args:
         comm: Communicator.
-        size: Its sides (a, b) in m, or the one of a square.
-        edge_length: Wanted edge length in m; the sides are divided evenly, in 3 at least, and in
-            an even number where the mesh needs it: union-jack, and unstructured with a symmetry.
-        mesh: "right", "crossed", "union-jack" or "unstructured", as of `rectangle`.
-        symmetry: What the mesh has at least: "none", "orthotropic" (mirrors in both middle lines,
-            and so in the borders), "chiral" (turns by 90°) or "tetragonal" (the mirrors, the
-            turns, and mirrors in the diagonals). Crossed and union-jack meshes have all that the
-            sides allow. An unstructured mesh for the turns has the mirrors too.
+        size: Its sides (a, b) in m, or the side of a square.
+        edge_length: Target edge length in m. The sides are divided evenly, in 3 edges at least, and
+            in an even number of edges for union-jack and symmetric unstructured meshes.
+        mesh: "right", "crossed", "union-jack" or "unstructured", as in `rectangle`.
+        symmetry: Symmetry that the mesh has at least: "none", "orthotropic" (reflections in both
+            middle lines, and so in the borders), "chiral" (rotations by 90°) or "tetragonal" (both,
+            and reflections in the diagonals). Crossed and union-jack meshes have all symmetries
+            that the sides allow. A chiral unstructured mesh is tetragonal.
 
     Raises:
         ParameterError: A length is not positive or too large, a name is unknown, or tile or mesh
@@ -166,7 +175,7 @@ def tile(
     check_symmetry(symmetry, sides)
     if mesh == "right" and symmetry != "none":
         raise ParameterError(
-            f"mesh = 'right' cannot be {symmetry}: its diagonals run one way. Take 'crossed', "
+            f"mesh = 'right' cannot be {symmetry}: all its diagonals are parallel. Use 'crossed', "
             "'union-jack' or 'unstructured'."
         )
 
@@ -191,14 +200,14 @@ def tile(
 
 
 def _home(places: Floats, size: Floats) -> Floats:
-    """Places on a torus, in [0, size): a remainder may be rounded up to the size itself."""
+    """Return places on a torus in [0, size). A remainder may be rounded up to the size itself."""
     inside = places % size
     return np.asarray(np.where(inside < size, inside, 0.0))
 
 
 def _sewn(places: Floats, vertices: Ints, wraps: Ints, lattice: Floats) -> Tile:
-    """A tile from the places (n, 2) of its vertices, and vertex and wraps of each corner."""
-    # The flat rectangle is closed: it has a vertex on its border once for each way to wrap.
+    """Sew a tile from the places (n, 2) of its vertices, and vertex and wraps of each corner."""
+    # The flat rectangle is closed: it repeats a vertex on its border for each way to wrap.
     shape = (len(places), 2, 2)
     corners = np.ravel_multi_index((vertices, wraps[..., 0], wraps[..., 1]), shape)
     flat, flat_triangles = np.unique(corners, return_inverse=True)

@@ -1,4 +1,4 @@
-"""Symmetries of a rectangle that repeats, and unstructured meshes that have them."""
+"""Symmetries of periodic rectangles, and unstructured meshes with these symmetries."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from toros_fem.meshes.planar import without_bridges
 _TURNS = np.array([[[1, 0], [0, 1]], [[0, -1], [1, 0]], [[-1, 0], [0, -1]], [[0, 1], [-1, 0]]])
 _FLIP = np.array([[-1, 0], [0, 1]])
 # The operations of each symmetry, matrices (g, 2, 2), the identity first. They act about the
-# rectangle's middle, or about its corner: up to the lattice that is the same.
+# rectangle's middle or its corner, which is the same up to lattice vectors.
 SYMMETRIES: dict[str, Ints] = {
     "none": _TURNS[:1],
     "orthotropic": np.array([_TURNS[0], _FLIP, -_FLIP, _TURNS[2]]),
     "chiral": _TURNS,
     "tetragonal": np.concatenate([_TURNS, _TURNS @ _FLIP]),
 }
-# Points nearer than this share of an edge, and centroids than this share of a tile, are the same.
+# Points closer than this fraction of an edge, and centroids than this fraction of a tile, coincide.
 SAME = 1e-6
 
 
@@ -35,20 +35,20 @@ def check_symmetry(symmetry: str, sides: Floats) -> None:
     if not np.allclose(turned, sides, rtol=1e-9, atol=0):
         raise ParameterError(
             f"a tile of {sides[0]:.6g} m × {sides[1]:.6g} m cannot be {symmetry}, which needs a "
-            "square. Make the sides equal, or take 'orthotropic'."
+            "square. Make the sides equal, or use 'orthotropic'."
         )
 
 
 def unstructured(sides: Floats, counts: Ints, symmetry: str) -> tuple[Floats, Ints]:
-    """Mesh [0, a] × [0, b] so that opposite borders match and the mesh has a symmetry.
+    """Mesh [0, a] × [0, b] with opposite borders that match and with a symmetry.
 
-    Only a fundamental region is meshed: all, a quarter, or an eighth. Its images lie side by side
-    and share no points: those on common lines coincide up to rounding. To be called on one rank.
+    Only a fundamental region is meshed: all, a quarter, or an eighth. Its images are side by side
+    and share no points; points on common lines coincide up to rounding. Call it on one rank.
 
     Args:
         sides: (a, b) in m.
-        counts: Edges along them; even ones if there is a symmetry.
-        symmetry: One of `SYMMETRIES`; for "chiral" the mesh is tetragonal, which has the turns.
+        counts: Number of edges along each side, even if there is a symmetry.
+        symmetry: One of `SYMMETRIES`. For "chiral" the mesh is tetragonal, which includes it.
 
     Returns:
         Points (m, 2) in m and counter-clockwise triangles (t, 3).
@@ -65,7 +65,7 @@ def unstructured(sides: Floats, counts: Ints, symmetry: str) -> tuple[Floats, In
     near = SAME * (sides / counts).min()
     region, triangles = polygon_meshes([(corners, divisions)], (sides / counts).min())[0]
     for axis in (0, 1):
-        # An edge between parallel lines of symmetry and its image would have the same ends.
+        # An edge between parallel lines of symmetry would have the same ends as its image.
         lines = region[:, axis].min(), region[:, axis].max()
         on = (np.abs(region[:, axis, None] - lines) <= near).any(axis=1)
         region, triangles, _ = without_bridges(region, triangles, on, ())

@@ -1,4 +1,4 @@
-"""From a surface to its sewing pattern: seams, charts, flat panels."""
+"""Sewing patterns from surfaces: seams, charts, flat panels."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from toros_fem.meshes.panels import flat_panels
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.regions import crease_regions
 from toros_fem.meshes.surface import Surface
-from toros_fem.meshes.topology import Edges, between, edges_of
+from toros_fem.meshes.topology import Edges, between, edge_keys, edges_of
 
 AUTOMATIC = "auto"
 
-# Largest stretch or compression of panels with automatic seams, unless asked otherwise.
+# Default of the largest stretch or compression of panels with automatic seams.
 MAX_STRETCH = 0.15
-# By so much the pattern's seam tolerance exceeds the worst seam: lengths are summed twice.
-HAIR = 1e-9
+# The pattern computes seam lengths again: its tolerance allows for the rounding.
+ROUNDING = 1e-9
 
 Seams = npt.ArrayLike | str | None
 
@@ -38,11 +38,11 @@ class Unwrapped:
     """A surface as a sewing pattern.
 
     Attributes:
-        pattern: The flat panels and how they are sewn; its assembled shape is the surface, with
-            the surface's vertices and triangles in the same order.
-        distortion: How far the panels are from the surface.
+        pattern: The flat panels and their seams. Its assembled shape is the surface, with the
+            surface's vertices and triangles in the same order.
+        distortion: Distortion between the panels and the surface.
         seams: Edges of the surface that are cut, pairs of vertices, shape (k, 2).
-        methods: How each panel was laid flat, "exact", "abf" or "lscm".
+        methods: Method by which each panel was laid flat, "exact", "abf" or "lscm".
     """
 
     pattern: Pattern
@@ -63,26 +63,27 @@ def unwrap(
     """Cut a surface along seams and lay it out as flat panels (collective).
 
     Each panel keeps the area that it has on the surface, and is counter-clockwise seen from
-    outside. A piece that is no disc is opened by further cuts; one whose flat shape overlaps
-    itself, or is stretched too far, is parted in two.
+    outside. A region that is no disc is opened by further cuts. It is divided in two if its flat
+    shape overlaps itself or is stretched too far.
 
     Args:
         comm: Communicator; the first rank works.
         surface: The surface, the same on all ranks.
-        seams: Edges to cut, pairs of the surface's vertices (k, 2); "auto" parts the surface at
-            its creases and wherever the stretch is too large; None takes the surface's own seams
-            and the borders between its parts, or "auto" if it has neither.
-        method: "exact" unrolls developable pieces; "abf" keeps angles as well as can be
-            (ABF++); "lscm" solves one linear problem for them; "auto" unrolls where it can, else
-            takes "abf", or "lscm" where that does not converge.
+        seams: Edges to cut, pairs of the surface's vertices (k, 2). "auto" cuts at creases and
+            where the stretch is too large. None takes the surface's own seams and the borders
+            between its parts, or "auto" if it has neither.
+        method: "exact" unrolls developable regions. "abf" changes angles as little as possible
+            (ABF++). "lscm" solves one linear problem for nearly the same. "auto" unrolls where
+            possible, otherwise takes "abf", or "lscm" where "abf" does not converge.
         crease_angle: Angle between normals above which an automatic seam follows an edge, in rad.
-        max_stretch: Largest stretch or compression, 0.1 for 10 %; a piece that exceeds it on more
-            than 2 % of its area is parted. None is 0.15 with automatic seams and no bound with
+        max_stretch: Largest stretch or compression, 0.1 for 10 %. A region that exceeds it on more
+            than 2 % of its area is divided. None is 0.15 with automatic seams, and no bound with
             given ones.
 
     Raises:
-        ParameterError: An option is out of its range.
-        SurfaceError: A seam is no edge of the surface, or a piece cannot be laid flat as asked.
+        ParameterError: An option is outside its bounds.
+        SurfaceError: A seam is no edge of the surface, or a region cannot be laid flat by the
+            requested method.
     """
     require_choice("method", method, METHODS)
     require_positive(crease_angle=crease_angle, at_most=np.pi)
@@ -104,7 +105,7 @@ def unwrap(
 
 
 def _given(surface: Surface, edges: Edges, seams: Seams) -> Bools | None:
-    """Whether each edge is a seam that somebody gave; None if nobody did."""
+    """Return whether each edge is a given seam; None if seams are to be found."""
     if isinstance(seams, str):
         require_choice("seams", seams, (AUTOMATIC,))
         return None
@@ -127,8 +128,7 @@ def _named(surface: Surface, edges: Edges, pairs: Ints) -> Bools:
             f"seams[{wrong[0]}] = {pairs[wrong[0]].tolist()} names no vertices; they lie in "
             f"0 … {size - 1}."
         )
-    keys = np.sort(pairs, axis=1) @ [size, 1]
-    known = edges.ends @ [size, 1]
+    keys, known = edge_keys(pairs, size), edge_keys(edges.ends, size)
     wrong = np.flatnonzero(~np.isin(keys, known))
     if len(wrong):
         a, b = pairs[wrong[0]]
@@ -165,7 +165,7 @@ def _unwrap(
     )
     found = distortion(loose)
     return Unwrapped(
-        pattern=replace(loose, seam_tolerance=max(1e-6, (1 + HAIR) * found.worst_seam)),
+        pattern=replace(loose, seam_tolerance=max(1e-6, (1 + ROUNDING) * found.worst_seam)),
         distortion=found,
         seams=edges.ends[seams & (edges.count == 2)],
         methods=tuple(chart.method for _, chart in charts),
@@ -173,7 +173,7 @@ def _unwrap(
 
 
 def _names(surface: Surface, charts: Sequence[Ints]) -> tuple[str, ...]:
-    """Of a chart in one part the part's name, with a number if there are several; else a number."""
+    """Name each chart after the part that it is in, or by a number if it is in several parts."""
     parts = [np.unique(surface.parts[cells]) for cells in charts]
     known = [int(part[0]) if len(part) == 1 else -1 for part in parts]
     names = []

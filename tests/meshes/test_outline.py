@@ -135,7 +135,7 @@ def test_bad_input_is_named(comm: MPI.Comm) -> None:
         two_panels(comm, SQUARE, 4e-3, lines=[((-1, 0), (1, 0)), ((1, 0), (1, 1))])
     with pytest.raises(OutlineError, match=r"edge_length = 0.05 m .* at most 0.02 m"):
         two_panels(comm, SQUARE, 0.05)
-    with pytest.raises(OutlineError, match="the lines leave a piece of"):
+    with pytest.raises(OutlineError, match="the lines leave a face of"):
         two_panels(comm, SQUARE, 4e-3, lines=[((-1, 0.0199), (1, 0.0199))])
     with pytest.raises(OutlineError, match="planes holds 2"):
         two_panels(comm, SQUARE, 4e-3, planes=(2,))

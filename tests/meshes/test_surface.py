@@ -332,7 +332,7 @@ def test_surfaces_that_cannot_be_sewn(comm: MPI.Comm, folder: Path) -> None:
     strip = np.array([[0, 1, 2], [1, 3, 2], [2, 3, 4], [3, 5, 4], [4, 5, 0]])
     with pytest.raises(errors.ManifoldError, match="vertex 0.*pinches"):
         Surface(surfaces.sphere(0).points[:6], strip)
-    with pytest.raises(errors.SurfaceError, match="in 2 pieces"):
+    with pytest.raises(errors.SurfaceError, match="has 2 connected components"):
         Surface(np.vstack([points[:3], 3 + points[:3]]), np.arange(6).reshape(2, 3))
 
 

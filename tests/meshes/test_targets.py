@@ -34,8 +34,8 @@ def test_bend_is_a_circle_that_keeps_the_neutral_line() -> None:
     assert np.linalg.norm(bent - centre, axis=1) == pytest.approx(radius, rel=1e-12)
     assert bent[0] == pytest.approx(line[0], abs=1e-15)
     assert bent[-1] == pytest.approx([0.01 + 2 * radius, 0, 0], abs=1e-12)
-    modified = np.linalg.norm(np.diff(bent, axis=0), axis=1)
-    assert modified == pytest.approx(2 * radius * np.sin(np.pi / 60), rel=1e-9)
+    chord = np.linalg.norm(np.diff(bent, axis=0), axis=1)
+    assert chord == pytest.approx(2 * radius * np.sin(np.pi / 60), rel=1e-9)
     # Material outside the neutral line is stretched by its distance times the curvature.
     outer = bend(np.pi, 0.15, neutral=0.01)(AXIS - [0.01, 0, 0])
     assert np.linalg.norm(outer - centre, axis=1) == pytest.approx(radius + 0.02, rel=1e-12)

@@ -13,7 +13,7 @@ from dolfinx import cpp, fem
 from toros_fem import _compat
 from toros_fem._types import LocalInts
 from toros_fem.mechanics.hinges import Hinges
-from toros_fem.meshes.skin import Skin, joined_index_map
+from toros_fem.meshes.skin import Skin, concatenated_index_map
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ def make_patch(
         ghosts: npt.NDArray[np.int64] = np.arange(0 if first else 2, dtype=np.int64)
         owners: LocalInts = np.zeros(len(ghosts), dtype=np.int32)
         parts.append((_compat.index_map(skin.comm, 2 if first else 0, ghosts, owners), 3))
-    index_map, numbers = joined_index_map(skin.comm, parts)
+    index_map, numbers = concatenated_index_map(skin.comm, parts)
     seen = skin.position_space.dofmap.list
     if hinges is not None:
         seen = np.hstack([seen, hinges.flap])
