@@ -205,7 +205,7 @@ def adjoint(formulation: str, sides: int, *, pressure: bool) -> Measured:
         solver.model.positions(rhs)[:] = objective.backward(base.positions)
         adjoint = solver.solve_tangent(rhs, base)
         if pressure:
-            return inner(adjoint, solver.model.load(base.state))
+            return inner(adjoint, solver.model.volume_gradient(base.state))
         return -inner(solver.model.density_sensitivity(base.state, adjoint), at.direction)
 
     def value(h: float) -> float:

@@ -21,6 +21,7 @@ from accuracy_scenes import (
 from scipy.optimize import brentq
 
 from toros_fem.materials import Composite
+from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes import Pattern, cylinder, sew
@@ -98,7 +99,7 @@ class HomogeneousTube:
         self.skin = sew(COMM, self.pattern)
         self.model = SkinModel(self.skin, composite, supports)
         self.model.set_density(np.zeros(len(self.skin.owned_cells)))
-        self.model.set_pressure(0.0)
+        self.model.set_load(LoadCase(np.array([0.0])))
         self.tip = self.pattern.vertices_of("tip")
         wall = np.setdiff1d(self.pattern.vertices_of("wall"), self.tip)
         self.inner = wall[self.pattern.points[wall, 2] > 1e-9]
@@ -109,7 +110,7 @@ class HomogeneousTube:
         state = (self.model.assembled.reshape(-1, 3) * scale).ravel()
         gather = self.skin.gather_vertices
         pull = gather(self.model.residual(state).reshape(-1, 3))
-        return pull, gather(self.model.load(state).reshape(-1, 3))
+        return pull, gather(self.model.volume_gradient(state).reshape(-1, 3))
 
     def unbalanced(self, around: float, along: float, pressure: float) -> float:
         """Largest share of the pressure's force that is not balanced, in the wall or on the tip."""

@@ -15,6 +15,7 @@ from scipy.sparse import csr_array, triu
 from stability_scenes import ActuatorCase, Floats
 
 from toros_fem.materials import Composite
+from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.tangent import UpperTangent
 
@@ -72,7 +73,7 @@ class Judge:
         if not np.isfinite(state).all():
             return Finding(None, -1, [f"{np.sum(~np.isfinite(state))} positions are not finite"])
         model.set_density(density)
-        model.set_pressure(pressure)
+        model.set_load(LoadCase(np.array([pressure])))
         force = np.linalg.norm(model.residual(state))
         residual = float(force / self._load(model, pressure, state))
         lowest, noise = self._lowest(model, state)
@@ -86,7 +87,7 @@ class Judge:
     def _load(self, model: SkinModel, pressure: float, state: Floats) -> float:
         """The pressure's force; a tile's load is the pull on its borders."""
         if pressure > 0:
-            return pressure * float(np.linalg.norm(model.load(state)))
+            return pressure * float(np.linalg.norm(model.volume_gradient(state)))
         return float(np.linalg.norm(model.reaction(state)))
 
     def _outside(self, positions: Floats) -> list[str]:

@@ -17,6 +17,7 @@ from stability_scenes import Floats
 
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.errors import TorosError
+from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
 
 # For one way of the solver's and for the minimiser, in s; neither begins anything new after it.
@@ -46,7 +47,7 @@ def patient(
             told.append(f"{name} {100 * reached:.0f} %")
     model = solver.model
     model.set_density(density)
-    model.set_pressure(load)
+    model.set_load(LoadCase(np.array([load])))
     state, steps = minimise(model)
     faults = judge.check(model, density, load, state).faults
     if not faults:

@@ -61,7 +61,7 @@ class SkinForms:
         energy: E of eq. (8), in J.
         volume: Enclosed volume, in m³; of several chambers the sum weighted by `chosen`.
         residual: First variation of E, the negative of the force of eq. (9), in N.
-        load: First variation of the volume, in m²: the force of a unit pressure.
+        volume_variation: First variation of the volume, in m²: the force of a unit pressure.
         weight: First variation of the weight's potential, in N: the negative of its force.
         tangent: Entries of the second variation of E, in N/m: for each triangle the upper
             triangle of its element matrix, row by row, as a linear form on piecewise constants.
@@ -71,7 +71,7 @@ class SkinForms:
     energy: Any
     volume: Any | None
     residual: Any
-    load: Any | None
+    volume_variation: Any | None
     weight: Any | None
     tangent: Any
     sensitivity: Any
@@ -105,7 +105,7 @@ def skin_forms(
         fabric, reinforcement: Section stiffness of the two materials.
         bounds: c₁ and c₂ of eq. (1).
         pressure: Pressure in Pa, or None for a skin that no pressure acts on.
-        chosen: With several chambers, how much each counts in volume and load; None for one.
+        chosen: With several chambers, the weight of each in the volume; None for one.
         geometric: 1 for the tangent, 0 for its material part.
         edges: Constants of each triangle's edges; None for a skin without bending.
         bladder: Shear modulus times thickness of a rubber layer, in N/m; None for none.
@@ -156,14 +156,16 @@ def skin_forms(
     parts = ufl.replace(residual, {test: adjoint})
     sensitivity = ufl.derivative(parts, density, ufl.TestFunction(density.ufl_function_space()))
 
-    volume = load = None
+    volume = volume_variation = None
     if pressure is not None:
         enclosed = enclosed_volume(corners) / flat_area(jacobian)
         volume = (enclosed if chosen is None else chosen * enclosed) * dx
-        load = ufl.derivative(volume, q, test)
+        volume_variation = ufl.derivative(volume, q, test)
         energy += -pressure * enclosed * dx
         residual += ufl.derivative(-pressure * enclosed * dx, q, test)
         pressure_blocks(blocks, nodes[:3], jacobian, geometric * pressure)
 
     tangent = balanced_sum([value * entries[n] for n, value in enumerate(blocks.upper())]) * dx
-    return SkinForms(energy, volume, residual, load, weight, tangent, sensitivity)
+    return SkinForms(
+        energy, volume, residual, volume_variation, weight, tangent, sensitivity
+    )

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.models import pressurize
 from helpers.scenes import square
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -31,7 +32,7 @@ def disturbed(tube: Skin) -> tuple[SkinModel, np.ndarray]:
     model = SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]))
     rng = np.random.default_rng(3)
     model.set_density(rng.random(len(tube.pattern.panel))[tube.owned_cells])
-    model.set_pressure(5e3)
+    pressurize(model, 5e3)
     noise = np.zeros(model.size_local)
     drawn = rng.standard_normal(tube.pattern.points.shape)
     model.positions(noise)[:] = 2e-4 * drawn[tube.owned_vertices]
@@ -74,7 +75,7 @@ def test_both_packages_agree(comm: MPI.Comm, mumps: None) -> None:
     skin = sew(MPI.COMM_SELF, pattern)
     model = SkinModel(skin, Composite(), clamp(pattern, ["base"]))
     model.set_density(np.full(len(pattern.panel), 0.5))
-    model.set_pressure(1e5)
+    pressurize(model, 1e5)
     by_mumps = TangentFactor(model)
     PETSc.Options("toros_").delValue("pc_factor_mat_solver_type")
     by_cholmod = TangentFactor(model)

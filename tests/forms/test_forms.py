@@ -13,6 +13,7 @@ from helpers.models import (
     automatic_tangent,
     bent_tube,
     drawn,
+    pressurize,
     sheet_model,
     upper_rows,
 )
@@ -44,7 +45,7 @@ def test_energy_and_force_of_an_affine_sheet(
     c1, c2 = 1.8, 2.0
     model = sheet_model(comm, Composite(fabric=TABLE_A, c1=c1, c2=c2, bending=None))
     model.set_density(np.zeros(len(model.skin.owned_cells)))
-    model.set_pressure(0.0)
+    pressurize(model, 0.0)
     one, two = stretches
     state = affine(model, np.array([[one, 0], [0, two], [0, 0]]))
     a, b, mu = 0.64, 1.0, 50e3
@@ -98,7 +99,7 @@ def test_limit_without_bounds(comm: MPI.Comm) -> None:
 def test_rotation_costs_nothing(comm: MPI.Comm) -> None:
     model = sheet_model(comm, Composite())
     model.set_density(np.full(len(model.skin.owned_cells), 0.3))
-    model.set_pressure(0.0)
+    pressurize(model, 0.0)
     R = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     turned = affine(model, R[:, :2])
     scale = 1e14 * model.energy_rounding()  # area times modulus times (c2 - 1)^2
@@ -163,7 +164,7 @@ def loaded(request: pytest.FixtureRequest, tube: Skin, comm: MPI.Comm) -> SkinMo
     model = SkinModel(skin, dataclasses.replace(THICK, bending=bending), supports)
     rng = np.random.default_rng(3)
     model.set_density(rng.random(len(skin.pattern.panel))[skin.owned_cells])
-    model.set_pressure(2e3 if model.closed else 0.0)
+    pressurize(model, 2e3 if model.closed else 0.0)
     return model
 
 
@@ -228,7 +229,7 @@ def test_patch_that_meets_a_vertex_twice(comm: MPI.Comm) -> None:
     thick = Material(young=1e5, poisson=0.3, thickness=5e-3)
     model = SkinModel(sew(MPI.COMM_SELF, pattern), Composite(fabric=thick), Supports(fixed))
     model.set_density(np.zeros(4))
-    model.set_pressure(100.0)
+    pressurize(model, 100.0)
     state = model.assembled + 1e-3 * np.random.default_rng(1).standard_normal(18) * model.free
     closed = upper_rows(model, state)
     rows, columns, values = automatic_tangent(model, state).getValuesCSR()

@@ -10,6 +10,7 @@ from scipy.sparse import csr_matrix
 
 from helpers.scenes import square
 from toros_fem.materials import Composite
+from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.supports import Supports
 from toros_fem.mechanics.tangent import UpperTangent
@@ -23,6 +24,11 @@ def sheet_model(comm: MPI.Comm, composite: Composite) -> SkinModel:
     fixed = np.zeros((len(pattern.points), 3), dtype=bool)
     fixed[(pattern.points[:, 0] < 1e-9) | (np.arange(len(fixed)) == 6)] = True
     return SkinModel(sew(comm, pattern), composite, Supports(fixed))
+
+
+def pressurize(model: SkinModel, *pressures: float) -> None:
+    """Let pressures act alone, one for each chamber, in Pa."""
+    model.set_load(LoadCase(np.array(pressures, dtype=float)))
 
 
 def affine(model: SkinModel, F: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ from helpers.models import (
     automatic_tangent,
     bent_tube,
     drawn,
+    pressurize,
     sheet_model,
     upper_rows,
 )
@@ -76,7 +77,7 @@ def test_closed_form_tangent_and_sensitivity(tube: Skin, comm: MPI.Comm) -> None
         composite = dataclasses.replace(Composite(), bladder=bladder)
         model = SkinModel(tube, composite, clamp(tube.pattern, ["base"]))
         model.set_density(np.full(len(tube.owned_cells), 0.2))
-        model.set_pressure(2e3)
+        pressurize(model, 2e3)
         models.append(model)
     with_it, without = models
     state = bent_tube(with_it)

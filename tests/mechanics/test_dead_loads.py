@@ -15,7 +15,6 @@ from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.materials import Bladder, Composite
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.dead_loads import Weight, spread_force
-from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.supports import clamp, displace
 from toros_fem.meshes import Skin, sew
 from toros_fem.objectives.shape import ShapeObjective
@@ -78,12 +77,6 @@ def test_gradient_under_weight_and_force(tube: Skin, heavy: EquilibriumSolver) -
     assert without.gradient is not None
     gap = np.abs(tube.gather_cells(without.gradient) - gradient)[cells]
     assert gap.max() > 1e-2 * np.abs(gradient[cells]).max()
-
-
-def test_a_share_of_the_weight() -> None:
-    load = LoadCase(100.0, None, None, 1.0)
-    assert str(load) == "100 Pa and its own weight"
-    assert str(load.scaled(0.25)) == "25 Pa and 25 % of its own weight"
 
 
 def test_bad_loads(tube: Skin) -> None:

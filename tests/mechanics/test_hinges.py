@@ -13,7 +13,6 @@ from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.materials import CURVATURES, Bending, Composite, Material
 from toros_fem.mechanics.hinges import find_hinges
-from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.supports import Supports, build_in, clamp
 from toros_fem.meshes import Pattern, Skin, cylinder, rectangle, sew
@@ -179,19 +178,6 @@ def test_bad_names_edges_and_forces(comm: MPI.Comm) -> None:
     for force in (np.zeros((3, 3)), np.full(pattern.points.shape, np.nan)):
         with pytest.raises(errors.ParameterError, match="force has shape"):
             solver.solve(np.zeros(len(skin.owned_cells)), 0.0, force=force)
-
-
-def test_a_load_is_raised_as_a_whole() -> None:
-    force = np.array([[0.0, 3.0, 4.0], [0.0, 0.0, 0.0]])
-    load = LoadCase(100.0, force)
-    assert str(load) == "100 Pa and forces of 5 N in all"
-    assert str(LoadCase(0.0, force)) == "forces of 5 N in all"
-    part = load.scaled(0.4)
-    assert part.pressure == pytest.approx(40)
-    assert part.force == pytest.approx(0.4 * force)
-    there = LoadCase(20.0, None).towards(load, 0.25)
-    assert (there.pressure, str(LoadCase(20.0, None))) == (40.0, "20 Pa")
-    assert there.force == pytest.approx(0.25 * force)
 
 
 def test_gradient_under_pressure_and_forces(tube: Skin, comm: MPI.Comm) -> None:

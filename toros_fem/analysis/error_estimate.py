@@ -83,7 +83,7 @@ def estimate_error(
         )
     if not result.converged:
         raise ParameterError(f"the result is no equilibrium to refine: {result.reason}")
-    if solver.model.loaded and force is None:
+    if solver.model.load.force is not None and force is None:
         raise ParameterError(
             "the result was found with dead forces; give them as a function of the pattern, "
             "force = …, so that they act on the refined one too."

@@ -176,5 +176,5 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
             return by_projected, None
         by_pressure = np.zeros(len(self.pressures))
         for k in designed:
-            by_pressure[k] = dot(self.skin.comm, adjoint, model.load(equilibrium.state, k))
+            by_pressure[k] = dot(self.skin.comm, adjoint, model.volume_gradient(equilibrium.state, k))
         return by_projected, by_pressure

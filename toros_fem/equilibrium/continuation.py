@@ -1,4 +1,4 @@
-"""Climbing to a load in steps that grow where they succeed and shrink where they fail."""
+"""Continuation in a load factor, with steps that grow on success and shrink on failure."""
 
 from __future__ import annotations
 
@@ -7,18 +7,39 @@ from dataclasses import dataclass
 
 from toros_fem._types import Floats
 
-# Until a level fails, one reached in so many steps lets the next increment be four times as large.
+# Until a level fails, a solve of at most this many steps makes the next increment four times as
+# large.
 EASY = 10
 
 
 @dataclass(frozen=True, eq=False)
+class Attempt:
+    """Result of one solve at one level.
+
+    Attributes:
+        state: Owned unknowns where it ended.
+        outcome: Converged reason of SNES: above 0 the state is an equilibrium.
+        steps: Number of steps.
+    """
+
+    state: Floats
+    outcome: int
+    steps: int
+
+    @property
+    def converged(self) -> bool:
+        """Whether the state is an equilibrium."""
+        return self.outcome > 0
+
+
+@dataclass(frozen=True, eq=False)
 class ContinuationResult:
-    """How far a climb came.
+    """Last equilibrium of a continuation.
 
     Attributes:
         state: The last equilibrium, or the start if there is none.
-        reached: Its level; None if none was found.
-        outcome: How the last attempt ended, a converged reason of SNES.
+        load_factor: Its level; None if there is no equilibrium.
+        outcome: Converged reason of SNES of the last attempt.
     """
 
     state: Floats
@@ -27,30 +48,31 @@ class ContinuationResult:
 
 
 def run_continuation(
-    attempt: Callable[[Floats, float], tuple[Floats, int, int]],
+    attempt: Callable[[Floats, float], Attempt],
     start: ContinuationResult,
     top: float,
     increment: float,
     least: float,
 ) -> ContinuationResult:
-    """Raise a level to the top.
+    """Raise a load factor to the top.
 
     Args:
-        attempt: Solves at a level from a state: the state found, how it ended (above 0 means an
-            equilibrium), and the steps taken.
-        start: Where to begin.
-        top: The level wanted.
-        increment: The first one.
-        least: Smallest increment, over the level reached or the first increment if that is more.
+        attempt: Solves from a state at a level.
+        start: State, level and outcome to start from.
+        top: The requested level.
+        increment: The first increment.
+        least: Smallest increment, over the level reached or over the first increment, whichever
+            is larger.
     """
     state, load_factor, outcome = start.state, start.load_factor, start.outcome
     first, fastest = increment, 4
     while load_factor is None or load_factor < top:
         level = min(top, (load_factor or 0.0) + increment)
-        found, outcome, steps = attempt(state, level)
-        if outcome > 0:
-            state, load_factor = found, level
-            increment *= fastest if steps <= EASY else 2
+        found = attempt(state, level)
+        outcome = found.outcome
+        if found.converged:
+            state, load_factor = found.state, level
+            increment *= fastest if found.steps <= EASY else 2
             continue
         fastest = 2
         increment = (level - (load_factor or 0.0)) / 4

@@ -1,4 +1,4 @@
-"""Why a solve ended, as a sentence."""
+"""Sentences that say why a solve ended."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ import numpy as np
 from petsc4py import PETSc
 
 from toros_fem._types import Floats
+from toros_fem.equilibrium.continuation import ContinuationResult
 from toros_fem.equilibrium.newton import STAGNATED
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
 
-# A hinge folded by so much, in rad, is near the angle where its energy jumps.
+# A hinge folded by more than this angle, in rad, is near the angle where its energy jumps.
 FOLDED = math.radians(170)
 
 
 def success(model: SkinModel, load: LoadCase, residual: float, volumes: Sequence[float]) -> str:
-    """What was found, and whether rounding or a wall that crosses the skin spoils it."""
+    """Return the sentence for an equilibrium, with a warning about rounding or a crossed wall."""
     found = f"A stable equilibrium was found at {load}."
     if residual > STAGNATED:
         found += f" Rounding leaves a residual of {residual:.0e} of the load."
@@ -36,49 +37,45 @@ def success(model: SkinModel, load: LoadCase, residual: float, volumes: Sequence
 def failure(
     model: SkinModel,
     options: NewtonOptions,
-    outcome: int,
+    end: ContinuationResult,
     load: LoadCase,
-    load_factor: float | None,
-    state: Floats,
     tried: Floats,
 ) -> str:
-    """Why nothing was found, how far it came, and what to do (collective).
+    """Return the sentence for a failure: why, how far the load came, the remedy (collective).
 
     Args:
-        model: The scene.
-        options: How hard was tried.
-        outcome: How the last attempt ended, a converged reason of SNES.
-        load: The load asked for.
-        reached: Which share of it the last equilibrium bears; None if there is none.
-        state: That equilibrium.
-        tried: Where the last attempt ended.
+        model: The skin's model.
+        options: Options of the solver.
+        end: Last equilibrium, its load factor, and outcome of the last attempt.
+        load: The requested load.
+        tried: State where the last attempt ended.
     """
     why = {
         int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT): (
             f"Newton's method took {options.max_steps} steps without converging"
         ),
-        int(PETSc.SNES.ConvergedReason.DIVERGED_INNER): "what was found is not stable",
-    }.get(outcome, "no step lowered the energy any more")
+        int(PETSc.SNES.ConvergedReason.DIVERGED_INNER): "the stationary state is not stable",
+    }.get(end.outcome, "no step lowered the energy any more")
     bounds = f"c1 = {model.composite.c1:g}, c2 = {model.composite.c2:g}"
     begin = f"No equilibrium inside the stretch bounds ({bounds}) was found at {load}, at "
     begin += f"once, by raising the load, or by stiffening the plain fabric: {why}."
-    folds = model.folds(tried, FOLDED)
+    folds = model.count_folds(tried, FOLDED)
     if folds:  # each edge is seen from both sides
         begin += (
             f" Where the last attempt ended {folds // 2} edges are folded by more than "
             f"{math.degrees(FOLDED):.0f} degrees: the skin collapses onto itself there, and "
-            "contact is not modelled. A skin sewn from flat layers wants hinged seams."
+            "contact is not modelled. A skin sewn from flat layers needs hinged seams."
         )
-    if load_factor is None:
+    if end.load_factor is None:
         return (
-            f"{begin} Nor was there any under a lower load; the state is the one started from. "
+            f"{begin} There was none under a lower load either; the state is the start. "
             "Check materials and supports, start from a neighbouring equilibrium, allow more "
             "steps, or refine the mesh."
         )
-    use = model.bounds.worst(model.corners(state))
+    use = model.bounds.worst(model.corners(end.state))
     return (
-        f"{begin} The last equilibrium is at {load.scaled(load_factor)}, "
-        f"{100 * load_factor:.3g} % of the load, where the most stretched triangle "
+        f"{begin} The last equilibrium is at {load.scaled(end.load_factor)}, "
+        f"{100 * end.load_factor:.3g} % of the load, where the most stretched triangle "
         f"uses {100 * use:.1f} % of the bounds. "
         "Lower the load to about that, stiffen the skin, or refine the mesh where it is most "
         "stretched."

@@ -1,4 +1,4 @@
-"""Factorised tangent: CHOLMOD on one rank, MUMPS on several; both tell of indefiniteness."""
+"""Factorised tangent, by CHOLMOD on one rank and MUMPS on several; both detect indefiniteness."""
 
 from __future__ import annotations
 
@@ -11,40 +11,49 @@ from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.tangent import UpperTangent
 
 PREFIX = "toros_"
-# MUMPS asks for more working space by these codes of INFOG(1), and calls a matrix singular by -10.
+# Codes of MUMPS' INFOG(1): a request for more working space, and a singular matrix.
 LARGEST_SPACE = 4000
 MORE_SPACE = (-8, -9, -11, -12, -14, -15, -17, -20)
 SINGULAR = -10
-# Share of the diagonal in M.
+# Fraction of the diagonal that is added to M.
 LEAST = 1e-6
-# PETSc's code for a pivot that is not positive, by which CHOLMOD gives up.
+# PETSc's code for a pivot that is not positive, where CHOLMOD stops.
 NOT_POSITIVE = 81
+# Orderings by MUMPS' INFOG(7), after a sequential and after a parallel analysis.
+ORDERINGS = {0: "AMD", 1: "user", 2: "AMF", 3: "SCOTCH", 4: "PORD", 5: "METIS", 6: "QAMD"}
+PARALLEL_ORDERINGS = {1: "PT-SCOTCH", 2: "ParMETIS"}
 
 
 class TangentFactor:
     """Factorised K + τ M, which exists only where that is positive definite.
 
-    M is the tangent's material part: how strains and curvatures resist, made positive where
-    stress bends or turns a triangle, without the pressure; so K + τ M is positive definite from
-    τ of about 1 on, whatever the contrast, but for modes that no strain resists. To these
-    M adds a share LEAST of the mean diagonal of each vertex. τ is a pure number.
+    M is the tangent's material part: the resistance of strains and curvatures, made positive where
+    stress bends or turns a triangle, without the pressure. So K + τ M is positive definite from
+    τ of about 1 on, whatever the contrast, except for modes that no strain resists; for these
+    M contains the fraction LEAST of the mean diagonal of each vertex. τ is a pure number.
 
     CHOLMOD (LLᵀ) stops at the first pivot that is not positive; MUMPS (LDLᵀ) counts them.
 
     Attributes:
         upper: The upper triangle as a compressed-row matrix.
-        matrix: What PETSc factorises: `upper` itself, or in CHOLMOD's format.
+        matrix: The matrix that PETSc factorises: `upper` itself, or in CHOLMOD's format.
+        package: "cholmod" or "mumps".
+        ordering: Fill-reducing ordering that MUMPS used; None with CHOLMOD, which does not report
+            it through PETSc.
         count: Numeric factorisations so far, failed ones included.
-        images: What a tile's images add to the tangent; None for a skin that does not repeat.
-        scale: Mean diagonal of each vertex, and that of each rotation, in N/m, zero where held,
-            of the last `assemble`.
+        periodic: Rows of a tile's mean deformation gradient; None for a skin that does not repeat.
+        scale: Mean diagonal of each vertex, and diagonal of each rotation, in N/m, zero where
+            fixed, of the last `assemble`.
+
+    Args:
+        model: The skin's model.
     """
 
     def __init__(self, model: SkinModel) -> None:
         comm = model.skin.comm
         self._model = model
         self._tangent = UpperTangent(model)
-        self.periodic_images = self._tangent.periodic_images
+        self.periodic = self._tangent.periodic
         self.count = 0
         self.scale: Floats = np.zeros(model.size_local)
         self._exact, self._material, self._data = (
@@ -84,13 +93,17 @@ class TangentFactor:
             factor.setMumpsIcntl(13, 1)  # no ScaLAPACK root, which would hide its negative pivots
             self._space = 60
             factor.setMumpsIcntl(14, self._space)  # per cent of room for delayed pivots
-            factor.setMumpsIcntl(7, 5)  # METIS
         self.ksp.setFromOptions()
-        # The analysis, once and for all: on the identity it cannot fail.
+        # The analysis, once for all: on the identity it cannot fail.
         self._data[:] = 0.0
         self._data[tangent.diagonal] = 1.0
         self._update()
         self.ksp.setUp()
+        self.ordering: str | None = None
+        if self.package == "mumps":
+            names = PARALLEL_ORDERINGS if factor.getMumpsInfog(32) == 2 else ORDERINGS
+            code = factor.getMumpsInfog(7)
+            self.ordering = names.get(code, str(code))
 
     def assemble(self, state: Floats) -> None:
         """Assemble the tangent at a state."""
@@ -103,7 +116,7 @@ class TangentFactor:
         self.scale = diagonal * self._model.free
 
     def fill(self, shift: float = 0.0, diagonal: float = 0.0) -> None:
-        """Put K + shift · M + diagonal · D into the matrix, D the mean diagonal of a vertex."""
+        """Put K + shift · M + diagonal · D into the matrix, with D the mean diagonal of a vertex."""
         self._data[:] = self._exact
         if diagonal:
             self._data[self._tangent.diagonal] += diagonal * self.scale
@@ -116,7 +129,7 @@ class TangentFactor:
         self._update()
 
     def factorise(self, shift: float = 0.0, diagonal: float = 0.0) -> bool:
-        """Factorise what `fill` fills; whether it is positive definite, the same on all ranks."""
+        """Factorise the matrix of `fill`; return whether it is positive definite, on all ranks."""
         self.fill(shift, diagonal)
         self.ksp.setOperators(self.matrix)
         self.count += 1
@@ -129,7 +142,7 @@ class TangentFactor:
         return self.package != "mumps" or self._mumps_outcome(shift, diagonal)
 
     def solve(self, rhs: Floats) -> Floats:
-        """Solve with the last factorisation, zero at held components."""
+        """Solve with the last factorisation, zero at fixed components."""
         self._rhs.array[:] = rhs
         self.ksp.solve(self._rhs, self._solution)
         return self._solution.array * self._model.free
@@ -160,7 +173,7 @@ class TangentFactor:
 
 
 def _has_cholmod() -> bool:
-    """Whether PETSc is built with CHOLMOD: its list of packages does not always tell."""
+    """Whether PETSc is built with CHOLMOD; its list of packages is not always complete."""
     matrix = PETSc.Mat().createSBAIJ((1, 1), 1, nnz=1, comm=PETSc.COMM_SELF)
     matrix.setUp()
     pc = PETSc.PC().create(PETSc.COMM_SELF)

@@ -1,4 +1,4 @@
-"""Newton's method on the skin's energy, regularised by what the factorisation tells."""
+"""Newton's method on the skin's energy, regularised where the tangent is not positive definite."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from petsc4py import PETSc
 
 from toros_fem._mpi import dot, largest, norm
 from toros_fem._types import Floats
+from toros_fem.equilibrium.continuation import Attempt
 from toros_fem.equilibrium.linear_solver import TangentFactor
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.model import SkinModel
@@ -21,20 +22,22 @@ FIRST_SHIFT = 0.03
 SMALLEST_SHIFT = 2e-3
 FIRST_DIAGONAL = 1e-8
 LARGEST_SHIFT = 1e6
-# A step that leaves more of the residual than this is bent back to where the stiff parts relax.
+# A step that leaves more of the residual than this fraction is corrected, so that the stiff parts
+# relax.
 RELAXED = 0.1
-BENDS = 2
-# Steps with the factorisation at hand are taken where so many of them promise to finish.
+CORRECTIONS = 2
+# Modified Newton steps are taken where at most this number of them promises to finish.
 MODIFIED_STEPS = 3
-# What a chord step must leave of the residual, and the first one gain of its promised energy.
+# Fraction of the residual that a modified step may leave, and fraction of the predicted decrease
+# of the energy that the first one must reach.
 MODIFIED_RATE = 0.2
 MODIFIED_GAIN = 0.2
-# How many saddles a solve leaves before it gives up.
+# Number of saddles that a solve leaves before it gives up.
 ESCAPES = 10
-# Where rounding lets no step lower the energy any more, this residual over the load will do.
+# Where rounding lets no step lower the energy any more, this residual over the load is enough.
 STAGNATED = 1e-8
-# Or this one, where Newton's full step leaves so much of the residual and moves nothing further
-# than that share of the skin's size.
+# Or this one, where Newton's full step leaves the fraction STUCK of the residual and moves nothing
+# further than the fraction RESOLVED of the skin's size.
 UNRESOLVED = 1e-5
 STUCK = 0.5
 RESOLVED = 1e-9
@@ -45,12 +48,12 @@ class NewtonStep:
     """One row of a solve's history.
 
     Attributes:
-        pressure: Pressure level in Pa.
+        pressure: Largest pressure of the level, in Pa.
         residual: Norm of the first variation over the applied load before the step.
         energy: Energy in J before the step.
         shift: Regularisation added to the tangent, over its material part; 0 for pure Newton.
-        step: Share of the step that was taken; 0 in the row that ends a level.
-        chord: Whether the factorisation at hand served once more.
+        step: Fraction of the step that was taken; 0 in the row that ends a level.
+        modified: Whether it is a modified Newton step: with an older factorisation.
         seconds: Wall time of the step on this rank.
     """
 
@@ -63,12 +66,23 @@ class NewtonStep:
     seconds: float
 
     def __str__(self) -> str:
-        kind = "chord" if self.modified else "newton" if self.step else "end"
+        kind = "modified" if self.modified else "newton" if self.step else "end"
         return (
-            f"{self.pressure:10.4g} Pa  {kind:6s}  residual {self.residual:8.2e}  "
+            f"{self.pressure:10.4g} Pa  {kind:8s}  residual {self.residual:8.2e}  "
             f"energy {self.energy:+.9e} J  shift {self.shift:7.1e}  step {self.step:7.1e}  "
             f"{self.seconds:6.3f} s"
         )
+
+
+@dataclass(frozen=True, eq=False)
+class NewtonResult(Attempt):
+    """Result of one solve.
+
+    Attributes:
+        history: One row a step, the row that ends it included.
+    """
+
+    history: tuple[NewtonStep, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,22 +96,21 @@ class _Point:
 
 
 class RegularisedNewton:
-    """The solver inside a PETSc SNES of type "python": minimises E at given pressure and density.
+    """Minimises E from a start, at the load and density that are set in the model.
 
     Each step solves (K + τM) p = −r with the smallest τ ≥ 0 of a geometric ladder for which the
     factorisation has no negative pivot, remembered from step to step. M is K's material part: it
-    holds back strains, not the large rotations by which slender skins snap. p is capped where a
-    triangle would use up too much of its way to the stretch bounds, and backtracked on the energy.
-    A long step stretches what it turns; a second solve with the same factors takes that out again
-    (the second-order correction of constrained optimisation). Near the end, and for a neighbouring
-    equilibrium's factors at the start, steps are taken with the factorisation at hand.
+    resists strains, not the large rotations by which slender skins snap. p is capped where a
+    triangle would use up too much of its distance to the stretch bounds, and backtracked on the
+    energy. A long step stretches what it turns; a second solve with the same factors corrects that
+    (the second-order correction of constrained optimisation). Near the end, and at the start with
+    the factors of a neighbouring equilibrium, modified Newton steps reuse the factorisation.
 
     Where energies differ by less than their rounding the slope decides (Hager & Zhang 2005,
     eq. 2.4, approximate Wolfe). A stationary point that is no minimum is left along its softest
-    mode. A state counts as equilibrium when its residual is below the SNES's rtol times the
-    applied load, or below what the rounding of the positions gives, and K is positive definite;
-    where rounding lets it fall no more, also below STAGNATED, or UNRESOLVED if Newton's own step is
-    as good as none.
+    mode. A state counts as equilibrium when K is positive definite and the residual is below the
+    tolerance times the applied load, or below the rounding of the positions. Where rounding lets
+    the residual fall no more, STAGNATED is enough, or UNRESOLVED if Newton's own step is negligible.
     """
 
     def __init__(
@@ -109,49 +122,65 @@ class RegularisedNewton:
     ) -> None:
         self.model, self.factor, self.options = model, factor, options
         self.comm = model.skin.comm
-        self.history: list[NewtonStep] = []
-        self.pressure = 0.0
-        # Whether the factors are those of an equilibrium near the start of the next solve.
-        self.reuse_factors = False
         self._log = log
-        self._shift = 0.0
-        self._refused = False
-        self._stiffness = 0.0
-        self._clock = 0.0
+        self._reset()
 
-    def solve(self, snes: PETSc.SNES, b: PETSc.Vec | None, x: PETSc.Vec) -> None:
-        """Called by SNES."""
-        point, reason = self._minimise(snes, x.array.copy())
-        x.array[:] = point.state
-        snes.setConvergedReason(reason)
-
-    def _minimise(self, snes: PETSc.SNES, state: Floats) -> tuple[_Point, int]:
-        reasons = PETSc.SNES.ConvergedReason
-        tolerance, _, _, max_steps = snes.getTolerances()
-        model = self.model
-        self._clock = time.perf_counter()
-        # Nothing of a solve before, which may have failed far away, may count here.
+    def _reset(self) -> None:
+        """Forget the solve before: it may have failed far away."""
+        self._history: list[NewtonStep] = []
         self._shift, self._stiffness, self._refused = 0.0, 0.0, False
-        predict, self.reuse_factors = self.reuse_factors, False
-        point = self._at(state, model.energy(state))
+        self._clock = time.perf_counter()
+
+    def minimise(
+        self,
+        start: Floats,
+        tolerance: float,
+        max_steps: int,
+        reuse_factors: bool,
+        monitor: Callable[[int, float], None] = lambda step, size: None,
+    ) -> NewtonResult:
+        """Find a stable equilibrium near a start (collective).
+
+        Args:
+            start: Owned unknowns.
+            tolerance: Residual over the applied load at which a state is an equilibrium.
+            max_steps: Largest number of factorised steps.
+            reuse_factors: Whether the factorised tangent is that of an equilibrium near the start.
+            monitor: Called before each step with its number and the norm of the residual.
+
+        Returns:
+            If it converged, the tangent at its state is factorised.
+        """
+        self._reset()
+        point, outcome = self._iterate(start, tolerance, max_steps, reuse_factors, monitor)
+        return NewtonResult(point.state, outcome, len(self._history), tuple(self._history))
+
+    def _iterate(
+        self,
+        start: Floats,
+        tolerance: float,
+        max_steps: int,
+        predict: bool,
+        monitor: Callable[[int, float], None],
+    ) -> tuple[_Point, int]:
+        outcomes = PETSc.SNES.ConvergedReason
+        model = self.model
+        point = self._at(start, model.energy(start))
         if not np.isfinite(point.energy):
-            return point, int(reasons.DIVERGED_FUNCTION_DOMAIN)
-        rounding = model.energy_rounding() + 1e-14 * model.work(state)
-        reference = self.reference(state)
+            return point, int(outcomes.DIVERGED_FUNCTION_DOMAIN)
+        rounding = model.energy_rounding() + 1e-14 * model.load_energy(start)
+        reference = self.reference(start)
         steps = escapes = 0
-        rate = np.inf  # what the next chord step would leave of the residual
+        rate = np.inf  # fraction of the residual that the next modified step would leave
         while True:
             if point.size <= 10 * max(tolerance, STAGNATED) * reference:
                 reference = self.reference(point.state)
-            snes.setIterationNumber(steps)
-            snes.setFunctionNorm(point.size)
-            snes.monitor(steps, point.size)
+            monitor(steps, point.size)
             residual = point.size / reference
             done = residual <= tolerance or point.size <= self._floor(reference)
             if done and self.stable(point.state):
                 self._record(point, residual, 0.0)
-                self.reuse_factors = True
-                return point, int(reasons.CONVERGED_FNORM_RELATIVE)
+                return point, int(outcomes.CONVERGED_FNORM_RELATIVE)
             if predict or residual * rate**MODIFIED_STEPS <= tolerance:
                 modified = self._modified_step(point, rounding, first=predict)
                 predict, rate = False, np.inf
@@ -161,9 +190,9 @@ class RegularisedNewton:
                     point = modified
                     continue
             if steps == max_steps:
-                return point, int(reasons.DIVERGED_MAX_IT)
+                return point, int(outcomes.DIVERGED_MAX_IT)
             if escapes == ESCAPES:
-                return point, int(reasons.DIVERGED_INNER)
+                return point, int(outcomes.DIVERGED_INNER)
             steps += 1
             if done:
                 escapes += 1
@@ -171,35 +200,34 @@ class RegularisedNewton:
             else:
                 self._factorise(point.state)
                 direction = -self.factor.solve(point.residual)
-            share, new = self._search(point, direction, rounding, escaping=done)
-            full = share == 1.0 and self._shift == 0.0
+            fraction, new = self._search(point, direction, rounding, escaping=done)
+            full = fraction == 1.0 and self._shift == 0.0
             stuck = not done and self._stuck(point, new, direction, full=full)
             if stuck and residual <= UNRESOLVED:
                 self._record(point, residual, 0.0)
-                self.reuse_factors = True  # K is factorised here, without a shift
-                return point, int(reasons.CONVERGED_SNORM_RELATIVE)
-            self._record(point, residual, share)
+                return point, int(outcomes.CONVERGED_SNORM_RELATIVE)  # K is factorised, unshifted
+            self._record(point, residual, fraction)
             if new is None:
                 if residual <= STAGNATED and self.stable(point.state):
-                    self.reuse_factors = True
-                    return point, int(reasons.CONVERGED_SNORM_RELATIVE)
+                    return point, int(outcomes.CONVERGED_SNORM_RELATIVE)
                 if self._shift >= LARGEST_SHIFT / 8:
-                    return point, int(reasons.DIVERGED_LINE_SEARCH)
+                    return point, int(outcomes.DIVERGED_LINE_SEARCH)
                 self._shift, self._refused = max(FIRST_SHIFT, 16 * self._shift), True
                 continue
             if not done:
-                new = self._bend(point, new, share)
-            # Newton's residual falls quadratically; a chord step's by twice that share.
+                new = self._correct(point, new, fraction)
+            # Newton's residual falls quadratically; that of a modified step by twice this factor.
             rate = 2 * new.size / point.size if full else np.inf
             point = new
 
     def reference(self, state: Floats) -> float:
-        """Norm of the applied load in N; without any, or where they move, of the supports' pull.
+        """Return the norm of the applied load in N, by which residuals are measured (collective).
 
-        A skin that nothing pulls at is measured by the force of a strain of 1e-4.
+        Where supports move, or without any load, it is that of their reaction. Without any
+        reaction it is the force of a strain of 1e-4.
         """
         load = norm(self.comm, self.model.applied_load(state))
-        if load > 0 and self.model.displaced:
+        if load > 0 and self.model.load.displacement is not None:
             return max(load, norm(self.comm, self.model.reaction(state)))
         if load > 0:
             return load
@@ -208,7 +236,7 @@ class RegularisedNewton:
         return max(least, norm(self.comm, self.model.reaction(state)))
 
     def stable(self, state: Floats) -> bool:
-        """Whether the tangent at a state is positive definite; leaves it factorised."""
+        """Return whether the tangent at a state is positive definite; leaves it factorised."""
         self._assemble(state)
         return self.factor.factorise(0.0)
 
@@ -222,17 +250,23 @@ class RegularisedNewton:
         now = time.perf_counter()
         shift = 0.0 if modified or not step else self._shift
         row = NewtonStep(
-            self.pressure, residual, point.energy, shift, step, modified, now - self._clock
+            self.model.load.largest,
+            residual,
+            point.energy,
+            shift,
+            step,
+            modified,
+            now - self._clock,
         )
         self._clock = now
-        self.history.append(row)
+        self._history.append(row)
         if self._log is not None:
             self._log(row)
 
     def _floor(self, reference: float) -> float:
-        """Norm that rounding of the positions alone gives the residual, once K is known.
+        """Norm of the residual by rounding of the positions alone, once K is known.
 
-        Close to the stretch bounds it would exceed any load: there it is no excuse.
+        Close to the stretch bounds it would exceed any load, so that it is limited.
         """
         return min(self._rounding(), STAGNATED * reference)
 
@@ -241,9 +275,9 @@ class RegularisedNewton:
         return 8 * float(np.finfo(float).eps) * self.model.skin.pattern.size * self._stiffness
 
     def _stuck(self, old: _Point, new: _Point | None, direction: Floats, *, full: bool) -> bool:
-        """Whether rounding lets the residual fall no more: Newton's step is as good as none.
+        """Whether rounding lets the residual fall no more: Newton's step is negligible.
 
-        Where stretching is far stiffer than bending its rounding alone may exceed the load.
+        Where stretching is far stiffer than bending, its rounding alone may exceed the load.
         """
         if new is None:
             if self._shift > 0:
@@ -262,7 +296,7 @@ class RegularisedNewton:
     def _factorise(self, state: Floats) -> None:
         """Factorise with the smallest shift of the ladder that leaves no negative pivot."""
         self._assemble(state)
-        # A try with less is worth a factorisation only if the last one was not in vain.
+        # A smaller shift is worth a factorisation only if the last try of one succeeded.
         shift = self._shift if self._refused else self._shift / 8
         shift = shift if shift >= SMALLEST_SHIFT else 0.0
         refused = False
@@ -273,9 +307,9 @@ class RegularisedNewton:
         self._shift = shift
 
     def _softest(self, residual: Floats, seed: int) -> Floats:
-        """The mode of smallest curvature, by inverse iteration, scaled to 1 % of the skin.
+        """Mode of smallest curvature, by inverse iteration, scaled to 1 % of the skin's size.
 
-        Smallest over the diagonal: the material part would hide what buckles.
+        The curvature is measured by the diagonal: the material part would hide what buckles.
         """
         self._shift, diagonal = 0.0, FIRST_DIAGONAL
         while not self.factor.factorise(diagonal=diagonal) and diagonal < LARGEST_SHIFT:
@@ -293,33 +327,33 @@ class RegularisedNewton:
         return 0.01 * self.model.skin.pattern.size * mode
 
     def _cap(self, state: Floats, direction: Floats) -> float:
-        """How much of a step the stretch bounds allow."""
+        """Fraction of a step that the stretch bounds allow."""
         corners = self.model.corners(state)
         fraction = self.options.fraction_to_barrier
         return self.model.bounds.largest_step(corners, self.model.corners(direction), fraction)
 
     def _modified_step(self, point: _Point, rounding: float, *, first: bool) -> _Point | None:
-        """The point after a step with the factors at hand, if that is worth having."""
+        """Point after a step with the old factorisation; None if it gains too little."""
         direction = -self.factor.solve(point.residual)
         if not np.isfinite(norm(self.comm, direction)):
             return None
-        share = self._cap(point.state, direction)
-        if share < 1 and not first:
+        fraction = self._cap(point.state, direction)
+        if fraction < 1 and not first:
             return None
-        trial = point.state + share * direction
+        trial = point.state + fraction * direction
         energy = self.model.energy(trial)
-        slope = share * dot(self.comm, point.residual, direction)
+        slope = fraction * dot(self.comm, point.residual, direction)
         if not energy - point.energy <= (MODIFIED_GAIN / 2 * slope if first else rounding):
             return None
         new = self._at(trial, energy)
         return new if first or new.size <= MODIFIED_RATE * point.size else None
 
-    def _bend(self, old: _Point, new: _Point, share: float) -> _Point:
-        """Correct a step by what its residual exceeds the linear prediction, while that pays."""
-        for _ in range(BENDS):
+    def _correct(self, old: _Point, new: _Point, fraction: float) -> _Point:
+        """Second-order correction: solve for the residual beyond its linear prediction."""
+        for _ in range(CORRECTIONS):
             if new.size <= RELAXED * old.size:
                 break
-            state = new.state - self.factor.solve(new.residual - (1 - share) * old.residual)
+            state = new.state - self.factor.solve(new.residual - (1 - fraction) * old.residual)
             energy = self.model.energy(state)
             if not energy < new.energy:
                 break
@@ -329,24 +363,24 @@ class RegularisedNewton:
     def _search(
         self, point: _Point, direction: Floats, rounding: float, *, escaping: bool
     ) -> tuple[float, _Point | None]:
-        """Share of the step to take and the point there; 0 and None if no step will do."""
+        """Fraction of the step to take and the point there; 0 and None if no step lowers E."""
         if not np.isfinite(norm(self.comm, direction)):
             return 0.0, None
         slope = dot(self.comm, point.residual, direction)
-        share = self._cap(point.state, direction)
-        while share > SMALLEST_STEP:
-            trial = point.state + share * direction
+        fraction = self._cap(point.state, direction)
+        while fraction > SMALLEST_STEP:
+            trial = point.state + fraction * direction
             energy = self.model.energy(trial)
             change = energy - point.energy
-            if change <= ARMIJO * share * slope and (change < -rounding or not escaping):
-                return share, self._at(trial, energy)
+            if change <= ARMIJO * fraction * slope and (change < -rounding or not escaping):
+                return fraction, self._at(trial, energy)
             if abs(change) <= rounding and not escaping:
                 new = self._at(trial, energy)
                 if abs(dot(self.comm, new.residual, direction)) <= 0.9 * abs(slope):
-                    return share, new
-            if np.isfinite(energy) and change > share * slope:
-                quadratic = -slope * share**2 / (2 * (change - share * slope))
-                share = min(max(quadratic, 0.1 * share), 0.5 * share)
+                    return fraction, new
+            if np.isfinite(energy) and change > fraction * slope:
+                quadratic = -slope * fraction**2 / (2 * (change - fraction * slope))
+                fraction = min(max(quadratic, 0.1 * fraction), 0.5 * fraction)
             else:
-                share *= 0.5
+                fraction *= 0.5
         return 0.0, None

@@ -1,47 +1,46 @@
-"""Held vertices that are moved, and how the free ones are taken along."""
+"""Prescribed displacement of fixed components, and its extension to the free ones."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 from scipy.sparse import coo_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 
 from toros_fem._mpi import largest
-from toros_fem._types import Floats
+from toros_fem._types import Bools, Floats
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.meshes.mirror import FLAT
 from toros_fem.meshes.pattern import Pattern
 
-# What keeps the extension of nothing at zero, over the Laplacian's diagonal.
+# Damping over the Laplacian's diagonal: without any fixed vertex the extension is zero.
 DAMPING = 1e-9
 
 
 class PrescribedDisplacement:
-    """Puts the held components of a state where they belong.
+    """Moves the fixed components of a state to their prescribed positions.
 
-    To move them alone would stretch the triangles next to them by the whole way. The others are
-    taken along by the harmonic extension over the flat panels, of each component by itself: on a
-    strip that is pulled it is the exact solution. The pattern is whole on every rank, so that each
-    computes the same.
+    To move them alone would stretch the triangles next to them by the whole displacement. The free
+    components follow by the harmonic extension over the flat panels, each component by itself: on
+    a strip that is pulled this is the exact solution. The pattern is whole on every rank, so that
+    each computes the same.
 
     Args:
-        model: The scene.
+        model: The skin's model.
     """
 
     def __init__(self, model: SkinModel) -> None:
         self._model = model
-        self._solvers: list[Callable[[Floats], Floats]] = []  # made when first something moves
+        self._solvers: list[Callable[[Floats], Floats]] = []  # made when something first moves
 
     def __call__(self, state: Floats, displacement: Floats | None) -> Floats:
-        """The state with its held components in place (collective).
+        """Return the state with its fixed components in place (collective).
 
         Args:
             state: Owned unknowns.
-            displacement: Way of each assembled vertex from its assembled position in m, (n, 3),
-                read where it is held; None leaves them there.
+            displacement: Displacement of each assembled vertex from its assembled position in m,
+                (n, 3), read at fixed components; None leaves them there.
         """
         model, skin = self._model, self._model.skin
         goal, fixed = model.assembled, ~model.free
@@ -49,8 +48,8 @@ class PrescribedDisplacement:
             model.positions(goal)[:] += displacement[skin.owned_vertices]
         placed = np.where(fixed, goal, state)
         jump = model.positions(placed - state)
-        way = largest(skin.comm, float(np.abs(jump).max(initial=0.0)))
-        if way > FLAT * skin.pattern.size:
+        distance = largest(skin.comm, float(np.abs(jump).max(initial=0.0)))
+        if distance > FLAT * skin.pattern.size:
             spread = self._extension(skin.gather_vertices(jump))
             along = np.zeros_like(state)
             model.positions(along)[:] = spread[skin.owned_vertices]
@@ -66,7 +65,7 @@ class PrescribedDisplacement:
 
 
 def _laplacian(pattern: Pattern) -> csr_array:
-    """Stiffness of linear elements on the flat panels, sewn together, (n, n)."""
+    """Return the stiffness of linear elements on the flat panels, sewn together, (n, n)."""
     corner, tri = pattern.corners, pattern.triangles
     opposite = np.roll(corner, -1, axis=1) - np.roll(corner, -2, axis=1)  # turned gradients · 2 Ā
     entries = np.einsum("tik,tjk->tij", opposite, opposite) / (4 * pattern.areas[:, None, None])
@@ -77,7 +76,8 @@ def _laplacian(pattern: Pattern) -> csr_array:
     return whole + DAMPING * whole.diagonal().mean() * csr_array(eye_array(count))
 
 
-def _extender(laplacian: csr_array, fixed: npt.NDArray[np.bool_]) -> Callable[[Floats], Floats]:
+def _extender(laplacian: csr_array, fixed: Bools) -> Callable[[Floats], Floats]:
+    """Return the harmonic extension from the fixed vertices to the others."""
     free = ~fixed
     if not free.any():
         return lambda values: values

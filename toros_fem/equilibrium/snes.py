@@ -1,30 +1,31 @@
-"""Newton's method on a model's energy inside a PETSc SNES, at given load and density."""
+"""Newton's method on a model's energy inside a PETSc SNES, at the load and density that are set."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from petsc4py import PETSc
 
 from toros_fem._types import Floats
 from toros_fem.equilibrium.linear_solver import PREFIX, TangentFactor
-from toros_fem.equilibrium.newton import NewtonStep, RegularisedNewton
+from toros_fem.equilibrium.newton import NewtonResult, NewtonStep, RegularisedNewton
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.model import SkinModel
 
 
 class SnesSolver:
-    """A SNES that finds stable equilibria of a model from near ones; options have prefix "toros_".
+    """A SNES that finds stable equilibria of a model near a start; its options' prefix is "toros_".
 
     Attributes:
-        factor: The factorised tangent, after success that at the equilibrium.
-        newton: The solver inside, with the history of its steps.
-        max_steps: Newton steps at most.
+        factor: The factorised tangent; after success it is that at the equilibrium.
+        newton: The method inside.
+        max_steps: Largest number of Newton steps.
 
     Args:
-        model: The scene.
-        options: How hard to try.
+        model: The skin's model.
+        options: Tolerance and limits.
         log: Called with every row of the history as it comes, on every rank.
     """
 
@@ -37,6 +38,7 @@ class SnesSolver:
         self._model = model
         self.factor = TangentFactor(model)
         self.newton = RegularisedNewton(model, self.factor, options, log)
+        self._context = _NewtonContext(self.newton)
         self._x, residual = self.factor.matrix.createVecs()
         snes = PETSc.SNES().create(model.skin.comm)
         snes.setOptionsPrefix(PREFIX)
@@ -46,29 +48,34 @@ class SnesSolver:
         snes.setKSP(self.factor.ksp)
         snes.setTolerances(rtol=options.tolerance, max_it=options.max_steps)
         snes.setType(PETSc.SNES.Type.PYTHON)
-        snes.setPythonContext(self.newton)
+        snes.setPythonContext(self._context)
         snes.setFromOptions()
         self._snes = snes
         self.max_steps: int = snes.getTolerances()[3]
 
-    def __call__(self, start: Floats, max_steps: int | None = None) -> tuple[Floats, int, int]:
-        """One solve: the state, its converged reason, and how many rows the history grew by."""
+    def __call__(
+        self, start: Floats, *, reuse_factors: bool = False, max_steps: int | None = None
+    ) -> NewtonResult:
+        """Solve once from a start (collective).
+
+        Args:
+            start: Owned unknowns.
+            reuse_factors: Whether the factorised tangent is that of an equilibrium near the start.
+            max_steps: Largest number of Newton steps; None takes that of the options.
+        """
         self._snes.setTolerances(max_it=max_steps or self.max_steps)
         self._x.array[:] = start
-        rows = len(self.newton.history)
+        self._context.reuse_factors, self._context.result = reuse_factors, None
         self._snes.solve(None, self._x)
-        state = self.tried
+        found = self._context.result
+        if found is not None:
+            return replace(found, outcome=int(self._snes.getConvergedReason()))
+        # Another type of SNES, chosen by an option, may have stopped at a saddle.
+        state = np.array(self._x.array_r)
         outcome = int(self._snes.getConvergedReason())
-        steps = len(self.newton.history) - rows
-        if outcome > 0 and steps == 0 and not self.newton.stable(state):
-            # Another type of SNES, chosen by an option, may have stopped at a saddle.
+        if outcome > 0 and not self.newton.stable(state):
             outcome = int(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
-        return state, outcome, steps
-
-    @property
-    def tried(self) -> Floats:
-        """Where the last solve ended, whether or not it converged."""
-        return np.array(self._x.array_r)
+        return NewtonResult(state, outcome, 0, ())
 
     def _residual(self, _: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         f.array_w[:] = self._model.residual(x.array_r)
@@ -76,3 +83,70 @@ class SnesSolver:
     def _tangent(self, _: PETSc.SNES, x: PETSc.Vec, __: PETSc.Mat, ___: PETSc.Mat) -> None:
         self.factor.assemble(x.array_r)
         self.factor.fill(0.0)
+
+
+class _NewtonContext:
+    """The SNES's type "python": hands its solve to `RegularisedNewton`."""
+
+    def __init__(self, newton: RegularisedNewton) -> None:
+        self._newton = newton
+        self.reuse_factors = False
+        self.result: NewtonResult | None = None
+
+    def solve(self, snes: PETSc.SNES, _: PETSc.Vec | None, x: PETSc.Vec) -> None:
+        """Solve, as SNES requests it."""
+        tolerance, _, _, max_steps = snes.getTolerances()
+
+        def monitor(step: int, size: float) -> None:
+            snes.setIterationNumber(step)
+            snes.setFunctionNorm(size)
+            snes.monitor(step, size)
+
+        self.result = self._newton.minimise(
+            x.array.copy(), tolerance, max_steps, self.reuse_factors, monitor
+        )
+        x.array[:] = self.result.state
+        snes.setConvergedReason(self.result.outcome)
+
+
+class Attempts:
+    """Solves one after the other; each uses the factors of the one before if that converged.
+
+    Attributes:
+        history: Rows of all of them.
+        last: Where the last one ended.
+
+    Args:
+        solver: The SNES.
+        reuse_factors: Whether the factorised tangent is that of an equilibrium near the first
+            start.
+    """
+
+    def __init__(self, solver: SnesSolver, *, reuse_factors: bool = False) -> None:
+        self._solver, self._reuse_factors = solver, reuse_factors
+        self._factorisations = solver.factor.count
+        self.history: list[NewtonStep] = []
+        self.last: Floats | None = None
+
+    def __call__(self, start: Floats, max_steps: int | None = None) -> NewtonResult:
+        """Solve once more (collective)."""
+        found = self._solver(start, reuse_factors=self._reuse_factors, max_steps=max_steps)
+        self._reuse_factors = found.converged
+        self.history.extend(found.history)
+        self.last = found.state
+        return found
+
+    @property
+    def steps(self) -> int:
+        """Newton steps, each with a factorisation of its own."""
+        return sum(row.step > 0 and not row.modified for row in self.history)
+
+    @property
+    def modified_steps(self) -> int:
+        """Steps with a factorisation that was at hand."""
+        return sum(row.modified for row in self.history)
+
+    @property
+    def factorisations(self) -> int:
+        """Factorisations so far, retries with a shift included."""
+        return self._solver.factor.count - self._factorisations

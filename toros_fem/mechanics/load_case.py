@@ -1,71 +1,139 @@
-"""What acts on a skin: pressures, dead forces, weight and moved supports."""
+"""Load case of a skin: pressures, dead forces, weight and moved supports, and its checks."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from toros_fem._types import Floats
+from toros_fem.errors import ParameterError
+from toros_fem.mechanics.supports import Supports, require_displacement
+from toros_fem.meshes.pattern import Pattern
 
 
 @dataclass(frozen=True, eq=False)
 class LoadCase:
-    """What acts on a skin.
+    """Everything that acts on a skin.
 
     Attributes:
-        pressure: In Pa, of all chambers or of each, (k,).
+        pressures: Pressure of each chamber in Pa, (k,).
         force: Dead forces in N on all assembled vertices, (n, 3); None for none.
-        displacement: Way in m of held components of all assembled vertices, (n, 3); None for none.
-        weight: Share of the skin's own weight.
+        displacement: Displacement in m of the fixed components from their assembled positions,
+            for all assembled vertices, (n, 3); None leaves them there.
+        weight_fraction: Fraction of the skin's own weight that acts; the skin's `Weight` says
+            how heavy it is.
     """
 
-    pressure: float | Floats
-    force: Floats | None
+    pressures: Floats
+    force: Floats | None = None
     displacement: Floats | None = None
-    weight: float = 0.0
+    weight_fraction: float = 0.0
 
     def __bool__(self) -> bool:
-        dead = self.force is not None or self.weight > 0
+        dead = self.force is not None or self.weight_fraction > 0
         return self.largest > 0 or dead or self.displacement is not None
 
     def __str__(self) -> str:
         parts = []
         if self.largest > 0 or not self:
-            parts.append(" and ".join(f"{p:g}" for p in np.atleast_1d(self.pressure)) + " Pa")
+            parts.append(" and ".join(f"{p:g}" for p in self.pressures) + " Pa")
         if self.force is not None:
             total = np.linalg.norm(self.force, axis=1).sum()
-            parts.append(f"forces of {total:.4g} N in all")
-        if self.weight > 0:
-            share = "" if self.weight == 1 else f"{100 * self.weight:.3g} % of "
-            parts.append(f"{share}its own weight")
+            parts.append(f"forces of {total:.4g} N in total")
+        if self.weight_fraction > 0:
+            whole = self.weight_fraction == 1
+            parts.append(("" if whole else f"{100 * self.weight_fraction:.3g} % of ") + "its own weight")
         if self.displacement is not None:
-            way = np.linalg.norm(self.displacement, axis=1).max()
-            parts.append(f"supports moved by up to {way:.4g} m")
+            farthest = np.linalg.norm(self.displacement, axis=1).max()
+            parts.append(f"supports moved by up to {farthest:.4g} m")
         return " and ".join(parts)
 
     @property
     def largest(self) -> float:
         """Largest pressure in Pa."""
-        return float(np.max(self.pressure))
+        return float(np.max(self.pressures))
 
-    def scaled(self, factor: float) -> LoadCase:
-        """Return the load times a load factor."""
-        return LoadCase(0.0, None).towards(self, factor)
+    def scaled(self, load_factor: float) -> LoadCase:
+        """Return the load case times a load factor."""
+        return LoadCase(np.zeros_like(self.pressures)).towards(self, load_factor)
 
-    def towards(self, other: LoadCase, share: float) -> LoadCase:
-        """What lies between, share of the way to another."""
+    def towards(self, other: LoadCase, fraction: float) -> LoadCase:
+        """Return the load case that lies a fraction of the way towards another one."""
+        mine, theirs = self.weight_fraction, other.weight_fraction
         return LoadCase(
-            self.pressure + share * (other.pressure - self.pressure),
-            _between(self.force, other.force, share),
-            _between(self.displacement, other.displacement, share),
-            self.weight + share * (other.weight - self.weight),
+            self.pressures + fraction * (other.pressures - self.pressures),
+            _between(self.force, other.force, fraction),
+            _between(self.displacement, other.displacement, fraction),
+            mine + fraction * (theirs - mine),
         )
 
 
-def _between(one: Floats | None, other: Floats | None, share: float) -> Floats | None:
-    """Share of the way from one to the other, None standing for zero."""
+def _between(one: Floats | None, other: Floats | None, fraction: float) -> Floats | None:
+    """Interpolate linearly; None stands for zero."""
     if one is None and other is None:
         return None
     begin, end = (np.zeros(1) if values is None else values for values in (one, other))
-    return np.asarray(begin + share * (end - begin))
+    return np.asarray(begin + fraction * (end - begin))
+
+
+def make_load_case(
+    pattern: Pattern,
+    supports: Supports,
+    chambers: int,
+    pressure: float | Sequence[float] | Floats,
+    *,
+    force: Floats | None = None,
+    displacement: Floats | None = None,
+    weight_fraction: float = 0.0,
+) -> LoadCase:
+    """Return a load case that fits a skin; all arguments are the same on every rank.
+
+    Args:
+        pattern: The skin's pattern.
+        supports: The skin's supports.
+        chambers: Number of pressure chambers.
+        pressure: In Pa, ≥ 0, one for all chambers or one for each.
+        force: Dead forces in N on all assembled vertices, (n, 3); None for none.
+        displacement: Displacement of the fixed components in m, (n, 3); None takes that of the
+            supports.
+        weight_fraction: Fraction of the skin's own weight that acts.
+
+    Raises:
+        ParameterError: A pressure is negative or not finite, or an array does not fit.
+        OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
+    """
+    values = np.asarray(pressure, dtype=np.float64)
+    if not (np.isfinite(values) & (values >= 0)).all():
+        shown = ", ".join(str(float(p)) for p in np.atleast_1d(values))
+        raise ParameterError(f"pressure = {shown} Pa must be finite and at least 0.")
+    if values.shape not in ((), (chambers,)):
+        raise ParameterError(
+            f"pressure = {pressure} Pa must be one number, or one for each of the {chambers} "
+            "chambers."
+        )
+    if values.any() and not supports.close(pattern):
+        pattern.require_closed()
+    points = pattern.points.shape
+    if force is not None and not (force.shape == points and np.isfinite(force).all()):
+        raise ParameterError(
+            f"force has shape {force.shape}; it must be finite and of shape {points}, in N."
+        )
+    if displacement is None:
+        displacement = supports.displacement
+    else:
+        require_displacement(displacement, points)
+        moved = replace(supports, displacement=displacement)
+        if moved.close(pattern) != supports.close(pattern):
+            raise ParameterError(
+                "the displacement moves a border out of its symmetry plane; move it in the plane "
+                "only, or simulate the whole skin."
+            )
+    return LoadCase(
+        np.full(chambers, values), _copy(force), _copy(displacement), float(weight_fraction)
+    )
+
+
+def _copy(values: Floats | None) -> Floats | None:
+    return None if values is None else np.array(values, dtype=np.float64)

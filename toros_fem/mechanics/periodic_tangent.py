@@ -1,4 +1,4 @@
-"""What the nodes that a tile's lattice moves add to the tangent, in the rows of F̄."""
+"""Rows of the tangent that belong to a tile's mean deformation gradient F̄."""
 
 from __future__ import annotations
 
@@ -7,27 +7,26 @@ from dolfinx import la
 
 from toros_fem._types import Floats, Ints
 from toros_fem.mechanics.coefficients import work_vector
-from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.periodicity import PeriodicModel
 
 
 class PeriodicTangent:
-    """The tangent's entries at the columns of F̄, from the matrices of triangles that see images.
+    """Tangent entries at the columns of F̄, from the matrices of triangles that see images.
 
-    A triangle's matrix A belongs to the places where it sees its nodes, x + a F̄n + b F̄t; that of
-    the unknowns is EᵀAE with E = (1, a, b) for each node. The 1 all other triangles have too; it
-    is left to them.
+    A triangle's matrix A belongs to the places where it sees its nodes, x + a F̄n + b F̄t. The
+    matrix of the unknowns is EᵀAE with E = (1, a, b) for each node. The part of the 1 is that of
+    all triangles and is not repeated here.
 
     Attributes:
         keys: Entry row · size + column of each number, row ≤ column.
-        weights: How often it counts: twice on the diagonal, where (i, j) and (j, i) coincide.
+        weights: Factor of each number: 2 on the diagonal, where (i, j) and (j, i) coincide.
 
     Args:
         model: A tile.
     """
 
-    def __init__(self, model: SkinModel) -> None:
-        assert model.periodic_images is not None
-        self._model, self._images = model, model.periodic_images
+    def __init__(self, model: PeriodicModel) -> None:
+        self._model, self._images = model, model.images
         index_map = model.space.dofmap.index_map
         size = index_map.size_global
         local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
@@ -38,7 +37,7 @@ class PeriodicTangent:
         entries = self._count * (self._count + 1) // 2
         self._first = place[cells].astype(np.int64) * entries
         self._present, self._dofs = present[cells], dofs[cells]
-        # Of each component of each node: its own number, that of F̄n and that of F̄t.
+        # For each component of each node: its own number, that of F̄n and that of F̄t.
         nodes = self._count // 3
         moved = np.zeros((len(cells), nodes), dtype=bool)
         moved[:, : self._images.moved.shape[1]] = self._images.moved[cells]
@@ -66,26 +65,25 @@ class PeriodicTangent:
 
     def _factors(self) -> Floats:
         """1, a, b of each node of the triangles that see images, (cells, nodes, 3)."""
-        shares = self._images.shares[self._cells]
+        shifts = self._images.shifts[self._cells]
         factors = np.zeros((len(self._cells), self._count // 3, 3))
         factors[:, :, 0] = 1.0
-        factors[:, : shares.shape[1], 1:] = shares
+        factors[:, : shifts.shape[1], 1:] = shifts
         return factors
 
     def values(self, entries: Floats) -> Floats:
-        """The numbers that belong to `keys`, from what `SkinModel.tangent_entries` gives."""
+        """Return the numbers that belong to `keys`, from those of `SkinModel.tangent_entries`."""
         factors = self._factors().ravel()
         return np.asarray(entries[self._sources] * factors[self._one] * factors[self._two])
 
     def force(self, entries: Floats, change: Floats) -> Floats:
-        """How the first variation changes with F̄ alone, at all owned unknowns (collective).
+        """Return the change of the first variation, at all owned unknowns, by F̄ alone (collective).
 
         Args:
-            entries: As `SkinModel.tangent_entries` gives them.
-            change: Of F̄, (3, 2).
+            entries: As `SkinModel.tangent_entries` returns them.
+            change: Change of F̄, (3, 2).
         """
         model, count = self._model, self._count
-        assert model.periodic is not None
         row, column = np.triu_indices(count)
         matrix = np.zeros((len(self._cells), count, count))
         matrix[:, row, column] = entries[self._first[:, None] + np.arange(len(row))]

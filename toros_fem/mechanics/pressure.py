@@ -1,4 +1,4 @@
-"""The pressures of a skin's chambers: as coefficients, and what their walls add to the forms."""
+"""Pressures of a skin's chambers: coefficients of the forms, and contributions of the walls."""
 
 from __future__ import annotations
 
@@ -17,23 +17,25 @@ from toros_fem.meshes.skin import Skin
 
 
 class PressureLoad:
-    """Σ P V over the chambers of a closed skin, P the pressures and V the volumes; its derivatives.
+    """Σ P V over the chambers of a closed skin, P the pressures, V the volumes, and derivatives.
 
-    One chamber's pressure is a constant of the forms; of several it is one value a triangle. The
-    walls between chambers are the same on all ranks: each computes them whole, from positions
-    summed over the ranks, and keeps what belongs to its own unknowns. All methods are collective.
+    The pressure of a single chamber is a constant of the forms; several chambers have one value a
+    triangle. The walls between chambers are the same on all ranks: each rank computes them whole,
+    from positions summed over the ranks, and keeps the part of its own unknowns. All methods are
+    collective.
 
     Attributes:
         values: Pressure of each chamber in Pa, (k,).
         coefficient: Pressure in the forms.
-        chosen: In the forms, how much a chamber counts in volume and load; None with one chamber.
-        pairs: Global rows and columns, row ≤ column, of the entries the walls add to the tangent,
-            of rows that this rank owns; (2, p).
+        chosen: Weight of each triangle's chamber in the forms of volume and its variation; None
+            with one chamber.
+        pairs: Global rows and columns, row ≤ column, of the entries that the walls add to the
+            rows of the tangent that this rank owns; (2, p).
 
     Args:
         skin: The sewn skin.
         chambers: None for one.
-        supports: Held components and symmetry planes.
+        supports: Fixed components and symmetry planes.
         numbers: Global numbers of the owned nodes' position unknowns, (n, 3).
     """
 
@@ -76,12 +78,9 @@ class PressureLoad:
         self.pairs = np.concatenate(pairs, axis=1)
 
     def compile(self, forms: SkinForms, buffer: Any) -> None:
-        """Compile volume and load; `buffer` is a work vector of the unknowns."""
-        self._volume, self._load, self._buffer = (
-            fem.form(forms.volume),
-            fem.form(forms.load),
-            buffer,
-        )
+        """Compile volume and its variation; `buffer` is a work vector of the unknowns."""
+        self._volume, self._variation = fem.form(forms.volume), fem.form(forms.volume_variation)
+        self._buffer = buffer
 
     def set(self, values: Floats) -> None:
         """Set the pressures in Pa, (k,)."""
@@ -92,10 +91,10 @@ class PressureLoad:
             self.coefficient.x.array[:] = values[self._of_cell]
 
     def volume(self, nodes: Floats, weights: Floats) -> float:
-        """Sum of the chambers' volumes in m³, weighted, at the state set.
+        """Return the weighted sum of the chambers' volumes in m³ at the state that is set.
 
         Args:
-            nodes: Positions of the owned nodes, (n, 3), of that state.
+            nodes: Positions of the owned nodes, (n, 3), in that state.
             weights: Of each chamber, (k,).
         """
         self._choose(weights)
@@ -104,25 +103,25 @@ class PressureLoad:
             return float(weights[0]) * whole
         return whole + self.wall_volume(nodes, weights)
 
-    def load(self, nodes: Floats, weights: Floats) -> Floats:
-        """The first variation of `volume`, owned unknowns."""
+    def gradient(self, nodes: Floats, weights: Floats) -> Floats:
+        """Return the first variation of `volume` in m², at the owned unknowns."""
         self._choose(weights)
-        out = assembled(self._load, self._buffer)
+        out = assembled(self._variation, self._buffer)
         if self._chambers is None:
             return np.asarray(weights[0] * out)
-        out[: nodes.size] += self.wall_load(nodes, weights).ravel()
+        out[: nodes.size] += self.wall_gradient(nodes, weights).ravel()
         return out
 
     def wall_volume(self, nodes: Floats, weights: Floats) -> float:
-        """What the walls have in `volume`."""
+        """Return the walls' part of `volume`."""
         if not self._walls:
             return 0.0
         x = self._spread(nodes[self._own])
         parts = zip(self._walls, self._at, self._jumps(weights), strict=True)
         return float(sum(jump * wall.volume(x[at]) for wall, at, jump in parts))
 
-    def wall_load(self, nodes: Floats, weights: Floats) -> Floats:
-        """What the walls have in `load`, at the owned nodes, (n, 3)."""
+    def wall_gradient(self, nodes: Floats, weights: Floats) -> Floats:
+        """Return the walls' part of `gradient` at the owned nodes, (n, 3)."""
         out = np.zeros_like(nodes)
         if self._walls:
             x = self._spread(nodes[self._own])
@@ -133,7 +132,7 @@ class PressureLoad:
         return out
 
     def wall_tangent(self, nodes: Floats) -> Floats:
-        """The walls' entries of the second variation of −Σ P V at `pairs`, in N/m."""
+        """Return the walls' entries of the second variation of −Σ P V at `pairs`, in N/m."""
         if not self._walls:
             return np.zeros(0)
         x = self._spread(nodes[self._own])
@@ -145,7 +144,7 @@ class PressureLoad:
         return np.concatenate(parts)
 
     def _jumps(self, weights: Floats) -> list[float]:
-        """The wall is run through as the first side's triangles are: it lies against them."""
+        """Jump of a weight across each wall, which faces against the triangles of its first side."""
         return [float(weights[wall.sides[1]] - weights[wall.sides[0]]) for wall in self._walls]
 
     def _choose(self, weights: Floats) -> None:

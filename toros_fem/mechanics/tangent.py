@@ -1,31 +1,31 @@
-"""The tangent's upper triangle, summed from element entries by a map that is made once."""
+"""Upper triangle of the tangent, summed from element entries by a map that is made once."""
 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
-from toros_fem._types import Floats, Ints
+from toros_fem._types import Bools, Floats, Ints, LocalInts
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.periodic_tangent import PeriodicTangent
+from toros_fem.mechanics.periodicity import PeriodicModel
 
 
 class UpperTangent:
     """Second variation of E in N/m, entries (i, j) with i ≤ j of the rows this rank owns.
 
     The tangent is symmetric, so its lower half is neither computed nor kept. Each triangle gives
-    the upper triangle of its element matrix; which of these numbers add up to which entry never
-    changes, so that assembly is one sparse product and, on several ranks, one exchange. Held rows
+    the upper triangle of its element matrix. The map from these numbers to the entries never
+    changes, so that assembly is one sparse product and, on several ranks, one exchange. Fixed rows
     and columns are those of the identity.
 
     Attributes:
         indptr, columns: Compressed rows: columns are global, sorted, the diagonal comes first.
-        images: What a tile's images add; None for a skin that does not repeat.
+        periodic: The rows of F̄; None for a skin that does not repeat.
 
     Args:
-        model: The scene.
+        model: The skin's model.
     """
 
     def __init__(self, model: SkinModel) -> None:
@@ -36,10 +36,10 @@ class UpperTangent:
         starts = np.array(comm.allgather(index_map.local_range[0]) + [size], dtype=np.int64)
         keys, weights = _contributions(model)
         self._own = len(keys)
-        self.periodic_images = None if model.periodic_images is None else PeriodicTangent(model)
-        if self.periodic_images is not None:
-            keys = np.append(keys, self.periodic_images.keys)
-            weights = np.append(weights, self.periodic_images.weights)
+        self.periodic = PeriodicTangent(model) if isinstance(model, PeriodicModel) else None
+        if self.periodic is not None:
+            keys = np.append(keys, self.periodic.keys)
+            weights = np.append(weights, self.periodic.weights)
 
         order = np.argsort(keys, kind="stable")
         order = order[np.searchsorted(keys[order], 0) :]
@@ -62,7 +62,7 @@ class UpperTangent:
 
         counts = np.diff(np.append(first, len(order)))
 
-        def sums(rows: Ints, chosen: npt.NDArray[np.bool_], total: int) -> csr_matrix:
+        def sums(rows: Ints, chosen: Bools, total: int) -> csr_matrix:
             used = np.repeat(chosen, counts)
             lengths: Ints = np.zeros(total, dtype=np.int64)
             lengths[rows] = counts[chosen]
@@ -75,12 +75,12 @@ class UpperTangent:
         begin, end = index_map.local_range
         self.indptr = np.searchsorted(merged, np.arange(begin, end + 1) * size).astype(np.int32)
         self.columns = (merged % size).astype(np.int32)
-        # Held dofs stand last among the model's own and keep their 1; then follow images.
+        # Fixed dofs stand last among the model's own and keep their 1; those of F̄ follow.
         self._entries: Floats = np.ones(len(keys))
 
     @property
-    def diagonal(self) -> npt.NDArray[np.int32]:
-        """Places of the diagonal among the entries."""
+    def diagonal(self) -> LocalInts:
+        """Positions of the diagonal among the entries."""
         return self.indptr[:-1]
 
     def assemble(self, state: Floats, out: Floats, *, geometric: float = 1.0) -> None:
@@ -92,8 +92,8 @@ class UpperTangent:
             geometric: 1 for K; 0 for its material part M, positive semidefinite.
         """
         self._model.tangent_entries(state, self._entries, geometric)
-        if self.periodic_images is not None:
-            self._entries[self._own :] = self.periodic_images.values(self._entries)
+        if self.periodic is not None:
+            self._entries[self._own :] = self.periodic.values(self._entries)
         out[:] = self._sum @ self._entries
         comm: MPI.Comm = self._model.skin.comm
         if comm.size > 1:
@@ -105,11 +105,11 @@ class UpperTangent:
 
 
 def _contributions(model: SkinModel) -> tuple[Ints, Floats]:
-    """For each number an assembly starts from, its entry row · size + column, −1 if it has none.
+    """Return the entry row · size + column of each number that is assembled, −1 for none.
 
     The numbers are those of `SkinModel.tangent_entries`, of triangles and of walls, then a 1 for
-    each held dof. The second array holds their weights: where a patch meets one vertex twice,
-    (i, j) and (j, i) coincide.
+    each fixed dof. The second array holds their weights: where a patch meets one vertex twice,
+    (i, j) and (j, i) coincide and count 2.
     """
     index_map = model.space.dofmap.index_map
     size = index_map.size_global

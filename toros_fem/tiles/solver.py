@@ -10,14 +10,13 @@ import numpy as np
 from toros_fem._mpi import dot
 from toros_fem._types import Floats
 from toros_fem.density.field import check_density
-from toros_fem.equilibrium.continuation import ContinuationResult, run_continuation
+from toros_fem.equilibrium.continuation import Attempt, ContinuationResult, run_continuation
 from toros_fem.equilibrium.newton import NewtonStep
 from toros_fem.equilibrium.options import NewtonOptions
-from toros_fem.equilibrium.snes import SnesSolver
+from toros_fem.equilibrium.snes import Attempts, SnesSolver
 from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.materials import Composite
-from toros_fem.mechanics.model import SkinModel
-from toros_fem.mechanics.periodicity import Periodic
+from toros_fem.mechanics.periodicity import Periodic, PeriodicModel
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.skin import Skin
 
@@ -97,12 +96,11 @@ class TileSolver:
         fixed[0] = True
         self.skin, self.periodic = skin, periodic
         self.options = options or NewtonOptions()
-        self.model = SkinModel(skin, composite, Supports(fixed), periodic=periodic)
-        self._minimise = SnesSolver(self.model, self.options, log)
-        images = self._minimise.factor.periodic_images
-        assert images is not None
-        assert self.model.periodic_images is not None
-        self._images, self._turn = images, self.model.periodic_images.turn
+        self.model = PeriodicModel(skin, composite, Supports(fixed), periodic)
+        self._snes = SnesSolver(self.model, self.options, log)
+        periodic_tangent = self._snes.factor.periodic
+        assert periodic_tangent is not None
+        self._periodic_tangent, self._turn = periodic_tangent, self.model.images.turn
         self._prescribed = np.array(periodic.prescribed)
         self.area = float(skin.pattern.areas.sum())
         self._place = skin.pattern.points[skin.owned_vertices, :2]
@@ -151,20 +149,19 @@ class TileSolver:
         self._forget()
         self._turn(angle)
         self.model.set_density(density)
-        minimise = self._minimise
-        minimise.newton.history, minimise.newton.reuse_factors = [], False
-        before = minimise.factor.count
+        attempts = Attempts(self._snes)
         begin, state = np.eye(3)[:, :2], self._assembled(angle)
         if start is not None:
             begin, state = start.gradient, start.state
         change = np.where(self._prescribed, wanted - begin, 0.0)
 
-        def attempt(x: Floats, share: float) -> tuple[Floats, int, int]:
-            there = self.model.columns(x).T / self.periodic.length
-            rest = np.where(self._prescribed, begin + share * change - there, 0.0)
-            return minimise(self._stretched(x, angle, rest))
+        def attempt(x: Floats, fraction: float) -> Attempt:
+            there = self.model.mean_gradient(x)
+            rest = np.where(self._prescribed, begin + fraction * change - there, 0.0)
+            return attempts(self._stretched(x, angle, rest))
 
-        found, outcome, _ = attempt(state, 1.0)
+        first = attempt(state, 1.0)
+        found, outcome = first.state, first.outcome
         if outcome <= 0 and allow_continuation:
             begin, state = np.eye(3)[:, :2], self._assembled(angle)
             change = np.where(self._prescribed, wanted - begin, 0.0)
@@ -179,7 +176,7 @@ class TileSolver:
                 f"{self.model.composite.c1:g}, c2 = {self.model.composite.c2:g}. Stretch it less, "
                 "soften the print, or refine the mesh."
             )
-        self._last = self._result(found, angle, before)
+        self._last = self._result(found, angle, attempts)
         return self._last
 
     def response(self, at: TileState, change: Floats) -> Floats:
@@ -213,8 +210,8 @@ class TileSolver:
         """d(F̄ : part)/dρ̄ at owned triangles, `part` among the free components (collective)."""
         self._require_last(at)
         rhs: Floats = np.zeros_like(at.state)
-        self.model.set_columns(rhs, np.asarray(part / self.periodic.length))
-        adjoint = self._minimise.factor.solve(rhs * self.model.free)
+        self.model.set_mean_gradient(rhs, np.asarray(part / self.periodic.length))
+        adjoint = self._snes.factor.solve(rhs * self.model.free)
         sensitivity = self.model.density_sensitivity(at.state, adjoint)
         return np.asarray(-sensitivity / self.periodic.length)
 
@@ -223,7 +220,7 @@ class TileSolver:
         self._forget()
         self._turn(angle)
         self.model.set_density(density)
-        return self._minimise.newton.stable(state)
+        return self._snes.newton.stable(state)
 
     def buckles(self, flat: TileState, density: Floats) -> bool:
         """Whether an equilibrium of the sheet kept flat is unstable once it may leave its plane.
@@ -242,7 +239,7 @@ class TileSolver:
             )
         state: Floats = np.zeros(self.model.size_local)
         self.model.positions(state)[:] = flat.positions
-        self.model.set_columns(state, flat.gradient)
+        self.model.set_mean_gradient(state, flat.gradient)
         return not self.stable(state, density, flat.angle)
 
     def flat_places(self, angle: float) -> Floats:
@@ -259,7 +256,7 @@ class TileSolver:
         """A state with a homogeneous deformation added."""
         out, added = state.copy(), np.zeros_like(state)
         self.model.positions(added)[:] = self.flat_places(angle) @ change.T
-        self.model.set_columns(added, change)
+        self.model.set_mean_gradient(added, change)
         # The held vertex keeps its place, and so does the sheet.
         fixed = self.model.skin.owned_vertices == 0
         shift = self.model.positions(added)[fixed].sum(axis=0)
@@ -274,30 +271,29 @@ class TileSolver:
         if key not in self._answers:
             if not self._answers:
                 self.model.tangent_entries(at.state, self._entries)
-            force = self._images.force(self._entries, wanted)
-            move = -self._minimise.factor.solve(force * self.model.free)
+            force = self._periodic_tangent.force(self._entries, wanted)
+            move = -self._snes.factor.solve(force * self.model.free)
             moved: Floats = np.zeros_like(move)
-            self.model.set_columns(moved, wanted)
+            self.model.set_mean_gradient(moved, wanted)
             for array in (force, moved := move + moved):
                 array.setflags(write=False)
             self._answers[key] = force, moved
         return self._answers[key]
 
-    def _result(self, state: Floats, angle: float, before: int) -> TileState:
-        model, newton = self.model, self._minimise.newton
+    def _result(self, state: Floats, angle: float, attempts: Attempts) -> TileState:
+        model = self.model
         state.setflags(write=False)
-        length = self.periodic.length
-        stress = length * model.columns_force(state).T / self.area
+        stress = model.mean_force(state) / self.area
         return TileState(
             angle=angle,
-            gradient=np.asarray(model.columns(state).T / length),
+            gradient=model.mean_gradient(state),
             stress=np.where(self._prescribed, stress, 0.0),
             energy=model.energy(state) / self.area,
             state=state,
             positions=model.positions(state),
             stretch_use=model.bounds.worst(model.corners(state)),
-            steps=sum(row.step > 0 and not row.modified for row in newton.history),
-            factorisations=self._minimise.factor.count - before,
+            steps=attempts.steps,
+            factorisations=attempts.factorisations,
         )
 
     def _forget(self) -> None:
