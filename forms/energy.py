@@ -166,6 +166,4 @@ def skin_forms(
         pressure_blocks(blocks, nodes[:3], jacobian, geometric * pressure)
 
     tangent = balanced_sum([value * entries[n] for n, value in enumerate(blocks.upper())]) * dx
-    return SkinForms(
-        energy, volume, residual, volume_variation, weight, tangent, sensitivity
-    )
+    return SkinForms(energy, volume, residual, volume_variation, weight, tangent, sensitivity)

@@ -129,5 +129,3 @@ def test_the_model_takes_the_whole_load_case(tube: Skin) -> None:
     assert sum(parts) == pytest.approx(applied, abs=1e-15)
     with pytest.raises(errors.ParameterError, match="one for each chamber"):
         model.set_load(LoadCase(np.zeros(2)))
-
-

@@ -109,7 +109,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         return self._for_each(bounds, "pressure_bounds", alike)
 
     def _for_each(self, given: Any, name: str, alike: bool) -> tuple[Any, ...]:
-        count = len(self.solver.model.pressures)
+        count = len(self.solver.model.load.pressures)
         values = (given,) * count if alike else tuple(given)
         if len(values) != count:
             raise ParameterError(
@@ -176,5 +176,6 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
             return by_projected, None
         by_pressure = np.zeros(len(self.pressures))
         for k in designed:
-            by_pressure[k] = dot(self.skin.comm, adjoint, model.volume_gradient(equilibrium.state, k))
+            volume_gradient = model.volume_gradient(equilibrium.state, k)
+            by_pressure[k] = dot(self.skin.comm, adjoint, volume_gradient)
         return by_projected, by_pressure

@@ -116,7 +116,7 @@ class TangentFactor:
         self.scale = diagonal * self._model.free
 
     def fill(self, shift: float = 0.0, diagonal: float = 0.0) -> None:
-        """Put K + shift · M + diagonal · D into the matrix, with D the mean diagonal of a vertex."""
+        """Put K + shift · M + diagonal · D into the matrix, D the mean diagonal of a vertex."""
         self._data[:] = self._exact
         if diagonal:
             self._data[self._tangent.diagonal] += diagonal * self.scale

@@ -110,7 +110,7 @@ class RegularisedNewton:
     eq. 2.4, approximate Wolfe). A stationary point that is no minimum is left along its softest
     mode. A state counts as equilibrium when K is positive definite and the residual is below the
     tolerance times the applied load, or below the rounding of the positions. Where rounding lets
-    the residual fall no more, STAGNATED is enough, or UNRESOLVED if Newton's own step is negligible.
+    the residual fall no more, STAGNATED is enough, or UNRESOLVED where Newton's step is negligible.
     """
 
     def __init__(

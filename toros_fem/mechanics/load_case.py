@@ -43,8 +43,8 @@ class LoadCase:
             total = np.linalg.norm(self.force, axis=1).sum()
             parts.append(f"forces of {total:.4g} N in total")
         if self.weight_fraction > 0:
-            whole = self.weight_fraction == 1
-            parts.append(("" if whole else f"{100 * self.weight_fraction:.3g} % of ") + "its own weight")
+            percent = f"{100 * self.weight_fraction:.3g} % of "
+            parts.append(f"{'' if self.weight_fraction == 1 else percent}its own weight")
         if self.displacement is not None:
             farthest = np.linalg.norm(self.displacement, axis=1).max()
             parts.append(f"supports moved by up to {farthest:.4g} m")

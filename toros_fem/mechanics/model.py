@@ -257,9 +257,8 @@ class SkinModel:
         """
         if not self.bounds.worst(self.corners(state)) < 1:
             return np.inf
-        work = 0.0
-        if self.load.force is not None:
-            work = self._force @ (state - self.assembled)
+        loaded = self.load.force is not None
+        work = self._force @ (state - self.assembled) if loaded else 0.0
         whole = total(self.skin.comm, fem.assemble_scalar(self._energy) - work)
         return whole - self._pressure.wall_volume(self.positions(state), self.load.pressures)
 

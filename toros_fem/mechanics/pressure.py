@@ -144,7 +144,7 @@ class PressureLoad:
         return np.concatenate(parts)
 
     def _jumps(self, weights: Floats) -> list[float]:
-        """Jump of a weight across each wall, which faces against the triangles of its first side."""
+        """Jump of a weight across each wall, which lies against its first side's triangles."""
         return [float(weights[wall.sides[1]] - weights[wall.sides[0]]) for wall in self._walls]
 
     def _choose(self, weights: Floats) -> None:
