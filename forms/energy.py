@@ -18,7 +18,12 @@ from toros_fem.forms.kinematics import (
     right_cauchy_green,
     stretch_invariants,
 )
-from toros_fem.forms.membrane import barrier_membrane, membrane_blocks, neo_hooke
+from toros_fem.forms.membrane import (
+    barrier_membrane,
+    barrier_value,
+    membrane_blocks,
+    neo_hooke,
+)
 from toros_fem.forms.periodic import placed
 from toros_fem.forms.pressure import enclosed_volume, pressure_blocks
 from toros_fem.forms.weight import weight_potential
@@ -126,13 +131,15 @@ def skin_forms(
     def mixed(name: str) -> Any:
         return interpolate(density, getattr(fabric, name), getattr(reinforcement, name))
 
-    s, p = stretch_invariants(right_cauchy_green(deformation_gradient(corners, jacobian)))
+    C = right_cauchy_green(deformation_gradient(corners, jacobian))
+    s, p = stretch_invariants(C)
     sheet = mixed("mu"), mixed("lam")
+    energy = barrier_value(C, *sheet, *bounds) * dx
     stretching = barrier_membrane(s, p, *sheet, *bounds)
     if bladder is not None:
+        energy += neo_hooke(s, p, bladder) * dx
         stretching += neo_hooke(s, p, bladder)
-    energy = stretching * dx
-    residual = ufl.derivative(energy, q, test)
+    residual = ufl.derivative(stretching * dx, q, test)
     nodes = [components(node) for node in patch]
     blocks = Blocks(len(nodes))
     membrane_blocks(blocks, nodes[:3], jacobian, sheet, bounds, bladder, geometric)

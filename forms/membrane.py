@@ -14,6 +14,9 @@ from toros_fem.forms.kinematics import (
     stretch_invariants,
 )
 
+# Below this argument `log1p` is a series.
+SMALL = 1e-2
+
 
 def barrier_membrane(s: Any, p: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any:
     """Energy per flat area, eq. (1) of Montes Maestre et al. 2023.
@@ -23,8 +26,11 @@ def barrier_membrane(s: Any, p: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any
     p = λ₁ λ₂ occur and equal stretches are no special case. For c₁, c₂ → ∞ it is the
     St. Venant–Kirchhoff energy in the Biot strain, μ Σ(λᵢ−1)² + (λ/2)(λ₁+λ₂−2)².
 
-    The logarithms' arguments turn positive again far outside the admissible stretches: whether a
-    state is admissible must be told by the stretches (`toros_fem.feasibility`).
+    The variations are derived from this form. Its value loses digits where the strains are small
+    against the bounds, since the logarithms round at 1: `barrier_value` does not.
+
+    The logarithms' arguments turn positive again far outside the admissible stretches. So
+    admissibility is tested by the stretches (`toros_fem.mechanics.stretch_bounds`).
 
     Args:
         s, p: λ₁ + λ₂ and λ₁ λ₂, by `stretch_invariants`.
@@ -40,6 +46,39 @@ def barrier_membrane(s: Any, p: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any
     product = p - s + 1  # (λ₁−1)(λ₂−1)
     shear = -mu * a * ufl.ln(1 - squares / a + product**2 / a**2)
     return shear - lam / 2 * b * ufl.ln(1 - (s - 2) ** 2 / b)
+
+
+def barrier_value(C: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any:
+    """Energy per flat area of `barrier_membrane`, formed so that its value keeps its digits.
+
+    The strains come from λ₁ + λ₂ − 2 and (λ₁ − λ₂)² = ((C₁₁ − C₂₂)² + 4 C₁₂²)/(λ₁ + λ₂)², whose
+    sums do not cancel, and the logarithms from `log1p`.
+
+    Args:
+        C: Right Cauchy-Green tensor.
+        mu, lam, c1, c2: As for `barrier_membrane`.
+
+    Returns:
+        Energy per flat area in J/m².
+    """
+    a, b = (c1 - 1) ** 2, (c2 - 1) ** 2
+    s, _ = stretch_invariants(C)
+    total = s - 2  # (λ₁−1) + (λ₂−1)
+    difference = ((C[0, 0] - C[1, 1]) ** 2 + 4 * C[0, 1] ** 2) / (s * s)  # (λ₁−λ₂)²
+    squares = (total**2 + difference) / 2  # (λ₁−1)² + (λ₂−1)²
+    product = (total**2 - difference) / 4  # (λ₁−1)(λ₂−1)
+    shear = -mu * a * log1p((product / a) ** 2 - squares / a)
+    return shear - lam / 2 * b * log1p(-(total**2) / b)
+
+
+def log1p(y: Any) -> Any:
+    """Return ln(1 + y) to rounding, also for small y, where 1 + y has lost y's digits.
+
+    Below `SMALL` it is the series of 2 artanh z with z = y/(2 + y); four terms leave 1e-20.
+    """
+    z = y / (2 + y)
+    series = 2 * z * (1 + z**2 * (1 / 3 + z**2 * (1 / 5 + z**2 / 7)))
+    return ufl.conditional(ufl.lt(abs(y), SMALL), series, ufl.ln(1 + y))
 
 
 def neo_hooke(s: Any, p: Any, mu: Any) -> Any:
