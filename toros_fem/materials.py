@@ -9,9 +9,15 @@ from toros_fem._validate import require_between, require_choice, require_positiv
 from toros_fem.errors import ParameterError
 
 
+def _store_floats(record: object, *names: str) -> None:
+    """Turn fields of a frozen dataclass into floats: forms take no integers."""
+    for name in names:
+        object.__setattr__(record, name, float(getattr(record, name)))
+
+
 @dataclass(frozen=True)
 class Material:
-    """One isotropic sheet.
+    """Isotropic sheet.
 
     Attributes:
         young: Young's modulus in Pa at small strain.
@@ -26,6 +32,7 @@ class Material:
     def __post_init__(self) -> None:
         require_positive(young=self.young, thickness=self.thickness)
         require_between(0.0, 0.5, poisson=self.poisson)
+        _store_floats(self, "young", "poisson", "thickness")
 
     @property
     def mu(self) -> float:
@@ -50,17 +57,20 @@ RESTS = ("flat", "assembled")
 
 @dataclass(frozen=True)
 class Bending:
-    """How a sheet resists bending, eqs. (4-6); docs/accuracy.md compares the terms.
+    """Bending resistance of a sheet, eqs. (4-6); docs/accuracy.md compares the terms.
 
     Attributes:
-        curvature: How a triangle's curvature follows from the angles at its edges. "average" is
+        curvature: Formula for a triangle's curvature from the angles at its edges. "average" is
             the paper's; under load it converges only where neighbouring triangles pair up to
             parallelograms: with one diagonal direction, or equilateral. "quadratic" goes through
             the six vertices around, at the same cost; where they lie on a conic it is the
             average. "midedge" has one rotation more for each edge and converges on any mesh.
         seams: Whether a seam carries moments ("continuous") or is "hinged" as sewn cloth is.
-        rest: In which shape there is no moment: "flat" as the panels are cut, or "assembled", as
-            if moulded in the shape that the pattern is assembled to.
+        rest: Shape without moments: "flat" as the panels are cut, or "assembled", as if moulded
+            in the shape to which the pattern is assembled.
+
+    Raises:
+        ParameterError: A word is not one of the choices.
     """
 
     curvature: str = "midedge"
@@ -75,9 +85,9 @@ class Bending:
 
 @dataclass(frozen=True)
 class Bladder:
-    """A thin airtight layer of incompressible rubber that moves with the skin.
+    """Thin airtight layer of incompressible rubber that moves with the skin.
 
-    It is neo-Hookean, in plane stress, and so thin that its own bending does not count.
+    It is neo-Hookean, in plane stress, and so thin that its own bending is neglected.
 
     Attributes:
         young: Young's modulus in Pa at small strain; the shear modulus is a third of it.
@@ -89,6 +99,7 @@ class Bladder:
 
     def __post_init__(self) -> None:
         require_positive(young=self.young, thickness=self.thickness)
+        _store_floats(self, "young", "thickness")
 
     @property
     def membrane_stiffness(self) -> float:
@@ -98,18 +109,21 @@ class Bladder:
 
 @dataclass(frozen=True)
 class Composite:
-    """A fabric and what it becomes where it is reinforced, eqs. (1-3).
+    """Fabric, and fabric with reinforcement, eqs. (1-3).
 
     The paper publishes no material constants; the defaults are ours (docs/materials.md): a
-    light jersey calibrated on what the paper tells of its tube, and printed TPU 95A.
+    light jersey calibrated by the paper's statements about its tube, and printed TPU 95A.
 
     Attributes:
         fabric: The plain fabric.
         reinforcement: Fabric and printed layer together.
         c1: Bound on a principal stretch, > 1; the stretches stay in (2 − c₁, c₁).
         c2: Bound on their sum, > 1; the sum stays in (3 − c₂, 1 + c₂).
-        bending: How the sheet resists bending; None makes the skin a membrane.
+        bending: Bending resistance; None makes the skin a membrane.
         bladder: A rubber layer under both materials; None for none.
+
+    Raises:
+        ParameterError: A bound is not above 1, or bending or bladder has another type.
     """
 
     fabric: Material = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3)
@@ -132,6 +146,7 @@ class Composite:
                     f"{name} = {value} must be a finite number greater than 1: it bounds "
                     + ("a principal stretch." if name == "c1" else "λ₁ + λ₂ − 1.")
                 )
+        _store_floats(self, "c1", "c2")
 
     @property
     def least_stiffness(self) -> float:

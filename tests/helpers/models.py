@@ -71,7 +71,7 @@ def upper_rows(model: SkinModel, state: np.ndarray) -> csr_matrix:
 
 
 def automatic_tangent(model: SkinModel, state: np.ndarray) -> PETSc.Mat:
-    """The tangent by `ufl.derivative`, assembled by dolfinx, held rows those of the identity."""
+    """The tangent by `ufl.derivative`, assembled by dolfinx, fixed rows those of the identity."""
     trial = ufl.TrialFunction(model.space)
     form = fem.form(ufl.derivative(model.ufl_forms.residual, model.q, trial))
     fixed = fem.dirichletbc(fem.Function(model.space), np.flatnonzero(model.fixed).astype(np.int32))
@@ -79,3 +79,14 @@ def automatic_tangent(model: SkinModel, state: np.ndarray) -> PETSc.Mat:
     matrix = fem_petsc.assemble_matrix(form, bcs=[fixed])
     matrix.assemble()
     return matrix
+
+
+def dense_tangent(model: SkinModel, state: np.ndarray, geometric: float = 1.0) -> np.ndarray:
+    """The whole tangent, or with 0 its material part, on every rank."""
+    tangent = UpperTangent(model)
+    values = np.zeros(len(tangent.columns))
+    tangent.assemble(state, values, geometric=geometric)
+    shape = (model.size_local, model.space.dofmap.index_map.size_global)
+    rows = csr_matrix((values, tangent.columns, tangent.indptr), shape=shape).toarray()
+    upper = np.concatenate(model.skin.comm.allgather(rows))
+    return upper + np.triu(upper, 1).T

@@ -178,3 +178,11 @@ def test_region_by_coordinates(comm: MPI.Comm) -> None:
         clamp_where(pattern, lambda x: x[:, 2] > 1.0)
     with pytest.raises(errors.ParameterError, match="where returned float64"):
         clamp_where(pattern, lambda x: x[:, 2])
+
+
+def test_supports_that_leave_a_rigid_motion(comm: MPI.Comm) -> None:
+    pattern = square()
+    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
+    fixed[[0, 1]] = True  # it may still turn about the line through both
+    with pytest.raises(errors.ParameterError, match="leave 1 of the 6 rigid motions free"):
+        EquilibriumSolver(sew(comm, pattern), Composite(), Supports(fixed))

@@ -1,4 +1,4 @@
-"""Dead loads: the skin's own weight, and a load that it holds."""
+"""Dead loads: the skin's own weight, and forces that keep their direction."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from toros_fem.meshes.pattern import Pattern
 
 @dataclass(frozen=True)
 class Weight:
-    """The skin's own weight, which changes with the design.
+    """Weight of the skin itself, which changes with the design.
 
     Attributes:
-        fabric, reinforcement: Mass per flat area in kg/m² of the plain fabric, and where it is
-            reinforced; between them linear in ρ̄ as the stiffness.
+        fabric, reinforcement: Mass per flat area in kg/m² of the plain and of the reinforced
+            fabric; linear in ρ̄ between them, as the stiffness is.
         gravity: Acceleration in m/s², (gx, gy, gz).
 
     Raises:
@@ -36,15 +36,17 @@ class Weight:
             raise ParameterError(
                 f"gravity = {self.gravity} must be a finite vector of three components, in m/s²."
             )
+        object.__setattr__(self, "fabric", float(self.fabric))  # forms take no integers
+        object.__setattr__(self, "reinforcement", float(self.reinforcement))
 
 
 def spread_force(pattern: Pattern, panel: str, force: Sequence[float] | Floats) -> Floats:
-    """Dead forces of something that hangs on a panel or lies on it, spread by flat area.
+    """Return dead forces that spread one force over a panel by flat area.
 
     Args:
         pattern: The pattern.
         panel: Name of the panel.
-        force: The whole force in N, (3,).
+        force: The total force in N, (3,).
 
     Returns:
         Forces in N on all assembled vertices, (n, 3).
@@ -53,10 +55,10 @@ def spread_force(pattern: Pattern, panel: str, force: Sequence[float] | Floats) 
         PanelError: There is no such panel.
         ParameterError: The force is no finite vector.
     """
-    whole = np.asarray(force, dtype=np.float64)
-    if whole.shape != (3,) or not np.isfinite(whole).all():
+    total = np.asarray(force, dtype=np.float64)
+    if total.shape != (3,) or not np.isfinite(total).all():
         raise ParameterError(f"force = {force} must be a finite vector (3,), in N.")
     cells = pattern.cells_of(panel)
     third = np.repeat(pattern.areas[cells] / 3, 3)
     areas = np.bincount(pattern.triangles[cells].ravel(), third, minlength=len(pattern.points))
-    return np.asarray(np.outer(areas / areas.sum(), whole))
+    return np.asarray(np.outer(areas / areas.sum(), total))

@@ -1,4 +1,4 @@
-"""Which stretches eq. (1) admits, and how far a step may go."""
+"""Test of the stretches that eq. (1) admits, and limit of a step by them."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from toros_fem._types import Floats
 COLLAPSED = 1e-6
 
 
-def principal_stretches(edges: Floats) -> tuple[Floats, Floats]:
-    """Larger and smaller singular value of 3×2 matrices, shape (n, 3, 2), without their angle."""
+def singular_values(edges: Floats) -> tuple[Floats, Floats]:
+    """Return the larger and the smaller singular value of 3×2 matrices, shape (n, 3, 2)."""
     u, v = edges[:, :, 0], edges[:, :, 1]
     uu, vv, uv = (np.einsum("ij,ij->i", a, b) for a, b in ((u, u), (v, v), (u, v)))
     normal = np.cross(u, v)
@@ -27,7 +27,7 @@ def principal_stretches(edges: Floats) -> tuple[Floats, Floats]:
 class StretchBounds:
     """Feasibility of eq. (1), tested by the stretches themselves.
 
-    The sign of the logarithm's argument is no test: it turns positive again far outside.
+    The sign of the logarithm's argument is no test: it turns positive again far outside the bounds.
 
     Args:
         comm: Communicator; all methods are collective.
@@ -41,34 +41,34 @@ class StretchBounds:
         self._c1, self._c2 = c1, c2
 
     def gradient(self, corners: Floats) -> Floats:
-        """Deformation gradients (n, 3, 2) from corner positions (n, 3 corners, 3)."""
+        """Return deformation gradients (n, 3, 2) from corner positions (n, 3 corners, 3)."""
         edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
         return np.matmul(edges, self._inverse_chart)
 
     def _use(self, F: Floats) -> Floats:
-        """Per triangle the share of the admissible range in use: < 1 inside, ≥ 1 outside."""
-        big, small = principal_stretches(F)
+        """Fraction of the admissible range that each triangle uses: < 1 inside, ≥ 1 outside."""
+        big, small = singular_values(F)
         single = np.maximum(np.abs(big - 1), np.abs(small - 1)) / (self._c1 - 1)
         use = np.maximum(single, np.abs(big + small - 2) / (self._c2 - 1))
         return np.where(small > COLLAPSED, use, np.inf)
 
     def worst(self, corners: Floats) -> float:
-        """Largest share of the bounds that any triangle uses: < 1 means feasible."""
+        """Return the largest fraction of the bounds that any triangle uses: < 1 means feasible."""
         use = self._use(self.gradient(corners))
         # A NaN must count as outside, and `max` would let it through on some ranks only.
         return largest(self._comm, np.max(np.where(np.isfinite(use), use, np.inf), initial=0.0))
 
     def largest_step(self, corners: Floats, direction: Floats, fraction: float) -> float:
-        """A factor ≤ 1 on a step, 1 if possible, that ends with every triangle inside the bounds.
+        """Return a factor ≤ 1 on a step that keeps every triangle inside the bounds, 1 if possible.
 
-        No triangle ends nearer to the bound than (1 − fraction) of the distance it has. The
-        upper bounds are convex in x, so that they hold on the whole way as well; the lower ones
-        are tested at the end only, and the energy there decides.
+        Every triangle keeps at least (1 − fraction) of its distance to the bounds. The upper bounds
+        are convex in x, so that they also hold during the step. The lower ones are tested at its
+        end only, and the energy there decides.
 
         Args:
             corners: Corner positions (n, 3, 3) of a feasible state.
-            direction: Their change by the whole step.
-            fraction: Share of the distance to the bounds that may be used up.
+            direction: Their change by the full step.
+            fraction: Fraction of the distance to the bounds that may be used up.
         """
         F, G = self.gradient(corners), self.gradient(direction)
         use = self._use(F)

@@ -18,7 +18,6 @@ from helpers.scenes import TABLE_A, square
 from mpi4py import MPI
 from scipy.sparse import csr_matrix, triu
 
-from toros_fem import errors
 from toros_fem._mpi import norm
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.materials import Bladder, Composite, Material
@@ -114,10 +113,3 @@ def test_material_part_is_positive_where_rubber_is_compressed() -> None:
         lowest.append(eigenvalues[0] / eigenvalues[-1])
     assert lowest[0] < -1e-3
     assert lowest[1] > -1e-12
-
-
-def test_bad_bladders() -> None:
-    with pytest.raises(errors.ParameterError, match="thickness = 0"):
-        Bladder(1e5, 0.0)
-    with pytest.raises(errors.ParameterError, match="must be a Bladder"):
-        Composite(bladder=RUBBER.young)  # type: ignore[arg-type]

@@ -1,0 +1,67 @@
+"""Factorised tangent: both packages agree, and say what they do."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from helpers.models import pressurize
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from toros_fem.equilibrium.linear_solver import TangentFactor
+from toros_fem.materials import Composite
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.supports import clamp
+from toros_fem.meshes import Skin, cylinder, sew
+
+
+@pytest.fixture
+def mumps() -> Iterator[None]:
+    options = PETSc.Options("toros_")
+    options["pc_factor_mat_solver_type"] = "mumps"
+    yield
+    options.delValue("pc_factor_mat_solver_type")
+
+
+def test_both_packages_agree(comm: MPI.Comm, mumps: None) -> None:
+    """On one rank, where both can be had; also after a matrix that is not positive definite."""
+    pattern = cylinder(MPI.COMM_SELF, 0.05, 0.02, 6e-3)
+    skin = sew(MPI.COMM_SELF, pattern)
+    model = SkinModel(skin, Composite(), clamp(pattern, ["base"]))
+    model.set_density(np.full(len(pattern.panel), 0.5))
+    pressurize(model, 1e5)
+    by_mumps = TangentFactor(model)
+    PETSc.Options("toros_").delValue("pc_factor_mat_solver_type")
+    by_cholmod = TangentFactor(model)
+    assert (by_mumps.package, by_cholmod.package) == ("mumps", "cholmod")
+    rhs = model.residual(model.assembled)
+    solutions = []
+    for factor in (by_mumps, by_cholmod):
+        factor.assemble(model.assembled)
+        verdicts = [factor.factorise(shift) for shift in (0.0, 1e-3, 1e3, 0.0, 1e3)]
+        assert verdicts == [False, False, True, False, True]
+        assert factor.count == 5
+        solutions.append(factor.solve(rhs))
+    assert by_cholmod.ordering is None
+    assert by_mumps.ordering in {"AMD", "AMF", "SCOTCH", "PORD", "METIS", "QAMD"}
+    gap = np.linalg.norm(solutions[0] - solutions[1])
+    assert np.linalg.norm(solutions[0]) > 0
+    assert gap < 1e-10 * np.linalg.norm(solutions[0])
+
+
+def test_shift_and_diagonal_are_added(tube: Skin) -> None:
+    """K + τ M + δ D with D the mean diagonal of a vertex, zero at fixed components."""
+    model = SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]))
+    model.set_density(np.full(len(tube.owned_cells), 0.5))
+    factor = TangentFactor(model)
+    factor.assemble(model.assembled)
+    assert np.all(factor.scale[~model.free] == 0)
+    assert np.all(factor.scale[model.free] > 0)
+    diagonals = []
+    for shift, diagonal in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0)):
+        factor.fill(shift, diagonal)
+        diagonals.append(factor.upper.getDiagonal().array.copy())
+    assert diagonals[1] - diagonals[0] == pytest.approx(factor.scale, rel=1e-12, abs=1e-9)
+    material = diagonals[2] - diagonals[0]
+    assert material.min() >= 0
+    assert material[model.free].min() > 0

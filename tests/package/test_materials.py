@@ -1,0 +1,65 @@
+"""Materials are checked on construction, and keep their values as floats."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem.materials import Bending, Bladder, Composite, Material
+from toros_fem.mechanics.dead_loads import Weight
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.supports import clamp
+from toros_fem.meshes import Skin
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"c1": 1.0}, "c1 = 1.0"),
+        ({"c2": 0.5}, "c2 = 0.5"),
+        ({"c1": float("inf")}, "c1 = inf"),
+    ],
+)
+def test_bad_bounds(changes: dict[str, float], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Composite(**changes)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"young": -1.0}, {"young": float("nan")}, {"poisson": 0.6}, {"thickness": 0.0}],
+)
+def test_bad_material(changes: dict[str, float]) -> None:
+    name = next(iter(changes))
+    good = {"young": 1e5, "poisson": 0.3, "thickness": 5e-4}
+    with pytest.raises(ValueError, match=f"{name} = "):
+        Material(**{**good, **changes})
+
+
+def test_bad_bending_and_bladder() -> None:
+    for wrong in ({"curvature": "cubic"}, {"seams": "glued"}, {"rest": "round"}):
+        with pytest.raises(errors.ParameterError, match=next(iter(wrong.values()))):
+            Bending(**wrong)
+    with pytest.raises(errors.ParameterError, match="bending = False must be a Bending"):
+        Composite(bending=False)  # type: ignore[arg-type]
+    with pytest.raises(errors.ParameterError, match="thickness = 0"):
+        Bladder(1e5, 0.0)
+    with pytest.raises(errors.ParameterError, match="must be a Bladder"):
+        Composite(bladder=1e5)  # type: ignore[arg-type]
+
+
+def test_integers_serve_as_well(tube: Skin, comm: MPI.Comm) -> None:
+    """Forms take floats only: integers are converted."""
+    models = []
+    for number in (int, float):
+        sheet = Material(young=number(100000), poisson=number(0), thickness=number(1))
+        composite = Composite(
+            sheet, sheet, c1=number(2), c2=number(3), bladder=Bladder(number(9), number(1))
+        )
+        weight = Weight(number(1), number(2), (number(0), number(0), number(-10)))
+        model = SkinModel(tube, composite, clamp(tube.pattern, ["base"]), weight=weight)
+        model.set_density(np.full(len(tube.owned_cells), 0.5))
+        models.append(model)
+    one, two = models
+    assert one.energy(1.1 * one.assembled) == two.energy(1.1 * two.assembled)
+    assert {type(value) for value in (one.composite.c1, one.composite.fabric.young)} == {float}
