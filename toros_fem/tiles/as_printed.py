@@ -1,15 +1,15 @@
-"""What the print of a tile does, simulated on a finer mesh."""
+"""The print of a tile, simulated and measured on a finer mesh."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem._mpi import raise_together
-from toros_fem._types import Floats
+from toros_fem._types import Bools, Floats
+from toros_fem.design.loop import DesignResult
 from toros_fem.errors import NoEquilibriumError
 from toros_fem.fabrication.as_printed import PrintedDesign, as_printed
 from toros_fem.fabrication.printability import printed_cells
@@ -17,135 +17,139 @@ from toros_fem.materials import Bending
 from toros_fem.mechanics.periodicity import Periodic
 from toros_fem.meshes.skin import sew
 from toros_fem.tiles.case import TileCase, TileConfig, TileResult
-from toros_fem.tiles.islands import loose_pieces
+from toros_fem.tiles.islands import island_areas
+from toros_fem.tiles.problem import TileProblem
 from toros_fem.tiles.solver import TileSolver
 from toros_fem.tiles.stiffness_profile import Profile, ProfileSolver, merge_profiles, profiles
 
-# Strains at which the curves of a print are measured.
-LEVELS = 4
-# Between the directions in which a print is measured in the end, in rad.
-STEP = np.radians(7.5)
-# Directions as near to each other are one, in rad.
-SAME = 1e-9
+# Number of strains at which the stress curves of a print are computed.
+CURVE_POINTS = 4
+# Angle in rad between the directions of a print's whole profile.
+ANGLE_STEP = np.radians(7.5)
+# Directions closer than this, in rad, are the same.
+SAME_ANGLE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class TileFindings:
-    """What is measured of a printed tile when it is done.
+class PrintMeasurement:
+    """The response of a printed tile over directions and strains.
 
     Attributes:
-        profile: Of the print on the finer mesh, in all directions that are drawn.
-        curves: Profiles in the directions that count, at shares of the strain, the last the whole.
-        blank: Stiffness of the fabric without print, in N/m.
-        buckling: Of the directions that count, those in which the flat sheet is unstable out of
-            its plane at this strain, so that a real one wrinkles: (k,); None if the print has no
-            equilibrium on the design's mesh, where this is asked.
-        mirrored: Whether the profile goes on by mirrors in the axes, so that a quadrant tells all;
-            and whether in the diagonals too.
+        profile: Profile of the print on the finer mesh, at all angles that are not repeated by
+            the symmetry of the case.
+        curves: Profiles in the directions of the objective at increasing strains; the last one is
+            at the strain of the design.
+        fabric_stiffness: Stiffness of the fabric without print, in N/m.
+        buckling: For each direction of the objective, whether the flat sheet is unstable out of
+            its plane at this strain, so that a real one wrinkles: (k,). None if the print has no
+            equilibrium on the design's mesh, where this is computed.
     """
 
     profile: Profile
     curves: tuple[Profile, ...]
-    blank: float
-    buckling: npt.NDArray[np.bool_] | None
-    mirrored: tuple[bool, bool]
+    fabric_stiffness: float
+    buckling: Bools | None
 
 
-class TileCheck:
+class PrintSimulation:
     """Prints designs of a tile and simulates the prints on the finer mesh.
 
     Attributes:
-        solver: Pulls the tile on that mesh.
+        solver: Solver of the tile on that mesh, in the directions of the objective.
 
     Args:
         batch: Communicator whose ranks share the directions.
-        scene: What is designed.
-        settings: With which numbers.
+        case: The tile and its target.
+        config: Numbers of the design.
     """
 
-    def __init__(self, batch: MPI.Comm, scene: TileCase, settings: TileConfig) -> None:
-        self._scene, self._settings = scene, settings
-        self._tile = scene.fine or scene.tile
-        skin = sew(MPI.COMM_SELF, self._tile.pattern)
-        solver = TileSolver(skin, settings.composite, Periodic(self._tile))
-        self.solver = ProfileSolver(solver, scene.angles, settings.strain, batch)
+    def __init__(self, batch: MPI.Comm, case: TileCase, config: TileConfig) -> None:
+        self._tile, self._config = case.tile, config
+        self._fine = case.fine or case.tile
+        skin = sew(MPI.COMM_SELF, self._fine.pattern)
+        solver = TileSolver(skin, config.composite, Periodic(self._fine))
+        self.solver = ProfileSolver(solver, case.angles, config.strain, batch)
 
-    def __call__(self, outcome: TileResult) -> TileResult:
-        """The outcome with its print and what that does (collective)."""
-        problem, s = outcome.problem, self._settings
-        printed = as_printed(problem, outcome.result, s.limits, island_area=s.island_area)
+    def simulate(self, problem: TileProblem, result: DesignResult) -> TileResult:
+        """Print a design and simulate the print (collective)."""
+        c = self._config
+        printed = as_printed(problem, result, c.print_limits, island_area=c.island_area)
         profile, failure = None, ""
         try:
             profile = self.solver.solve(self.density(printed), gradients=False)
         except NoEquilibriumError as caught:  # raised by all ranks or by none
             failure = str(caught)
-        loose = loose_pieces(self._scene.tile, printed.cells)
-        return replace(outcome, printed=printed, profile=profile, failure=failure, loose=loose)
+        areas = island_areas(self._tile, printed.cells)
+        return TileResult(problem, result, printed, profile, failure, areas)
 
     def density(self, printed: PrintedDesign) -> Floats:
-        """What is printed of the finer mesh's owned triangles."""
-        cells = printed_cells(self._tile.pattern, printed.regions)
+        """Return the print's density, 0 or 1, at owned triangles of the finer mesh."""
+        cells = printed_cells(self._fine.pattern, printed.regions)
         return cells[self.solver.tile.skin.owned_cells].astype(np.float64)
 
 
 def measure_print(
-    batch: MPI.Comm, scene: TileCase, settings: TileConfig, outcome: TileResult
-) -> TileFindings | None:
-    """The whole profile of what is printed, on the finer mesh (collective).
+    batch: MPI.Comm, case: TileCase, config: TileConfig, result: TileResult
+) -> PrintMeasurement | None:
+    """Compute profile, stress curves and buckling of a print (collective).
 
     Args:
         batch: Communicator whose ranks share the directions.
-        scene: What was designed.
-        settings: With which numbers.
-        outcome: What it came to.
+        case: The tile and its target.
+        config: Numbers of the design.
+        result: Result of the design.
 
     Returns:
         None if the print has no equilibrium in one of the directions.
     """
-    if outcome.profile is None:
+    profile = result.profile
+    if profile is None:
         return None
-    mirrored = (scene.symmetry in ("orthotropic", "tetragonal"), scene.symmetry == "tetragonal")
-    reach = np.pi / (1 if not mirrored[0] else 4 if mirrored[1] else 2)
-    count = round(reach / STEP)
-    every: Floats = np.asarray(np.linspace(0, reach, count + 1), dtype=np.float64)
-    angles = every if mirrored[0] else every[:-1]
-    known = np.abs(angles[:, None] - outcome.profile.angles).min(axis=1) < SAME
-    check, s = TileCheck(batch, scene, settings), settings
-    tile, profile = check.solver.tile, outcome.profile
-    assert outcome.printed is not None
-    cells = check.density(outcome.printed)
+    known = np.abs(_angles(case.symmetry)[:, None] - profile.angles).min(axis=1) < SAME_ANGLE
+    others = _angles(case.symmetry)[~known]
+    simulation = PrintSimulation(batch, case, config)
+    tile, density = simulation.solver.tile, simulation.density(result.printed)
     try:
-        if not known.all():
-            others = ProfileSolver(tile, angles[~known], s.strain, batch)
-            profile = merge_profiles(profile, others.solve(cells, gradients=False))
-        fabric = ProfileSolver(tile, angles[:1], s.strain, batch)
-        plain = fabric.solve(np.zeros_like(cells), gradients=False)
-        strains = s.strain * np.arange(1, LEVELS) / LEVELS
-        curves = profiles(tile, cells, scene.angles, strains, batch)
+        if len(others):
+            solver = ProfileSolver(tile, others, config.strain, batch)
+            profile = merge_profiles(profile, solver.solve(density, gradients=False))
+        fabric = ProfileSolver(tile, [0.0], config.strain, batch)
+        unprinted = fabric.solve(np.zeros_like(density), gradients=False)
+        strains = config.strain * np.arange(1, CURVE_POINTS) / CURVE_POINTS
+        curves = profiles(tile, density, case.angles, strains, batch)
     except NoEquilibriumError:  # raised by all ranks or by none
         return None
-    buckling = _buckling(batch, scene, settings, outcome)
-    blank = float(plain.stiffness[0])
-    return TileFindings(profile, (*curves, outcome.profile), blank, buckling, mirrored)
+    return PrintMeasurement(
+        profile=profile,
+        curves=(*curves, result.profile),
+        fabric_stiffness=float(unprinted.stiffness[0]),
+        buckling=_buckling(batch, case, config, result),
+    )
+
+
+def _angles(symmetry: str) -> Floats:
+    """Return directions in rad that the symmetry does not repeat; mirrors are included."""
+    period = {"tetragonal": np.pi / 4, "orthotropic": np.pi / 2}.get(symmetry, np.pi)
+    angles: Floats = np.asarray(np.linspace(0, period, round(period / ANGLE_STEP) + 1))
+    return angles if period < np.pi else angles[:-1]
 
 
 def _buckling(
-    batch: MPI.Comm, scene: TileCase, settings: TileConfig, outcome: TileResult
-) -> npt.NDArray[np.bool_] | None:
-    """Whether the print, on the design's mesh, buckles in the directions that count."""
-    found = np.zeros(len(scene.angles), dtype=bool)
-    assert outcome.printed is not None
-    made = outcome.printed.evaluation
-    if made is None:
+    batch: MPI.Comm, case: TileCase, config: TileConfig, result: TileResult
+) -> Bools | None:
+    """Return whether the print, on the design's mesh, buckles in each direction."""
+    evaluation = result.printed.evaluation
+    if evaluation is None:
         return None
+    found = np.zeros(len(case.angles), dtype=bool)
     error: Exception | None = None
     try:
-        composite = replace(settings.composite, bending=Bending())
-        solver = TileSolver(outcome.problem.skin, composite, Periodic(scene.tile, flat=False))
-        for k, state in enumerate(made.equilibrium.state):
+        composite = replace(config.composite, bending=Bending())
+        solver = TileSolver(result.problem.skin, composite, Periodic(case.tile, flat=False))
+        for k, state in enumerate(evaluation.equilibrium.state):
             if state is not None:
-                found[k] = solver.buckles(state, made.projected)
-    except Exception as caught:  # whatever it is, the others wait at the end
+                found[k] = solver.buckles(state, evaluation.projected)
+    except Exception as caught:  # the other ranks wait for this one below
         error = caught
     raise_together(batch, error)
     return np.asarray(batch.allreduce(found.astype(int)) > 0)

@@ -1,16 +1,17 @@
-"""A tile and what is wanted of it, as a design problem."""
+"""Configuration of a tile design, the tile and its target, and the result of the design."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
 from mpi4py import MPI
 
 from toros_fem._types import Floats
-from toros_fem._validate import require_between, require_count, require_positive
+from toros_fem.config import quantity
 from toros_fem.density.filters import make_filter
+from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.density.perimeter import Perimeter
 from toros_fem.density.projection import Projection
 from toros_fem.density.symmetric import SymmetricFilter
 from toros_fem.design.config import DesignConfig
@@ -21,71 +22,69 @@ from toros_fem.fabrication.printability import PrintLimits
 from toros_fem.mechanics.periodicity import Periodic
 from toros_fem.meshes.skin import sew
 from toros_fem.meshes.tile import Tile
-from toros_fem.tiles.objectives import ProfileObjective
+from toros_fem.tiles.objectives import ProfileObjective, ProfileTarget
 from toros_fem.tiles.problem import TileProblem
 from toros_fem.tiles.solver import TileSolver
 from toros_fem.tiles.stiffness_profile import Profile, ProfileSolver
 
-# A start has waves of up to so many periods a side.
-WAVES = 4
-
 
 @dataclass(frozen=True)
 class TileConfig(DesignConfig):
-    """The numbers that every design of a tile needs; SI units.
+    """Numbers of a tile design: strain, random starts, steps of each part, corrections; SI units.
 
-    The width constraints hold from the first step on, unless `constrained` is 0.
-
-    Attributes:
-        iterations: Steps at most from each of the two best starts on, on the coarse mesh.
-        strain: At which stiffness counts, λ − 1.
-        starts: How many random starts are tried at most; the two best are gone on with.
-        trial: Steps of each of them at most, and as many again with β raised.
-        finish: Steps at most on the design's own mesh, each time β is raised.
-        correct: How often at most the aim is moved by what printing changes.
-        retry: Steps at most each time.
-        tolerance: The largest relative deviation of a printed stiffness that needs no correction.
-            A design is good enough when T is at most the square of half of it.
+    A printed stiffness within `tolerance` of its target needs no correction. A design ends early
+    where its objective is at most the square of half the tolerance.
     """
 
-    radius: float = 0.7e-3
-    iterations: int = 40
-    constrained: int = 1
-    island_area: float = 0.1e-6
-    strain: float = 0.1
-    starts: int = 8
-    trial: int = 12
-    finish: int = 15
-    correct: int = 3
-    retry: int = 15
-    tolerance: float = 0.02
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        require_count(1, starts=self.starts, trial=self.trial, finish=self.finish)
-        require_count(1, retry=self.retry)
-        require_count(0, correct=self.correct)
-        require_between(-1.0, np.inf, strain=self.strain)
-        require_positive(tolerance=self.tolerance)
+    filter_radius: float = DesignConfig.redefault("filter_radius", 0.7e-3)
+    island_area: float = DesignConfig.redefault("island_area", 0.1e-6)
+    strain: float = quantity(0.1, "strain λ − 1 at which stiffness is computed", above=-1)
+    starts: int = quantity(8, "largest number of random starts", at_least=1)
+    trial_iterations: int = quantity(
+        12, "largest number of steps of each start, at β and again at 4 β", at_least=1
+    )
+    iterations: int = quantity(
+        40, "largest number of further steps of the two best starts, coarse mesh", at_least=1
+    )
+    finish_iterations: int = quantity(
+        15, "largest number of steps on the design's mesh, at 4 β and again at 8 β", at_least=1
+    )
+    corrections: int = quantity(
+        3, "largest number of corrections of the target by the print's deviation", at_least=0
+    )
+    correction_iterations: int = quantity(
+        15, "largest number of steps after each correction", at_least=1
+    )
+    tolerance: float = quantity(
+        0.02, "relative deviation of a printed stiffness that needs no correction", above=0
+    )
+    constrained_iterations: int = quantity(
+        1, "1: width constraints in all steps; 0 leaves them out", at_least=0, at_most=1
+    )
 
     @property
-    def limits(self) -> PrintLimits:
-        """What the printer can do."""
+    def constrained(self) -> bool:
+        """Whether the width constraints are enforced."""
+        return self.constrained_iterations > 0
+
+    @property
+    def print_limits(self) -> PrintLimits:
+        """Limits of the printer."""
         return PrintLimits(width=self.print_width, gap=self.print_width)
 
 
 @dataclass(frozen=True, eq=False)
 class TileCase:
-    """What is to be designed.
+    """A tile and its target.
 
     Attributes:
-        tile: The tile, as it is designed and filed.
-        angles: Directions that count, (k,), in rad; of a symmetric design those that its symmetry
-            does not repeat.
-        objective: What is wanted of the profile in these directions.
-        symmetry: Of the design, as for `Tile.symmetry_maps`.
-        coarse: The same tile on a coarser mesh, where starts are tried; None for `tile`.
-        fine: The same tile on a finer mesh, where what is printed is simulated; None for `tile`.
+        tile: The tile on the mesh of the design.
+        angles: Directions of the objective, (k,), in rad; of a symmetric design only those that
+            its symmetry does not repeat.
+        objective: Objective of the profile in these directions.
+        symmetry: Symmetry of the design, as for `Tile.symmetry_maps`.
+        coarse: The same tile on a coarser mesh, for the random starts; None takes `tile`.
+        fine: The same tile on a finer mesh, for the simulation of the print; None takes `tile`.
     """
 
     tile: Tile
@@ -95,74 +94,93 @@ class TileCase:
     coarse: Tile | None = None
     fine: Tile | None = None
 
+    @property
+    def target(self) -> ProfileTarget | None:
+        """The objective where it is a target profile; None where it is another objective."""
+        return self.objective if isinstance(self.objective, ProfileTarget) else None
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A random start after its first steps.
+
+    Attributes:
+        objective: T.
+        islands: Number of islands of its print.
+    """
+
+    objective: float
+    islands: int
+
 
 @dataclass(frozen=True, eq=False)
 class TileResult:
-    """What designing a tile came to.
+    """The result of a tile design.
 
     Attributes:
-        problem: The problem, with the objective that was asked for.
-        result: What the design loop arrived at.
-        printed: What is printed of it.
-        profile: What that does on the finer mesh, in the directions that count; None if it has no
-            equilibrium.
-        failure: Why it has none.
-        loose: Areas in m² of printed pieces that hang on nothing.
-        trials: T of the starts after their trial, and how many loose pieces they print.
-        corrections: Worst relative deviation of what is printed, after each correction.
+        problem: The design problem, with the objective of the case.
+        result: Result of the design loop: density, history and the reason why it ended.
+        printed: The print of this density.
+        profile: Profile of the print on the finer mesh, in the directions of the objective; None
+            if it has no equilibrium.
+        failure: Why there is no profile; empty if there is one.
+        island_areas: Areas in m² of the print's islands, the largest first.
+        trials: The random starts after their trial.
+        deviations: Largest relative deviation of each print from the target, before and after each
+            correction; infinite for a print without an equilibrium, empty without a target.
     """
 
     problem: TileProblem
     result: DesignResult
-    printed: PrintedDesign | None
+    printed: PrintedDesign
     profile: Profile | None
     failure: str
-    loose: Floats
-    trials: tuple[tuple[float, int], ...]
-    corrections: tuple[float, ...]
+    island_areas: Floats
+    trials: tuple[Trial, ...] = ()
+    deviations: tuple[float, ...] = ()
 
 
 def tile_problem(
     batch: MPI.Comm,
-    scene: TileCase,
-    settings: TileConfig,
+    case: TileCase,
+    config: TileConfig,
     log: Callable[[NewtonStep], None] | None = None,
 ) -> TileProblem:
-    """The design problem of a tile, which each rank sews for itself (collective).
+    """Build the design problem of a tile; each rank sews the whole tile (collective).
 
     Args:
         batch: Communicator whose ranks share the directions.
-        scene: What is to be designed.
-        settings: With which numbers.
+        case: The tile and its target.
+        config: Numbers of the design.
         log: As for `TileSolver`.
 
     Raises:
-        TorosError: A number or the scene itself is out of bounds.
+        TorosError: A number is out of its bounds, or the case is not valid.
     """
-    s, tile = settings, scene.tile
+    c, tile, lattice = config, case.tile, case.tile.lattice
     skin = sew(MPI.COMM_SELF, tile.pattern)
-    lattice = tile.lattice
-    inner = make_filter(s.filter, skin, s.radius, lattice=lattice)
+    solver = TileSolver(skin, c.composite, Periodic(tile), log=log)
+    inner = make_filter(c.filter, skin, c.filter_radius, lattice=lattice)
+    projection = Projection(c.beta, c.eta)
+    perimeter = None
+    if c.perimeter_weight is not None:
+        window = c.perimeter_window * c.filter_radius
+        perimeter = Perimeter(skin, window, c.perimeter_sharpness, lattice=lattice)
     problem = TileProblem(
-        solver=ProfileSolver(
-            TileSolver(skin, s.composite, Periodic(tile), log=log), scene.angles, s.strain, batch
-        ),
-        objective=scene.objective,
-        filter=SymmetricFilter(skin, inner, tile.symmetry_maps(scene.symmetry)),
-        projection=Projection(s.beta, s.eta),
-        weight=s.perimeter,
+        solver=ProfileSolver(solver, case.angles, c.strain, batch),
+        objective=case.objective,
+        filter=SymmetricFilter(skin, inner, tile.symmetry_maps(case.symmetry)),
+        projection=projection,
+        perimeter=perimeter,
+        perimeter_weight=c.perimeter_weight,
+        target=case.target,
     )
-    s.penalise(problem, lattice)
+    if c.constrained:
+        problem.length_scale = LengthScaleConstraints(
+            skin,
+            problem.filter,
+            LengthScale(line=c.line_width, gap=c.gap_width),
+            problem.designed,
+            projection,
+        )
     return problem
-
-
-def wavy(tile: Tile, seed: int) -> Floats:
-    """A random periodic density of long waves, of all triangles, (t,), in [0.1, 0.9]."""
-    rng = np.random.default_rng(seed)
-    place = 2 * np.pi * tile.pattern.centroids @ np.linalg.inv(tile.lattice)
-    density = np.full(len(place), 0.5)
-    for i in range(WAVES):
-        for j in range(WAVES):
-            size, x, y = rng.standard_normal(), *rng.uniform(0, 2 * np.pi, 2)
-            density += 0.25 * size * np.cos(i * place[:, 0] + x) * np.cos(j * place[:, 1] + y)
-    return np.asarray(np.clip(density, 0.1, 0.9))

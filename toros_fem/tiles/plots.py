@@ -1,4 +1,4 @@
-"""Pictures of a tile: its profile over directions, its pattern, its shape when pulled."""
+"""Pictures of a tile: profile, curves, pattern, deformed shape, and pull tests."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 from matplotlib.collections import PolyCollection
 from shapely.geometry.base import BaseGeometry
 
@@ -17,74 +16,82 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.tile import Tile
 from toros_fem.output.plots import DPI, FABRIC, PRINTED, fill
 from toros_fem.tiles.objectives import ProfileTarget
-from toros_fem.tiles.pull_test import PullCurve, PullTest
+from toros_fem.tiles.pull_test import PulledSheet
 from toros_fem.tiles.sheet import region_of_triangles
 from toros_fem.tiles.stiffness_profile import Profile
 
-ASKED = "tab:red"
+TARGET_COLOUR = "tab:red"
 
 
-def around(angles: Floats, values: Floats, mirrored: tuple[bool, bool]) -> tuple[Floats, Floats]:
-    """Angles all around and values there, by the symmetry of a profile and by ±n.
+def full_circle(angles: Floats, values: Floats, symmetry: str) -> tuple[Floats, Floats]:
+    """Return angles of a full circle and the values there, by the symmetry of a profile.
+
+    A profile has equal values along n and −n; mirrors of the tile add further equal directions.
 
     Args:
-        angles: Directions that are known, in rad.
-        values: There.
-        mirrored: Whether it is mirrored in the axes, and in the diagonals too.
+        angles: Directions with known values, in rad, (k,).
+        values: Values there, (k,).
+        symmetry: Symmetry of the tile, as for `Tile.symmetry_maps`.
+
+    Returns:
+        Sorted angles from 0 to 2π, the first again at the end, and their values.
     """
     parts = [angles]
-    if mirrored[1]:
+    if symmetry == "tetragonal":
         parts = [*parts, *[np.pi / 2 - a for a in parts]]
-    if mirrored[0]:
+    if symmetry in ("orthotropic", "tetragonal"):
         parts = [*parts, *[-a for a in parts]]
     parts = [*parts, *[a + np.pi for a in parts]]
     whole = np.mod(np.concatenate(parts), 2 * np.pi)
-    key = np.round(whole, 9)
-    _, first = np.unique(key, return_index=True)
+    _, first = np.unique(np.round(whole, 9), return_index=True)
     every = np.tile(values, len(parts))[first]
     return np.append(whole[first], whole[first][0] + 2 * np.pi), np.append(every, every[0])
 
 
-def plot_polar(
+def plot_profile(
     path: Path,
     profile: Profile,
-    blank: float,
-    mirrored: tuple[bool, bool],
+    fabric_stiffness: float,
+    symmetry: str,
     angles: Floats,
-    wanted: ProfileTarget | None,
+    target: ProfileTarget | None,
 ) -> None:
-    """Picture of stiffness and contraction over all directions.
+    """Draw stiffness and contraction over all directions.
 
     Args:
         path: PNG file to write.
-        profile: What is printed.
-        blank: Stiffness of the fabric without print, in N/m.
-        mirrored: As for `around`.
-        angles: Directions in rad in which something is asked.
-        wanted: What is asked there; None if no profile is.
+        profile: Profile of the print.
+        fabric_stiffness: Stiffness of the fabric without print, in N/m.
+        symmetry: As for `full_circle`.
+        angles: Directions of the target in rad.
+        target: Target in these directions; None for none.
     """
     figure, (left, right) = plt.subplots(
         1, 2, figsize=(11, 5.5), subplot_kw={"projection": "polar"}, layout="constrained"
     )
-    left.plot(*around(profile.angles, profile.stiffness, mirrored), color=PRINTED, label="printed")
-    parts = [] if wanted is None else [(left, wanted.stiffness), (right, wanted.contraction)]
-    label = "asked"
-    for axes, asked in parts:
-        if asked is not None:
-            turn, value = around(angles, asked, mirrored)
-            axes.plot(turn, value, "o", ms=5, mfc="none", color=ASKED, label=label)
+    left.plot(
+        *full_circle(profile.angles, profile.stiffness, symmetry), color=PRINTED, label="printed"
+    )
+    parts = [] if target is None else [(left, target.stiffness), (right, target.contraction)]
+    label = "target"
+    for axes, values in parts:
+        if values is not None:
+            circle = full_circle(angles, values, symmetry)
+            axes.plot(*circle, "o", ms=5, mfc="none", color=TARGET_COLOUR, label=label)
             label = ""
-    circle = np.linspace(0, 2 * np.pi, 100)
-    left.plot(circle, np.full(100, blank), "--", color="0.5", label="fabric without print")
+    turn = np.linspace(0, 2 * np.pi, 100)
+    left.plot(
+        turn, np.full(100, fabric_stiffness), "--", color="0.5", label="fabric without print"
+    )
     left.set_rlim(0)
     left.set_title(f"secant stiffness in N/m at {100 * profile.strain:g} % strain")
-    right.plot(*around(profile.angles, profile.contraction, mirrored), color=PRINTED)
+    right.plot(*full_circle(profile.angles, profile.contraction, symmetry), color=PRINTED)
     shown = profile.contraction
-    if wanted is not None and wanted.contraction is not None:
-        shown = np.append(shown, wanted.contraction[~np.isnan(wanted.contraction)])
+    if target is not None and target.contraction is not None:
+        shown = np.append(shown, target.contraction[~np.isnan(target.contraction)])
     low = min(0.0, float(shown.min()))
     if low < 0:
-        right.plot(circle, np.zeros(100), color="0.7", lw=0.8)
+        right.plot(turn, np.zeros(100), color="0.7", lw=0.8)
     right.set_rlim(1.2 * low, 1.1 * max(0.1, float(shown.max())))
     right.set_title("lateral contraction")
     figure.legend(loc="outside lower center", ncols=3, frameon=False)
@@ -93,11 +100,11 @@ def plot_polar(
 
 
 def plot_curves(path: Path, curves: Sequence[Profile]) -> None:
-    """Picture of nominal stress and lateral contraction over strain, a line a direction.
+    """Draw nominal stress and lateral contraction over strain, one line for each direction.
 
     Args:
         path: PNG file to write.
-        curves: Profiles at rising strains.
+        curves: Profiles at increasing strains.
     """
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 4.5), layout="constrained")
     strain = [100 * profile.strain for profile in curves]
@@ -116,19 +123,19 @@ def plot_curves(path: Path, curves: Sequence[Profile]) -> None:
 
 
 def plot_tiles(path: Path, tile: Tile, region: BaseGeometry, count: int) -> None:
-    """Picture of what is printed on count × count tiles, the border of one shown, in mm.
+    """Draw the print on count × count tiles and the border of one, in mm.
 
     Args:
         path: PNG file to write.
         tile: The tile.
-        region: What is printed on all of them, in m.
-        count: Tiles a side.
+        region: Printed region of all of them, in m.
+        count: Number of tiles along each side.
     """
     figure, axes = plt.subplots(figsize=(7, 7), layout="constrained")
     corner = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) @ tile.lattice * 1e3
     axes.add_collection(PolyCollection([count * corner[:-1]], facecolors=[FABRIC]))
     fill(axes, region, PRINTED)
-    axes.plot(*(corner + (count // 2) * tile.lattice.sum(axis=0) * 1e3).T, color=ASKED, lw=1)
+    axes.plot(*(corner + (count // 2) * tile.lattice.sum(axis=0) * 1e3).T, color=TARGET_COLOUR, lw=1)
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.set_xlabel("mm")
@@ -139,20 +146,20 @@ def plot_tiles(path: Path, tile: Tile, region: BaseGeometry, count: int) -> None
 def plot_deformed(
     path: Path,
     tile: Tile,
-    printed: npt.NDArray[np.bool_],
+    printed: Bools,
     positions: Floats,
     gradient: Floats,
     count: int = 2,
 ) -> None:
-    """Picture of count × count tiles, flat and pulled, in mm.
+    """Draw count × count tiles, flat and pulled, in mm.
 
     Args:
         path: PNG file to write.
         tile: The tile.
-        printed: Which of its triangles are printed.
-        positions: Places of all its vertices, pulled along the first axis, (n, 3), in m.
+        printed: Whether each of its triangles is printed, (t,).
+        positions: Positions of all its vertices, pulled along the first axis, (n, 3), in m.
         gradient: The mean deformation gradient, (3, 2).
-        count: Tiles a side.
+        count: Number of tiles along each side.
     """
     colours = np.where(printed[:, None], PRINTED, FABRIC)
     mean = gradient[:2] @ tile.lattice.T
@@ -167,9 +174,9 @@ def plot_deformed(
     ):
         for i in range(count):
             for j in range(count):
-                there = 1e3 * (shape + steps @ [i, j])
+                corners = 1e3 * (shape + steps @ [i, j])
                 ax.add_collection(
-                    PolyCollection(list(there), facecolors=colours, edgecolors="face", lw=0.2)
+                    PolyCollection(list(corners), facecolors=colours, edgecolors="face", lw=0.2)
                 )
         ax.set_title(title)
         ax.set_aspect("equal")
@@ -180,7 +187,7 @@ def plot_deformed(
 
 
 def plot_history(path: Path, history: Sequence[Iteration]) -> None:
-    """Picture of objective, volume and grey level over the iterations of the start gone on with.
+    """Draw objective, volume and grey level over the iterations of the chosen start.
 
     Args:
         path: PNG file to write.
@@ -205,28 +212,28 @@ def plot_history(path: Path, history: Sequence[Iteration]) -> None:
     plt.close(figure)
 
 
-# Colour, width and mark of each direction: of one that covers another, both are seen.
-LOOKS = (("#0a7fc2", 3.0, "o"), ("#d1242f", 1.4, "s"))
+# Colour, line width and marker of each direction; both lines show where they cover each other.
+LINE_STYLES = (("#0a7fc2", 3.0, "o"), ("#d1242f", 1.4, "s"))
 # Longest side of a sheet's picture, in inches.
-LONG = 7.0
+LONGEST_SIDE = 7.0
 
 
 def plot_sheet(path: Path, pattern: Pattern, positions: Floats, printed: Bools, title: str) -> None:
-    """Picture of a sheet before and after it is pulled, in the same scale, in mm.
+    """Draw a sheet before and after the pull, in the same scale, in mm.
 
     Args:
         path: PNG file to write.
         pattern: The sheet.
         positions: Positions of all its vertices, (n, 3), in m.
         printed: Whether each triangle is printed, (t,).
-        title: What to write above the pulled one.
+        title: Title of the pulled one.
     """
     states = (("before", pattern.points), (title, positions))
     size = np.ptp(np.concatenate([pattern.points, positions]), axis=0)[:2]
     grid = (1, 2) if size[1] > size[0] else (2, 1)
     figure, row = plt.subplots(
         *grid,
-        figsize=LONG * size / size.max() * grid[::-1] + 1.2,
+        figsize=LONGEST_SIDE * size / size.max() * grid[::-1] + 1.2,
         sharex=True,
         sharey=True,
         layout="constrained",
@@ -245,26 +252,27 @@ def plot_sheet(path: Path, pattern: Pattern, positions: Floats, printed: Bools, 
     plt.close(figure)
 
 
-def plot_pulls(path: Path, pulls: Sequence[tuple[str, PullTest, PullCurve]]) -> None:
-    """Picture of stress and contraction over the strain, of sheets and of the tile that repeats.
+def plot_pulls(path: Path, pulled: Sequence[PulledSheet]) -> None:
+    """Draw stress and contraction over strain, of sheets and of the periodic tile.
 
     Args:
         path: PNG file to write.
-        pulls: For each direction its name, what the sheet does, and what is predicted.
+        pulled: One pulled sheet for each direction.
     """
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 5.6), layout="constrained")
-    for (name, test, predicted), (colour, lw, marker) in zip(pulls, LOOKS, strict=False):
-        strain, look = 100 * test.curve.strain, {"color": colour, "lw": lw}
+    for one, (colour, lw, marker) in zip(pulled, LINE_STYLES, strict=False):
+        test, predicted, name = one.test, one.predicted, one.sheet.direction
+        strain, style = 100 * test.curve.strain, {"color": colour, "lw": lw}
         sheet = {"label": f"along {name}: sheet", "marker": marker, "ms": 4 + 2 * lw, "mfc": "none"}
         periodic = {"label": f"along {name}: predicted", "ls": "--"}
-        middle = {"label": f"along {name}: sheet, over the strain in its middle", "ls": ":"}
-        left.plot([0, *strain], [0, *test.curve.stress], **look, **sheet)
-        left.plot([0, *strain], [0, *predicted.stress], **look, **periodic)
-        right.plot(strain, test.curve.contraction, **look, **sheet)
-        right.plot(strain, predicted.contraction, **look, **periodic)
-        right.plot(strain, test.poisson, **look, **middle)
+        middle = {"label": f"along {name}: sheet, over the strain of its middle", "ls": ":"}
+        left.plot([0, *strain], [0, *test.curve.stress], **style, **sheet)
+        left.plot([0, *strain], [0, *predicted.stress], **style, **periodic)
+        right.plot(strain, test.curve.contraction, **style, **sheet)
+        right.plot(strain, predicted.contraction, **style, **periodic)
+        right.plot(strain, test.middle_contraction, **style, **middle)
     left.set_ylabel("force over width in N/m")
-    right.set_ylabel("lateral contraction in the middle over strain")
+    right.set_ylabel("lateral contraction of the middle over strain")
     right.axhline(0.0, color="0.6", lw=0.8)
     for axes in (left, right):
         axes.set_xlabel("strain in %")

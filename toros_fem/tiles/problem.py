@@ -1,10 +1,11 @@
-"""Designing a tile towards a directional response."""
+"""The design problem of a tile: a density towards a profile of stiffness."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 
 from toros_fem._types import Floats
@@ -16,18 +17,33 @@ from toros_fem.design.problem import DesignProblem, Evaluation, Pressure
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
-from toros_fem.tiles.objectives import ProfileObjective
+from toros_fem.meshes.tile import Tile
+from toros_fem.tiles.objectives import ProfileObjective, ProfileTarget
 from toros_fem.tiles.stiffness_profile import Profile, ProfileSolver
+
+# A random start has waves of 0 to WAVES − 1 periods along each side.
+WAVES = 4
 
 
 @dataclass(eq=False)
 class TileProblem(DesignProblem[Profile]):
-    """A tile and the profile that is wanted of it; see `DesignProblem` for what is not said here.
+    """A tile whose print is designed so that its profile minimises an objective.
+
+    The gradient of stress and contraction in each direction is the discrete adjoint's, by hand
+    (`TileSolver.stress_gradient`, `strain_gradient`); tests tie it to differences.
 
     Attributes:
-        solver: Pulls the tile in the directions that count.
-        objective: What is wanted of the profile.
+        solver: Solver of the tile in the directions of the objective.
+        objective: Objective of the profile.
         filter: Filter of the densities on the torus; a `SymmetricFilter` for symmetric designs.
+        projection, passive, perimeter, perimeter_weight, length_scale: As for `DesignProblem`.
+        whole: None: a tile is never a part of a larger skin.
+        target: Target profile for the metric "worst_percent", the largest relative deviation;
+            None leaves the metric out.
+
+    Raises:
+        ParameterError: `whole` is given, or the perimeter and its weight do not fit.
+        DensityError: As for `DesignProblem.check`.
     """
 
     solver: ProfileSolver
@@ -36,48 +52,80 @@ class TileProblem(DesignProblem[Profile]):
     projection: Projection = field(default_factory=Projection)
     passive: Floats | None = None
     perimeter: Perimeter | None = None
-    weight: float = 0.0
+    perimeter_weight: float | None = None
     length_scale: LengthScaleConstraints | None = None
     whole: Mirrored | None = None
+    target: ProfileTarget | None = None
 
     def __post_init__(self) -> None:
         if self.whole is not None:
-            raise ParameterError("a tile is whole: its symmetry belongs to the filter.")
+            raise ParameterError(
+                "whole must be None for a tile: give its symmetry to the filter, by "
+                "SymmetricFilter."
+            )
         self.check()
 
     @property
     def skin(self) -> Skin:
-        """The tile's."""
+        """The tile's sewn skin."""
         return self.solver.tile.skin
 
     @property
     def comm(self) -> MPI.Comm:
-        """The batch's ranks, if directions are spread, or else the tile's."""
+        """Communicator that the directions are spread over, or else the tile's."""
         batch = self.solver.batch
         return batch if batch.size > 1 else self.skin.comm
 
     def with_projection(self, projection: Projection) -> TileProblem:
-        """The same with another projection."""
+        """Return the same problem with another projection; all other parts are shared."""
         return replace(self, projection=projection)
+
+    def start_density(self, seed: int) -> Floats:
+        """Return random long waves at owned triangles, as of `random_waves`."""
+        waves = random_waves(self.solver.tile.periodic.tile, seed)
+        return np.asarray(waves[self.skin.owned_cells])
 
     def respond(
         self, projected: Floats, start: Any, pressure: Pressure | None, *, allow_continuation: bool
     ) -> tuple[Profile, float]:
-        """The profile, with its gradients, and what it is worth (collective)."""
+        """Solve for the profile and its gradients; return it with its objective (collective)."""
         profile = self.solver.solve(projected, start, allow_continuation=allow_continuation)
         return profile, self.objective.forward(profile)
 
     def respond_backward(self, evaluation: Evaluation[Profile]) -> tuple[Floats, None]:
-        """From what `respond` has kept of each direction (collective)."""
+        """Return the objective's gradient by ρ̄; no pressure is designed (collective)."""
         profile = evaluation.equilibrium
         by_stress, by_contraction = self.objective.backward(profile)
         return self.solver.backward(profile, by_stress, by_contraction), None
 
     def residuals(self, response: Profile) -> Floats:
-        """Those of the objective."""
+        """Return the objective's residuals."""
         return self.objective.residuals(response)
 
     def residuals_backward(self, evaluation: Evaluation[Profile]) -> Floats:
-        """From what `respond` has kept of each direction (collective)."""
+        """Return the gradients of the objective's residuals by ρ̄ (collective)."""
         profile = evaluation.equilibrium
         return self.solver.backward(profile, *self.objective.residuals_backward(profile))
+
+    def metrics_of(self, response: Profile) -> dict[str, float]:
+        """Return the largest deviation from the target in %; nothing without a target."""
+        if self.target is None:
+            return {}
+        return {"worst_percent": 100 * self.target.largest_deviation(response)}
+
+
+def random_waves(tile: Tile, seed: int) -> Floats:
+    """Return a random periodic density of long waves at all triangles, (t,), in [0.1, 0.9].
+
+    Args:
+        tile: The tile.
+        seed: Seed of amplitudes and phases.
+    """
+    rng = np.random.default_rng(seed)
+    phase = 2 * np.pi * tile.pattern.centroids @ np.linalg.inv(tile.lattice)
+    density = np.full(len(phase), 0.5)
+    for i in range(WAVES):
+        for j in range(WAVES):
+            amplitude, x, y = rng.standard_normal(), *rng.uniform(0, 2 * np.pi, 2)
+            density += 0.25 * amplitude * np.cos(i * phase[:, 0] + x) * np.cos(j * phase[:, 1] + y)
+    return np.asarray(np.clip(density, 0.1, 0.9))

@@ -1,4 +1,4 @@
-"""A sheet between two clamps, pulled further and further; and a tile that repeats, likewise."""
+"""Simulated pull test of a clamped sheet, and the prediction by the periodic tile."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ Log = Callable[[NewtonStep], None]
 
 @dataclass(frozen=True, eq=False)
 class PullCurve:
-    """What a pull at several strains comes to.
+    """Stress and lateral contraction over strain.
 
     Attributes:
         strain: λ − 1, (k,).
         stress: Nominal stress in N/m, (k,): force over undeformed width.
         contraction: Lateral contraction (1 − λ_across)/strain, (k,).
-        steps: Newton steps in all.
+        steps: Number of Newton steps of all solves.
     """
 
     strain: Floats
@@ -54,29 +54,29 @@ class PullCurve:
 
 @dataclass(frozen=True, eq=False)
 class PullTest:
-    """A sheet pulled at its clamps.
+    """The result of a pull test.
 
     Attributes:
-        curve: Stress by the clamps' forces; the strain is that of their distance, the contraction
-            that of the middle over it.
-        middle: Strain along the pull in the middle, (k,).
-        forces: By which the clamps pull at the near and at the far end, (k, 2, 3), in N.
-        positions: Of all vertices at the last strain, (n, 3), in m.
+        curve: Stress from the forces at the clamps over the strain of their distance; contraction
+            is the lateral one of the middle over this strain.
+        middle_strain: Strain along the pull in the middle, (k,).
+        forces: Forces on the near and on the far end, (k, 2, 3), in N.
+        positions: Positions of all vertices at the last strain, (n, 3), in m.
     """
 
     curve: PullCurve
-    middle: Floats
+    middle_strain: Floats
     forces: Floats
     positions: Floats
 
     @property
-    def poisson(self) -> Floats:
-        """Contraction in the middle over the strain in the middle, (k,)."""
-        return np.asarray(self.curve.contraction * self.curve.strain / self.middle)
+    def middle_contraction(self) -> Floats:
+        """Lateral contraction of the middle over the strain of the middle, (k,)."""
+        return np.asarray(self.curve.contraction * self.curve.strain / self.middle_strain)
 
     @property
     def imbalance(self) -> float:
-        """Largest sum of both ends' forces, over the pull."""
+        """Largest sum of the forces on both ends, relative to the force on one."""
         pull = np.linalg.norm(self.forces[:, 1], axis=1)
         return float(np.max(np.linalg.norm(self.forces.sum(axis=1), axis=1) / pull))
 
@@ -91,30 +91,30 @@ def pull(
     options: NewtonOptions | None = None,
     log: Log | None = None,
 ) -> PullTest:
-    """Pull a sheet in its plane, both ends clamped, one of them moved (collective).
+    """Pull a sheet in its plane: both ends are clamped, one of them moves (collective).
 
-    The vertices of two opposite borders are held in all components, all others in z alone. What
-    reaches into a clamp of a machine does not stretch, so that it need not be there.
+    The vertices of two opposite borders are fixed in all components, all others in z. The part of a
+    real sheet inside the clamps of a machine does not stretch, so it is not modelled.
 
     Args:
         skin: The sewn skin of a flat rectangle along x and y.
-        composite: Materials; in its plane the sheet does not bend.
+        composite: Materials; bending is left out, since the sheet stays in its plane.
         density: Projected density of the owned triangles, in [0, 1].
         axis: 0 to pull along x, 1 along y.
-        strains: λ − 1 of the clamps' distance, one after the other, none of them 0.
-        gauge: Length in m along the pull, in the middle, over which strains are averaged. Whole
-            tiles leave out what waves within one.
-        options: How hard to try.
-        log: Called with every row of the solves' history.
+        strains: Values of λ − 1 of the clamps' distance, in the order of the pull, none of them 0.
+        gauge: Length in m of the middle part that strains are averaged over. A whole number of
+            tiles averages out the variation within one.
+        options: Options of the equilibrium solver.
+        log: Called with every row of the solver's history.
 
     Raises:
-        ParameterError: A strain is 0, −1 or less, or not finite; the gauge is no part of the
-            length, or the axis neither 0 nor 1.
+        ParameterError: A strain is 0, −1 or less, or not finite; the gauge is longer than the
+            sheet; or the axis is neither 0 nor 1.
         PatternError: The skin is not a flat rectangle along x and y.
         DensityError: The density does not fit, or leaves [0, 1].
-        EquilibriumError: There is no equilibrium at one of the strains.
+        NoEquilibriumError: There is no equilibrium at one of the strains.
     """
-    wanted = _checked(axis, strains)
+    given = _checked_strains(axis, strains)
     pattern = skin.pattern
     size = _sides(pattern)
     length, width = size[axis], size[1 - axis]
@@ -129,9 +129,9 @@ def pull(
     along = np.eye(3)[axis]
     forces, middle, steps = [], [], 0
     state, positions = None, pattern.points
-    for strain in wanted:
-        way = np.where(far[:, None], strain * length * along, 0.0)
-        result = solver.solve(density, 0.0, displacement=way, start=state)
+    for strain in given:
+        displacement = np.where(far[:, None], strain * length * along, 0.0)
+        result = solver.solve(density, 0.0, displacement=displacement, start=state)
         state, steps = result.state, steps + result.steps
         reactions = solver.reactions(result)
         forces.append([reactions[near].sum(axis=0), reactions[far].sum(axis=0)])
@@ -139,8 +139,8 @@ def pull(
         middle.append(np.diagonal(_mean_gradient(pattern, positions, axis, gauge)))
     ends, stretch = np.array(forces), np.array(middle)
     stress = (ends[:, 1] - ends[:, 0]) @ along / (2 * width)
-    contraction = (1 - stretch[:, 1 - axis]) / wanted
-    curve = PullCurve(wanted, stress, contraction, steps)
+    contraction = (1 - stretch[:, 1 - axis]) / given
+    curve = PullCurve(given, stress, contraction, steps)
     return PullTest(curve, stretch[:, axis] - 1, ends, positions)
 
 
@@ -152,7 +152,7 @@ def predict(
     axis: int,
     strains: Sequence[float] | Floats,
 ) -> PullCurve:
-    """What a sheet without borders would do, of the tile that repeats (collective).
+    """Predict the pull of an unlimited sheet by the periodic tile (collective).
 
     Args:
         skin: The tile's sewn skin.
@@ -160,88 +160,88 @@ def predict(
         tile: The tile.
         density: Projected density of the owned triangles, in [0, 1].
         axis: 0 to pull along x, 1 along y.
-        strains: λ − 1, one after the other.
+        strains: Values of λ − 1, in the order of the pull.
 
     Raises:
-        ParameterError: A strain is 0, −1 or less, or not finite, or the axis neither 0 nor 1.
+        ParameterError: A strain is 0, −1 or less, or not finite; or the axis is neither 0 nor 1.
         DensityError: The density does not fit, or leaves [0, 1].
         NoEquilibriumError: There is no equilibrium at one of the strains.
     """
-    wanted = _checked(axis, strains)
+    given = _checked_strains(axis, strains)
     solver = TileSolver(skin, composite, Periodic(tile))
-    found = profiles(solver, density, [axis * np.pi / 2], wanted)
+    found = profiles(solver, density, [axis * np.pi / 2], given)
     return PullCurve(
-        wanted,
+        given,
         np.array([profile.stress[0] for profile in found]),
         np.array([profile.contraction[0] for profile in found]),
         sum(profile.steps for profile in found),
     )
 
 
-def _checked(axis: int, strains: Sequence[float] | Floats) -> Floats:
-    wanted = np.array(strains, dtype=np.float64)
+def _checked_strains(axis: int, strains: Sequence[float] | Floats) -> Floats:
+    given = np.array(strains, dtype=np.float64)
     if axis not in (0, 1):
         raise ParameterError(f"axis = {axis!r} must be 0 or 1, for x or y.")
-    good = np.isfinite(wanted) & (wanted > -1) & (wanted != 0)
-    if wanted.ndim != 1 or not len(wanted) or not good.all():
+    good = np.isfinite(given) & (given > -1) & (given != 0)
+    if given.ndim != 1 or not len(given) or not good.all():
         raise ParameterError(
-            f"strains = {strains} must be at least one finite number over -1, none of them 0."
+            f"strains = {strains} must be at least one finite number above -1, none of them 0."
         )
-    return wanted
+    return given
 
 
 def _sides(pattern: Pattern) -> Floats:
-    """Sides of a flat rectangle along x and y, in m."""
+    """Return the sides of a flat rectangle along x and y, in m."""
     size = np.ptp(pattern.points, axis=0)
     area = float(pattern.areas.sum())
     if size[2] > FLAT * pattern.size or abs(area - size[0] * size[1]) > FLAT * area:
         raise PatternError(
             f"a sheet to pull must be a flat rectangle along x and y; this skin of {area:.6g} m² "
-            f"spans {size[0]:.6g} m × {size[1]:.6g} m × {size[2]:.6g} m. Take `Tile.sheet` or "
-            "`rectangle`."
+            f"spans {size[0]:.6g} m × {size[1]:.6g} m × {size[2]:.6g} m. Make it by `Tile.sheet` "
+            "or `rectangle`."
         )
     return size
 
 
 def _borders(pattern: Pattern, axis: int) -> tuple[Bools, Bools]:
-    """Vertices of the near and of the far border along an axis, (n,) each."""
+    """Return which vertices lie on the near and on the far border along an axis, (n,) each."""
     place = pattern.points[:, axis]
-    near = FLAT * pattern.size
-    return place < place.min() + near, place > place.max() - near
+    tolerance = FLAT * pattern.size
+    return place < place.min() + tolerance, place > place.max() - tolerance
 
 
 def _mean_gradient(pattern: Pattern, positions: Floats, axis: int, gauge: float) -> Floats:
-    """Mean deformation gradient of the middle, (2, 2): of triangles whose centroid lies there."""
+    """Return the mean deformation gradient of the triangles with centroids in the middle, (2, 2)."""
     place = pattern.centroids[:, axis] - pattern.flat_points[:, axis].min()
     length = np.ptp(pattern.flat_points[:, axis])
     middle = np.abs(place - length / 2) < gauge / 2
-    flat, there = (
+    flat, deformed = (
         np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
         for corners in (pattern.corners[middle], positions[pattern.triangles[middle], :2])
     )
     return np.asarray(
-        np.average(there @ np.linalg.inv(flat), axis=0, weights=pattern.areas[middle])
+        np.average(deformed @ np.linalg.inv(flat), axis=0, weights=pattern.areas[middle])
     )
 
 
 @dataclass(frozen=True, eq=False)
 class PulledSheet:
-    """A sheet of tiles pulled in one direction.
+    """A pulled sheet of tiles beside the prediction by the periodic tile.
 
     Attributes:
         sheet: The sheet.
         test: Its pull test.
-        predicted: Of the tile that repeats, at the same strains.
-        middle: The same at the last strain that the sheet has in its middle.
+        predicted: Prediction at the strains of the clamps.
+        predicted_middle: Prediction at the last strain of the middle.
     """
 
     sheet: TileSheet
     test: PullTest
     predicted: PullCurve
-    middle: PullCurve
+    predicted_middle: PullCurve
 
-    def metrics(self) -> dict[str, Any]:
-        """What it comes to at the largest strain."""
+    def summary(self) -> dict[str, Any]:
+        """Return test and prediction at the largest strain, as summaries hold them."""
         test, curve, predicted = self.test, self.test.curve, self.predicted
         return {
             "stiffness_n_per_m": float(curve.stiffness[-1]),
@@ -250,17 +250,17 @@ class PulledSheet:
             "contraction": float(curve.contraction[-1]),
             "contraction_predicted": float(predicted.contraction[-1]),
             "middle": {
-                "strain": float(test.middle[-1]),
-                "stress_ratio": float(curve.stress[-1] / self.middle.stress[-1]),
-                "contraction": float(test.poisson[-1]),
-                "contraction_predicted": float(self.middle.contraction[-1]),
+                "strain": float(test.middle_strain[-1]),
+                "stress_ratio": float(curve.stress[-1] / self.predicted_middle.stress[-1]),
+                "contraction": float(test.middle_contraction[-1]),
+                "contraction_predicted": float(self.predicted_middle.contraction[-1]),
             },
             "ends_imbalance": test.imbalance,
             "newton_steps": curve.steps,
         }
 
     def rows(self) -> list[dict[str, Any]]:
-        """The curve, a row for each strain."""
+        """Return the curves as rows of a table, one for each strain."""
         curve, predicted = self.test.curve, self.predicted
         columns = {
             "strain": curve.strain,
@@ -268,10 +268,11 @@ class PulledSheet:
             "stress_predicted_n_per_m": predicted.stress,
             "contraction": curve.contraction,
             "contraction_predicted": predicted.contraction,
-            "middle_strain": self.test.middle,
+            "middle_strain": self.test.middle_strain,
         }
+        direction = self.sheet.direction
         return [
-            {"direction": self.sheet.name, **{name: float(v[k]) for name, v in columns.items()}}
+            {"direction": direction, **{name: float(v[k]) for name, v in columns.items()}}
             for k in range(len(curve.strain))
         ]
 
@@ -280,34 +281,35 @@ def pull_sheet(
     comm: MPI.Comm,
     sheet: TileSheet,
     tile: Tile,
-    printed: PrintedTile,
+    printed_tile: PrintedTile,
     strains: Floats,
-    log: Callable[[NewtonStep], None] | None = None,
+    log: Log | None = None,
 ) -> PulledSheet:
-    """Pull a sheet, and the tile that it is made of (collective).
+    """Pull a sheet, and the periodic tile that it is made of (collective).
 
-    Its middle is one or two whole tiles long.
+    Strains of the middle are averaged over one tile, or over two where the number of tiles is even.
 
     Args:
         comm: Communicator.
         sheet: The sheet.
-        tile: The tile on its mesh, `printed.tile(comm)`.
-        printed: What is printed on it, and the materials.
-        strains: λ − 1, one after the other.
+        tile: The tile on its mesh, `printed_tile.tile(comm)`.
+        printed_tile: Its print and its materials.
+        strains: Values of λ − 1, in the order of the pull.
         log: Called with every row of the sheet's solves.
 
     Raises:
         ParameterError: A strain is 0, −1 or less, or not finite.
         NoEquilibriumError: There is no equilibrium at one of the strains.
     """
-    density, composite, axis = printed.printed.astype(np.float64), printed.composite, sheet.axis
-    length = printed.size[axis]
+    density, axis = printed_tile.printed.astype(np.float64), sheet.axis
+    composite, length = printed_tile.composite, printed_tile.size[axis]
     tiles = round(np.ptp(sheet.pattern.flat_points[:, axis]) / length)
     skin, torus = sew(comm, sheet.pattern), sew(comm, tile.pattern)
-    own = density[sheet.cell][skin.owned_cells]
-    test = pull(skin, composite, own, axis, strains, (2 - tiles % 2) * length, log=log)
-    own = density[torus.owned_cells]
-    predicted, middle = (
-        predict(torus, composite, tile, own, axis, at) for at in (strains, test.middle[-1:])
+    owned = density[sheet.cell][skin.owned_cells]
+    test = pull(skin, composite, owned, axis, strains, (2 - tiles % 2) * length, log=log)
+    owned = density[torus.owned_cells]
+    predicted, predicted_middle = (
+        predict(torus, composite, tile, owned, axis, at)
+        for at in (strains, test.middle_strain[-1:])
     )
-    return PulledSheet(sheet, test, predicted, middle)
+    return PulledSheet(sheet, test, predicted, predicted_middle)

@@ -1,9 +1,8 @@
-"""What a design of a tile shows while it runs, and leaves behind when it ends."""
+"""Files of a tile design: summary, profile, print file, fields and pictures."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,68 +12,34 @@ from mpi4py import MPI
 from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.design.options import Iteration
-from toros_fem.design.problem import Evaluation
-from toros_fem.fabrication.printability import printability
+from toros_fem._mpi import on_first_rank
+from toros_fem.config import Config
+from toros_fem.fabrication.printability import Printability, printability
 from toros_fem.fabrication.svg import write_svg
 from toros_fem.meshes.tile import Tile
-from toros_fem.output.files import HistoryFile, versions, write_fields, write_json, write_table
+from toros_fem.output.files import versions, write_fields, write_json, write_table
 from toros_fem.output.writer import if_plotting, write_together
-from toros_fem.tiles.as_printed import TileFindings
+from toros_fem.tiles.as_printed import PrintMeasurement
 from toros_fem.tiles.case import TileCase, TileResult
 from toros_fem.tiles.objectives import ProfileTarget
 from toros_fem.tiles.printed_tile import PrintedTile, write_tile
 from toros_fem.tiles.stiffness_profile import Profile
 
-# How many tiles a side are looked at for lines and gaps, the middle one among neighbours.
+# Number of tiles along each side where lines and gaps are measured; one lies in the middle.
 SIDE = 3
-# Contours of neighbouring tiles meet to rounding, over the tile.
+# Contours of neighbouring tiles meet within rounding; this is the grid to merge them on, relative
+# to the tile.
 SNAP = 1e-7
 
 
-class TileReporter:
-    """One line an iteration, and the history on disk.
+def repeated(region: BaseGeometry, tile: Tile, along: int, across: int) -> BaseGeometry:
+    """Return the union of copies of a tile's region.
 
     Args:
-        comm: Communicator of the whole run.
-        folder: Output folder, made if missing.
-        target: What is asked of stiffness, if anything is; its worst deviation is shown.
+        region: Region of one tile, in m.
+        tile: The tile.
+        along, across: Numbers of copies along both lattice vectors.
     """
-
-    def __init__(self, comm: MPI.Comm, folder: Path, target: ProfileTarget | None) -> None:
-        self._comm, self._folder, self._target = comm, folder, target
-        self._file = HistoryFile(folder / "history.csv")
-        self.begin = time.perf_counter()
-
-        def start() -> None:
-            folder.mkdir(parents=True, exist_ok=True)
-            print(
-                "  it  stage   objective  worst/%   volume   grey   g_r      g_t     rejected"
-                "  newton  seconds",
-                flush=True,
-            )
-
-        write_together(comm, folder, start)
-
-    def __call__(self, row: Iteration, evaluation: Evaluation[Profile]) -> None:
-        """Callback of the design loop (collective)."""
-        worst = 0.0 if self._target is None else 100 * self._target.worst(evaluation.equilibrium)
-
-        def show() -> None:
-            self._file.write(row, worst_percent=worst)
-            print(
-                f"{row.iteration:4d}  {row.stage:5d}  {row.objective:10.4e}  {worst:7.2f}"
-                f"  {row.volume_fraction:7.3f}  {row.grey_level:5.3f}  {row.g_r:7.1e}"
-                f"  {row.g_t:7.1e}  {row.rejected:8d}  {row.newton_steps:6d}"
-                f"  {row.seconds:7.2f}",
-                flush=True,
-            )
-
-        write_together(self._comm, self._folder, show)
-
-
-def repeated(region: BaseGeometry, tile: Tile, along: int, across: int) -> BaseGeometry:
-    """A region of one tile in so many tiles, joined where it meets its copies."""
     size = float(np.abs(tile.lattice).max())
     copies = [
         translate(region, *(i * tile.lattice[0] + j * tile.lattice[1]))
@@ -84,138 +49,152 @@ def repeated(region: BaseGeometry, tile: Tile, along: int, across: int) -> BaseG
     return shapely.union_all(copies, grid_size=SNAP * size)
 
 
-def write_tile_design(
+def write_tile_results(
     comm: MPI.Comm,
-    folder: Path,
-    scene: TileCase,
-    outcome: TileResult,
-    findings: TileFindings | None,
-    made: PrintedTile,
-    inputs: dict[str, Any],
-    begin: float,
+    folder: str | Path,
+    case: TileCase,
+    result: TileResult,
+    measured: PrintMeasurement | None,
+    printed_tile: PrintedTile,
+    *,
+    config: Config | None = None,
+    seconds: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
-    """Write summary, pattern, tile.npz, fields and pictures (collective); the summary is returned.
+    """Write summary, pattern, tile.npz, fields and pictures of a design (collective).
 
     Args:
         comm: Communicator of the whole run.
-        folder: Output folder, which exists.
-        scene: What was to be designed.
-        outcome: What it came to.
-        findings: What was measured of the print; None if that has no equilibrium.
-        made: The printed tile as it is filed.
-        inputs: Everything that went in.
-        begin: `time.perf_counter()` at the start of the whole run.
+        folder: Output folder, made if missing.
+        case: The tile and its target.
+        result: Result of the design.
+        measured: Measurement of the print; None if it has no equilibrium.
+        printed_tile: The printed tile for `write_tile`.
+        config: Configuration of the run, for "inputs" in the summary.
+        seconds: Further wall times in s, those of the reporter for instance.
+
+    Returns:
+        The summary, as in summary.json.
 
     Raises:
-        OutputError: A file cannot be written.
+        OutputError: A file cannot be written; on all ranks.
     """
-    printed, result, tile = outcome.printed, outcome.result, scene.tile
-    assert printed is not None
-    wanted = scene.objective if isinstance(scene.objective, ProfileTarget) else None
-    reached, designed = outcome.profile, result.final.equilibrium
-    last = result.history[-1]
-    limits, widths = outcome.problem.length_scale, result.final.length_scale
-    summary: dict[str, Any] = {
-        "objective_printed": reached and scene.objective.forward(reached),
-        "objective_designed": scene.objective.forward(designed),
-        "worst_percent": None if wanted is None or reached is None else 100 * wanted.worst(reached),
-        "angles_deg": np.degrees(scene.angles).tolist(),
-        "strain": designed.strain,
-        "asked": _listed(wanted),
-        "printed": reached and _measured(reached),
-        "design": _measured(designed),
-        "blank_n_per_m": findings and findings.blank,
-        "buckling": None
-        if findings is None or findings.buckling is None
-        else findings.buckling.tolist(),
-        "printed_failure": outcome.failure or printed.failure or None,
-        "volume_fraction": last.volume_fraction,
-        "grey_level": last.grey_level,
-        "length_scale": None if limits is None or widths is None else limits.summary(widths),
-        "islands": len(outcome.loose),
-        "island_areas_mm2": (1e6 * outcome.loose).tolist(),
-        "trials": [{"objective": t, "islands": n} for t, n in outcome.trials],
-        "corrections_percent": [100 * d if np.isfinite(d) else None for d in outcome.corrections],
-        "iterations": last.iteration,
-        "newton_steps": sum(row.newton_steps for row in result.history),
-        "triangles": len(tile.pattern.panel),
+    folder, printed, tile, skin = Path(folder), result.printed, case.tile, result.problem.skin
+
+    def measure() -> tuple[BaseGeometry, Printability]:
+        sheet, _ = tile.sheet(SIDE, SIDE)
+        region = repeated(printed.regions[0], tile, SIDE, SIDE)
+        return region, printability(sheet, [region], printed.limits)
+
+    region, widths = on_first_rank(comm, measure)
+    summary = {
+        **_summary(case, result, measured),
+        "smallest_width_mm": _millimetres(widths.smallest_width),
+        "smallest_gap_mm": _millimetres(widths.smallest_gap),
         "ranks": comm.size,
-        "reason": result.reason,
+        "seconds": {**result.result.seconds, **(seconds or {})},
         "versions": versions(),
-        "inputs": inputs,
+        "inputs": None if config is None else config.as_dict(),
     }
-    skin = outcome.problem.skin
     fields = {
-        "rho": skin.gather_cells(result.density),
-        "rho_projected": skin.gather_cells(result.final.projected),
+        "rho": skin.gather_cells(result.result.density),
+        "rho_projected": skin.gather_cells(result.result.final.projected),
         "printed": printed.cells.astype(np.float64),
     }
 
     def write() -> None:
-        sheet, _ = tile.sheet(SIDE, SIDE)
-        region = repeated(printed.regions[0], tile, SIDE, SIDE)
-        measured = printability(sheet, [region], printed.limits)
-        summary["smallest_width_mm"] = _width(measured.smallest_width)
-        summary["smallest_gap_mm"] = _width(measured.smallest_gap)
-        summary["seconds"] = {**result.seconds, "total": time.perf_counter() - begin}
+        folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / "summary.json", summary)
         write_svg(folder / "pattern.svg", tile.pattern, printed.regions)
         write_fields(folder / "tile.vtu", tile.pattern, tile.pattern.points, fields)
-        write_tile(folder, made)
-        if findings is not None:
-            write_table(folder / "profile.csv", _rows(findings.profile))
-            rows = [row for profile in findings.curves for row in _rows(profile)]
+        write_tile(folder, printed_tile)
+        if measured is not None:
+            write_table(folder / "profile.csv", _rows(measured.profile))
+            rows = [row for profile in measured.curves for row in _rows(profile)]
             write_table(folder / "curves.csv", rows)
-
-        def draw() -> None:
-            from toros_fem.tiles import plots as profile_plot
-
-            profile_plot.plot_tiles(folder / "pattern.png", tile, region, SIDE)
-            profile_plot.plot_history(folder / "convergence.png", result.history)
-            if findings is not None:
-                profile_plot.plot_curves(folder / "curves.png", findings.curves)
-                profile_plot.plot_polar(
-                    folder / "profile.png",
-                    findings.profile,
-                    findings.blank,
-                    findings.mirrored,
-                    scene.angles,
-                    wanted,
-                )
-            if printed.evaluation is not None:
-                state = printed.evaluation.equilibrium.state[0]
-                profile_plot.plot_deformed(
-                    folder / "deformed.png",
-                    tile,
-                    printed.cells,
-                    skin.gather_vertices(state.positions),
-                    state.gradient,
-                )
-
         if_plotting(draw)
 
+    def draw() -> None:
+        from toros_fem.tiles import plots
+
+        plots.plot_tiles(folder / "pattern.png", tile, region, SIDE)
+        plots.plot_history(folder / "convergence.png", result.result.history)
+        if measured is not None:
+            plots.plot_curves(folder / "curves.png", measured.curves)
+            plots.plot_profile(
+                folder / "profile.png",
+                measured.profile,
+                measured.fabric_stiffness,
+                case.symmetry,
+                case.angles,
+                case.target,
+            )
+        if printed.evaluation is not None:
+            state = printed.evaluation.equilibrium.state[0]
+            plots.plot_deformed(
+                folder / "deformed.png",
+                tile,
+                printed.cells,
+                skin.gather_vertices(state.positions),
+                state.gradient,
+            )
+
     write_together(comm, folder, write)
-    # What rank 0 alone has measured.
-    return dict(comm.bcast(summary, root=0))
+    return summary
 
 
-def _width(place: Any) -> float | None:
+def _summary(
+    case: TileCase, result: TileResult, measured: PrintMeasurement | None
+) -> dict[str, Any]:
+    """Return what the summary says of print, design and search."""
+    target, profile, design = case.target, result.profile, result.result
+    designed, last = design.final.equilibrium, design.history[-1]
+    limits, widths = result.problem.length_scale, design.final.length_scale
+    deviations = [100 * d if np.isfinite(d) else None for d in result.deviations]
+    buckling = None if measured is None else measured.buckling
+    worst = None
+    if target is not None and profile is not None:
+        worst = 100 * target.largest_deviation(profile)
+    return {
+        "objective_printed": profile and case.objective.forward(profile),
+        "objective_designed": case.objective.forward(designed),
+        "worst_percent": worst,
+        "angles_deg": np.degrees(case.angles).tolist(),
+        "strain": designed.strain,
+        "target": target and _target_values(target),
+        "printed": profile and _profile_values(profile),
+        "design": _profile_values(designed),
+        "blank_n_per_m": measured and measured.fabric_stiffness,
+        "buckling": None if buckling is None else buckling.tolist(),
+        "printed_failure": result.failure or result.printed.failure or None,
+        "volume_fraction": last.volume_fraction,
+        "grey_level": last.grey_level,
+        "length_scale": None if limits is None or widths is None else limits.summary(widths),
+        "islands": len(result.island_areas),
+        "island_areas_mm2": (1e6 * result.island_areas).tolist(),
+        "trials": [{"objective": t.objective, "islands": t.islands} for t in result.trials],
+        "corrections_percent": deviations,
+        "iterations": last.iteration,
+        "newton_steps": sum(row.newton_steps for row in design.history),
+        "triangles": len(case.tile.pattern.panel),
+        "reason": design.reason,
+    }
+
+
+def _millimetres(place: Any) -> float | None:
     return None if place is None else 1e3 * float(place.width)
 
 
-def _listed(wanted: ProfileTarget | None) -> dict[str, Any] | None:
-    if wanted is None:
-        return None
+def _target_values(target: ProfileTarget) -> dict[str, Any]:
     return {
         name: None if values is None else [None if np.isnan(v) else float(v) for v in values]
         for name, values in (
-            ("stiffness_n_per_m", wanted.stiffness),
-            ("contraction", wanted.contraction),
+            ("stiffness_n_per_m", target.stiffness),
+            ("contraction", target.contraction),
         )
     }
 
 
-def _measured(profile: Profile) -> dict[str, Any]:
+def _profile_values(profile: Profile) -> dict[str, Any]:
     return {
         "stiffness_n_per_m": profile.stiffness.tolist(),
         "tangent_n_per_m": profile.tangent.tolist(),

@@ -1,4 +1,4 @@
-"""A tile from several random starts to a print that does what is asked."""
+"""Design of a tile from several random starts, with corrections for its print."""
 
 from __future__ import annotations
 
@@ -11,208 +11,207 @@ from mpi4py import MPI
 
 from toros_fem._types import Floats
 from toros_fem.density.projection import Projection
-from toros_fem.design.loop import DesignResult, optimize
-from toros_fem.design.options import DesignOptions, Iteration, Stage
-from toros_fem.design.problem import Evaluation
+from toros_fem.design.loop import Callback, DesignResult, optimize
+from toros_fem.design.options import DesignOptions, Stage
 from toros_fem.equilibrium.newton import NewtonStep
 from toros_fem.errors import NoEquilibriumError
 from toros_fem.meshes.tile import Tile
 from toros_fem.mma.optimizer import MMAOptions
-from toros_fem.tiles.as_printed import TileCheck
-from toros_fem.tiles.case import TileCase, TileConfig, TileResult, tile_problem, wavy
-from toros_fem.tiles.islands import loose_pieces
+from toros_fem.tiles.as_printed import PrintSimulation
+from toros_fem.tiles.case import TileCase, TileConfig, TileResult, Trial, tile_problem
+from toros_fem.tiles.islands import island_areas
 from toros_fem.tiles.objectives import ProfileTarget
 from toros_fem.tiles.problem import TileProblem
 from toros_fem.tiles.stiffness_profile import Profile
 
-# A start that has islands or breaks the width constraints must be so many times better to be gone
-# on with.
-SPOILT = 5.0
-# What is printed is near what is asked if it is off by so many tolerances.
-FAIR = 2.5
-# A stage in which T falls by a smaller share over ten steps is over.
-PROGRESS = 0.05
-# By how much β is raised in the trials, and then on the design's own mesh. In a gap a
-# density of 0.01 makes fabric several times as stiff: little of it may be left beside a line, or
-# the print is much softer.
-STEEPER, STEEPEST = 4, (4, 8)
-
-
-Callback = Callable[[Iteration, Evaluation[Profile]], None]
+# Factor on T of a design that has islands or violates the width constraints: it is chosen only if
+# it is so many times better.
+FLAW_FACTOR = 5.0
+# A print that deviates by more than this multiple of the tolerance makes the other draft tried.
+ACCEPTABLE = 2.5
+# A stage ends when T falls by a smaller fraction over ten steps.
+MIN_DECREASE = 0.05
+# Factors on β at the end of the trials, and on the design's own mesh. A density of 0.01 in a gap
+# makes the fabric several times as stiff: with more of it beside a line the print would be much
+# softer than the design.
+DRAFT_BETA, FINAL_BETAS = 4, (4, 8)
 
 
 def design_tile(
     batch: MPI.Comm,
-    scene: TileCase,
-    settings: TileConfig,
+    case: TileCase,
+    config: TileConfig,
     callback: Callback | None = None,
     log: Callable[[NewtonStep], None] | None = None,
 ) -> TileResult:
-    """Design a tile from the best of several starts, and make its print do what is asked.
+    """Design a tile from the best of several random starts, and correct it for its print.
 
-    Profiles have many local minima; a few steps from each of some starts, on the coarse mesh, tell
-    the good ones. The two best are gone on with there, one of them without islands if there is such
-    a one, and then the better one on the design's own mesh with β raised, so that little grey is
-    left. At last the target is moved by the ratio of what is designed to what its print does on the
-    finer mesh, and the design goes on from there. Where that leads nowhere near, the other one gets
-    its turn.
+    Profiles have many local minima; a few steps on the coarse mesh show which starts are good. The
+    two best are continued there; one of them has no islands if there is such a start. The better
+    draft is continued on the design's own mesh, with β raised so that little grey is left. Then the
+    target is corrected by the ratio of the design's profile to that of its print on the finer mesh,
+    and the design is continued. If no print comes near the target, the other draft is tried.
 
     Args:
         batch: Communicator whose ranks share the directions.
-        scene: What is to be designed.
-        settings: With which numbers.
+        case: The tile and its target.
+        config: Numbers of the design.
         callback: Called after each iteration, on every rank.
         log: Called with every Newton step of the design's equilibria.
 
     Raises:
-        NoEquilibriumError: There is no equilibrium for any start, or none on the design's mesh for
-            any of what was found on the coarse one.
+        NoEquilibriumError: There is no equilibrium for any start, or, on the design's mesh, for
+            any draft.
     """
-    s = settings
-    draft = replace(scene, tile=scene.coarse or scene.tile)
-    problem = tile_problem(batch, draft, s, log)
-    bound, exact = s.constrained > 0, isinstance(scene.objective, ProfileTarget)
-    options = DesignOptions(
-        tuple(Stage(s.trial, k * s.beta, constrained=bound) for k in (1, STEEPER)),
-        target_objective=(s.tolerance / 2) ** 2 if exact else 0.0,
-        min_relative_decrease=PROGRESS if exact else 0.0,
-        mma=MMAOptions(move=s.move),
+    c = config
+    coarse = replace(case, tile=case.coarse or case.tile)
+    problem = tile_problem(batch, coarse, c, log)
+    rules = _rules(case, config)
+    trial = tuple(
+        Stage(c.trial_iterations, k * c.beta, constrained=c.constrained) for k in (1, DRAFT_BETA)
     )
-    finalists, trials = _best_starts(problem, draft.tile, s, options, callback)
-    whole = replace(options, stages=(Stage(s.iterations, STEEPER * s.beta, constrained=bound),))
-    drafts = [
-        optimize(problem, whole, start=one.density, callback=callback, after=one)
-        for one in finalists
-    ]
-    drafts.sort(key=lambda one: _judged(problem, draft.tile, options, one)[0])
+    options = replace(rules, stages=trial)
+    finalists, trials = _best_starts(problem, coarse.tile, c, options, callback)
+    longer = Stage(c.iterations, DRAFT_BETA * c.beta, constrained=c.constrained)
+    options = replace(rules, stages=(longer,))
+    drafts = [optimize(problem, options, callback=callback, after=one) for one in finalists]
+    drafts.sort(key=lambda one: _rated(problem, coarse.tile, rules, one)[0])
     densities = [problem.skin.gather_cells(one.density) for one in drafts]
-    near, _ = draft.tile.nearest(scene.tile.pattern.centroids)
-    problem = tile_problem(batch, scene, s, log)
-    mine = near[problem.skin.owned_cells]
-    check = TileCheck(batch, scene, s)
+    nearest, _ = coarse.tile.nearest(case.tile.pattern.centroids)
+    problem = tile_problem(batch, case, c, log)
+    owned = nearest[problem.skin.owned_cells]
+    simulation = PrintSimulation(batch, case, c)
     found: list[TileResult] = []
     failure: NoEquilibriumError | None = None
-    for drafted, density in zip(drafts, densities, strict=True):
+    for draft, density in zip(drafts, densities, strict=True):
         try:
-            made = _made(problem, drafted, density[mine], s, options, check, callback)
+            result = _finished(problem, draft, density[owned], c, rules, simulation, callback)
         except NoEquilibriumError as caught:  # raised by all ranks or by none
             failure = caught
             continue
-        found.append(replace(made, trials=trials))
-        if not exact or min(made.corrections) <= FAIR * s.tolerance:
+        found.append(replace(result, trials=trials))
+        if not result.deviations or min(result.deviations) <= ACCEPTABLE * c.tolerance:
             break
     if not found:
         assert failure is not None
         raise failure
-    return min(found, key=lambda one: min(one.corrections, default=0.0))
+    return min(found, key=lambda one: min(one.deviations, default=0.0))
 
 
-def _made(
+def _rules(case: TileCase, config: TileConfig) -> DesignOptions:
+    """Return the stop rules and the step control of all stages."""
+    mma = MMAOptions(move=config.move_limit)
+    if case.target is None:
+        return DesignOptions(mma=mma)
+    return DesignOptions(
+        target_objective=(config.tolerance / 2) ** 2, min_relative_decrease=MIN_DECREASE, mma=mma
+    )
+
+
+def _finished(
     problem: TileProblem,
-    drafted: DesignResult,
+    draft: DesignResult,
     density: Floats,
-    settings: TileConfig,
-    options: DesignOptions,
-    check: TileCheck,
+    config: TileConfig,
+    rules: DesignOptions,
+    simulation: PrintSimulation,
     callback: Callback | None,
 ) -> TileResult:
-    """What comes of a draft on the design's own mesh, its print made to do what is asked."""
-    s, wanted, bound = settings, problem.objective, settings.constrained > 0
-    last = tuple(Stage(s.finish, k * s.beta, constrained=bound) for k in STEEPEST)
+    """Continue a draft on the design's own mesh and correct the design for its print."""
+    c, target = config, problem.target
+    last = tuple(
+        Stage(c.finish_iterations, k * c.beta, constrained=c.constrained) for k in FINAL_BETAS
+    )
     result = optimize(
         problem,
-        replace(options, stages=last),
+        replace(rules, stages=last),
         start=density,
         callback=callback,
-        after=drafted,
+        after=draft,
         new_mesh=True,
     )
-    problem = problem.with_projection(Projection(STEEPEST[-1] * s.beta, s.eta))
-    found = check(TileResult(problem, result, None, None, "", np.zeros(0), (), ()))
-    if not isinstance(wanted, ProfileTarget):
+    problem = problem.with_projection(Projection(FINAL_BETAS[-1] * c.beta, c.eta))
+    found = simulation.simulate(problem, result)
+    if target is None:
         return found
-    best_yet = found
-    # No direction may be off by more than the tolerance: a mean over them tells less.
+    best = found
+    assert rules.target_objective is not None
+    # No direction may deviate by more than the tolerance: a mean over directions is a weaker rule.
     again = replace(
-        options,
-        stages=(Stage(s.retry, constrained=bound),),
-        target_objective=options.target_objective / len(problem.solver.angles),
+        rules,
+        stages=(Stage(c.correction_iterations, constrained=c.constrained),),
+        target_objective=rules.target_objective / len(problem.solver.angles),
     )
-    deviations = [_deviation(wanted, found.profile)]
-    while len(deviations) <= s.correct and found.profile and min(deviations) > s.tolerance:
-        aim = _moved(wanted, found.result.final.equilibrium, found.profile)
+    deviations = [_deviation(target, found.profile)]
+    while len(deviations) <= c.corrections and found.profile and min(deviations) > c.tolerance:
+        corrected = _corrected(target, found.result.final.equilibrium, found.profile)
         result = optimize(
-            replace(problem, objective=aim),
+            replace(problem, objective=corrected),
             again,
-            start=found.result.density,
             callback=callback,
             after=found.result,
         )
-        found = check(replace(found, result=result))
-        deviations.append(_deviation(wanted, found.profile))
+        found = simulation.simulate(problem, result)
+        deviations.append(_deviation(target, found.profile))
         if deviations[-1] == min(deviations):
-            best_yet = found
-    return replace(best_yet, corrections=tuple(deviations))
+            best = found
+    return replace(best, deviations=tuple(deviations))
 
 
 def _best_starts(
     problem: TileProblem,
     tile: Tile,
-    settings: TileConfig,
+    config: TileConfig,
     options: DesignOptions,
     callback: Callback | None,
-) -> tuple[list[DesignResult], tuple[tuple[float, int], ...]]:
-    """What the best starts came to, T and islands of all; one that does all ends the search."""
+) -> tuple[list[DesignResult], tuple[Trial, ...]]:
+    """Return the two best starts and all trials; a start that reaches the target ends the search."""
     found: list[tuple[float, int, bool, DesignResult]] = []
-    trials: list[tuple[float, int]] = []
+    trials: list[Trial] = []
     failure: NoEquilibriumError | None = None
-    skin, first = problem.skin, settings.seed
-    for seed in range(first, first + settings.starts):
+    for seed in range(config.seed, config.seed + config.starts):
         try:
-            result = optimize(
-                problem, options, start=wavy(tile, seed)[skin.owned_cells], callback=callback
-            )
+            result = optimize(problem, options, seed=seed, callback=callback)
         except NoEquilibriumError as caught:  # raised by all ranks or by none
             failure = caught
             continue
-        harm, islands = _judged(problem, tile, options, result)
-        found.append((harm, seed, islands == 0, result))
-        trials.append((result.final.objective, islands))
-        if harm <= options.target_objective:
+        rating, islands = _rated(problem, tile, options, result)
+        found.append((rating, seed, islands == 0, result))
+        trials.append(Trial(result.final.objective, islands))
+        if options.target_objective is not None and rating <= options.target_objective:
             return [result], tuple(trials)
     if not found:
         assert failure is not None
         raise failure
     best, *others = sorted(found, key=lambda one: one[:2])
-    # Blocks on fabric hang on what narrow gaps do: if they fail, something else is wanted.
+    # Islands depend on the stiffness of narrow gaps. If that fails, a design without them is
+    # needed.
     others.sort(key=lambda one: not one[2])
     return [one[-1] for one in (best, *others[:1])], tuple(trials)
 
 
-def _judged(
-    problem: TileProblem, tile: Tile, options: DesignOptions, result: DesignResult
+def _rated(
+    problem: TileProblem, tile: Tile, rules: DesignOptions, result: DesignResult
 ) -> tuple[float, int]:
-    """T, enough if it is less, times what islands and forbidden widths cost; and the islands."""
+    """Return T, at least its target, times the factor for flaws; and the number of islands."""
     filtered = problem.skin.gather_cells(result.final.filtered)
-    islands = len(loose_pieces(tile, filtered > problem.projection.eta))
+    islands = len(island_areas(tile, filtered > problem.projection.eta))
     limits, widths = problem.length_scale, result.final.length_scale
-    kept = limits is None or widths is None or bool(np.all(widths <= limits.epsilon))
-    harm = max(result.final.objective, options.target_objective) * (
-        1.0 if kept and not islands else SPOILT
-    )
-    return harm, islands
+    satisfied = limits is None or widths is None or bool(np.all(widths <= limits.epsilon))
+    rating = max(result.final.objective, rules.target_objective or 0.0)
+    return rating * (1.0 if satisfied and not islands else FLAW_FACTOR), islands
 
 
-def _deviation(wanted: ProfileTarget, profile: Profile | None) -> float:
-    return np.inf if profile is None else wanted.worst(profile)
+def _deviation(target: ProfileTarget, profile: Profile | None) -> float:
+    return np.inf if profile is None else target.largest_deviation(profile)
 
 
-def _moved(wanted: ProfileTarget, designed: Profile, printed: Profile) -> ProfileTarget:
-    """The target for a design that loses as much by being printed as this one."""
+def _corrected(target: ProfileTarget, designed: Profile, printed: Profile) -> ProfileTarget:
+    """Return the target of a design that loses as much by printing as this one."""
     changes: dict[str, Any] = {}
-    if wanted.stiffness is not None:
-        changes["stiffness"] = wanted.stiffness * designed.stiffness / printed.stiffness
-    if wanted.contraction is not None:
+    if target.stiffness is not None:
+        changes["stiffness"] = target.stiffness * designed.stiffness / printed.stiffness
+    if target.contraction is not None:
         lost = designed.contraction - printed.contraction
-        changes["contraction"] = wanted.contraction + lost
-    return replace(wanted, **changes)
+        changes["contraction"] = target.contraction + lost
+    return replace(target, **changes)

@@ -1,4 +1,4 @@
-"""A printed tile on a mesh of another edge length, and many of them as a sheet to print."""
+"""Sheets of printed tiles: on a mesh of another edge length, and as a layout to print."""
 
 from __future__ import annotations
 
@@ -13,98 +13,103 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem._mpi import on_first_rank
 from toros_fem._types import Bools, Floats, Ints
-from toros_fem._validate import require_between
+from toros_fem._validate import require_between, require_choice
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.tile import Tile, tile
 from toros_fem.tiles.printed_tile import PrintedTile
 
-# Corners of triangles nearer than this to a straight line of the print, in m, are no corners of it.
-STRAIGHT = 1e-9
-# A triangle counts as printed from half its area on: ties of symmetric triangles are all printed.
+DIRECTIONS = ("x", "y")
+# Corners of triangles closer than this to a straight border of the print, in m, are left out.
+COLLINEAR = 1e-9
+# A triangle is printed if at least half its area is. The margin is for rounding: of triangles that
+# a symmetry maps to each other all are printed, or none.
 HALF = 0.5 - 1e-6
 
 
 @dataclass(frozen=True, eq=False)
 class TileSheet:
-    """An open sheet of tiles, to be pulled along x or y.
+    """An open sheet of tiles that is pulled along x or y.
 
     Attributes:
-        name: Of the direction, "x" or "y".
-        pattern: Its mesh, [0, a · columns] × [0, b · rows].
-        cell: Triangle of the tile that each of its triangles copies, (t,).
+        direction: Direction of the pull, "x" or "y".
+        pattern: Mesh of the sheet, [0, a · columns] × [0, b · rows].
+        cell: Triangle of the tile that each triangle of the sheet copies, (t,).
     """
 
-    name: str
+    direction: str
     pattern: Pattern
     cell: Ints
 
     @property
     def axis(self) -> int:
-        """0 along x, 1 along y."""
-        return "xy".index(self.name)
+        """Axis of the pull: 0 for x, 1 for y."""
+        return DIRECTIONS.index(self.direction)
 
 
-def sheet_of(made: Tile, name: str, along: int, across: int) -> TileSheet:
-    """A sheet of so many tiles along the direction it is pulled in, and across.
+def tile_sheet(tile: Tile, direction: str, along: int, across: int) -> TileSheet:
+    """Return a sheet of tiles.
 
     Args:
-        made: The tile.
-        name: Of the direction, "x" or "y".
-        along, across: Numbers of tiles.
+        tile: The tile.
+        direction: Direction of the pull, "x" or "y".
+        along, across: Numbers of tiles along this direction and across it.
 
     Raises:
-        ParameterError: A number is not whole, or less than 1.
+        ParameterError: The direction is unknown, or a number is not whole or less than 1.
     """
-    counts = (along, across) if name == "x" else (across, along)
-    return TileSheet(name, *made.sheet(*counts))
+    require_choice("direction", direction, DIRECTIONS)
+    counts = (along, across) if direction == "x" else (across, along)
+    return TileSheet(direction, *tile.sheet(*counts))
 
 
 def region_of_triangles(triangles: Floats) -> BaseGeometry:
-    """The region of triangles (t, 3, 2) of one mesh, joined where they share an edge."""
-    return shapely.simplify(shapely.coverage_union_all(shapely.polygons(triangles)), STRAIGHT)
+    """Return the union of triangles (t, 3, 2) of one mesh."""
+    return shapely.simplify(shapely.coverage_union_all(shapely.polygons(triangles)), COLLINEAR)
 
 
-def resampled(comm: MPI.Comm, made: PrintedTile, edge_length: float) -> PrintedTile:
-    """The same print on a mesh of another edge length: printed is what is so by half (collective).
+def remesh(comm: MPI.Comm, printed_tile: PrintedTile, edge_length: float) -> PrintedTile:
+    """Return the same print on a mesh of another edge length (collective).
+
+    A triangle of the new mesh is printed if at least half its area is.
 
     Args:
         comm: Communicator.
-        made: The tile.
-        edge_length: Wanted in m.
+        printed_tile: The printed tile.
+        edge_length: Edge length of the new mesh in m.
 
     Raises:
         ParameterError: The length is not positive, or too large for the tile.
-        DensityError: The tile does not fit its own mesh.
+        DensityError: The print does not fit its own mesh.
     """
-    old = made.tile(comm)
-    new = tile(comm, made.size, edge_length, made.mesh, made.symmetry)
+    old = printed_tile.tile(comm)
+    new = tile(comm, printed_tile.size, edge_length, printed_tile.mesh, printed_tile.symmetry)
 
     def sample() -> Bools:
-        region = region_of_triangles(old.pattern.corners[made.printed])
+        region = region_of_triangles(old.pattern.corners[printed_tile.printed])
         shapely.prepare(region)
         triangles = shapely.polygons(new.pattern.corners)
         printed = shapely.contains(region, triangles)
         cut = shapely.intersects(region, triangles) & ~printed
-        share = shapely.area(shapely.intersection(region, triangles[cut])) / new.pattern.areas[cut]
-        printed[cut] = share >= HALF
+        areas = shapely.area(shapely.intersection(region, triangles[cut]))
+        printed[cut] = areas / new.pattern.areas[cut] >= HALF
         return np.asarray(printed)
 
-    return replace(made, printed=on_first_rank(comm, sample), edge_length=edge_length)
+    return replace(printed_tile, printed=on_first_rank(comm, sample), edge_length=edge_length)
 
 
 def print_layout(
     sheets: Sequence[TileSheet], printed: Bools, margin: float
 ) -> tuple[Pattern, list[BaseGeometry]]:
-    """The cloth of sheets with margins to clamp, and what is printed on it.
+    """Return the cloth of sheets with margins for the clamps, and the print on it.
 
     Args:
         sheets: Sheets of the tile, on the mesh that it is printed from.
         printed: Whether each of the tile's triangles is printed, (t,).
-        margin: Length in m by which the cloth is longer than the print, at both ends.
+        margin: Length in m of unprinted cloth at both ends of each sheet.
 
     Returns:
-        A pattern with a panel for each sheet, and the region printed on each, in m. Tiles share
-        the vertices of their borders, so that the print is of one piece across them.
+        A pattern with one panel for each sheet, and the printed region of each panel, in m. Tiles
+        share the vertices of their borders, so that the print is continuous across them.
 
     Raises:
         ParameterError: The margin is negative or not finite.
@@ -112,11 +117,11 @@ def print_layout(
     require_between(0.0, np.inf, margin=margin)
     corners, regions = [], []
     for sheet in sheets:
-        spare = np.where(np.arange(2) == sheet.axis, margin, 0.0)
-        size = sheet.pattern.flat_points.max(axis=0) + 2 * spare
+        offset = np.where(np.arange(2) == sheet.axis, margin, 0.0)
+        size = sheet.pattern.flat_points.max(axis=0) + 2 * offset
         corners.append(size * [[0, 0], [1, 0], [1, 1], [0, 1]])
         region = region_of_triangles(sheet.pattern.corners[printed[sheet.cell]])
-        regions.append(translate(region, *spare))
+        regions.append(translate(region, *offset))
     count = len(sheets)
     flat = np.concatenate(corners)
     halves = np.array([[0, 1, 2], [0, 2, 3]])
@@ -126,6 +131,6 @@ def print_layout(
         panel=np.repeat(np.arange(count), 2),
         sewn=np.arange(len(flat)),
         points=np.column_stack([flat, np.repeat(np.arange(float(count)), 4)]),
-        panel_names=tuple(f"along_{sheet.name}" for sheet in sheets),
+        panel_names=tuple(f"along_{sheet.direction}" for sheet in sheets),
     )
     return cloth, regions
