@@ -27,7 +27,7 @@ from mpi4py import MPI
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from toros_fem.design.config import DesignConfig
+from toros_fem.materials import Composite
 from toros_fem.mechanics.periodicity import Periodic
 from toros_fem.meshes import sew, tile
 from toros_fem.tiles.solver import TileSolver
@@ -54,7 +54,7 @@ def measure(pattern: str, edges: int) -> dict[str, Any]:
     skin = sew(MPI.COMM_SELF, made.pattern)
     inside = PATTERNS[pattern](*(made.pattern.centroids.T / SIDE))
     density = inside[skin.owned_cells].astype(np.float64)
-    solver = TileSolver(skin, DesignConfig().composite, Periodic(made))
+    solver = TileSolver(skin, Composite(bending=None), Periodic(made))
     profile = ProfileSolver(solver, ANGLES, STRAIN)
     begin = time.perf_counter()
     found = profile.solve(density, gradients=False)

@@ -1,31 +1,30 @@
-"""A tile becomes a sheet: a file to print, and its pull test beside what is predicted.
+"""A sheet of tiles: a file to print, and a pull test beside its prediction.
 
-    python demos/sample.py --coarse
-    python demos/sample.py --tile output/tile
+    python demos/tile_sheet.py --coarse
+    python demos/tile_sheet.py --tile output/tile
 
-A designed tile, read from the folder that `demos/tile.py` has written, is laid side by side: 10
-along the pull and 5 across. The print file shows the whole sheet true to scale, the lines of
-neighbouring tiles joined, with plain cloth to clamp at both ends. The simulated sheet is as long as
-the print, since what a clamp holds does not stretch; both its ends are held in all components and
-one of them is moved, in the plane. Beside it stands what is predicted of the tile that repeats for
-ever, on the same mesh: how stiff it is, and by how much it narrows. Without a tile the demo
-takes one drawn by hand, its diagonals as lines of 1 mm.
+A designed tile is read from the output folder of `demos/tile.py` and laid side by side: 10 along
+the pull and 5 across. The print file shows the whole sheet in true scale. The lines of neighbouring
+tiles are joined, and there is unprinted cloth for clamps at both ends. The simulated sheet is as
+long as the print, since the cloth inside a clamp does not stretch. Both its ends are fixed in all
+components and one of them moves, in the plane. The prediction is that of the periodic tile on the
+same mesh: its stiffness and its lateral contraction. Without a tile the demo takes a simple one,
+with its diagonals as lines of 1 mm.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._validate import require_choice, require_count, require_positive
-from toros_fem.command_line import parsed, run_guarded
-from toros_fem.design.config import known_inputs
+from toros_fem.command_line import run_from_command_line
+from toros_fem.config import Config, quantity
 from toros_fem.fabrication.svg import write_svg
 from toros_fem.meshes import tile
 from toros_fem.output.console import print_step
@@ -33,137 +32,132 @@ from toros_fem.output.files import versions, write_json, write_table
 from toros_fem.output.writer import if_plotting, write_together
 from toros_fem.tiles.printed_tile import PrintedTile, read_tile
 from toros_fem.tiles.pull_test import pull_sheet
-from toros_fem.tiles.sheet import print_layout, resampled, sheet_of
+from toros_fem.tiles.sheet import DIRECTIONS, print_layout, remesh, tile_sheet
 
-DEFAULTS: dict[str, Any] = {
-    "direction": "both",  # x, y or both
-    "along": 10,  # tiles
-    "across": 5,
-    "strain": 0.1,
-    "levels": 5,  # strains up to that one
-    "margin": 0.02,  # m of plain cloth to clamp at either end of the print
-    "edge_length": 0.0,  # m, of the sheet that is pulled; 0: that of the tile's own mesh
-}
-COARSE = {"edge_length": 0.72e-3, "along": 6, "across": 3}
-# The tile drawn by hand: lines of four of its mesh's strips, 1.01 mm.
-SIZE, EDGES, LINE = 0.01, 28, 1e-3
+# Side of the simple tile in m, the number of edges along it, and the width of its lines in m.
+SIDE, EDGES, LINE_WIDTH = 0.01, 28, 1e-3
 
 
-def cross_lines(comm: MPI.Comm) -> PrintedTile:
-    """A square tile of the default materials with its two diagonals printed (collective)."""
-    x, y = tile(comm, SIZE, SIZE / EDGES).pattern.centroids.T
-    away = [np.abs((d + SIZE / 2) % SIZE - SIZE / 2) for d in (x - y, x + y)]
-    printed = np.minimum(*away) < LINE / np.sqrt(2)
-    return PrintedTile(printed, (SIZE, SIZE), SIZE / EDGES, symmetry="tetragonal")
+@dataclass(frozen=True)
+class TileSheetConfig(Config):
+    """Sheet and pull test; SI units."""
+
+    direction: str = quantity("both", "direction of the pull", choices=(*DIRECTIONS, "both"))
+    along: int = quantity(10, "number of tiles along the pull", at_least=1)
+    across: int = quantity(5, "number of tiles across the pull", at_least=1)
+    strain: float = quantity(0.1, "largest strain λ − 1 of the clamps' distance", above=0)
+    strain_steps: int = quantity(5, "number of equal steps up to this strain", at_least=1)
+    margin: float = quantity(
+        0.02, "length of unprinted cloth at both ends of the print", "m", at_least=0
+    )
+    edge_length: float | None = quantity(
+        None, "edge length of the simulated sheet; none takes the tile's own mesh", "m", above=0
+    )
+
+
+def coarse(config: TileSheetConfig) -> TileSheetConfig:
+    """Return the quick variant: a small sheet on a coarse mesh."""
+    return config.updated(edge_length=0.72e-3, along=6, across=3)
+
+
+def cross_tile(comm: MPI.Comm) -> PrintedTile:
+    """Return a square tile of the default materials with both diagonals printed (collective)."""
+    x, y = tile(comm, SIDE, SIDE / EDGES).pattern.centroids.T
+    distances = [np.abs((d + SIDE / 2) % SIDE - SIDE / 2) for d in (x - y, x + y)]
+    printed = np.minimum(*distances) < LINE_WIDTH / np.sqrt(2)
+    return PrintedTile(printed, (SIDE, SIDE), SIDE / EDGES, symmetry="tetragonal")
 
 
 def run(
     comm: MPI.Comm,
-    output: Path,
+    output: str | Path,
+    config: TileSheetConfig = TileSheetConfig(),
     *,
-    tile_folder: Path | None = None,
+    tile: str | Path | None = None,
     verbose: bool = False,
-    **inputs: Any,
 ) -> dict[str, Any]:
-    """Print and pull the sheet; returns the summary that is also written to `output`.
+    """Write the print file, pull the sheet, and return the summary.
 
     Args:
         comm: Communicator.
         output: Folder for print file, summary, curves and pictures.
-        tile_folder: Where the tile is; None takes the one drawn by hand.
+        config: Sheet and pull test.
+        tile: Folder of the printed tile; None takes `cross_tile`.
         verbose: Whether to print every step of the equilibrium solver.
-        inputs: What differs from `DEFAULTS`.
     """
-    begin = time.perf_counter()
-    o = known_inputs(None, DEFAULTS, inputs)
-    require_choice("direction", o["direction"], ("x", "y", "both"))
-    require_positive(strain=o["strain"])
-    require_count(1, levels=o["levels"])
-    strains = np.linspace(0.0, o["strain"], o["levels"] + 1)[1:]
-    names = "xy" if o["direction"] == "both" else o["direction"]
-    design = cross_lines(comm) if tile_folder is None else read_tile(comm, tile_folder)
-    simulated = resampled(comm, design, o["edge_length"]) if o["edge_length"] else design
-    fine, mesh = design.tile(comm), simulated.tile(comm)
-    counts = (o["along"], o["across"])
-    sheets = [sheet_of(fine, name, *counts) for name in names]
-    cloth, regions = print_layout(sheets, design.printed, o["margin"])
+    begin, folder = time.perf_counter(), Path(output)
+    strains = np.linspace(0.0, config.strain, config.strain_steps + 1)[1:]
+    directions = DIRECTIONS if config.direction == "both" else (config.direction,)
+    design = cross_tile(comm) if tile is None else read_tile(comm, tile)
+    simulated = design
+    if config.edge_length is not None:
+        simulated = remesh(comm, design, config.edge_length)
+    designed_mesh, mesh = design.tile(comm), simulated.tile(comm)
+    counts = (config.along, config.across)
+    sheets = [tile_sheet(designed_mesh, direction, *counts) for direction in directions]
+    cloth, regions = print_layout(sheets, design.printed, config.margin)
     log = print_step(comm) if verbose else None
     pulled = [
-        pull_sheet(comm, sheet_of(mesh, name, *counts), mesh, simulated, strains, log)
-        for name in names
+        pull_sheet(comm, tile_sheet(mesh, direction, *counts), mesh, simulated, strains, log)
+        for direction in directions
     ]
     area = float(np.prod(design.size))
     summary = {
-        "directions": {one.sheet.name: one.metrics() for one in pulled},
+        "directions": {one.sheet.direction: one.summary() for one in pulled},
         "tile_m": design.size,
-        "printed_share": float(fine.pattern.areas[design.printed].sum()) / area,
+        "printed_share": float(designed_mesh.pattern.areas[design.printed].sum()) / area,
         "printed_share_simulated": float(mesh.pattern.areas[simulated.printed].sum()) / area,
         "printed_m2": [region.area for region in regions],
         "triangles": len(pulled[0].sheet.cell),
         "ranks": comm.size,
+        "seconds": {"total": time.perf_counter() - begin},
         "versions": versions(),
-        "inputs": {**o, "tile": None if tile_folder is None else str(tile_folder)},
+        "inputs": {**config.as_dict(), "tile": None if tile is None else str(tile)},
     }
 
+    def draw() -> None:
+        from toros_fem.tiles.plots import plot_pulls, plot_sheet
+
+        plot_pulls(folder / "curve.png", pulled)
+        for one in pulled:
+            direction, printed = one.sheet.direction, simulated.printed[one.sheet.cell]
+            title = f"pulled by {100 * config.strain:g} % along {direction}"
+            path = folder / f"sheet_{direction}.png"
+            plot_sheet(path, one.sheet.pattern, one.test.positions, printed, title)
+
     def write() -> None:
-        output.mkdir(parents=True, exist_ok=True)
-        write_svg(output / "pattern.svg", cloth, regions)
-        write_table(output / "curve.csv", [row for one in pulled for row in one.rows()])
-
-        def draw() -> None:
-            from toros_fem.tiles.plots import plot_pulls, plot_sheet
-
-            curves = [(one.sheet.name, one.test, one.predicted) for one in pulled]
-            plot_pulls(output / "curve.png", curves)
-            for one in pulled:
-                name, pattern = one.sheet.name, one.sheet.pattern
-                printed = simulated.printed[one.sheet.cell]
-                title = f"pulled by {100 * o['strain']:g} % along {name}"
-                plot_sheet(
-                    output / f"sheet_{name}.png", pattern, one.test.positions, printed, title
-                )
-
+        write_svg(folder / "pattern.svg", cloth, regions)
+        write_table(folder / "curve.csv", [row for one in pulled for row in one.rows()])
+        write_json(folder / "summary.json", summary)
         if_plotting(draw)
-        summary["seconds"] = {"total": time.perf_counter() - begin}
-        write_json(output / "summary.json", summary)
 
-    write_together(comm, output, write)
+    write_together(comm, folder, write)
     return summary
 
 
 def sentence(summary: dict[str, Any]) -> str:
-    """The result in words."""
+    """Return the result in a sentence."""
     strain = 100 * summary["inputs"]["strain"]
     return "; ".join(
-        f"along {name} at {strain:g} %: {f['stiffness_n_per_m']:.0f} N/m of "
-        f"{f['stiffness_predicted_n_per_m']:.0f} predicted, contraction {f['contraction']:.2f} of "
-        f"{f['contraction_predicted']:.2f}; in the middle {f['middle']['contraction']:.2f} of "
-        f"{f['middle']['contraction_predicted']:.2f} at {100 * f['middle']['strain']:.1f} %"
+        f"along {name} at {strain:g} %: {f['stiffness_n_per_m']:.0f} N/m, predicted "
+        f"{f['stiffness_predicted_n_per_m']:.0f}; contraction {f['contraction']:.2f}, predicted "
+        f"{f['contraction_predicted']:.2f}; in the middle {f['middle']['contraction']:.2f}, "
+        f"predicted {f['middle']['contraction_predicted']:.2f} at "
+        f"{100 * f['middle']['strain']:.1f} %"
         for name, f in summary["directions"].items()
     )
 
 
-def main(comm: MPI.Comm) -> int:
-    """Run with what the command line says; the exit code is returned."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    folder = Path("output/sample")
-    parser.add_argument("--tile", type=Path, help="folder of demos/tile.py; none: drawn by hand")
-    parser.add_argument("--coarse", action="store_true", help="a small sheet on a coarse mesh")
-    parser.add_argument("--verbose", action="store_true", help="show every Newton step")
-    parser.add_argument("--output", type=Path, default=folder, help=f"folder, default {folder}")
-    options = parsed(parser, DEFAULTS)
-    source = options.pop("tile", None)
-    output, small, verbose = (options.pop(name) for name in ("output", "coarse", "verbose"))
-    inputs = {**COARSE, **options} if small else options
-
-    def action() -> str:
-        summary = run(comm, output, tile_folder=source, verbose=verbose, **inputs)
-        return f"{sentence(summary)}; see {output}/"
-
-    return run_guarded(comm, action)
-
-
 if __name__ == "__main__":
-    sys.exit(main(MPI.COMM_WORLD))
+    sys.exit(
+        run_from_command_line(
+            MPI.COMM_WORLD,
+            __doc__,
+            TileSheetConfig(),
+            run,
+            Path("output/tile_sheet"),
+            coarse=coarse,
+            sentence=sentence,
+            files={"tile": "output folder of demos/tile.py; none: a simple tile"},
+        )
+    )

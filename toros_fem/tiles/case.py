@@ -179,7 +179,7 @@ def tile_problem(
         problem.length_scale = LengthScaleConstraints(
             skin,
             problem.filter,
-            LengthScale(line=c.line_width, gap=c.gap_width),
+            LengthScale(line_width=c.line_width, gap_width=c.gap_width),
             problem.designed,
             projection,
         )

@@ -80,9 +80,7 @@ def plot_profile(
             axes.plot(*circle, "o", ms=5, mfc="none", color=TARGET_COLOUR, label=label)
             label = ""
     turn = np.linspace(0, 2 * np.pi, 100)
-    left.plot(
-        turn, np.full(100, fabric_stiffness), "--", color="0.5", label="fabric without print"
-    )
+    left.plot(turn, np.full(100, fabric_stiffness), "--", color="0.5", label="fabric without print")
     left.set_rlim(0)
     left.set_title(f"secant stiffness in N/m at {100 * profile.strain:g} % strain")
     right.plot(*full_circle(profile.angles, profile.contraction, symmetry), color=PRINTED)
@@ -135,7 +133,9 @@ def plot_tiles(path: Path, tile: Tile, region: BaseGeometry, count: int) -> None
     corner = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]]) @ tile.lattice * 1e3
     axes.add_collection(PolyCollection([count * corner[:-1]], facecolors=[FABRIC]))
     fill(axes, region, PRINTED)
-    axes.plot(*(corner + (count // 2) * tile.lattice.sum(axis=0) * 1e3).T, color=TARGET_COLOUR, lw=1)
+    axes.plot(
+        *(corner + (count // 2) * tile.lattice.sum(axis=0) * 1e3).T, color=TARGET_COLOUR, lw=1
+    )
     axes.set_aspect("equal")
     axes.autoscale_view()
     axes.set_xlabel("mm")

@@ -151,7 +151,5 @@ def _printed_tile(entries: dict[str, Any]) -> PrintedTile:
         edge_length=number("edge_length"),
         mesh=str(entries["mesh"].item()),
         symmetry=str(entries["symmetry"].item()),
-        composite=Composite(
-            fabric, reinforcement, c1=number("c1"), c2=number("c2"), bending=None
-        ),
+        composite=Composite(fabric, reinforcement, c1=number("c1"), c2=number("c2"), bending=None),
     )

@@ -211,7 +211,7 @@ def _borders(pattern: Pattern, axis: int) -> tuple[Bools, Bools]:
 
 
 def _mean_gradient(pattern: Pattern, positions: Floats, axis: int, gauge: float) -> Floats:
-    """Return the mean deformation gradient of the triangles with centroids in the middle, (2, 2)."""
+    """Return the mean deformation gradient of the middle, by centroids within the gauge, (2, 2)."""
     place = pattern.centroids[:, axis] - pattern.flat_points[:, axis].min()
     length = np.ptp(pattern.flat_points[:, axis])
     middle = np.abs(place - length / 2) < gauge / 2

@@ -102,7 +102,6 @@ def write_tile_results(
     }
 
     def write() -> None:
-        folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / "summary.json", summary)
         write_svg(folder / "pattern.svg", tile.pattern, printed.regions)
         write_fields(folder / "tile.vtu", tile.pattern, tile.pattern.points, fields)

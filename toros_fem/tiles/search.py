@@ -165,7 +165,7 @@ def _best_starts(
     options: DesignOptions,
     callback: Callback | None,
 ) -> tuple[list[DesignResult], tuple[Trial, ...]]:
-    """Return the two best starts and all trials; a start that reaches the target ends the search."""
+    """Return the two best starts and all trials; one that reaches the target ends the search."""
     found: list[tuple[float, int, bool, DesignResult]] = []
     trials: list[Trial] = []
     failure: NoEquilibriumError | None = None
