@@ -38,6 +38,9 @@ class OwnDesignConfig(Config):
     filter_radius: float = quantity(3.9e-3, "radius R of the filter", "m", above=0)
     iterations: int = quantity(30, "design steps before the width constraints act", at_least=1)
     constrained_iterations: int = quantity(20, "design steps with them", at_least=1)
+    island_area: float = quantity(
+        50e-6, "free islands smaller than this are not printed", "m²", at_least=0
+    )
     seed: int = quantity(0, "seed of the random start", at_least=0)
 
 
@@ -59,6 +62,7 @@ def run(
         verbose: Whether to print every Newton step.
     """
     c = config or OwnDesignConfig()
+    reporter = tf.DesignReporter(comm, output)
     surface = tf.meshes.read_surface(comm, file or FINGER, scale=c.scale)
     pattern = tf.meshes.unwrap(comm, surface).pattern
     low, high = pattern.points[:, 2].min(), pattern.points[:, 2].max()
@@ -82,10 +86,12 @@ def run(
         log=(lambda step: print(step, flush=True)) if verbose and comm.rank == 0 else None,
     )
     stages = [tf.Stage(c.iterations), tf.Stage(c.constrained_iterations, constrained=True)]
-    reporter = tf.DesignReporter(comm, output)
-    result = tf.optimize(problem, stages, seed=c.seed, callback=reporter)
-    printed = tf.as_printed(problem, result, tf.PrintLimits(width=0.6e-3, gap=0.6e-3))
-    return tf.write_results(output, result, printed, config=c)
+    reporter.expect(c.iterations + c.constrained_iterations)
+    with reporter:
+        result = tf.optimize(problem, stages, seed=c.seed, callback=reporter)
+    limits = tf.PrintLimits(width=0.6e-3, gap=0.6e-3)
+    printed = tf.as_printed(problem, result, limits, island_area=c.island_area)
+    return tf.write_results(output, result, printed, config=c, seconds=reporter.seconds)
 
 
 def sentence(summary: dict[str, Any]) -> str:

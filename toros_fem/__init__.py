@@ -47,6 +47,8 @@ from toros_fem.objectives.cross_sections import CrossSectionObjective, CrossSect
 from toros_fem.objectives.gap import Body, GapObjective
 from toros_fem.objectives.metrics import Metric, bend_angle, shortening, swelling, twist_angle
 from toros_fem.objectives.shape import ShapeObjective, SumObjective
+from toros_fem.output.reporter import DesignReporter
+from toros_fem.output.writer import write_results
 
 __all__ = [
     "AlignedObjective",
@@ -58,6 +60,7 @@ __all__ = [
     "CrossSectionObjective",
     "CrossSections",
     "DesignOptions",
+    "DesignReporter",
     "DesignResult",
     "EquilibriumError",
     "EquilibriumResult",
@@ -103,4 +106,5 @@ __all__ = [
     "symmetry_plane",
     "trace_pressure_path",
     "twist_angle",
+    "write_results",
 ]

@@ -1,0 +1,1 @@
+"""Files, console lines and pictures of results."""
