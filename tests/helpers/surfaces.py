@@ -112,3 +112,17 @@ def box(n: int = 4, sizes: tuple[float, float, float] = (0.03, 0.02, 0.01)) -> A
     faces = [sign * top @ np.diag([sign, 1, 1]) @ r for sign in (1, -1) for r in turn]
     count = len(top)
     return np.concatenate(faces) * sizes, np.concatenate([side + count * k for k in range(6)])
+
+
+def welded_box(n: int) -> Surface:
+    """A closed box with common vertices at its creases."""
+    points, triangles = box(n)
+    place, number = np.unique(points.round(12), axis=0, return_inverse=True)
+    return Surface(place, number.ravel()[triangles])
+
+
+def misfit(flat: np.ndarray, wanted: np.ndarray) -> float:
+    """Largest distance after the best similarity, over the size."""
+    z, w = flat @ [1, 1j], wanted @ [1, 1j]
+    z, w = z - z.mean(), w - w.mean()
+    return float(np.abs(np.vdot(z, w) / np.vdot(z, z) * z - w).max() / np.abs(w).max())

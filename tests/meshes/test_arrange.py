@@ -7,7 +7,6 @@ from mpi4py import MPI
 
 from toros_fem.meshes import Pattern, cylinder, rectangle, two_panels, unwrap
 from toros_fem.meshes.arrange import arranged, panel_offsets
-from toros_fem.meshes.surface import Surface
 
 SQUARE = 0.02 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
@@ -61,8 +60,7 @@ def test_panels_that_overlap_or_touch_are_packed(comm: MPI.Comm, kind: str) -> N
 
 
 def test_panels_that_are_apart_keep_their_places(comm: MPI.Comm) -> None:
-    box = Surface(*welded_box())
-    pattern = unwrap(comm, box).pattern
+    pattern = unwrap(comm, surfaces.welded_box(2)).pattern
     assert len(pattern.panel_names) == 6
     offsets = np.array(panel_offsets(pattern, 0.1))
     assert np.ptp(offsets, axis=0) == pytest.approx([0, 0], abs=0)
@@ -73,9 +71,3 @@ def test_panels_that_are_apart_keep_their_places(comm: MPI.Comm) -> None:
     assert np.array(panel_offsets(one, 0.1)) == pytest.approx(
         -one.flat_points.min(axis=0)[None], abs=0
     )
-
-
-def welded_box() -> tuple[np.ndarray, np.ndarray]:
-    points, triangles = surfaces.box(2)
-    places, number = np.unique(points.round(9), axis=0, return_inverse=True)
-    return places, number.ravel()[triangles]

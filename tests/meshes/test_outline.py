@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from toros_fem.errors import OutlineError
 from toros_fem.mechanics.supports import symmetry_plane
-from toros_fem.meshes import rounded, two_panels
+from toros_fem.meshes import two_panels
 
 SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
 ELL = np.array([[0, 0], [0.06, 0], [0.06, 0.02], [0.02, 0.02], [0.02, 0.05], [0, 0.05]])
@@ -36,43 +36,11 @@ def test_pillow_hardly_depends_on_the_mesh(comm: MPI.Comm) -> None:
     assert volume(coarse) == pytest.approx(volume(fine), rel=0.05)
 
 
-def test_inner_edge_between_borders_is_halved(comm: MPI.Comm) -> None:
-    """A strip one triangle wide has nothing but such edges."""
-    strip = np.array([[0, 0], [0.03, 0], [0.03, 4e-3], [0, 4e-3]])
-    pattern = two_panels(comm, strip, 3.5e-3)
-    pattern.require_closed()
-    seam = np.intersect1d(pattern.vertices_of("top"), pattern.vertices_of("bottom"))
-    top = pattern.triangles[pattern.cells_of("top")]
-    assert not np.isin(top, seam).all(axis=1).any()
-
-
 def test_cut_of_one_edge_stays_open(comm: MPI.Comm) -> None:
     strip = np.array([[-0.03, 0], [0.03, 0], [0.03, 4e-3], [-0.03, 4e-3]])
     pattern = two_panels(comm, strip, 3.5e-3, planes=(0,))
     assert len(pattern.free_edges) == 4
     assert symmetry_plane(pattern, 0).close(pattern)
-
-
-def test_rounded_convex_and_concave_corners() -> None:
-    radius = 4e-3
-    points = rounded(ELL, radius)
-    x, y = points.T
-    area = 0.5 * np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))
-    # Five corners lose what the inner one gains, all of 90 degrees.
-    exact = 18e-4 - 4 * (1 - np.pi / 4) * radius**2
-    assert area == pytest.approx(exact, rel=1e-4)
-    inner = points[np.linalg.norm(points - [0.024, 0.024], axis=1) < 1.001 * radius]
-    assert np.linalg.norm(inner - [0.024, 0.024], axis=1) == pytest.approx(radius, rel=1e-12)
-    sharp = rounded(ELL, [0, radius, radius, radius, radius, 0])
-    assert sharp[0] == pytest.approx([0, 0])
-    assert sharp[-1] == pytest.approx([0, 0.05])
-
-
-def test_radius_that_does_not_fit() -> None:
-    with pytest.raises(OutlineError, match=r"corners 1 and 2 take 0.022 m of a side of 0.02 m"):
-        rounded(ELL, 0.011)
-    with pytest.raises(OutlineError, match="2 radii for 6 corners"):
-        rounded(ELL, [1e-3, 1e-3])
 
 
 def test_lines_are_mesh_edges_on_both_panels(comm: MPI.Comm) -> None:

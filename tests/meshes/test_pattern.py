@@ -6,8 +6,7 @@ from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.meshes import Pattern, cylinder, disc, rectangle
-from toros_fem.meshes.sheet import KINDS
+from toros_fem.meshes import Pattern, cylinder
 
 
 def rebuilt(pattern: Pattern, **changes: object) -> Pattern:
@@ -104,77 +103,3 @@ def test_panel_shares_points() -> None:
         rebuilt(sheet, panel=panel, panel_names=("a", "b"))
     with pytest.raises(errors.PanelError, match="'b'.* no triangle"):
         rebuilt(sheet, panel_names=("a", "b"))
-
-
-@pytest.mark.parametrize("mesh", ["structured", "unstructured"])
-def test_cylinder(comm: MPI.Comm, mesh: str) -> None:
-    tube = cylinder(comm, 0.06, 0.02, 4e-3, mesh=mesh)
-    sides = round(np.pi * 0.02 / 4e-3)
-    perimeter = sides * 0.02 * np.sin(np.pi / sides)
-    wall = tube.cells_of("wall")
-    assert tube.areas[wall].sum() == pytest.approx(perimeter * 0.06, rel=1e-12)
-    assert len(tube.free_edges) == 0
-    # Euler characteristic of a sphere, and the seams: two rims and one cut.
-    edges = 3 * len(tube.panel) // 2
-    assert len(tube.points) - edges + len(tube.panel) == 2
-    assert len(tube.seams) == 2 * sides + round(0.06 / 4e-3)
-    a, b, c = np.moveaxis(tube.points[tube.triangles], 1, 0)
-    volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6
-    assert volume == pytest.approx(np.pi * 0.01**2 * 0.06, rel=0.04)
-    assert volume > 0, "normals point outwards"
-    flat = tube.corners[wall].reshape(-1, 2)
-    assert flat.min(axis=0) == pytest.approx([0, 0], abs=1e-12)
-    assert flat.max(axis=0) == pytest.approx([perimeter, 0.06], rel=1e-12)
-
-
-def test_structured_cylinder_is_isometric() -> None:
-    tube = cylinder(MPI.COMM_SELF, 0.06, 0.02, 4e-3, mesh="structured", caps=False)
-    for i in range(3):
-        flat = tube.corners[:, i] - tube.corners[:, i - 1]
-        round_ = tube.points[tube.triangles[:, i]] - tube.points[tube.triangles[:, i - 1]]
-        lengths = np.linalg.norm(flat, axis=1), np.linalg.norm(round_, axis=1)
-        assert lengths[0] == pytest.approx(lengths[1], rel=1e-12)
-    assert len(tube.free_edges) == 2 * round(np.pi * 0.02 / 4e-3)
-
-
-@pytest.mark.parametrize(
-    "sizes", [(-1.0, 0.02, 4e-3), (0.06, float("nan"), 4e-3), (0.06, 0.02, 0.0), (0.06, 0.02, 0.1)]
-)
-def test_cylinder_sizes(comm: MPI.Comm, sizes: tuple[float, float, float]) -> None:
-    with pytest.raises(errors.ParameterError, match=r"= .* must be a finite number"):
-        cylinder(comm, *sizes)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_rectangles_of_every_kind(comm: MPI.Comm, kind: str) -> None:
-    pattern = rectangle(comm, 0.06, 0.04, 0.005, kind)
-    assert pattern.areas.sum() == pytest.approx(0.06 * 0.04, rel=1e-12)
-    ends = pattern.points[pattern.free_edges]
-    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    assert lengths.sum() == pytest.approx(0.2, rel=1e-12)
-    # Euler's formula: a disc, whatever the triangles.
-    edges = (3 * len(pattern.panel) + len(ends)) // 2
-    assert len(pattern.points) - edges + len(pattern.panel) == 1
-    assert lengths.max() < 0.0066
-    if kind == "equilateral":  # but for the halves at two borders, and what the width rounds
-        assert np.median(pattern.areas) == pytest.approx(np.sqrt(3) / 4 * 0.005**2, rel=0.05)
-
-
-@pytest.mark.parametrize("kind", ["structured", "unstructured"])
-def test_discs(comm: MPI.Comm, kind: str) -> None:
-    pattern = disc(comm, 0.02, 0.004, kind)
-    sides = round(2 * np.pi * 0.02 / 0.004)
-    assert len(pattern.free_edges) == sides
-    polygon = 0.5 * sides * 0.02**2 * np.sin(2 * np.pi / sides)
-    assert pattern.areas.sum() == pytest.approx(polygon, rel=1e-12)
-
-
-def test_a_sheet_is_placed_in_space(comm: MPI.Comm) -> None:
-    pattern = rectangle(
-        comm, 0.02, 0.02, 0.01, place=lambda flat: np.column_stack([flat, flat[:, 0] ** 2])
-    )
-    assert pattern.points[:, 2] == pytest.approx(pattern.points[:, 0] ** 2)
-    with pytest.raises(errors.ParameterError, match="mesh = 'round'"):
-        rectangle(comm, 0.02, 0.02, 0.01, "round")
-    with pytest.raises(errors.ParameterError, match="edge_length"):
-        disc(comm, 0.01, 0.02)

@@ -1,14 +1,11 @@
 """A tile is a torus: it closes, repeats, lies side by side and has the symmetry asked for."""
 
-import dolfinx
 import numpy as np
 import pytest
-import ufl
 from mpi4py import MPI
 
-from toros_fem._mpi import total
 from toros_fem.errors import ParameterError, PatternError
-from toros_fem.meshes import SYMMETRIES, Tile, sew, tile
+from toros_fem.meshes import SYMMETRIES, Tile, tile
 from toros_fem.meshes.tile import KINDS
 from toros_fem.meshes.topology import edge_keys
 
@@ -164,14 +161,6 @@ def test_nearest_triangles(comm: MPI.Comm, mesh: str) -> None:
     assert away == pytest.approx(np.linalg.norm(gaps, axis=2).min(axis=1), abs=1e-15)
 
 
-def test_symmetries_are_groups_with_the_identity_first() -> None:
-    assert [len(group) for group in SYMMETRIES.values()] == [1, 4, 4, 8]
-    for group in SYMMETRIES.values():
-        assert (group[0] == np.eye(2)).all()
-        members = {tuple(operation.ravel()) for operation in group}
-        assert {tuple((a @ b).ravel()) for a in group for b in group} == members
-
-
 @pytest.mark.parametrize("edge_length", [SQUARE / 3, SQUARE / 4])
 def test_crossed_square_turns_by_90_degrees(comm: MPI.Comm, edge_length: float) -> None:
     """Whether its sides are divided evenly or not, and whatever symmetry it was made with."""
@@ -229,26 +218,3 @@ def test_bad_input_is_named(comm: MPI.Comm) -> None:
         found.repeated(2, 0)
     with pytest.raises(ParameterError, match="along = 1.5 must be a whole number"):
         found.sheet(1.5, 1)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("mesh", KINDS)
-def test_sewn_torus_is_the_same_on_all_ranks(comm: MPI.Comm, mesh: str) -> None:
-    found = tile(comm, SIZE, EDGE, mesh)
-    first: Tile = comm.bcast(found, root=0)
-    for name in ("flat_points", "flat_triangles", "sewn", "points"):
-        assert (getattr(found.pattern, name) == getattr(first.pattern, name)).all()
-    assert (found.wraps == first.wraps).all()
-    for pattern in (found.pattern, found.repeated(2, 1).tile.pattern):
-        skin = sew(comm, pattern)
-        area = dolfinx.fem.assemble_scalar(
-            dolfinx.fem.form(1.0 * ufl.dx(domain=skin.mesh, degree=1))
-        )
-        assert total(comm, area) == pytest.approx(pattern.areas.sum(), rel=1e-12)
-        topology = skin.mesh.topology
-        topology.create_entities(1)
-        counts = [topology.index_map(k).size_global for k in range(3)]
-        assert counts[0] - counts[1] + counts[2] == 0
-        assert counts[0] == len(pattern.points)
-        assert counts[2] == len(pattern.panel)
-        topology.create_connectivity(1, 2)
-        assert total(comm, len(dolfinx.mesh.exterior_facet_indices(topology))) == 0

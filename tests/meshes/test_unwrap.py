@@ -15,11 +15,8 @@ from toros_fem.fabrication.contours import panel_outline
 from toros_fem.materials import Composite
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes import Surface, sew, unwrap
-from toros_fem.meshes.chart import ChartError, lay_flat
-from toros_fem.meshes.cut import cut_open, disc_cuts, euler
-from toros_fem.meshes.flatten import abf_angles, conformal
 from toros_fem.meshes.surface import volume
-from toros_fem.meshes.topology import corner_angles, edges_of, lengths
+from toros_fem.meshes.topology import corner_angles, lengths
 
 
 def lengths_kept(surface: Surface, flat: np.ndarray, corners: np.ndarray) -> float:
@@ -30,13 +27,6 @@ def lengths_kept(surface: Surface, flat: np.ndarray, corners: np.ndarray) -> flo
 
     wanted = lengths(surface.points, ends(surface.triangles))
     return float(np.abs(lengths(flat, ends(corners)) / wanted - 1).max())
-
-
-def misfit(flat: np.ndarray, wanted: np.ndarray) -> float:
-    """Largest distance after the best similarity, over the size."""
-    z, w = flat @ [1, 1j], wanted @ [1, 1j]
-    z, w = z - z.mean(), w - w.mean()
-    return float(np.abs(np.vdot(z, w) / np.vdot(z, z) * z - w).max() / np.abs(w).max())
 
 
 @pytest.mark.parametrize("method", ["auto", "exact"])
@@ -75,65 +65,8 @@ def test_conformal_maps_unroll_too(
     surface = make()
     exact, made = unwrap(comm, surface), unwrap(comm, surface, method=method)
     assert made.methods == (method,)
-    assert misfit(made.pattern.flat_points, exact.pattern.flat_points) < 1e-8
+    assert surfaces.misfit(made.pattern.flat_points, exact.pattern.flat_points) < 1e-8
     assert made.distortion.worst_stretch < 1e-8, "the scale is right as well"
-
-
-@pytest.mark.parametrize("method", ["abf", "lscm"])
-def test_spherical_cap_against_the_stereographic_map(method: str) -> None:
-    """Angles converge at first order, the scale between centre and rim at second order."""
-    wrong, scale = [], []
-    for rows in (4, 8, 16):
-        surface, image = surfaces.cap(rows, np.radians(60))
-        angles = corner_angles(surface.points, surface.triangles)
-        wanted = abf_angles(surface.triangles, angles) if method == "abf" else angles
-        flat = conformal(surface.triangles, wanted)
-        found = corner_angles(flat, surface.triangles)
-        wrong.append(np.abs(found - angles).mean())
-        k = rows // 2
-        half, rim = slice(1 + 3 * k * (k - 1), 1 + 3 * k * (k + 1)), slice(-6 * rows, None)
-        size = [np.sqrt(np.mean(np.sum((flat[ring] - flat[0]) ** 2, axis=1)))
-                for ring in (half, rim)]  # fmt: skip
-        exact = np.linalg.norm(image[[half.start, -1]], axis=1)
-        scale.append(abs(size[1] / size[0] / (exact[1] / exact[0]) - 1))
-    assert misfit(flat, image) < 2.5e-3
-    assert np.log2(wrong[1] / wrong[2]) > 0.98
-    assert np.log2(scale[1] / scale[2]) == pytest.approx(2, abs=0.05)
-    assert scale[2] < 2e-4
-
-
-def test_abf_meets_its_constraints() -> None:
-    surface, _ = surfaces.cap(8, np.radians(80))
-    triangles = surface.triangles
-    found = abf_angles(triangles, corner_angles(surface.points, triangles))
-    assert found.sum(axis=1) == pytest.approx(np.pi, abs=1e-12)
-    inner = slice(0, len(surface.points) - 48)
-    around = np.bincount(triangles.ravel(), found.ravel())[inner]
-    assert around == pytest.approx(2 * np.pi, abs=1e-11)
-    laid = corner_angles(conformal(triangles, found), triangles)
-    assert laid == pytest.approx(found, abs=1e-9), "wheels close, so that it can be laid out"
-
-
-def euler_of(made: Surface) -> int:
-    return euler(made.triangles)
-
-
-@pytest.mark.parametrize(("make", "chi"), [(surfaces.sphere, 2), (surfaces.torus, 0)])
-def test_closed_surfaces_are_cut_to_discs(make: Callable[[], Surface], chi: int) -> None:
-    surface = make()
-    assert euler_of(surface) == chi
-    edges = edges_of(surface.triangles)
-    seams = np.zeros(len(edges.ends), dtype=bool)
-    seams[disc_cuts(surface.points, surface.triangles, tips=False)] = True
-    cut = cut_open(surface.triangles, edges, seams)
-    assert cut.chart.max() == 0
-    assert euler(cut.triangles) == 1
-    border = edges_of(cut.triangles)
-    ends = border.ends[border.border]
-    assert np.bincount(ends.ravel()).max() == 2, "one loop"
-    if chi == 0:  # around the tube and around its inside: the shortest pair of loops
-        shortest = 24 * 2 * 0.013 * np.sin(np.pi / 24) + 12 * 2 * 0.007 * np.sin(np.pi / 12)
-        assert lengths(surface.points, edges.ends[seams]).sum() < 1.3 * shortest
 
 
 @pytest.mark.parametrize("method", ["auto", "lscm"])
@@ -161,23 +94,8 @@ def test_closed_surfaces_become_panels(
     assert np.array_equal(again.pattern.flat_points, pattern.flat_points)
 
 
-def test_a_tighter_bound_gives_more_panels(comm: MPI.Comm) -> None:
-    counts = [
-        len(unwrap(comm, surfaces.sphere(), max_stretch=bound).methods)
-        for bound in (0.3, 0.15, 0.08)
-    ]
-    assert counts == sorted(counts)
-    assert counts[0] < counts[2]
-
-
-def welded_box() -> Surface:
-    points, triangles = surfaces.box(3)
-    place, number = np.unique(points.round(12), axis=0, return_inverse=True)
-    return Surface(place, number.ravel()[triangles])
-
-
 def test_box_is_cut_at_its_creases(comm: MPI.Comm) -> None:
-    made = unwrap(comm, welded_box())
+    made = unwrap(comm, surfaces.welded_box(3))
     assert made.methods == ("exact",) * 6
     assert made.distortion.worst_stretch < 1e-12
     assert np.bincount(made.pattern.panel, made.pattern.areas) == pytest.approx(
@@ -185,7 +103,7 @@ def test_box_is_cut_at_its_creases(comm: MPI.Comm) -> None:
             -np.bincount(made.pattern.panel, made.pattern.areas), kind="stable"))]
     )  # fmt: skip
     # Without creases it is one panel, cut through its eight corners.
-    whole = unwrap(comm, welded_box(), crease_angle=np.pi)
+    whole = unwrap(comm, surfaces.welded_box(3), crease_angle=np.pi)
     assert set(whole.methods) == {"exact"}
     assert len(whole.methods) <= 2
 
@@ -225,29 +143,6 @@ def test_wrong_requests(comm: MPI.Comm) -> None:
     cap, _ = surfaces.cap(4, 1.0)
     with pytest.raises(errors.SurfaceError, match="not developable.*miss 2π by 0.0"):
         unwrap(comm, cap, method="exact")
-
-
-def test_a_strip_that_would_overlap_is_parted(comm: MPI.Comm) -> None:
-    """A helicoidal ramp of two turns is developable here, but lies over itself when flat."""
-    turn = np.linspace(0, 4 * np.pi, 49)
-    ring = np.column_stack([np.cos(turn), np.sin(turn), 0.02 * turn])
-    points = np.concatenate([ring, ring * [2, 2, 1]]) * 0.01
-    k = np.arange(48)
-    triangles = np.concatenate(
-        [np.stack([k, k + 49, k + 1], 1), np.stack([k + 1, k + 49, k + 50], 1)]
-    )
-    made = unwrap(comm, Surface(points, triangles), seams=[])
-    assert made.methods in (("exact",) * 2, ("exact",) * 3)
-    assert made.distortion.worst_stretch < 1e-12
-
-
-def test_slivers_are_named() -> None:
-    """A flat triangle of no use, though none is turned over."""
-    points = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1e-6, 0], [0.5, -1, 0]])
-    triangles = np.array([[0, 1, 2], [1, 0, 3]])
-    for method in ("exact", "lscm"):
-        with pytest.raises(ChartError, match="1 of its 2 triangles are slivers"):
-            lay_flat(points, triangles, np.zeros((2, 3), dtype=bool), method, np.inf, tips=False)
 
 
 def test_sphere_of_panels_inflates(comm: MPI.Comm) -> None:
