@@ -4,13 +4,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import taylor_rates
 from helpers.symmetry import rests
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
 from toros_fem import errors
-from toros_fem._mpi import dot
 from toros_fem.actuators.gait import Gait, placed
 from toros_fem.actuators.gripper import _surface, _turned
 from toros_fem.actuators.limb import (
@@ -32,7 +30,7 @@ from toros_fem.fabrication.printability import PrintLimits
 from toros_fem.materials import Bending, Composite
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes import WALKER, Pattern, Skin, mirrored, plane_centroids, sew, stand, walker
-from toros_fem.objectives.gap import Body, GapObjective
+from toros_fem.objectives.gap import Body
 from toros_fem.objectives.shape import ShapeObjective
 
 ALONG = np.append(WALKER.directions[0], 0.0)
@@ -60,36 +58,6 @@ def test_sections_of_a_leg(quarter: Pattern) -> None:
     assert found.position_weights.sum() == pytest.approx(3 * 0.1)
     with pytest.raises(errors.ParameterError, match="no vertex lies further"):
         limb_vertices(quarter, ALONG, 1.0)
-
-
-def test_distance_from_bodies() -> None:
-    ball = Body("sphere", 0.04, (0.0, 0.0, 0.1))
-    points = np.array([[0.0, 0.0, 0.13], [0.01, 0.0, 0.1], [0.03, 0.04, 0.1]])
-    distance, gradient = ball.distance(points)
-    assert distance == pytest.approx([0.01, -0.01, 0.03])
-    assert gradient == pytest.approx(np.array([[0, 0, 1], [1, 0, 0], [0.6, 0.8, 0]]))
-    box = Body("box", 0.04, (0.0, 0.0, 0.0))
-    points = np.array([[0.03, 0.0, 0.0], [0.0, -0.01, 0.0], [0.015 + 0.03, 0.015 + 0.04, 0.0]])
-    distance, gradient = box.distance(points)
-    assert distance == pytest.approx([0.01, -0.01, 0.05 - 0.005])
-    assert gradient == pytest.approx(np.array([[1, 0, 0], [0, -1, 0], [0.6, 0.8, 0]]))
-    with pytest.raises(errors.ParameterError, match="shape = 'egg'"):
-        Body("egg", 0.04, (0.0, 0.0, 0.0))
-
-
-@pytest.mark.parametrize("shape", ["sphere", "box"])
-def test_taylor_of_the_gap(tube: Skin, comm: MPI.Comm, shape: str) -> None:
-    rng = np.random.default_rng(4)
-    weights = rng.uniform(0, 1, len(tube.pattern.points))
-    objective = GapObjective(tube, Body(shape, 0.03, (0.004, 0.002, 0.03)), weights, 2.0)
-    owned = tube.owned_vertices
-    x = tube.pattern.points[owned] * 1.5
-    direction = tube.pattern.points[:, [1, 2, 0]][owned]
-    slope = dot(comm, objective.backward(x).ravel(), direction.ravel())
-    rates = taylor_rates(lambda h: objective.forward(x + h * direction), slope, 0.02)
-    assert rates == pytest.approx(2.0, abs=0.1)
-    with pytest.raises(errors.ParameterError, match="weights have shape"):
-        GapObjective(tube, Body(shape, 0.03, (0.0, 0.0, 0.0)), weights[1:])
 
 
 def design(

@@ -177,10 +177,23 @@ def test_state_resumes_exactly() -> None:
 
 
 def test_bad_input() -> None:
-    with pytest.raises(ParameterError, match="below its lower bound"):
+    with pytest.raises(ParameterError, match="1 less than its lower bound"):
         MMA(vec(np.ones(3)), vec(np.zeros(3)))
     mma = MMA(vec(np.zeros(3)), vec(np.ones(3)), 1)
-    with pytest.raises(ParameterError, match="0 values and 0 gradients for 1"):
+    with pytest.raises(ParameterError, match="0 values and 0 gradients were given for 1"):
         mma.step(vec(np.ones(3)), 1.0, vec(np.ones(3)))
     with pytest.raises(ParameterError, match="move"):
         MMAOptions(move=2.0)
+
+
+def test_integers_are_numbers() -> None:
+    def run(options: MMAOptions) -> np.ndarray:
+        mma = MMA(vec(np.full(5, 1.0)), vec(np.full(5, 10.0)), 1, options)
+        x = vec(np.full(5, 5.0))
+        for _ in range(3):
+            f, df, values, jacobian = beam(x.array)
+            mma.step(x, f, vec(df), values, [vec(row) for row in jacobian])
+        return x.array.copy()
+
+    whole = run(MMAOptions(move=1, asymptote_start=1, penalty=1000))
+    assert np.array_equal(whole, run(MMAOptions(move=1.0, asymptote_start=1.0, penalty=1000.0)))

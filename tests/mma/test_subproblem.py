@@ -1,73 +1,12 @@
 """MMA's subproblem against independent solvers, and where it is hard."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
+from helpers.mma_problems import Case, random_case
 from mmapy import subsolv
-from mpi4py import MPI
 from scipy.optimize import minimize
 
-from toros_fem.mma import approximation
-from toros_fem.mma.approximation import Approximation
-from toros_fem.mma.subproblem import Price, Solution, solve_subproblem
-
-SMALL = 1e-5
-
-
-@dataclass
-class Case:
-    """A subproblem by what it is made from."""
-
-    x: np.ndarray
-    distance: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
-    gradients: np.ndarray
-    values: np.ndarray
-    curvature: np.ndarray
-    penalty: float = 1000.0
-    move: float = 1.0
-
-    def solve(self, start: np.ndarray | None = None) -> tuple[np.ndarray, Solution]:
-        model = Approximation(MPI.COMM_SELF, len(self.x), len(self.values))
-        bounds = (self.lower, self.upper)
-        model.expand(self.x, self.distance, bounds, self.move, list(self.gradients))
-        model.curvature = self.curvature
-        ones = np.ones(len(self.values))
-        price = Price(self.penalty * ones, ones)
-        solution = solve_subproblem(model, self.values, price, start, 1e-9)
-        out = np.empty_like(self.x)
-        model.minimiser(solution.multipliers, self.x, self.distance, bounds, out)
-        return out, solution
-
-    def classical(self) -> tuple[np.ndarray, ...]:
-        """Svanberg's p, q, b, asymptotes and box, as his paper writes them."""
-        span = self.upper - self.lower
-        d = np.where(span > 0, self.distance, 1.0)
-        low, upp = self.x - d, self.x + d
-        rise, fall = np.maximum(self.gradients, 0), np.maximum(-self.gradients, 0)
-        bend = self.curvature[:, None] / np.where(span > 0, span, 1.0)
-        p = (upp - self.x) ** 2 * (1.001 * rise + 0.001 * fall + bend)
-        q = (self.x - low) ** 2 * (0.001 * rise + 1.001 * fall + bend)
-        b = (p[1:] / (upp - self.x) + q[1:] / (self.x - low)).sum(axis=1) - self.values
-        limits = 0.9 * d, self.move * span
-        alpha = np.maximum.reduce([self.lower, *(self.x - limit for limit in limits)])
-        beta = np.minimum.reduce([self.upper, *(self.x + limit for limit in limits)])
-        return p, q, b, low, upp, alpha, beta
-
-
-def random_case(seed: int, n: int, m: int, **changes: object) -> Case:
-    rng = np.random.default_rng(seed)
-    lower, upper = -rng.random(n), rng.random(n)
-    x = lower + (upper - lower) * rng.random(n)
-    distance = (upper - lower) * (0.1 + rng.random(n))
-    gradients = rng.standard_normal((m + 1, n)) / n
-    values = 0.2 * rng.random(m) * np.abs(gradients[1:] * distance).sum(axis=1)
-    case = Case(x, distance, lower, upper, gradients, values, np.full(m + 1, SMALL))
-    for name, value in changes.items():
-        setattr(case, name, value)
-    return case
+from toros_fem.mma.subproblem import Solution
 
 
 def check_optimality(case: Case, x: np.ndarray, solution: Solution, tolerance: float) -> None:
@@ -221,10 +160,3 @@ def test_a_start_changes_the_way_and_not_the_solution() -> None:
         other, solution = case.solve(start)
         assert other == pytest.approx(x, abs=1e-7)
         assert solution.evaluations > 1
-
-
-def test_pieces_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    case = random_case(8, 1000, 2)
-    whole, _ = case.solve()
-    monkeypatch.setattr(approximation, "BLOCK", 64)
-    assert case.solve()[0] == pytest.approx(whole, abs=1e-9)

@@ -1,1 +1,5 @@
-"""The method of moving asymptotes, distributed over ranks."""
+"""Svanberg's method of moving asymptotes, distributed over ranks."""
+
+from toros_fem.mma.optimizer import MMA, MMAOptions, MMAState
+
+__all__ = ["MMA", "MMAOptions", "MMAState"]

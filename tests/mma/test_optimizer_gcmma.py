@@ -75,7 +75,7 @@ def gcmma(
         else:
             pytest.fail("no conservative approximation after 40 attempts")
         history.append((f, max(values)))
-        residuals[-1] = mma.kkt(x, vec(df), values, [vec(row) for row in jacobian])
+        residuals[-1] = mma.kkt_residual(x, vec(df), values, [vec(row) for row in jacobian])
         if residuals[-1] < 1e-7:
             break
     return x.array.copy(), history, mma, residuals
@@ -242,7 +242,7 @@ def test_kkt_residual() -> None:
         mma.state.multipliers = np.array([lam])
         at = np.array(x)
         slope, normal = vec(at - centre), vec(np.array([1.0, 1.0, 0.0]))
-        return mma.kkt(vec(at), slope, [at[0] + at[1] - 1.1], [normal])
+        return mma.kkt_residual(vec(at), slope, [at[0] + at[1] - 1.1], [normal])
 
     assert residual([1.0, 0.1, 5.0], 0.2) == pytest.approx(0, abs=1e-15)
     assert residual([1.0, 0.1, 5.0], 0.0) == pytest.approx(0.4), "2 · |0.1 − 0.3|"
@@ -251,7 +251,7 @@ def test_kkt_residual() -> None:
     assert residual([0.8, 0.2, 5.0], 0.2) == pytest.approx(0.2), "0.2 − clip(0.2 − 2·0.1)"
     assert residual([0.8, 0.3, 5.0], 0.0) == pytest.approx(0.2), "up to its bound and no further"
     with pytest.raises(ParameterError, match="for 1 constraints"):
-        mma.kkt(vec(lower), vec(lower))
+        mma.kkt_residual(vec(lower), vec(lower))
 
 
 def test_bad_input() -> None:
@@ -261,7 +261,7 @@ def test_bad_input() -> None:
     with pytest.raises(ParameterError, match="call step first"):
         mma.conservative(vec(np.ones(2)), 1.0, [0.0, 0.0])
     mma.step(vec(np.ones(2)), 1.0, vec(np.ones(2)), [0.0, 0.0], [vec(np.ones(2))] * 2)
-    with pytest.raises(ParameterError, match="1 values for 2"):
+    with pytest.raises(ParameterError, match="1 values were given for 2"):
         mma.retry(vec(np.ones(2)), 1.0, [0.0])
 
 
@@ -294,7 +294,7 @@ def spread(comm: MPI.Comm) -> tuple[np.ndarray, float, int]:
                 break
             retries += 1
             mma.retry(x, f, values)
-    residual = mma.kkt(x, vec(df, comm), values, [vec(row, comm) for row in jacobian])
+    residual = mma.kkt_residual(x, vec(df, comm), values, [vec(row, comm) for row in jacobian])
     return np.concatenate(comm.allgather(x.array.copy())), residual, retries
 
 

@@ -97,7 +97,7 @@ def test_misfit_that_stays_is_the_least(seed: int) -> None:
     least = 2 * lsq_linear(a, b, (0, 1), tol=1e-13).cost
     r = a @ x - b
     assert r @ r == pytest.approx(least, rel=1e-6)
-    assert mma.kkt(vec(x), vec(2 * r @ a)) < 1e-2
+    assert mma.kkt_residual(vec(x), vec(2 * r @ a)) < 1e-2
 
 
 def test_under_a_constraint() -> None:
@@ -170,7 +170,7 @@ def test_a_retry_moves_on_whichever_sign_overshot() -> None:
 
 @pytest.mark.parametrize("factor", [0.3, 9.0, 1e6])
 def test_other_units_change_nothing(factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Curvatures, multipliers and the price of a constraint that cannot be met follow."""
+    """Curvatures, multipliers and the penalty of a constraint that cannot be met follow."""
     monkeypatch.setattr("toros_fem.mma.optimizer.SMALL", 1e-13)
     n, k = 60, 3
     a, b = linear(n, k, 5)
@@ -192,7 +192,7 @@ def test_other_units_change_nothing(factor: float, monkeypatch: pytest.MonkeyPat
             mma.step(x, scale * rest, vec(scale * gradient), values, slopes, root * r, rows)
             mma.retry(x, np.inf, [np.inf] * 2, [np.inf] * k)
             found.append(x.array.copy())
-            kkt = mma.kkt(x, vec(scale * (gradient + 2 * r @ a)), values, slopes)
+            kkt = mma.kkt_residual(x, vec(scale * (gradient + 2 * r @ a)), values, slopes)
         return found, kkt
 
     same, first = run([1.0, 1.0, 1.0])
@@ -225,15 +225,15 @@ def test_distributed_equals_serial(comm: MPI.Comm) -> None:
 
 def test_bad_input() -> None:
     mma = MMA(vec(np.zeros(3)), vec(np.ones(3)), residuals=2)
-    with pytest.raises(ParameterError, match="0 residuals and 0 slopes for 2"):
+    with pytest.raises(ParameterError, match="0 residuals and 0 gradients were given for 2"):
         mma.step(vec(np.ones(3)), 0.0, vec(np.ones(3)))
     mma.step(vec(np.ones(3)), 0.0, vec(np.ones(3)), (), (), [1.0, 2.0], [vec(np.ones(3))] * 2)
     for residuals in ([1.0], [1.0, 2.0, 3.0]):
-        with pytest.raises(ParameterError, match=f"{len(residuals)} residuals of 2"):
+        with pytest.raises(ParameterError, match=f"{len(residuals)} residuals for 2"):
             mma.retry(vec(np.ones(3)), 0.0, (), residuals)
-    with pytest.raises(ParameterError, match="0 residuals of 2"):
+    with pytest.raises(ParameterError, match="0 residuals for 2"):
         mma.conservative(vec(np.ones(3)), 0.0)
-    with pytest.raises(ParameterError, match="4 values for 0"):
+    with pytest.raises(ParameterError, match="4 values were given for 0"):
         mma.retry(vec(np.ones(3)), 0.0, [0.0] * 4)
     with pytest.raises(ParameterError, match="factor"):
         mma.rescale(0.0)
