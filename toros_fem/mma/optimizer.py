@@ -226,7 +226,7 @@ class MMA:
         Args:
             x: The proposed point, overwritten.
             value: f₀ there, the same on all ranks; infinite where it does not exist.
-            values: fᵢ there. Without values and residuals all functions but f₀ count as conservative.
+            values: fᵢ there. If values and residuals are left out, only f₀ is tested.
             residuals: rₖ there.
 
         Raises:
