@@ -1,4 +1,4 @@
-"""Checks of flat skins."""
+"""Checks of flat skins of two panels."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ def volume(pattern: Pattern, positions: np.ndarray | None = None) -> float:
 
 
 def check_twins(pattern: Pattern) -> None:
-    """Both panels are one mesh, top above, and strained by no more than the pillow needs."""
+    """Both panels have the same mesh, the top is above, and the pillow strains them slightly."""
     top, bottom = pattern.cells_of("top"), pattern.cells_of("bottom")
     assert len(top) == len(bottom)
     low = pattern.points[pattern.triangles[bottom][:, ::-1]]
@@ -29,11 +29,11 @@ def check_twins(pattern: Pattern) -> None:
 
 
 def edges_on(pattern: Pattern, panel: str, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Places along a line of the mesh edges that lie on it, sorted, (k, 2), as shares of it."""
+    """Ends of the mesh edges on a line, sorted, (k, 2), as fractions of its length."""
     ends = edges_of(pattern.triangles[pattern.cells_of(panel)]).ends
     along = end - begin
     away = pattern.points[:, :2] - begin
     on = np.abs(away[:, 0] * along[1] - away[:, 1] * along[0]) < 1e-9 * np.linalg.norm(along)
-    share = away @ along / (along @ along)
-    found = share[ends[on[ends].all(axis=1)]]
+    fraction = away @ along / (along @ along)
+    found = fraction[ends[on[ends].all(axis=1)]]
     return np.sort(np.sort(found, axis=1), axis=0)

@@ -1,4 +1,4 @@
-"""Surfaces with known flat shapes, for tests."""
+"""Surfaces, most of them with known flat shapes."""
 
 import numpy as np
 
@@ -35,8 +35,8 @@ def prism(around: int = 12, rows: int = 5, radius: float = 0.01, length: float =
 
 def cone(around: int = 12, rows: int = 5, radius: float = 0.01, height: float = 0.02) -> Surface:
     """An open cone with its tip, a pyramid."""
-    share = np.arange(rows, 0, -1) / rows
-    points = turned(radius * share, height * (1 - share), around)
+    fraction = np.arange(rows, 0, -1) / rows
+    points = turned(radius * fraction, height * (1 - fraction), around)
     tip, last = len(points), np.arange((rows - 1) * around, rows * around)
     fan = np.stack([last, np.roll(last, -1), np.full(around, tip)], axis=1)
     return Surface(np.vstack([points, [0, 0, height]]), np.vstack([rings(rows, around), fan]))
@@ -67,7 +67,7 @@ def cap(rows: int, angle: float, radius: float = 0.01) -> tuple[Surface, np.ndar
 
 
 def sphere(steps: int = 2, radius: float = 0.01) -> Surface:
-    """A closed sphere, an icosahedron refined so many times."""
+    """A closed sphere, an icosahedron refined `steps` times."""
     t = (1 + np.sqrt(5)) / 2
     points = np.array(
         [[-1, t, 0], [1, t, 0], [-1, -t, 0], [1, -t, 0], [0, -1, t], [0, 1, t],
@@ -112,6 +112,19 @@ def box(n: int = 4, sizes: tuple[float, float, float] = (0.03, 0.02, 0.01)) -> A
     faces = [sign * top @ np.diag([sign, 1, 1]) @ r for sign in (1, -1) for r in turn]
     count = len(top)
     return np.concatenate(faces) * sizes, np.concatenate([side + count * k for k in range(6)])
+
+
+def ramp(turns: int = 2, steps: int = 24) -> Surface:
+    """A helicoidal ramp about z, developable to the mesh's own shape."""
+    count = turns * steps
+    turn = np.linspace(0, 2 * np.pi * turns, count + 1)
+    ring = np.column_stack([np.cos(turn), np.sin(turn), 0.02 * turn])
+    k = np.arange(count)
+    triangles = [(k, k + count + 1, k + 1), (k + 1, k + count + 1, k + count + 2)]
+    return Surface(
+        np.concatenate([ring, ring * [2, 2, 1]]) * 0.01,
+        np.concatenate([np.stack(corners, axis=1) for corners in triangles]),
+    )
 
 
 def welded_box(n: int) -> Surface:

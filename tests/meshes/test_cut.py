@@ -7,8 +7,8 @@ import pytest
 from helpers import surfaces
 
 from toros_fem.meshes import Surface
-from toros_fem.meshes.cut import cut_open, disc_cuts, euler
-from toros_fem.meshes.topology import edges_of, lengths
+from toros_fem.meshes.cut import cones, cut_open, disc_cuts, euler
+from toros_fem.meshes.topology import edge_keys, edges_of, lengths
 
 
 @pytest.mark.parametrize(("make", "chi"), [(surfaces.sphere, 2), (surfaces.torus, 0)])
@@ -27,3 +27,36 @@ def test_closed_surfaces_are_cut_to_discs(make: Callable[[], Surface], chi: int)
     if chi == 0:  # around the tube and around its inside: the shortest pair of loops
         shortest = 24 * 2 * 0.013 * np.sin(np.pi / 24) + 12 * 2 * 0.007 * np.sin(np.pi / 12)
         assert lengths(surface.points, edges.ends[seams]).sum() < 1.3 * shortest
+
+
+def test_a_single_edge_separates_nothing() -> None:
+    """An inner edge whose ends are inside stays whole; two in a row open a slit."""
+    tube = surfaces.prism(12, 5)
+    edges = edges_of(tube.triangles)
+    keys = edge_keys(edges.ends, len(tube.points))
+    for line, opened in (([24, 36], 0), ([24, 36, 48], 1), ([36, 48, 60], 2)):
+        seams = np.isin(keys, edge_keys(np.stack([line[:-1], line[1:]], axis=1), len(tube.points)))
+        cut = cut_open(tube.triangles, edges, seams)
+        assert len(cut.sewn) - len(tube.points) == opened
+        assert np.array_equal(cut.sewn[cut.triangles], tube.triangles)
+        assert cut.chart.max() == 0
+
+
+def test_a_ring_of_seams_makes_two_charts() -> None:
+    tube = surfaces.prism(12, 5)
+    edges = edges_of(tube.triangles)
+    cut = cut_open(tube.triangles, edges, np.ptp(tube.points[edges.ends, 2], axis=1) < 1e-9)
+    assert cut.chart.max() == 4
+    assert np.bincount(cut.chart).tolist() == [24] * 5
+    assert len(cut.sewn) == 10 * 12
+
+
+def test_tips_are_vertices_with_most_of_the_curvature() -> None:
+    box = surfaces.welded_box(3)
+    found = cones(box.points, box.triangles, edges_of(box.triangles))
+    assert sorted(map(tuple, np.abs(box.points[found]))) == [(0.015, 0.01, 0.005)] * 8
+    ball = surfaces.sphere(2)
+    assert len(cones(ball.points, ball.triangles, edges_of(ball.triangles))) == 0
+    seams = disc_cuts(box.points, box.triangles, tips=True)
+    ends = edges_of(box.triangles).ends[seams]
+    assert np.isin(found, ends).all(), "cuts lead through all of them"

@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.meshes import read_surface
+from toros_fem.meshes.mesh_file import load, obj_lines
 
 
 def test_formats_that_need_another_package(
@@ -65,3 +66,21 @@ def test_files_that_cannot_be_read(comm: MPI.Comm, folder: Path) -> None:
         read_surface(comm, path)
     with pytest.raises(errors.ParameterError, match="scale"):
         read_surface(comm, path, scale=0)
+
+
+def test_line_elements_of_an_obj_file(tmp_path: Path) -> None:
+    path = tmp_path / "lines.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nl 1/4 2/5\nv 1 1 0\nl -1 -3\n# l 1 3\n", encoding="utf-8")
+    assert obj_lines(path).tolist() == [[0, 1], [2, 0]]
+    path.write_text("v 0 0 0\n", encoding="utf-8")
+    assert obj_lines(path).shape == (0, 2)
+
+
+def test_meshio_prints_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The error has the requested type and says what to do."""
+    path = tmp_path / "broken.ply"
+    path.write_text("no mesh", encoding="utf-8")
+    with pytest.raises(errors.TargetError, match=r"broken.ply cannot .* Save it as OBJ or VTU."):
+        load(path, errors.TargetError, "OBJ or VTU")
+    printed = capsys.readouterr()
+    assert (printed.out, printed.err) == ("", "")

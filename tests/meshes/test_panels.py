@@ -4,19 +4,14 @@ import numpy as np
 from helpers import surfaces
 from mpi4py import MPI
 
-from toros_fem.meshes import Surface, unwrap
+from toros_fem.meshes import unwrap
+from toros_fem.meshes.panels import flat_panels
+from toros_fem.meshes.topology import edges_of
 
 
-def test_a_strip_that_would_overlap_is_parted(comm: MPI.Comm) -> None:
+def test_a_strip_that_would_overlap_is_divided(comm: MPI.Comm) -> None:
     """A helicoidal ramp of two turns is developable here, but lies over itself when flat."""
-    turn = np.linspace(0, 4 * np.pi, 49)
-    ring = np.column_stack([np.cos(turn), np.sin(turn), 0.02 * turn])
-    points = np.concatenate([ring, ring * [2, 2, 1]]) * 0.01
-    k = np.arange(48)
-    triangles = np.concatenate(
-        [np.stack([k, k + 49, k + 1], 1), np.stack([k + 1, k + 49, k + 50], 1)]
-    )
-    made = unwrap(comm, Surface(points, triangles), seams=[])
+    made = unwrap(comm, surfaces.ramp(), seams=[])
     assert made.methods in (("exact",) * 2, ("exact",) * 3)
     assert made.distortion.worst_stretch < 1e-12
 
@@ -28,3 +23,18 @@ def test_a_tighter_bound_gives_more_panels(comm: MPI.Comm) -> None:
     ]
     assert counts == sorted(counts)
     assert counts[0] < counts[2]
+
+
+def test_panels_cover_the_surface_and_respect_cuts() -> None:
+    """Each triangle is in one panel, in the order of parts; panels are not merged across a cut."""
+    ball = surfaces.sphere(2)
+    edges = edges_of(ball.triangles)
+    upper = ball.points[ball.triangles].mean(axis=1)[:, 2] > 0
+    cuts = upper[edges.sides[:, 0]] != upper[edges.sides[:, 1]]
+    panels = flat_panels(ball, edges, cuts, "auto", 0.1, tips=True)
+    cells = np.concatenate([cells for cells, _ in panels])
+    assert np.array_equal(np.sort(cells), np.arange(len(ball.triangles)))
+    assert all(len(np.unique(upper[cells])) == 1 for cells, _ in panels)
+    assert len(panels) > 2
+    first = [int(cells[0]) for cells, _ in panels]
+    assert first == sorted(first)

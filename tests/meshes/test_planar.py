@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 from toros_fem.errors import OutlineError
 from toros_fem.meshes import rounded, two_panels
+from toros_fem.meshes.planar import arc, glued
 
 ELL = np.array([[0, 0], [0.06, 0], [0.06, 0.02], [0.02, 0.02], [0.02, 0.05], [0, 0.05]])
 
@@ -40,3 +41,22 @@ def test_inner_edge_between_borders_is_halved(comm: MPI.Comm) -> None:
     seam = np.intersect1d(pattern.vertices_of("top"), pattern.vertices_of("bottom"))
     top = pattern.triangles[pattern.cells_of("top")]
     assert not np.isin(top, seam).all(axis=1).any()
+
+
+def test_arcs() -> None:
+    points = arc([1, 2], 0.5, 0, np.pi / 2)
+    assert len(points) == 19
+    assert points[[0, -1]] == pytest.approx(np.array([[1.5, 2], [1, 2.5]]), abs=1e-15)
+    assert np.linalg.norm(points - [1, 2], axis=1) == pytest.approx(0.5)
+
+
+def test_meshes_are_glued_where_their_points_coincide() -> None:
+    square = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
+    triangles = np.array([[0, 1, 2], [0, 2, 3]])
+    beside = square + [1 + 1e-9, 0]
+    points, found = glued([(square, triangles), (beside, triangles)], 1e-6)
+    assert len(points) == 6
+    assert np.array_equal(points[:4], square), "the first of coincident points stays"
+    assert found[2:].tolist() == [[1, 4, 5], [1, 5, 2]]
+    apart, _ = glued([(square, triangles), (beside, triangles)], 1e-12)
+    assert len(apart) == 8

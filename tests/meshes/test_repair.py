@@ -9,6 +9,7 @@ from helpers.mesh_files import write
 from mpi4py import MPI
 
 from toros_fem.meshes import read_surface
+from toros_fem.meshes.repair import mend, weld
 from toros_fem.meshes.topology import edges_of, shapes
 
 
@@ -44,3 +45,41 @@ def test_caps_at_a_border_are_dropped_unless_that_tears(comm: MPI.Comm, folder: 
         found = read_surface(comm, path)
         assert found.repairs.dropped == dropped
         assert len(found.triangles) == len(kept) - dropped
+
+
+@pytest.mark.parametrize("noise", [0, 1e-13, 1e-9, 3e-8])
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_vertices_are_merged_by_distance(noise: float, unit: float) -> None:
+    """Three copies or more of each vertex, apart by a fraction of the size, in any unit."""
+    ball = surfaces.sphere(3)
+    rng = np.random.default_rng(0)
+    size = np.linalg.norm(np.ptp(ball.points, axis=0))
+    points = ball.points[ball.triangles].reshape(-1, 3)
+    points = points + noise * size / np.sqrt(3) * rng.uniform(-0.5, 0.5, points.shape)
+    corners = np.arange(len(points)).reshape(-1, 3)
+    replaced_by, kept = weld(unit * points, corners)
+    assert len(np.unique(replaced_by)) == len(ball.points)
+    assert np.array_equal(kept, np.arange(len(corners)))
+    assert len(edges_of(replaced_by[corners]).border) == 0
+
+
+def test_copies_and_degenerate_triangles_are_left_out() -> None:
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 1e-9], [5, 5, 5.0]])
+    triangles = np.array([[0, 1, 2], [2, 1, 0], [1, 3, 2], [3, 2, 0], [0, 1, 4]])
+    replaced_by, kept = weld(points, triangles)
+    assert replaced_by.tolist() == [0, 1, 2, 1, 4]
+    assert kept.tolist() == [0, 4]
+
+
+def test_kept_edges_and_borders_of_parts_are_not_repaired() -> None:
+    """A cap whose long edge is kept, or divides two parts, stays as it is."""
+    points = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1e-5, 0], [0.5, -1, 0], [0.5, 1, 0]])
+    triangles = np.array([[0, 1, 2], [1, 0, 3], [2, 1, 4], [0, 2, 4]])
+    free = mend(points, triangles, np.zeros(4, dtype=int), np.zeros((0, 2), dtype=int))
+    assert free[-1] == {"collapsed": 0, "flipped": 1, "dropped": 0}
+    assert shapes(free[0], free[1]).min() > 0.3
+    for parts, kept in ((np.array([0, 1, 0, 0]), np.zeros((0, 2), dtype=int)),
+                        (np.zeros(4, dtype=int), np.array([[1, 0]]))):  # fmt: skip
+        found = mend(points, triangles, parts, kept)
+        assert found[-1] == {"collapsed": 0, "flipped": 0, "dropped": 0}
+        assert np.array_equal(found[1], triangles)

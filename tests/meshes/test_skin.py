@@ -1,12 +1,15 @@
 """The sewn skin has the same mesh on any number of ranks."""
 
 import dolfinx
+import numpy as np
 import pytest
 import ufl
 from mpi4py import MPI
 
 from toros_fem._mpi import total
-from toros_fem.meshes import Tile, sew, tile
+from toros_fem.meshes import Skin, Tile, cylinder, sew, tile
+from toros_fem.meshes.distortion import distortion
+from toros_fem.meshes.skin import concatenated_index_map
 from toros_fem.meshes.tile import KINDS
 
 SIZE = (0.03, 0.02)
@@ -34,3 +37,59 @@ def test_sewn_torus_is_the_same_on_all_ranks(comm: MPI.Comm, mesh: str) -> None:
         assert counts[2] == len(pattern.panel)
         topology.create_connectivity(1, 2)
         assert total(comm, len(dolfinx.mesh.exterior_facet_indices(topology))) == 0
+
+
+@pytest.fixture(scope="module")
+def skin(comm: MPI.Comm) -> Skin:
+    return sew(comm, cylinder(comm, 0.06, 0.02, 5e-3))
+
+
+def test_each_vertex_and_triangle_is_owned_once(comm: MPI.Comm, skin: Skin) -> None:
+    for owned, count in (
+        (skin.owned_vertices, len(skin.pattern.points)),
+        (skin.owned_cells, len(skin.pattern.panel)),
+    ):
+        everywhere = np.concatenate(comm.allgather(owned))
+        assert np.array_equal(np.sort(everywhere), np.arange(count))
+
+
+def test_values_are_gathered(skin: Skin) -> None:
+    pattern = skin.pattern
+    positions = skin.gather_vertices(pattern.points[skin.owned_vertices])
+    assert np.array_equal(positions, pattern.points)
+    assert np.array_equal(skin.gather_cells(pattern.areas[skin.owned_cells]), pattern.areas)
+
+
+def test_geometry_is_flat_and_topology_assembled(comm: MPI.Comm, skin: Skin) -> None:
+    """Flat areas of each triangle, and F of the assembled shape: its stretches are near 1."""
+    pattern = skin.pattern
+    assert skin.mesh.geometry.dim == skin.mesh.topology.dim == 2
+    test = ufl.TestFunction(skin.density_space)
+    area = dolfinx.fem.assemble_vector(dolfinx.fem.form(test * ufl.dx(skin.mesh, degree=1)))
+    count = len(skin.owned_cells)
+    assert area.array[:count] == pytest.approx(pattern.areas[skin.owned_cells], rel=1e-12)
+    x = dolfinx.fem.Function(skin.position_space)
+    x.x.array[:] = pattern.points[skin.vertex].ravel()
+    gradient = ufl.grad(x)
+    square = dolfinx.fem.form(ufl.inner(gradient, gradient) * ufl.dx(degree=1))
+    stretches = distortion(pattern).stretches
+    exact = (pattern.areas * (stretches**2).sum(axis=1)).sum()
+    assert total(comm, dolfinx.fem.assemble_scalar(square)) == pytest.approx(exact, rel=1e-12)
+
+
+def test_concatenated_index_maps(comm: MPI.Comm, skin: Skin) -> None:
+    """Ghosts refer to their owners: global numbers, sent there and back, agree."""
+    cells = skin.mesh.topology.index_map(2)
+    nodes = skin.position_space.dofmap.index_map
+    whole, (first, second) = concatenated_index_map(comm, [(cells, 2), (nodes, 3)])
+    assert whole.size_global == 2 * cells.size_global + 3 * nodes.size_global
+    assert whole.size_local == 2 * cells.size_local + 3 * nodes.size_local
+    local = np.concatenate([first, second])
+    assert np.array_equal(np.sort(local), np.arange(whole.size_local + whole.num_ghosts))
+    number = whole.local_to_global(local.astype(np.int32))
+    one, two = (m.local_to_global(np.arange(m.size_local + m.num_ghosts, dtype=np.int32))
+                for m in (cells, nodes))  # fmt: skip
+    origin = np.concatenate([2 * np.repeat(one, 2), 3 * np.repeat(two, 3) + 1])
+    mine = dict(zip(number.tolist(), origin.tolist(), strict=True))
+    for other in comm.allgather(mine):
+        assert all(other[key] == value for key, value in mine.items() if key in other)

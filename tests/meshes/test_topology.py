@@ -1,0 +1,106 @@
+"""Edges, fans, regions and angles on small meshes whose answers are known."""
+
+import numpy as np
+import pytest
+from helpers import surfaces
+from helpers.scenes import square
+
+from toros_fem.meshes import topology
+from toros_fem.meshes.topology import edges_of
+
+# Two triangles with a common edge 1-2, counter-clockwise.
+PAIR = np.array([[0, 1, 2], [2, 1, 3]])
+
+
+def test_edges_of_two_triangles() -> None:
+    edges = edges_of(PAIR)
+    assert edges.ends.tolist() == [[0, 1], [0, 2], [1, 2], [1, 3], [2, 3]]
+    assert edges.count.tolist() == [1, 1, 2, 1, 1]
+    assert edges.inner.tolist() == [2]
+    assert edges.border.tolist() == [0, 1, 3, 4]
+    assert edges.of_triangle.tolist() == [[0, 2, 1], [2, 3, 4]]
+    assert edges.sides[2].tolist() == [0, 1]
+    assert edges.sides[0].tolist() == [0, -1]
+    half = topology.half_edges(PAIR)
+    assert half[edges.twins[2]].tolist() == [[1, 2], [2, 1]]
+    assert half[topology.following(np.arange(6))].tolist() == [
+        [1, 2], [2, 0], [0, 1], [1, 3], [3, 2], [2, 1]]  # fmt: skip
+    assert topology.users(edges, 2).tolist() == [0, 1]
+    keys = topology.edge_keys(edges.ends, 4)
+    assert len(set(keys.tolist())) == 5
+    assert np.array_equal(keys, topology.edge_keys(edges.ends[:, ::-1], 4))
+
+
+def test_clashing_and_pinched() -> None:
+    assert topology.clashing(PAIR, edges_of(PAIR)).tolist() == []
+    wrong = np.array([[0, 1, 2], [1, 2, 3]])
+    assert topology.clashing(wrong, edges_of(wrong)).tolist() == [2]
+    assert topology.pinched(PAIR, edges_of(PAIR)).tolist() == []
+    bow = np.array([[0, 1, 2], [0, 3, 4]])
+    assert topology.pinched(bow, edges_of(bow)).tolist() == [0]
+
+
+def test_components_are_numbered_by_their_first_member() -> None:
+    label = topology.linked(np.array([5, 3]), np.array([1, 0]), 6)
+    assert label.tolist() == [0, 1, 2, 0, 3, 1]
+    place = topology.coincident(np.array([[0.0], [1.0], [0.9e-3], [1.8e-3], [1.0]]), 1e-3)
+    assert place.tolist() == [0, 1, 0, 0, 1], "also along a chain"
+
+
+def test_components_of_a_surface() -> None:
+    """All triangles at an edge are neighbours, also three; those at a vertex are not."""
+    fin = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
+    assert topology.surface_components(fin).tolist() == [0, 0, 0]
+    bow = np.array([[0, 1, 2], [0, 3, 4]])
+    assert topology.surface_components(bow).tolist() == [0, 1]
+
+
+def test_regions_fans_and_labels() -> None:
+    """A sheet cut along its middle: two regions, and the vertices on the cut are doubled."""
+    sheet = square(n=4)
+    edges = edges_of(sheet.flat_triangles)
+    left = sheet.centroids[:, 0] < 0.01
+    cut = topology.between(edges, left.astype(np.int64))
+    assert cut.sum() == 4
+    crossed = edges.inner[~cut[edges.inner]]
+    region = topology.connected_regions(edges, crossed)
+    assert np.array_equal(region == region[0], left == left[0])
+    assert region.max() == 1
+    fans = topology.fans(sheet.flat_triangles, edges, crossed)
+    assert fans.max() + 1 == 25 + 5
+    assert np.unique(topology.fans(sheet.flat_triangles, edges, edges.inner)).size == 25
+
+
+def test_angles_and_shapes() -> None:
+    points = np.array([[0, 0, 0], [1, 0, 0], [0.5, np.sqrt(0.75), 0], [0.5, 1e-9, 0]])
+    triangles = np.array([[0, 1, 2], [0, 1, 3]])
+    angles = topology.corner_angles(points, triangles)
+    assert angles[0] == pytest.approx(np.pi / 3, rel=1e-14)
+    assert angles[1] == pytest.approx([2e-9, 2e-9, np.pi - 4e-9], rel=1e-9), "no digits are lost"
+    assert topology.corner_angles(points[:, :2], triangles) == pytest.approx(angles, rel=1e-9)
+    assert topology.shapes(points, triangles) == pytest.approx([np.sqrt(0.75), 1e-9])
+    corners = points[triangles][:, :, :2]
+    assert topology.flat_areas(corners) == pytest.approx([np.sqrt(0.75) / 2, 5e-10])
+    assert topology.flat_areas(corners[:, ::-1]) == pytest.approx([-np.sqrt(0.75) / 2, -5e-10])
+
+
+def test_curvature_and_creases() -> None:
+    """Gauss and Bonnet: the defects of a sphere add up to 4π; a box has 90° at its creases."""
+    ball = surfaces.sphere(2)
+    edges = edges_of(ball.triangles)
+    angles = topology.corner_angles(ball.points, ball.triangles)
+    defects = topology.angle_defects(ball.triangles, edges, angles)
+    assert defects.sum() == pytest.approx(4 * np.pi, rel=1e-12)
+    box = surfaces.welded_box(2)
+    edges = edges_of(box.triangles)
+    dihedral = topology.dihedral_angles(box.points, box.triangles, edges)
+    creases = dihedral > 1
+    assert dihedral[creases] == pytest.approx(np.pi / 2, rel=1e-12)
+    assert dihedral[~creases] == pytest.approx(0, abs=1e-12)
+    length = topology.lengths(box.points, edges.ends[creases]).sum()
+    assert length == pytest.approx(4 * (0.03 + 0.02 + 0.01), rel=1e-12)
+    tube = surfaces.prism(12, 3)
+    edges = edges_of(tube.triangles)
+    angles = topology.corner_angles(tube.points, tube.triangles)
+    defects = topology.angle_defects(tube.triangles, edges, angles)
+    assert defects == pytest.approx(0, abs=1e-12), "also at its borders"
