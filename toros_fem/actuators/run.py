@@ -1,0 +1,185 @@
+"""Design of an actuator from start to files: optimise, print, polish, estimate, write."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem._types import Floats
+from toros_fem.actuators.case import ActuatorCase
+from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.analysis.error_estimate import estimate_error
+from toros_fem.density.projection import Projection
+from toros_fem.design.loop import DesignResult, optimize
+from toros_fem.design.problem import Evaluation
+from toros_fem.design.shape_design import ShapeDesign
+from toros_fem.equilibrium.solver import EquilibriumError
+from toros_fem.fabrication.as_printed import (
+    PrintedDesign,
+    as_printed,
+    with_bridges,
+    without_islands,
+)
+from toros_fem.objectives.metrics import UNITS
+from toros_fem.output.reporter import DesignReporter, print_step, write_results
+
+
+@dataclass(frozen=True, eq=False)
+class ActuatorResult:
+    """The result of a design run.
+
+    Attributes:
+        summary: All figures, as written to summary.json.
+        result: The result of the design loop.
+        printed: The printed pattern and its simulation.
+        problem: The design problem.
+    """
+
+    summary: dict[str, Any]
+    result: DesignResult
+    printed: PrintedDesign
+    problem: ShapeDesign
+
+
+def actuator_problem(
+    comm: MPI.Comm, case: ActuatorCase, config: ActuatorConfig, *, verbose: bool = False
+) -> ShapeDesign:
+    """Return the design problem of a case (collective).
+
+    Raises:
+        TorosError: A number is out of its bounds, or does not fit the case.
+    """
+    return ShapeDesign(
+        comm,
+        case.pattern,
+        target=case.target,
+        supports=case.supports,
+        filter_radius=config.filter_radius,
+        pressure=config.pressure,
+        composite=config.composite,
+        pressure_bounds=config.pressure_bounds,
+        passive=case.passive,
+        filter=config.filter,
+        projection=Projection(config.beta, config.eta),
+        length_scale=config.length_scale,
+        perimeter_weight=config.perimeter_weight,
+        perimeter_window=config.perimeter_window * config.filter_radius,
+        perimeter_sharpness=config.perimeter_sharpness,
+        objective=case.objective,
+        metrics=case.metrics,
+        start=case.start,
+        symmetry=case.symmetry,
+        chambers=case.chambers,
+        log=print_step(comm) if verbose else None,
+    )
+
+
+def design_actuator(
+    comm: MPI.Comm,
+    output: Path | str,
+    case: ActuatorCase,
+    config: ActuatorConfig,
+    reporter: DesignReporter | None = None,
+    *,
+    verbose: bool = False,
+) -> ActuatorResult:
+    """Design an actuator and write all results (collective).
+
+    Free islands of the printed pattern are removed, or joined to the rest if that does less harm,
+    and the design is continued for `config.polish_iterations` steps.
+
+    Args:
+        comm: Communicator.
+        output: Folder for summary, history, pattern, fields and pictures.
+        case: What to design.
+        config: All numbers.
+        reporter: Reports the progress; None makes one for `output`. One that is made earlier also
+            counts the time of the set-up.
+        verbose: Whether to print every Newton step.
+
+    Raises:
+        TorosError: A number is out of its bounds, the start has no equilibrium, or the folder
+            cannot be written to.
+    """
+    reporter = reporter or DesignReporter(comm, output)
+    problem = actuator_problem(comm, case, config, verbose=verbose)
+    options, limits = config.options, config.print_limits
+    reporter.expect(options.iterations)
+    result = optimize(problem, options, seed=config.seed, callback=reporter)
+    printed = as_printed(problem, result, limits, island_area=config.island_area)
+    if config.polish_iterations and printed.before.free_islands:
+        last = replace(options.stages[-1], iterations=config.polish_iterations)
+        start = _without_free_islands(problem, result, printed)
+        polishing = replace(options, stages=(last,))
+        reporter.expect(options.iterations + config.polish_iterations)
+        result = optimize(problem, polishing, start=start, callback=reporter, after=result)
+        printed = as_printed(problem, result, limits, island_area=config.island_area)
+    figures: dict[str, Any] = {"seed": config.seed}
+    if config.estimate_error and printed.evaluation is not None:
+        figures.update(error_figures(problem, printed.evaluation))
+    summary = write_results(
+        output, result, printed, config=config, figures=figures, seconds=reporter.seconds
+    )
+    return ActuatorResult(summary, result, printed, problem)
+
+
+def summary_sentence(summary: dict[str, Any]) -> str:
+    """Return the result of a design in one sentence, from its summary."""
+    metrics = []
+    for key in (key for key in summary if "_target_" in key):
+        name, unit = key.split("_target_")
+        word, _ = UNITS.get(unit, (unit, ""))
+        value, error = (summary.get(f"{name}_{kind}{unit}") for kind in ("", "error_"))
+        printed = "no equilibrium" if value is None else f"{value:.1f}"
+        if error is not None:
+            printed += f" ± {error:.1f}"
+        designed = summary["design"][f"{name}_{unit}"]
+        metrics.append(
+            f"{name} {printed} of {summary[key]:g} {word} as printed ({designed:.1f} as designed)"
+        )
+    first, last = summary["objective_first"], summary["objective_last"]
+    objective = f"objective down {first / last:.0f} times" if last > 0 else f"objective {last:g}"
+    return (
+        f"{', '.join(metrics)} at {summary['pressure_pa'] / 1e3:.2f} kPa, {objective}, "
+        f"{summary['manufacture']['islands']} islands, {summary['seconds']['total']:.0f} s"
+    )
+
+
+def error_figures(problem: ShapeDesign, made: Evaluation) -> dict[str, Any]:
+    """Return each metric on a refined mesh and its estimated error, by key (collective).
+
+    All are None if the refined mesh has no equilibrium; the key "refined" then says why.
+    """
+    metrics = problem.metrics
+    try:
+        found = estimate_error(
+            problem.solver, made.projected, made.equilibrium, [m.measure for m in metrics]
+        )
+    except EquilibriumError as caught:  # raised by all ranks or by none
+        keys = [f"{m.name}_{kind}_{m.unit}" for m in metrics for kind in ("refined", "error")]
+        return {**dict.fromkeys(keys), "refined": str(caught)}
+    figures = {}
+    for metric, estimate in zip(metrics, found, strict=True):
+        figures[f"{metric.name}_refined_{metric.unit}"] = estimate.refined
+        figures[f"{metric.name}_error_{metric.unit}"] = estimate.error
+    return figures
+
+
+def _without_free_islands(
+    problem: ShapeDesign, result: DesignResult, printed: PrintedDesign
+) -> Floats:
+    """Remove the free islands or join them to the rest, whichever does less harm (collective)."""
+    starts = [change(problem, result, printed) for change in (without_islands, with_bridges)]
+    objectives = []
+    for density in starts:
+        try:
+            near = result.final.equilibrium
+            found = problem.simulate(density, near.state, near.pressures, allow_continuation=False)
+            objectives.append(found.objective)
+        except EquilibriumError:  # raised by all ranks or by none
+            objectives.append(np.inf)
+    return starts[int(np.argmin(objectives))]
