@@ -1,1 +1,26 @@
-"""Tubes, walkers and grippers of the paper, as demos share them."""
+"""The tubes, walkers and grippers of the paper, designed under pressure."""
+
+from toros_fem.actuators.case import ActuatorCase, Contact
+from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.gait import Gait
+from toros_fem.actuators.run import ActuatorResult, actuator_problem, design_actuator
+from toros_fem.actuators.tube import (
+    CrossSectionTubeConfig,
+    TubeConfig,
+    cross_section_case,
+    tube_case,
+)
+
+__all__ = [
+    "ActuatorCase",
+    "ActuatorConfig",
+    "ActuatorResult",
+    "Contact",
+    "CrossSectionTubeConfig",
+    "Gait",
+    "TubeConfig",
+    "actuator_problem",
+    "cross_section_case",
+    "design_actuator",
+    "tube_case",
+]

@@ -1,4 +1,4 @@
-"""A walker with several chambers through a cycle of pressures, quasi-static; how far it gets."""
+"""A walker with several chambers in a quasi-static cycle of pressures, and its stride."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from toros_fem._types import Floats
-from toros_fem.actuators.limb import tips
+from toros_fem._types import Bools, Floats
+from toros_fem._validate import require_between, require_count
+from toros_fem.actuators.legs import tip_positions
 from toros_fem.analysis.pressure_path import PressurePathPoint
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
@@ -24,24 +24,31 @@ from toros_fem.output.writer import if_plotting, write_together
 
 @dataclass(frozen=True, eq=False)
 class Gait:
-    """One cycle.
+    """One cycle of pressures.
 
     Attributes:
-        names: Chambers.
-        phases: Share of the full pressure in each chamber at the end of each phase, (p, k); the
-            cycle begins where the last phase ends.
-        steps: Equilibria a phase.
-        feet: Chamber that each foot belongs to, by its direction's row, (f,).
-        grips: Share of the full pressure from which on a foot's leg is bent and grips the ground.
+        names: Names of the chambers.
+        phases: Fraction of the full pressure in each chamber at the end of each phase, (p, k). The
+            cycle starts where the last phase ends.
+        steps: Number of equilibria in each phase.
+        feet: Chamber of each foot's leg, (f,).
+        grip_fraction: A foot grips the ground while its leg has at least this fraction of the full
+            pressure, since the leg is then bent.
+
+    Raises:
+        ParameterError: The phases do not fit the chambers, or there is a step at which no foot
+            grips the ground.
     """
 
     names: tuple[str, ...]
     phases: Floats
     steps: int
     feet: tuple[int, ...]
-    grips: float = 0.9
+    grip_fraction: float = 0.9
 
     def __post_init__(self) -> None:
+        require_count(1, steps=self.steps)
+        require_between(0.0, 1.0, grip_fraction=self.grip_fraction)
         if self.phases.ndim != 2 or self.phases.shape[1] != len(self.names):
             raise ParameterError(
                 f"phases has shape {self.phases.shape}; with chambers {self.names} it must be "
@@ -50,47 +57,49 @@ class Gait:
         if not self.gripping.any(axis=1).all():
             row = int(np.flatnonzero(~self.gripping.any(axis=1))[0])
             raise ParameterError(
-                f"no foot grips the ground at step {row} of the cycle: all legs are under "
-                f"{self.grips:g} of the full pressure there. Keep one bent at all times."
+                f"no foot grips the ground at step {row} of the cycle: all legs are below "
+                f"grip_fraction = {self.grip_fraction:g} of the full pressure there. Keep one leg "
+                "bent at all times."
             )
 
     @property
-    def gripping(self) -> npt.NDArray[np.bool_]:
-        """Which feet grip the ground, row by row as `shares`, (rows, f)."""
-        return np.asarray(self.shares[:, list(self.feet)] >= self.grips)
+    def gripping(self) -> Bools:
+        """Which feet grip the ground at each equilibrium, (rows, f)."""
+        return np.asarray(self.pressure_fractions[:, list(self.feet)] >= self.grip_fraction)
 
     @property
-    def shares(self) -> Floats:
-        """Share of the full pressure in each chamber, row by row, from the start to the start."""
+    def pressure_fractions(self) -> Floats:
+        """Fraction of the full pressure in each chamber over the whole cycle, (rows, k)."""
         ends = np.concatenate([self.phases[-1:], self.phases])
-        parts = np.arange(1, self.steps + 1)[:, None] / self.steps
-        rows = [a + parts * (b - a) for a, b in pairwise(ends)]
+        progress = np.arange(1, self.steps + 1)[:, None] / self.steps
+        rows = [a + progress * (b - a) for a, b in pairwise(ends)]
         return np.concatenate([ends[:1], *rows])
 
 
-def placed(
+def walking_positions(
     gait: Gait,
     pattern: Pattern,
     points: Sequence[PressurePathPoint],
     directions: Floats,
     root: float,
 ) -> tuple[list[Floats], Floats]:
-    """The robot on its way: upright, on the feet that grip, these staying where they are.
+    """Return the robot's positions on the ground: upright, its gripping feet at rest.
 
-    Nothing is known of the ground or the weight. The body is turned to how it is assembled, as
-    well as a rotation can; z = 0 is the mean height of feet whose legs are bent; feet whose legs
-    are bent before and after a step are taken as fixed to the ground, on average along x, and all
-    others as sliding freely. Where there are none, the body stays above where it was.
+    Ground and weight are not modelled. The body is rotated to its assembled orientation, as well
+    as a rotation can. z = 0 is the mean height of the feet with bent legs. Feet that grip before
+    and after a step are fixed to the ground, on average along x, and all others slide freely.
+    Where no foot does, the body stays where it is.
 
     Args:
         gait: The cycle.
         pattern: The whole robot.
-        points: Its equilibria, one for each row of `gait.shares`, or for the first of them.
+        points: Its equilibria, one for each row of `gait.pressure_fractions`, or for the first of
+            them.
         directions: Unit vectors along the legs, (f, 2).
-        root: Distance from the centre where legs begin, in m.
+        root: Distance from the centre where the legs begin, in m.
 
     Returns:
-        Positions of all vertices, (n, 3), and the places of the feet, (rows, f, 3), in m.
+        Positions of all vertices at each equilibrium, (n, 3), and of the feet, (rows, f, 3), in m.
     """
     body = np.flatnonzero((pattern.points[:, :2] @ directions.T <= root).all(axis=1))
     grip = gait.gripping
@@ -101,7 +110,7 @@ def placed(
         middle = point.positions[body].mean(axis=0)
         turn = best_rotation(pattern.points[body], point.positions[body])
         shape = (point.positions - middle) @ turn
-        foot = tips(pattern, shape, directions)
+        foot = tip_positions(pattern, shape, directions)
         both = grip[k] & grip[k - 1]
         if k > 0 and both.any():
             ahead = (feet[-1] - foot)[both, 0].mean()
@@ -120,30 +129,30 @@ def write_gait(
     directions: Floats,
     root: float,
     density: Floats,
-    metrics: Mapping[str, Any],
+    figures: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Write table, pictures and figures of a cycle (collective); the figures are returned.
+    """Write table, pictures and figures of a cycle and return the figures (collective).
 
     Args:
         comm: Communicator.
         folder: Output folder, which exists.
         gait: The cycle.
         pattern: The whole robot.
-        points: Its equilibria, one for each row of `gait.shares`, or for the first of them where
-            the cycle came to an end; then there is no stride.
+        points: Its equilibria, one for each row of `gait.pressure_fractions`, or for the first of
+            them if the cycle is not complete; then there is no stride.
         directions: Unit vectors along the legs, (f, 2).
-        root: Distance from the centre where legs begin, in m.
-        density: Density of all triangles to colour by, (t,).
-        figures: What else to write to gait.json.
+        root: Distance from the centre where the legs begin, in m.
+        density: Density of all triangles, (t,), shown as colour.
+        figures: Further entries of gait.json.
 
     Raises:
         OutputError: A file cannot be written.
     """
-    shapes, feet = placed(gait, pattern, points, directions, root)
-    whole = len(points) == len(gait.shares)
+    shapes, feet = walking_positions(gait, pattern, points, directions, root)
+    complete = len(points) == len(gait.pressure_fractions)
     found = {
-        **metrics,
-        "stride_mm": 1e3 * float((feet[-1] - feet[0])[:, 0].mean()) if whole else None,
+        **figures,
+        "stride_mm": 1e3 * float((feet[-1] - feet[0])[:, 0].mean()) if complete else None,
         "foot_lift_mm": 1e3 * float(feet[:, :, 2].max()),
         "newton_steps": sum(point.result.steps for point in points),
         "equilibria": len(points),
@@ -151,17 +160,17 @@ def write_gait(
 
     def write() -> None:
         rows = []
-        for point, place in zip(points, feet, strict=True):
+        for point, places in zip(points, feet, strict=True):
             row = {f"{n}_pa": p for n, p in zip(gait.names, point.result.pressures, strict=True)}
-            for k, foot in enumerate(place):
+            for k, foot in enumerate(places):
                 row |= {f"foot_{k}_{axis}_m": v for axis, v in zip("xyz", foot, strict=True)}
             rows.append({**row, **point.metrics})
         write_table(folder / "gait.csv", rows)
         write_json(folder / "gait.json", found)
-        ends = range(0, len(points), gait.steps)
         shown = []
-        for number, k in enumerate(ends):
-            full = [n for n, s in zip(gait.names, gait.shares[k], strict=True) if s >= gait.grips]
+        for number, k in enumerate(range(0, len(points), gait.steps)):
+            fractions = zip(gait.names, gait.pressure_fractions[k], strict=True)
+            full = [name for name, fraction in fractions if fraction >= gait.grip_fraction]
             shown.append((f"{number}: {', '.join(full) or 'none'}", shapes[k]))
 
         def draw() -> None:

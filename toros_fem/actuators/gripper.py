@@ -1,7 +1,8 @@
-"""Pictures of a gripper closed on its object."""
+"""Figures and pictures of a gripper that is closed on an object."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,38 +24,38 @@ def write_grasp(
     positions: Floats,
     density: Floats,
     body: Body,
-    metrics: dict[str, Any],
+    figures: Mapping[str, Any],
 ) -> None:
-    """Write load.json and a picture of three equal fingers around the object (collective).
+    """Write load.json and pictures of three equal fingers around the object (collective).
 
-    Fingers go down, along their own x; their own z points to the object's axis.
+    The fingers hang down along their own x; their own z points to the object's axis.
 
     Args:
         comm: Communicator.
         folder: Output folder, which exists.
-        triangles: Of one whole finger, (t, 3).
-        positions: Of its vertices, (n, 3), in m.
-        density: Of its triangles, (t,), to colour by.
+        triangles: Triangles of one whole finger, (t, 3).
+        positions: Positions of its vertices, (n, 3), in m.
+        density: Density of its triangles, (t,), shown as colour.
         body: The object, in the finger's frame.
-        figures: What goes into load.json.
+        figures: Content of load.json.
 
     Raises:
         OutputError: A file cannot be written.
     """
 
     def write() -> None:
-        write_json(folder / "load.json", metrics)
+        write_json(folder / "load.json", figures)
         around = 2 * np.pi * np.arange(FINGERS) / FINGERS
-        fingers = [_turned(positions, body, angle) for angle in around]
-        ball, faces = _surface(body)
-        points = np.concatenate([*fingers, _turned(ball, body, 0.0)])
+        fingers = [_in_room(positions, body, angle) for angle in around]
+        ball, faces = _body_mesh(body)
+        points = np.concatenate([*fingers, _in_room(ball, body, 0.0)])
         count = len(positions)
         cells = np.concatenate(
             [triangles + k * count for k in range(FINGERS)] + [faces + FINGERS * count]
         )
         colours = np.concatenate([np.tile(density, FINGERS), np.full(len(faces), np.nan)])
         shapes = [("closed on the object", points)]
-        side = np.concatenate([fingers[0], _turned(ball, body, 0.0)])
+        side = np.concatenate([fingers[0], _in_room(ball, body, 0.0)])
 
         def draw() -> None:
             from toros_fem.output.comparison_plot import plot_shapes
@@ -72,16 +73,16 @@ def write_grasp(
     write_together(comm, folder, write)
 
 
-def _turned(points: Floats, body: Body, angle: float) -> Floats:
-    """From a finger's frame to the room: z up, the object's axis at x = y = 0."""
+def _in_room(points: Floats, body: Body, angle: float) -> Floats:
+    """Return points of a finger's frame in the room: z up, the object's axis at x = y = 0."""
     out = body.centre[2] - points[:, 2]
     c, s = np.cos(angle), np.sin(angle)
-    y = -points[:, 1]  # its own y points the other way, or the skin would be turned inside out
+    y = -points[:, 1]  # mirrored as z is, or the skin would be turned inside out
     return np.column_stack([c * out - s * y, s * out + c * y, -points[:, 0]])
 
 
-def _surface(body: Body, count: int = 48) -> tuple[Floats, Ints]:
-    """A mesh of the object's surface, outwards, in the finger's frame."""
+def _body_mesh(body: Body, count: int = 48) -> tuple[Floats, Ints]:
+    """Return a mesh of the object's surface, oriented outwards, in the finger's frame."""
     polar, turn = np.meshgrid(
         np.linspace(1e-3, np.pi - 1e-3, count // 2 + 1), np.linspace(0, 2 * np.pi, count + 1)
     )
@@ -90,7 +91,7 @@ def _surface(body: Body, count: int = 48) -> tuple[Floats, Ints]:
     ).reshape(-1, 3)
     low: Floats = np.zeros(len(rays))
     high: Floats = np.full(len(rays), 2 * body.size)
-    for _ in range(50):  # each ray from the middle leaves the object once
+    for _ in range(50):  # each ray from the centre leaves the object once
         middle = (low + high) / 2
         outside = body.distance(body.centre + middle[:, None] * rays)[0] > 0
         low, high = np.where(outside, low, middle), np.where(outside, middle, high)

@@ -1,4 +1,4 @@
-"""Flat limbs of two panels, the walker's legs and the gripper's fingers: what their demos share."""
+"""Flat legs and fingers of two panels, those of walkers and grippers."""
 
 from __future__ import annotations
 
@@ -18,114 +18,125 @@ from toros_fem.objectives.cross_sections import (
 )
 from toros_fem.objectives.metrics import Metric, turn_angle
 
-# The angle of a limb is that of so much of its length, at the tip.
-OUTER = 1 / 3
+# Slabs along a leg by which its angle is measured, and how many of them are the outer third.
+SLABS, OUTER_SLABS = 12, 4
 
 
-def limb_vertices(pattern: Pattern, along: npt.ArrayLike, root: float) -> Ints:
-    """Vertices that lie further than `root` m along a direction, (3,), in the assembled skin.
+def leg_vertices(pattern: Pattern, along: npt.ArrayLike, root: float) -> Ints:
+    """Return the vertices that lie beyond `root` along a direction in the assembled skin.
 
-    Of a star these are one arm's only if the direction is that arm's and `root` its root.
+    In a star these belong to one leg only if `along` is its direction and `root` is where it
+    begins.
+
+    Args:
+        pattern: The pattern.
+        along: Unit vector, (3,).
+        root: Distance from the origin along it, in m.
 
     Raises:
         ParameterError: There is none.
     """
     found = np.flatnonzero(pattern.points @ np.asarray(along, dtype=np.float64) > root)
     if len(found) == 0:
-        raise ParameterError(f"no vertex lies further than root = {root} m along {along!r}.")
+        raise ParameterError(
+            f"no vertex lies beyond root = {root} m along {along!r}. Give a smaller root, or "
+            "another direction."
+        )
     return found
 
 
-def limb_cross_sections(
+def leg_cross_sections(
     pattern: Pattern,
     along: npt.ArrayLike,
     root: float,
     count: int,
-    place: float,
+    centreline_weight: float,
     orientation_length: float,
 ) -> CrossSections:
-    """Sections of a limb whose orientation counts, and less its centre line.
+    """Return cross-sections of a leg or finger: their orientations count, positions less.
 
     Args:
         pattern: The pattern.
-        along: Unit vector along the limb, (3,).
+        along: Unit vector along the leg, (3,).
         root: Where it begins, in m along that.
-        count: How many sections.
-        place: Weight of the centre line, over that of the orientations.
-        lever: Length in m: the tip turned by 0.1 rad counts as if the whole skin were off by a
-            tenth of that.
+        count: Number of cross-sections.
+        centreline_weight: Weight of the centre line over that of the orientations.
+        orientation_length: A tip turned by 0.1 rad costs as much as a skin displaced by a tenth of
+            this length, in m.
     """
-    vertices = limb_vertices(pattern, along, root)
-    label = label_cross_sections(pattern, vertices, along, count, border=False)
-    turn = np.full(count, count * (orientation_length / pattern.size) ** 2)
-    return CrossSections(label, np.full((count, 3), place / count), turn)
+    vertices = leg_vertices(pattern, along, root)
+    labels = label_cross_sections(pattern, vertices, along, count, border=False)
+    orientation = np.full(count, count * (orientation_length / pattern.size) ** 2)
+    return CrossSections(labels, np.full((count, 3), centreline_weight / count), orientation)
 
 
 def tip_angle_metric(
-    asked: float, along: npt.ArrayLike, toward: npt.ArrayLike, root: float, name: str = "angle"
+    target: float, along: npt.ArrayLike, toward: npt.ArrayLike, root: float, name: str = "angle"
 ) -> Metric:
-    """The angle in degrees by which the outer third of a limb has turned.
+    """Return the angle in degrees by which the outer third of a leg or finger has turned.
 
-    `measure.turn_angle` of all vertices of that third, after the first eight of the limb's twelve
-    slabs.
+    It is the `metrics.turn_angle` of all vertices of that third, after the slabs before it.
 
     Args:
-        asked: In degrees.
-        along, toward: Unit vectors, (3,): of the limb, and to where it bends.
-        root: Where it begins, in m along `along`.
-        name: What it is called.
+        target: Target angle in degrees.
+        along, toward: Unit vectors, (3,): along the leg, and the direction that it bends towards.
+        root: Where the leg begins, in m along `along`.
+        name: Name of the metric.
     """
 
     def measure(pattern: Pattern, positions: Floats) -> float:
-        vertices = limb_vertices(pattern, along, root)
-        label = label_cross_sections(pattern, vertices, along, 12, border=False)
-        inner = section_vertices(label)[: round(12 * (1 - OUTER))]
-        outer = np.flatnonzero(label >= round(12 * (1 - OUTER)))
-        angle = turn_angle(pattern, positions, [*inner, outer], along, toward)
-        return float(np.degrees(angle))
+        vertices = leg_vertices(pattern, along, root)
+        labels = label_cross_sections(pattern, vertices, along, SLABS, border=False)
+        first_outer = SLABS - OUTER_SLABS
+        inner = section_vertices(labels)[:first_outer]
+        outer = np.flatnonzero(labels >= first_outer)
+        return float(np.degrees(turn_angle(pattern, positions, [*inner, outer], along, toward)))
 
-    return Metric(name, "deg", asked, measure)
+    return Metric(name, "deg", target, measure)
 
 
-def tips(pattern: Pattern, positions: Floats, directions: Floats, share: float = 0.05) -> Floats:
-    """Where the ends of limbs are, (k, 3), in m: the mean of what lies outermost as assembled.
+def tip_positions(
+    pattern: Pattern, positions: Floats, directions: Floats, fraction: float = 0.05
+) -> Floats:
+    """Return the mean positions of the tips of legs, (k, 3), in m.
 
     Args:
         pattern: The pattern.
         positions: Deformed positions of all assembled vertices, (n, 3), in m.
-        directions: Unit vectors along the limbs in the assembled skin, (k, 2).
-        share: Of the reach along a limb, counted from its tip.
+        directions: Unit vectors along the legs in the assembled skin, (k, 2).
+        fraction: Fraction of the reach along a leg that counts as its tip.
     """
-    far = pattern.points[:, :2] @ directions.T
-    return np.array([positions[row > (1 - share) * row.max()].mean(axis=0) for row in far.T])
+    reach = pattern.points[:, :2] @ directions.T
+    return np.array([positions[r > (1 - fraction) * r.max()].mean(axis=0) for r in reach.T])
 
 
 def rest_on_body(pattern: Pattern, reach: float, symmetry: Sequence[int] = ()) -> Supports:
-    """Hold a flat star at three vertices of its bottom, so that only rigid motions are held.
+    """Fix a flat star at three vertices of its bottom against rigid motion only.
 
-    The one nearest to the centre keeps its place, those nearest to `reach` along +x and +y their
-    heights, and the first of them its y: six components, of which a closed skin pulls at none.
+    The vertex nearest to the centre is fixed, those nearest to `reach` along +x and +y keep their
+    heights, and the first of them keeps its y. A closed skin under pressure exerts no force at
+    these six components.
 
     Args:
         pattern: The pattern, from `two_panels`.
         reach: Distance from the centre in m, inside the body.
-        symmetry: Axes of the planes that the pattern is cut at: these hold the rest but for the
-            height at the centre.
+        symmetry: Axes of the planes that the pattern is cut at. These fix all rigid motion except
+            for the height at the centre.
     """
     bottom = pattern.vertices_of("bottom")
     fixed = np.zeros((len(pattern.points), 3), dtype=bool)
 
-    def near(place: tuple[float, float]) -> int:
-        away = pattern.points[bottom, :2] - place
-        return int(bottom[np.argmin(np.linalg.norm(away, axis=1))])
+    def nearest(point: tuple[float, float]) -> int:
+        distance = np.linalg.norm(pattern.points[bottom, :2] - point, axis=1)
+        return int(bottom[np.argmin(distance)])
 
-    fixed[near((0, 0)), 2] = True
+    fixed[nearest((0, 0)), 2] = True
     if 0 not in symmetry:
-        fixed[near((0, 0)), 0] = fixed[near((reach, 0)), 2] = True
+        fixed[nearest((0, 0)), 0] = fixed[nearest((reach, 0)), 2] = True
     if 1 not in symmetry:
-        fixed[near((0, 0)), 1] = fixed[near((0, reach)), 2] = True
+        fixed[nearest((0, 0)), 1] = fixed[nearest((0, reach)), 2] = True
     if not symmetry:
-        fixed[near((reach, 0)), 1] = True
+        fixed[nearest((reach, 0)), 1] = True
     found = Supports(fixed)
     for axis in symmetry:
         found |= symmetry_plane(pattern, axis)

@@ -1,160 +1,187 @@
-"""The capped tube that bends, shortens or twists (paper Fig. 8): what its demos share."""
+"""The capped tube that bends, shortens or twists (paper Fig. 8)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from toros_fem._types import Floats
-from toros_fem._validate import require_between, require_count, require_positive
+from toros_fem._types import Bools, Floats
+from toros_fem._validate import require_count, require_positive
 from toros_fem.actuators.case import ActuatorCase
+from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.config import quantity
 from toros_fem.mechanics.supports import Supports, clamp
 from toros_fem.meshes.cylinder import BASE, TIP, WALL, cylinder
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
 from toros_fem.objectives.cross_sections import CrossSections, label_cross_sections
-from toros_fem.objectives.metrics import Metric, bend_angle, shortening, twist_angle
-
-TUBE: dict[str, Any] = {
-    "length": 0.15,  # m
-    "diameter": 0.02,  # m
-    "edge_length": 1.4e-3,  # m
-    "mesh": "unstructured",
-    "tip_weight": 1.0,  # of the tip's place in the objective, over that of all the rest
-    "lever": 0.03,  # m; turning the tip by 0.1 rad counts as if the whole skin were off by 3 mm
-}
-# The same on a small mesh, in a minute or two.
-COARSE_TUBE: dict[str, Any] = {
-    "edge_length": 2.85e-3,
-    "radius": 4.4e-3,
-    "iterations": 40,
-    "constrained": 30,
-}
-# What demos whose skin may swell as it likes have besides.
-SECTIONS: dict[str, Any] = {
-    "sections": 12,  # along the wall; the far border makes one more
-    "along": 1.0,  # weight of the sections' places along the tube, over that across it
-    "helices": 0,  # lines around the tube in the first guess; 0 starts from 0.5 everywhere
-    "helix_angle": 0.0,  # to the axis, in degrees; right-handed ones are positive
-    "helix_width": 3e-3,  # m
-    "crossed": 0,  # 1 crosses them with left-handed ones
-}
+from toros_fem.objectives.metrics import (
+    Metric,
+    MetricFunction,
+    bend_angle,
+    shortening,
+    twist_angle,
+)
 
 
-def _degrees(measure: Callable[[Pattern, Floats], float]) -> Callable[[Pattern, Floats], float]:
-    return lambda pattern, positions: float(np.degrees(measure(pattern, positions)))
+@dataclass(frozen=True)
+class TubeConfig(ActuatorConfig):
+    """Sizes of the tube, and the weights of its tip in the objective."""
+
+    length: float = quantity(0.15, "length of the tube", "m", above=0)
+    diameter: float = quantity(0.02, "diameter of the tube", "m", above=0)
+    edge_length: float = quantity(1.4e-3, "edge length of the mesh", "m", above=0)
+    mesh: str = quantity(
+        "unstructured", "mesh of the wall", choices=("unstructured", "structured")
+    )
+    tip_weight: float = quantity(
+        1.0, "weight of the tip's position over that of all the rest", at_least=0
+    )
+    orientation_length: float = quantity(
+        0.03,
+        "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length",
+        "m",
+        at_least=0,
+    )
 
 
-def bend_metric(asked: float) -> Metric:
-    """The bend angle of a tube's tip, in degrees, `measure.bend_angle`."""
-    return Metric("angle", "deg", asked, _degrees(bend_angle))
+@dataclass(frozen=True)
+class CrossSectionTubeConfig(TubeConfig):
+    """A tube that may swell freely: cross-sections that count, and helical lines to start from."""
+
+    cross_sections: int = quantity(
+        12, "number of cross-sections along the wall; the tip is one more", at_least=1
+    )
+    axial_weight: float = quantity(
+        1.0, "weight of the cross-sections' positions along the axis over that across", at_least=0
+    )
+    helices: int = quantity(
+        0, "number of helical lines around the tube in the start; 0 starts from 0.5", at_least=0
+    )
+    helix_angle: float = quantity(
+        0.0,
+        "angle of these lines to the axis, positive if right-handed",
+        "deg",
+        above=-90,
+        below=90,
+    )
+    helix_width: float = quantity(3e-3, "width of these lines", "m", above=0)
+    crossed: bool = quantity(False, "also start from the lines of the opposite angle")
 
 
-def twist_metric(asked: float) -> Metric:
-    """The twist of a tube's tip, in degrees, `measure.twist_angle`."""
-    return Metric("twist", "deg", asked, _degrees(twist_angle))
+T = TypeVar("T", bound=TubeConfig)
 
 
-def shortening_metric(asked: float) -> Metric:
-    """How much closer a tube's ends are, in per cent, `measure.shortening`."""
-    return Metric("shortening", "percent", asked, lambda of, x: 100 * shortening(of, x))
+def coarse_tube(config: T) -> T:
+    """Return the same design on a coarse mesh with few steps; it takes a minute or two."""
+    return config.updated(
+        edge_length=2.85e-3, filter_radius=4.4e-3, iterations=40, constrained_iterations=30
+    )
 
 
-def tube_scene(
-    comm: MPI.Comm, inputs: dict[str, Any], target: Deformer, metrics: Sequence[Metric]
+def bend_metric(target: float) -> Metric:
+    """Return the bend angle of a tube's tip in degrees, by `metrics.bend_angle`."""
+    return Metric("angle", "deg", target, _in_degrees(bend_angle))
+
+
+def twist_metric(target: float) -> Metric:
+    """Return the twist of a tube's tip in degrees, by `metrics.twist_angle`."""
+    return Metric("twist", "deg", target, _in_degrees(twist_angle))
+
+
+def shortening_metric(target: float) -> Metric:
+    """Return the shortening of a tube in per cent, by `metrics.shortening`."""
+    return Metric("shortening", "percent", target, lambda of, x: 100 * shortening(of, x))
+
+
+def tube_case(
+    comm: MPI.Comm, config: TubeConfig, target: Deformer, metrics: Sequence[Metric]
 ) -> ActuatorCase:
-    """A tube along z, its base clamped, its end caps printed all over, its wall designed.
+    """Return a tube along z whose whole shape counts; its base is clamped, its caps are printed.
 
-    All vertices are wanted where the target has them, the end plate's more than the rest.
+    All vertices have a target position; those of the end plate count more than the rest.
 
     Args:
         comm: Communicator.
-        inputs: Values for the names in `TUBE`.
-        target: What the assembled tube is to become.
-        figures: What the run is judged by.
+        config: Sizes and weights.
+        target: Maps assembled to target positions.
+        metrics: Numbers that the design is judged by.
 
     Raises:
-        ParameterError: A number is out of bounds.
+        ParameterError: A size is too large for the tube.
     """
-    o = inputs
-    pattern = _tube(comm, o)
+    pattern = _tube(comm, config)
     plate, area = pattern.vertices_of(TIP), pattern.vertex_areas
     weights = np.ones(len(pattern.points))
-    weights[plate] += o["tip_weight"] * area.sum() / area[plate].sum()
-    # The ring, not the plate, which bulges. Turned by a small angle about a diameter it moves by
+    weights[plate] += config.tip_weight * area.sum() / area[plate].sum()
+    # The ring and not the plate, which bulges. Turned by a small angle about a diameter it moves by
     # angle · radius/√2 in root mean square.
     ring = np.intersect1d(plate, pattern.vertices_of(WALL))
     relative = np.zeros(len(pattern.points))
-    ratio = np.sqrt(2) * o["lever"] / (o["diameter"] / 2)
+    ratio = np.sqrt(2) * config.orientation_length / (config.diameter / 2)
     relative[ring] = ratio**2 * (area @ weights) / area[ring].sum()
-    return replace(_free_scene(pattern, target, metrics), weights=weights, relative=relative)
+    return replace(_clamped(pattern, target, metrics), weights=weights, relative=relative)
 
 
-def section_scene(
-    comm: MPI.Comm, inputs: dict[str, Any], target: Deformer, metrics: Sequence[Metric]
+def cross_section_case(
+    comm: MPI.Comm, config: CrossSectionTubeConfig, target: Deformer, metrics: Sequence[Metric]
 ) -> ActuatorCase:
-    """As `tube_scene`, but only the places and orientations of cross-sections are wanted.
+    """Return a tube as `tube_case` does, of which only cross-sections count.
 
-    The skin may swell as it likes. With `along` = 0 it may lengthen and shorten too. The far
-    border's place counts `tip_weight` times as much as the mean over all slabs.
+    Their positions and orientations have a target; the skin may swell freely. With an axial weight
+    of 0 it may also lengthen and shorten. The position of the tip counts `tip_weight` times as much
+    as the mean over all other cross-sections.
 
     Args:
         comm: Communicator.
-        inputs: Values for the names in `TUBE` and `SECTIONS`.
-        target: What the assembled tube is to become.
-        figures: What the run is judged by.
+        config: Sizes, weights and start.
+        target: Maps assembled to target positions.
+        metrics: Numbers that the design is judged by.
 
     Raises:
-        ParameterError: A number is out of bounds.
+        ParameterError: A size is too large for the tube.
     """
-    o = inputs
-    require_between(0.0, np.inf, along=o["along"])
-    pattern = _tube(comm, o)
-    start = None
-    if o["helices"]:
-        lines = [
-            helices(pattern, o["helices"], np.radians(angle), o["helix_width"])
-            for angle in {o["helix_angle"], o["helix_angle"] * (-1 if o["crossed"] else 1)}
-        ]
-        start = np.where(np.any(lines, axis=0), 0.7, 0.3)
-    count = o["sections"]
-    share = np.append(np.full(count, 1 / count), o["tip_weight"])
+    pattern, count = _tube(comm, config), config.cross_sections
+    fraction = np.append(np.full(count, 1 / count), config.tip_weight)
+    # If each of n sections is off by δ/n from the one before, the tip is off by δ.
+    ratio = config.orientation_length / pattern.size
     return replace(
-        _free_scene(pattern, target, metrics),
-        start=start,
-        sections=CrossSections(
+        _clamped(pattern, target, metrics),
+        start=_helical_start(pattern, config),
+        cross_sections=CrossSections(
             label_cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count),
-            np.outer(share, [1.0, 1.0, o["along"]]),
-            # If each of n sections is off by δ/n from the one before, the tip is off by δ.
-            np.full(count + 1, (count + 1) * o["tip_weight"] * (o["lever"] / pattern.size) ** 2),
+            np.outer(fraction, [1.0, 1.0, config.axial_weight]),
+            np.full(count + 1, (count + 1) * config.tip_weight * ratio**2),
         ),
     )
 
 
-def plain_tube(comm: MPI.Comm, inputs: dict[str, Any]) -> tuple[Pattern, Supports, Floats]:
-    """The tube without reinforcement: pattern, what is held, and the density of all triangles.
+def plain_tube(comm: MPI.Comm, config: TubeConfig) -> tuple[Pattern, Supports, Floats]:
+    """Return the tube without reinforcement of its wall.
 
     Args:
         comm: Communicator.
-        inputs: Values for the names in `TUBE`.
+        config: Sizes.
+
+    Returns:
+        Pattern, supports, and the density of all triangles, (t,).
     """
-    pattern = _tube(comm, inputs)
-    return pattern, clamp(pattern, [BASE]), np.nan_to_num(_caps(pattern), nan=0.0)
+    pattern = _tube(comm, config)
+    return pattern, clamp(pattern, [BASE]), np.nan_to_num(_printed_caps(pattern), nan=0.0)
 
 
-def helices(pattern: Pattern, count: int, angle: float, width: float) -> npt.NDArray[np.bool_]:
-    """Which triangles lie on helical lines around the tube, (t,).
+def helices(pattern: Pattern, count: int, angle: float, width: float) -> Bools:
+    """Return which triangles lie on helical lines around the tube, (t,).
 
     Args:
         pattern: The tube.
         count: Number of lines around.
-        angle: Their angle to the axis in rad; those of a positive angle are right-handed.
-        width: Of each line, in m.
+        angle: Their angle to the axis in rad, positive if right-handed.
+        width: Width of each line in m.
     """
     require_count(1, count=count)
     require_positive(width=width)
@@ -166,22 +193,36 @@ def helices(pattern: Pattern, count: int, angle: float, width: float) -> npt.NDA
     return np.asarray((pattern.panel == pattern.panel_index(WALL)) & (off < width / 2))
 
 
-def _tube(comm: MPI.Comm, o: dict[str, Any]) -> Pattern:
-    require_between(0.0, np.inf, tip_weight=o["tip_weight"], orientation_length=o["lever"])
-    return cylinder(comm, o["length"], o["diameter"], o["edge_length"], mesh=o["mesh"])
+def _in_degrees(measure: Callable[[Pattern, Floats], float]) -> MetricFunction:
+    return lambda pattern, positions: float(np.degrees(measure(pattern, positions)))
 
 
-def _free_scene(pattern: Pattern, target: Deformer, metrics: Sequence[Metric]) -> ActuatorCase:
-    """A tube clamped at its base, nothing said yet of what counts how much."""
+def _helical_start(pattern: Pattern, config: CrossSectionTubeConfig) -> Floats | None:
+    """Return the density of all triangles to start from; None without helices."""
+    if not config.helices:
+        return None
+    angles = {config.helix_angle, config.helix_angle * (-1 if config.crossed else 1)}
+    lines = [
+        helices(pattern, config.helices, np.radians(angle), config.helix_width) for angle in angles
+    ]
+    return np.where(np.any(lines, axis=0), 0.7, 0.3)
+
+
+def _tube(comm: MPI.Comm, config: TubeConfig) -> Pattern:
+    return cylinder(comm, config.length, config.diameter, config.edge_length, mesh=config.mesh)
+
+
+def _clamped(pattern: Pattern, target: Deformer, metrics: Sequence[Metric]) -> ActuatorCase:
+    """Return a tube clamped at its base, without any weights."""
     return ActuatorCase(
         pattern=pattern,
         target=target(pattern.points),
         supports=clamp(pattern, [BASE]),
         metrics=tuple(metrics),
-        passive=_caps(pattern),
+        passive=_printed_caps(pattern),
     )
 
 
-def _caps(pattern: Pattern) -> Floats:
-    """Given densities: end plates printed all over, the wall designed."""
+def _printed_caps(pattern: Pattern) -> Floats:
+    """Return prescribed densities: end plates printed all over, the wall designed."""
     return np.where(pattern.panel == pattern.panel_index(WALL), np.nan, 1.0)
