@@ -1,20 +1,20 @@
-"""A tube that bends when inflated (paper Fig. 8b): design its reinforcement pattern.
+"""A tube that bends when inflated (paper Fig. 8b): design of its reinforcement pattern.
 
     python demos/bend.py --coarse
     mpirun -n 2 python demos/bend.py --coarse --output output/bend-2
 
-The tube, 15 cm long and 2 cm wide, lies along z. Its end z = 0 is clamped; its two end caps are
-reinforced all over, as end plates are; its wall is designed, and the pressure with it. It is to
-bend towards +x, with the inner side of the bend keeping its length: a skin under pressure does not
-shorten by itself. The end plate at the tip counts as much as all the rest, so that the angle is
-reached and not only the shape. Constraints on the widths of lines and gaps are switched on when the
-free design has found its way; the pattern is then thresholded, cleaned of islands, and simulated
-again as it is printed.
+The tube, 15 cm long and 2 cm wide, lies along z. Its end z = 0 is clamped. Its two end caps are
+printed all over, as end plates are. Its wall and the pressure are designed. The target bends
+towards +x, and the inner side of the bend keeps its length, because a skin under pressure does not
+shorten. The end plate at the tip counts as much as all the rest, so that the design reaches the
+angle and not only the shape. Constraints on the widths of lines and gaps act after the first
+stage. The pattern is then thresholded, cleaned of islands, and simulated again as it is printed.
 """
 
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,27 +22,58 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.tube import COARSE_TUBE, TUBE, bend_metric, tube_scene
-from toros_fem.command_line import command_line, run_of
+from toros_fem.actuators.run import design_actuator, summary_sentence
+from toros_fem.actuators.tube import TubeConfig, bend_metric, coarse_tube, tube_case
+from toros_fem.command_line import run_from_command_line
+from toros_fem.config import quantity
 from toros_fem.meshes import bend
-
-DEFAULTS: dict[str, Any] = {
-    **TUBE,
-    "angle": 180.0,  # degrees
-    "neutral": 0.01,  # m; the inner side of the bend keeps its length
-}
-COARSE = COARSE_TUBE
+from toros_fem.output.reporter import DesignReporter
 
 
-def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> ActuatorCase:
-    """The tube, what is held of it, and what it is to become."""
-    o = inputs
-    target = bend(np.radians(o["angle"]), o["length"], neutral=o["neutral"])
-    return tube_scene(comm, o, target, [bend_metric(o["angle"])])
+@dataclass(frozen=True)
+class BendConfig(TubeConfig):
+    """Numbers of the bending tube; SI units."""
+
+    angle: float = quantity(180.0, "bend angle of the target", "deg")
+    neutral: float = quantity(
+        0.01,
+        "distance of the line that keeps its length from the axis, towards the inner side",
+        "m",
+    )
 
 
-run = run_of(scene, DEFAULTS)
+def case(comm: MPI.Comm, config: BendConfig) -> ActuatorCase:
+    """Return the tube and its target."""
+    target = bend(np.radians(config.angle), config.length, neutral=config.neutral)
+    return tube_case(comm, config, target, [bend_metric(config.angle)])
+
+
+def run(
+    comm: MPI.Comm, output: Path | str, config: BendConfig | None = None, *, verbose: bool = False
+) -> dict[str, Any]:
+    """Design the tube and write all results; return the summary.
+
+    Args:
+        comm: Communicator.
+        output: Folder for summary, history, pattern, fields and pictures.
+        config: Numbers of this design; None takes the defaults.
+        verbose: Whether to print every Newton step.
+    """
+    reporter = DesignReporter(comm, output)
+    config = config or BendConfig()
+    made = design_actuator(comm, output, case(comm, config), config, reporter, verbose=verbose)
+    return made.summary
 
 
 if __name__ == "__main__":
-    sys.exit(command_line(MPI.COMM_WORLD, __doc__, run, DEFAULTS, COARSE, Path("output/bend")))
+    sys.exit(
+        run_from_command_line(
+            MPI.COMM_WORLD,
+            __doc__,
+            BendConfig(),
+            run,
+            Path("output/bend"),
+            coarse=coarse_tube,
+            sentence=summary_sentence,
+        )
+    )

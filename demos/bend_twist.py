@@ -1,16 +1,17 @@
-"""A tube that bends and twists at once when inflated: design its reinforcement pattern.
+"""A tube that bends and twists at once when inflated: design of its reinforcement pattern.
 
     python demos/bend_twist.py --coarse
 
-The tube of `bend.py`, bent by 90° while its tip turns by 60° about its own axis. Targets are
-composed: first `twist`, then `bend`, which takes the body as lying along z. Wanted are the places
-and orientations of twelve cross-sections and of the tip; how far they swell is left free. The start
-is a guess, helical lines as in `twist.py`.
+The tube of `bend.py` is to bend by 90° while its tip turns by 60° about its own axis. Targets are
+composed: first `twist`, then `bend`, which takes a body along z. The positions and orientations of
+twelve cross-sections and of the tip count; the skin may swell freely. The design starts from
+helical lines, as in `twist.py`.
 """
 
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,45 +19,85 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.actuators.case import ActuatorCase
+from toros_fem.actuators.run import design_actuator, summary_sentence
 from toros_fem.actuators.tube import (
-    COARSE_TUBE,
-    SECTIONS,
-    TUBE,
+    CrossSectionTubeConfig,
     bend_metric,
-    section_scene,
+    coarse_tube,
+    cross_section_case,
     twist_metric,
 )
-from toros_fem.command_line import command_line, run_of
+from toros_fem.command_line import run_from_command_line
+from toros_fem.config import quantity
 from toros_fem.meshes import bend, compose, twist
-
-DEFAULTS: dict[str, Any] = {
-    **TUBE,
-    **SECTIONS,
-    "angle": 90.0,  # degrees
-    "twist": 60.0,  # degrees
-    "helices": 4,
-    "helix_angle": -45.0,  # left-handed ones unwind to the left
-    "helix_width": 2.5e-3,
-    "neutral": 0.01,  # m; the inner side of the bend keeps its length
-    "pressure": 10e3,
-}
-COARSE = {**COARSE_TUBE, "helix_width": 4e-3}
+from toros_fem.output.reporter import DesignReporter
 
 
-def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> ActuatorCase:
-    """The tube, what is held of it, and what it is to become."""
-    o = inputs
-    target = compose(
-        twist(np.radians(o["twist"]), o["length"]),
-        bend(np.radians(o["angle"]), o["length"], neutral=o["neutral"]),
+@dataclass(frozen=True)
+class BendTwistConfig(CrossSectionTubeConfig):
+    """Numbers of the tube that bends and twists; SI units."""
+
+    angle: float = quantity(90.0, "bend angle of the target", "deg")
+    twist: float = quantity(
+        60.0, "twist of the target, positive if counter-clockwise seen from the tip", "deg"
     )
-    return section_scene(comm, o, target, [bend_metric(o["angle"]), twist_metric(o["twist"])])
+    neutral: float = quantity(
+        0.01,
+        "distance of the line that keeps its length from the axis, towards the inner side",
+        "m",
+    )
+    helices: int = CrossSectionTubeConfig.redefault("helices", 4)
+    # Left-handed lines unwind counter-clockwise.
+    helix_angle: float = CrossSectionTubeConfig.redefault("helix_angle", -45.0)
+    helix_width: float = CrossSectionTubeConfig.redefault("helix_width", 2.5e-3)
+    pressure: float = CrossSectionTubeConfig.redefault("pressure", 10e3)
 
 
-run = run_of(scene, DEFAULTS)
+def case(comm: MPI.Comm, config: BendTwistConfig) -> ActuatorCase:
+    """Return the tube and its target."""
+    target = compose(
+        twist(np.radians(config.twist), config.length),
+        bend(np.radians(config.angle), config.length, neutral=config.neutral),
+    )
+    metrics = [bend_metric(config.angle), twist_metric(config.twist)]
+    return cross_section_case(comm, config, target, metrics)
+
+
+def coarse(config: BendTwistConfig) -> BendTwistConfig:
+    """Return the same design on a coarse mesh, with wider lines to start from."""
+    return coarse_tube(config).updated(helix_width=4e-3)
+
+
+def run(
+    comm: MPI.Comm,
+    output: Path | str,
+    config: BendTwistConfig | None = None,
+    *,
+    verbose: bool = False,
+) -> dict[str, Any]:
+    """Design the tube and write all results; return the summary.
+
+    Args:
+        comm: Communicator.
+        output: Folder for summary, history, pattern, fields and pictures.
+        config: Numbers of this design; None takes the defaults.
+        verbose: Whether to print every Newton step.
+    """
+    reporter = DesignReporter(comm, output)
+    config = config or BendTwistConfig()
+    made = design_actuator(comm, output, case(comm, config), config, reporter, verbose=verbose)
+    return made.summary
 
 
 if __name__ == "__main__":
     sys.exit(
-        command_line(MPI.COMM_WORLD, __doc__, run, DEFAULTS, COARSE, Path("output/bend_twist"))
+        run_from_command_line(
+            MPI.COMM_WORLD,
+            __doc__,
+            BendTwistConfig(),
+            run,
+            Path("output/bend_twist"),
+            coarse=coarse,
+            sentence=summary_sentence,
+        )
     )

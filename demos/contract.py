@@ -1,52 +1,92 @@
-"""A tube that shortens when inflated (paper Fig. 8c): design its reinforcement pattern.
+"""A tube that shortens when inflated (paper Fig. 8c): design of its reinforcement pattern.
 
     python demos/contract.py --coarse
 
-The tube of `bend.py`, to become 8 % shorter. How far it swells is left free, and it must: the work
-of the pressure on a larger section is what pulls the ends together. Wanted are the places along the
-axis of twelve cross-sections and of the end plate, and that all stay upright on it. The start is a
-guess, helical lines that cross at 28° to the axis as in a McKibben muscle: from a start of no
-pattern the design stays a stiff tube. 8 % is about the most that the default materials allow, with
-lines finer than these (docs/limits.md).
+The tube of `bend.py` is to become 8 % shorter. It may swell freely, and it must: the work of the
+pressure on a larger cross-section is what pulls the ends together. The positions of twelve
+cross-sections and of the end plate along the axis count, and that all of them stay perpendicular to
+it. The design starts from helical lines that cross at 28° to the axis, as in a McKibben muscle.
+From a start without a pattern the design stays a stiff tube. The default materials allow little
+more than 8 %, and only with finer lines than these (docs/limits.md).
 """
 
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
 from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.tube import COARSE_TUBE, SECTIONS, TUBE, section_scene, shortening_metric
-from toros_fem.command_line import command_line, run_of
+from toros_fem.actuators.run import design_actuator, summary_sentence
+from toros_fem.actuators.tube import (
+    CrossSectionTubeConfig,
+    coarse_tube,
+    cross_section_case,
+    shortening_metric,
+)
+from toros_fem.command_line import run_from_command_line
+from toros_fem.config import quantity
 from toros_fem.meshes import contract
-
-DEFAULTS: dict[str, Any] = {
-    **TUBE,
-    **SECTIONS,
-    "contraction": 8.0,  # per cent
-    "tip_weight": 10.0,
-    "helices": 3,  # as many each way
-    "helix_angle": 28.0,
-    "helix_width": 2.5e-3,
-    "crossed": 1,
-    "iterations": 90,
-    "pressure": 5e3,
-}
-COARSE = {**COARSE_TUBE, "helix_width": 3e-3}
+from toros_fem.output.reporter import DesignReporter
 
 
-def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> ActuatorCase:
-    """The tube, what is held of it, and what it is to become."""
-    asked = inputs["contraction"]
-    target = contract(1 - asked / 100)
-    return section_scene(comm, inputs, target, [shortening_metric(asked)])
+@dataclass(frozen=True)
+class ContractConfig(CrossSectionTubeConfig):
+    """Numbers of the tube that shortens; SI units."""
+
+    contraction: float = quantity(8.0, "shortening of the target", "%", below=100)
+    tip_weight: float = CrossSectionTubeConfig.redefault("tip_weight", 10.0)
+    helices: int = CrossSectionTubeConfig.redefault("helices", 3)
+    helix_angle: float = CrossSectionTubeConfig.redefault("helix_angle", 28.0)
+    helix_width: float = CrossSectionTubeConfig.redefault("helix_width", 2.5e-3)
+    crossed: bool = CrossSectionTubeConfig.redefault("crossed", True)
+    iterations: int = CrossSectionTubeConfig.redefault("iterations", 90)
 
 
-run = run_of(scene, DEFAULTS)
+def case(comm: MPI.Comm, config: ContractConfig) -> ActuatorCase:
+    """Return the tube and its target."""
+    target = contract(1 - config.contraction / 100)
+    return cross_section_case(comm, config, target, [shortening_metric(config.contraction)])
+
+
+def coarse(config: ContractConfig) -> ContractConfig:
+    """Return the same design on a coarse mesh, with wider lines to start from."""
+    return coarse_tube(config).updated(helix_width=3e-3)
+
+
+def run(
+    comm: MPI.Comm,
+    output: Path | str,
+    config: ContractConfig | None = None,
+    *,
+    verbose: bool = False,
+) -> dict[str, Any]:
+    """Design the tube and write all results; return the summary.
+
+    Args:
+        comm: Communicator.
+        output: Folder for summary, history, pattern, fields and pictures.
+        config: Numbers of this design; None takes the defaults.
+        verbose: Whether to print every Newton step.
+    """
+    reporter = DesignReporter(comm, output)
+    config = config or ContractConfig()
+    made = design_actuator(comm, output, case(comm, config), config, reporter, verbose=verbose)
+    return made.summary
 
 
 if __name__ == "__main__":
-    sys.exit(command_line(MPI.COMM_WORLD, __doc__, run, DEFAULTS, COARSE, Path("output/contract")))
+    sys.exit(
+        run_from_command_line(
+            MPI.COMM_WORLD,
+            __doc__,
+            ContractConfig(),
+            run,
+            Path("output/contract"),
+            coarse=coarse,
+            sentence=summary_sentence,
+        )
+    )

@@ -3,200 +3,264 @@
     python demos/gripper.py --coarse
     python demos/gripper.py --coarse --shape box
 
-Each finger is a flat one of two panels, clamped at its root in a mount; the three hang around the
-object at 120°. Half a finger is designed, by symmetry; a line along its inner panel is printed in
-any case, so that this keeps its length. The target is built from the object: straight until the
-finger touches, then around it. The distance of the inner panel from the object counts besides. What
-is printed is simulated again; the gap that it leaves is reported, and what the object's weight
-changes when it hangs on the fingers.
+Each finger is flat, made of two panels, and clamped at its root in a mount. Three of them hang
+around the object at 120°. Half a finger is designed, by symmetry. A line along its inner panel is
+always printed, so that this panel keeps its length. The target follows from the object: the finger
+is straight up to the object, then goes around it. The distance of the inner panel from the object
+also counts. The printed finger is simulated again. The summary tells the remaining gap, and how it
+changes when the object's weight hangs on the fingers.
 """
 
 from __future__ import annotations
 
 import sys
-import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from toros_fem.actuators.case import ActuatorCase, ActuatorResult, design, merged
+from toros_fem._types import Bools, Floats
+from toros_fem.actuators.case import ActuatorCase, Contact
+from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.gripper import write_grasp
-from toros_fem.actuators.limb import limb_cross_sections, tip_angle_metric
-from toros_fem.command_line import command_line, last_line
+from toros_fem.actuators.legs import leg_cross_sections, tip_angle_metric
+from toros_fem.actuators.run import ActuatorResult, design_actuator, summary_sentence
+from toros_fem.command_line import run_from_command_line
+from toros_fem.config import quantity
 from toros_fem.equilibrium.solver import EquilibriumError
 from toros_fem.mechanics.supports import Supports, symmetry_plane
 from toros_fem.meshes import Pattern, curl, finger, plane_centroids
-from toros_fem.objectives.gap import Body
+from toros_fem.objectives.gap import SHAPES, Body
 from toros_fem.objectives.metrics import Metric
+from toros_fem.output.reporter import DesignReporter
 
-DEFAULTS: dict[str, Any] = {
-    "shape": "sphere",  # or "box"
-    "size": 0.04,  # m, diameter or edge
-    "finger_length": 0.09,  # m
-    "finger_width": 0.025,  # m
-    "root": 0.015,  # m, in the mount
-    "backbone": 6e-3,  # m, width of a line that is printed along the inner panel in any case
-    "edge_length": 1.2e-3,  # m
-    "depth": 0.016,  # m, of the inflated finger where it is straight, a first guess
-    "wrap": 90.0,  # degrees by which the finger goes around the object
-    "tail": 0.015,  # m of the finger that is to lie straight under a box
-    "sections": 8,  # of the finger
-    "place": 0.05,  # weight of the finger's centre line, over that of its orientation
-    "lever": 0.02,  # m; the tip off by 0.1 rad counts as if all were off by 2 mm
-    "touch": 5.0,  # weight of the inner panel's distance from the object
-    "mass": 0.03,  # kg, of the object
-    "seams": "hinged",
-    "pressure": 10e3,
-}
-COARSE = {"edge_length": 2.4e-3, "radius": 3.7e-3, "iterations": 40, "constrained": 30}
 ALONG, TOWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
-STRIP = 1 / 3  # of the width that is to lie on the object
+TOUCHING_WIDTH = 1 / 3  # of the finger's width, which is to lie on the object
+GRAVITY = 9.81  # m/s²
 
 
-def begin_of(inputs: dict[str, Any]) -> float:
-    """Where the finger begins to bend, in m from its root, so that its tip ends as it should.
+@dataclass(frozen=True)
+class GripperConfig(ActuatorConfig):
+    """Numbers of the gripper; SI units."""
 
-    The inner panel keeps its length: it goes around the object's own radius.
-    """
-    o = inputs
-    tail = o["tail"] if o["shape"] == "box" else 0.0
-    radius = Body(o["shape"], o["size"], (0.0, 0.0, 0.0)).radius
-    return float(o["finger_length"] - tail - np.radians(o["wrap"]) * radius)
+    shape: str = quantity("sphere", "shape of the object", choices=SHAPES)
+    size: float = quantity(0.04, "diameter of the sphere or edge of the box", "m", above=0)
+    finger_length: float = quantity(0.09, "length of a finger", "m", above=0)
+    finger_width: float = quantity(0.025, "width of a finger", "m", above=0)
+    root_length: float = quantity(0.015, "length of a finger in the mount", "m", above=0)
+    backbone_width: float = quantity(
+        6e-3, "width of the line along the inner panel that is always printed", "m", at_least=0
+    )
+    edge_length: float = quantity(1.2e-3, "edge length of the mesh", "m", above=0)
+    inflated_depth: float = quantity(
+        0.016, "depth of the inflated finger where it is straight, a first guess", "m", at_least=0
+    )
+    wrap_angle: float = quantity(
+        90.0, "angle by which a finger goes around the object", "deg", above=0
+    )
+    tail_length: float = quantity(
+        0.015, "length of a finger that lies straight under a box", "m", at_least=0
+    )
+    cross_sections: int = quantity(8, "number of cross-sections of a finger", at_least=1)
+    centreline_weight: float = quantity(
+        0.05, "weight of the finger's centre line over that of its orientation", at_least=0
+    )
+    orientation_length: float = quantity(
+        0.02,
+        "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length",
+        "m",
+        at_least=0,
+    )
+    contact_weight: float = quantity(
+        5.0, "weight of the inner panel's distance from the object", at_least=0
+    )
+    mass: float = quantity(0.03, "mass of the object", "kg", at_least=0)
+    seams: str = ActuatorConfig.redefault("seams", "hinged")
+    pressure: float = ActuatorConfig.redefault("pressure", 10e3)
+
+    @property
+    def bend_radius(self) -> float:
+        """Radius in m around which the inner panel bends."""
+        return Body(self.shape, self.size, (0.0, 0.0, 0.0)).radius
+
+    @property
+    def bend_start(self) -> float:
+        """Distance in m from the root at which a finger starts to bend.
+
+        The inner panel keeps its length and goes around the object; its tip ends where it should.
+        """
+        tail = self.tail_length if self.shape == "box" else 0.0
+        return float(self.finger_length - tail - np.radians(self.wrap_angle) * self.bend_radius)
+
+    @property
+    def body(self) -> Body:
+        """The object beside the straight finger, at the height where this bends."""
+        half = self.size / 2
+        centre = (self.bend_start + self.bend_radius - half, 0.0, half + self.inflated_depth / 2)
+        return Body(self.shape, self.size, centre)
 
 
-def body(inputs: dict[str, Any]) -> Body:
-    """The object, beside the straight finger, round where this is to bend."""
-    o, half = inputs, inputs["size"] / 2
-    radius = Body(o["shape"], o["size"], (0.0, 0.0, 0.0)).radius
-    return Body(o["shape"], o["size"], (begin_of(o) + radius - half, 0.0, half + o["depth"] / 2))
+def coarse(config: GripperConfig) -> GripperConfig:
+    """Return the same design on a coarse mesh with few steps; it takes a minute or two."""
+    return config.updated(
+        edge_length=2.4e-3, filter_radius=3.7e-3, iterations=40, constrained_iterations=30
+    )
 
 
-def strip(pattern: Pattern, inputs: dict[str, Any]) -> npt.NDArray[np.bool_]:
-    """Vertices of the inner panel that are to touch: a strip along its middle, from the bend on."""
-    o, inner = inputs, np.zeros(len(pattern.points), dtype=bool)
+def touching_vertices(pattern: Pattern, config: GripperConfig) -> Bools:
+    """Return which vertices are to touch: a strip along the inner panel's middle, (n,)."""
+    inner = np.zeros(len(pattern.points), dtype=bool)
     inner[pattern.vertices_of("top")] = True
-    begin = begin_of(o)
     x, y, _ = pattern.points.T
-    end = o["finger_length"] - o["finger_width"] / 4
-    return np.asarray(inner & (x > begin) & (x < end) & (np.abs(y) < STRIP * o["finger_width"] / 2))
+    end = config.finger_length - config.finger_width / 4
+    middle = np.abs(y) < TOUCHING_WIDTH * config.finger_width / 2
+    return np.asarray(inner & (x > config.bend_start) & (x < end) & middle)
 
 
-def gap_metric(inputs: dict[str, Any]) -> Metric:
-    """Mean distance in mm of the strip from the object, inside or outside, by flat area."""
-    thing = body(inputs)
+def gap_metric(config: GripperConfig) -> Metric:
+    """Return the mean distance in mm of the touching strip from the object, inside or outside."""
+    body = config.body
 
-    def measure(pattern: Pattern, positions: npt.NDArray[np.float64]) -> float:
-        inner = strip(pattern, inputs)
-        distance, _ = thing.distance(positions[inner])
-        return float(1e3 * np.average(np.abs(distance), weights=pattern.vertex_areas[inner]))
+    def measure(pattern: Pattern, positions: Floats) -> float:
+        touching = touching_vertices(pattern, config)
+        distance, _ = body.distance(positions[touching])
+        return float(1e3 * np.average(np.abs(distance), weights=pattern.vertex_areas[touching]))
 
     return Metric("gap", "mm", 0.0, measure)
 
 
-def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> ActuatorCase:
-    """Half a finger, what is held of it, and what it is to become."""
-    o, thing = inputs, body(inputs)
+def case(comm: MPI.Comm, config: GripperConfig) -> ActuatorCase:
+    """Return half a finger and its target."""
+    root, angle = config.root_length, np.radians(config.wrap_angle)
     pattern = finger(
         comm,
-        o["edge_length"],
-        length=o["finger_length"],
-        width=o["finger_width"],
-        root=o["root"],
+        config.edge_length,
+        length=config.finger_length,
+        width=config.finger_width,
+        root=root,
         planes=(1,),
     )
-    bend = np.radians(o["wrap"])
-    target = curl(
-        bend,
-        bend * thing.radius,
-        origin=(begin_of(o), 0, o["depth"] / 2),
+    deform = curl(
+        angle,
+        angle * config.bend_radius,
+        origin=(config.bend_start, 0, config.inflated_depth / 2),
         along=ALONG,
         toward=TOWARD,
     )
-    goal = target(pattern.points)
-    turned = tip_angle_metric(0.0, ALONG, TOWARD, o["root"])
+    target = deform(pattern.points)
+    tip_angle = tip_angle_metric(0.0, ALONG, TOWARD, root)
     inner = pattern.panel == pattern.panel_index("top")
-    across = np.abs(plane_centroids(pattern)[:, 1])
+    off_middle = np.abs(plane_centroids(pattern)[:, 1])
     fixed = np.zeros((len(pattern.points), 3), dtype=bool)
-    fixed[pattern.points[:, 0] <= o["root"] * (1 + 1e-9)] = True
+    fixed[pattern.points[:, 0] <= root * (1 + 1e-9)] = True
+    touching = touching_vertices(pattern, config).astype(np.float64)
     return ActuatorCase(
         pattern=pattern,
-        target=goal,
+        target=target,
         supports=Supports(fixed) | symmetry_plane(pattern, 1),
-        passive=np.where(inner & (across < o["backbone"] / 2), 1.0, np.nan),
-        metrics=(gap_metric(o), replace(turned, target=turned.measure(pattern, goal))),
-        sections=limb_cross_sections(
-            pattern, ALONG, o["root"], o["sections"], o["place"], o["lever"]
+        passive=np.where(inner & (off_middle < config.backbone_width / 2), 1.0, np.nan),
+        metrics=(
+            gap_metric(config),
+            replace(tip_angle, target=tip_angle.measure(pattern, target)),
         ),
-        grasp=(thing, strip(pattern, o).astype(float), o["touch"]),
-        # Which side is to stretch is told; otherwise the start knows neither up nor down.
+        cross_sections=leg_cross_sections(
+            pattern,
+            ALONG,
+            root,
+            config.cross_sections,
+            config.centreline_weight,
+            config.orientation_length,
+        ),
+        contact=Contact(config.body, touching, config.contact_weight),
+        # The outer panel is to stretch; without this hint the start cannot tell in from out.
         start=np.where(inner, 0.65, 0.35),
         symmetry=(1,),
     )
 
 
-def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -> dict[str, Any]:
-    """Design the finger; returns the summary, with what the object's weight does under "load".
+def lift(
+    comm: MPI.Comm, output: Path, config: GripperConfig, pattern: Pattern, design: ActuatorResult
+) -> dict[str, Any]:
+    """Simulate the printed finger under a third of the object's weight; return its figures.
 
     Args:
         comm: Communicator.
-        output: Folder for summary, history, pattern, fields and pictures.
-        verbose: Whether to print every step of the equilibrium solver.
-        inputs: What differs from `DEFAULTS` and `toros_fem.scene.ActuatorConfig`.
+        output: Folder for pictures and figures.
+        config: Numbers of the gripper.
+        pattern: Half a finger.
+        design: The designed finger.
     """
-    begin = time.perf_counter()
-    o = merged(DEFAULTS, inputs)
-    made = scene(comm, o)
-    done = design(comm, output, made, o, begin=begin, verbose=verbose)
-    return {**done.summary, "load": loaded(comm, output, o, made, done)}
-
-
-def loaded(
-    comm: MPI.Comm, output: Path, o: dict[str, Any], made: ActuatorCase, done: ActuatorResult
-) -> dict[str, Any]:
-    """The printed finger with a third of the object's weight on it, along the finger."""
-    pattern, shown = made.pattern, done.printed.evaluation or done.result.final
-    problem = done.problem
-    skin, solver = problem.solver.skin, problem.solver
-    touching = strip(pattern, o)
-    # Half a finger bears a sixth of it; it hangs where the finger has gone around.
-    share = pattern.vertex_areas * touching * (pattern.points[:, 0] > o["finger_length"] - 0.02)
-    force = np.outer(share / share.sum(), [o["mass"] * 9.81 / 6, 0, 0])
+    shown, problem = design.printed.evaluation or design.result.final, design.problem
+    skin = problem.skin
+    # Half a finger bears a sixth; the object hangs where the finger goes around it.
+    around = touching_vertices(pattern, config) & (
+        pattern.points[:, 0] > config.finger_length - 0.02
+    )
+    weight = pattern.vertex_areas * around
+    force = np.outer(weight / weight.sum(), [config.mass * GRAVITY / 6, 0, 0])
     try:
-        found = solver.solve(
+        found = problem.solver.solve(
             shown.projected,
             shown.equilibrium.pressures,
             force=force,
             start=shown.equilibrium.positions,
         )
     except EquilibriumError as caught:  # raised by all ranks or by none
-        return {"mass_kg": o["mass"], "failure": str(caught)}
+        return {"mass_kg": config.mass, "failure": str(caught)}
     free = skin.gather_vertices(shown.equilibrium.positions)
-    under = skin.gather_vertices(found.positions)
-    sag = np.average((under - free)[:, 0], weights=share)
-    gap = made.metrics[0].measure(pattern, under)
-    metrics = {"mass_kg": o["mass"], "sag_mm": 1e3 * float(sag), "gap_mm": gap}
+    loaded = skin.gather_vertices(found.positions)
+    sag = np.average((loaded - free)[:, 0], weights=weight)
+    gap = gap_metric(config).measure(pattern, loaded)
+    figures = {"mass_kg": config.mass, "sag_mm": 1e3 * float(sag), "gap_mm": gap}
     whole = problem.whole
     assert whole is not None
-    write_grasp(comm, output, whole.pattern.triangles, whole.at_vertices(free),
-                done.printed.cells.astype(float), body(o), metrics)  # fmt: skip
-    return metrics
+    printed = design.printed.cells.astype(np.float64)
+    positions = whole.at_vertices(free)
+    write_grasp(comm, output, whole.pattern.triangles, positions, printed, config.body, figures)
+    return figures
+
+
+def run(
+    comm: MPI.Comm,
+    output: Path | str,
+    config: GripperConfig | None = None,
+    *,
+    verbose: bool = False,
+) -> dict[str, Any]:
+    """Design the finger and load it; return the summary, with the load's figures under "load".
+
+    Args:
+        comm: Communicator.
+        output: Folder for summary, history, pattern, fields and pictures.
+        config: Numbers of this design; None takes the defaults.
+        verbose: Whether to print every Newton step.
+    """
+    reporter = DesignReporter(comm, output)
+    config = config or GripperConfig()
+    half = case(comm, config)
+    made = design_actuator(comm, output, half, config, reporter, verbose=verbose)
+    return {**made.summary, "load": lift(comm, Path(output), config, half.pattern, made)}
 
 
 def sentence(summary: dict[str, Any]) -> str:
-    """The result in words."""
+    """Return the result in words."""
     load = summary["load"]
-    fixed = f"{1e3 * load['mass_kg']:.0f} g "
-    fixed += f"sag by {load['sag_mm']:.1f} mm" if "sag_mm" in load else "are not held"
-    return f"{last_line(summary)}; {fixed}"
+    grams = f"{1e3 * load['mass_kg']:.0f} g "
+    lifted = f"sag by {load['sag_mm']:.1f} mm" if "sag_mm" in load else "cannot be held"
+    return f"{summary_sentence(summary)}; {grams}{lifted}"
 
 
 if __name__ == "__main__":
     sys.exit(
-        command_line(
-            MPI.COMM_WORLD, __doc__, run, DEFAULTS, COARSE, Path("output/gripper"), sentence
+        run_from_command_line(
+            MPI.COMM_WORLD,
+            __doc__,
+            GripperConfig(),
+            run,
+            Path("output/gripper"),
+            coarse=coarse,
+            sentence=sentence,
         )
     )

@@ -2,93 +2,112 @@
 
     python demos/inflate.py --coarse
 
-The tube of `bend.py` with plain walls, from 0 to 20 kPa: radius of its middle third and
-distance of its ends, over what they were. Up to some kPa the fabric stretches by more and more;
-above about 10 kPa it is close to its stretch bounds, and the curve bends down.
+The tube of `bend.py` with plain walls is inflated from 0 to 20 kPa. The curves show the radius of
+its middle third and the distance of its ends, each over its initial value. Up to some kPa the
+fabric stretches more and more; above about 10 kPa it is close to its stretch bounds, and the curve
+bends down.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.actuators.case import merged, settings_of
-from toros_fem.actuators.tube import TUBE, plain_tube
+from toros_fem.actuators.tube import TubeConfig, plain_tube
 from toros_fem.analysis.pressure_path import trace_pressure_path
-from toros_fem.command_line import command_line
+from toros_fem.command_line import run_from_command_line
+from toros_fem.config import quantity
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import sew
 from toros_fem.objectives.metrics import Metric, shortening, swelling
+from toros_fem.output.console import print_step
 from toros_fem.output.writer import write_pressure_path
 
-DEFAULTS: dict[str, Any] = {
-    **TUBE,
-    "highest": 20e3,  # Pa
-    "levels": 40,
-    "pressure": 10e3,  # above, the tube is called saturated
-}
-COARSE = {"edge_length": 2.85e-3, "levels": 20}
-FIGURES = (
+METRICS = (
     Metric("radius", "percent", 100.0, lambda of, x: 100 * swelling(of, x)),
     Metric("length", "percent", 100.0, lambda of, x: 100 * (1 - shortening(of, x))),
 )
 
 
-def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -> dict[str, Any]:
-    """Inflate the tube; returns the summary that is also written to `output`.
+@dataclass(frozen=True)
+class InflateConfig(TubeConfig):
+    """Numbers of the inflated tube; SI units."""
+
+    pressure: float = quantity(10e3, "the tube counts as saturated above", "Pa", above=0)
+    highest_pressure: float = quantity(20e3, "last pressure", "Pa", above=0)
+    levels: int = quantity(40, "number of pressures", at_least=2)
+
+
+def coarse(config: InflateConfig) -> InflateConfig:
+    """Return the same path on a coarse mesh with fewer pressures."""
+    return config.updated(edge_length=2.85e-3, levels=20)
+
+
+def run(
+    comm: MPI.Comm, output: Path | str, config: InflateConfig | None = None, *,
+    verbose: bool = False,
+) -> dict[str, Any]:  # fmt: skip
+    """Inflate the tube and write curve, fields and pictures; return the summary.
 
     Args:
         comm: Communicator.
-        output: Folder for summary, curve, fields and pictures.
-        verbose: Whether to print every step of the equilibrium solver.
-        inputs: What differs from `DEFAULTS` and `toros_fem.scene.ActuatorConfig`.
+        output: Folder for the results.
+        config: Numbers of this run; None takes the defaults.
+        verbose: Whether to print every Newton step.
     """
     begin = time.perf_counter()
-    o = merged(DEFAULTS, inputs)
-    pattern, supports, density = plain_tube(comm, o)
+    config = config or InflateConfig()
+    pattern, supports, density = plain_tube(comm, config)
     skin = sew(comm, pattern)
-    solver = EquilibriumSolver(skin, settings_of(o).composite, supports)
-    levels = np.linspace(0.0, o["highest"], o["levels"] + 1)
+    log = print_step(comm) if verbose else None
+    solver = EquilibriumSolver(skin, config.composite, supports, log=log)
+    levels = np.linspace(0.0, config.highest_pressure, config.levels + 1)
     points = list(
-        trace_pressure_path(solver, density[skin.owned_cells], [*map(float, levels)], FIGURES)
+        trace_pressure_path(solver, density[skin.owned_cells], [*map(float, levels)], METRICS)
     )
     radius = np.array([point.metrics["radius_percent"] for point in points])
-    half = int(np.argmin(np.abs(levels - o["pressure"])))
-    summary = {
+    half = int(np.argmin(np.abs(levels - config.pressure)))
+    figures = {
         "radius_percent": radius[-1],
         "length_percent": points[-1].metrics["length_percent"],
         "radius_percent_at_pressure": radius[half],
         "length_percent_at_pressure": points[half].metrics["length_percent"],
         "growth_above_over_below": (radius[-1] - radius[half]) / (radius[half] - radius[0]),
         "steepest_kpa": 1e-3 * float(levels[1:][np.argmax(np.diff(radius))]),
-        "inputs": o,
     }
-    seconds = {"total": time.perf_counter() - begin}
     return write_pressure_path(
-        comm, output, pattern, points, density, FIGURES, figures=summary, seconds=seconds
-    )
+        comm, output, pattern, points, density, METRICS,
+        config=config, figures=figures, seconds={"total": time.perf_counter() - begin},
+    )  # fmt: skip
 
 
 def sentence(summary: dict[str, Any]) -> str:
-    """The result in words."""
-    o = summary["inputs"]
+    """Return the result in words."""
+    inputs = summary["inputs"]
     return (
         f"radius {summary['radius_percent_at_pressure']:.0f} % and length "
-        f"{summary['length_percent_at_pressure']:.0f} % at {o['pressure'] / 1e3:g} kPa, "
+        f"{summary['length_percent_at_pressure']:.0f} % at {inputs['pressure'] / 1e3:g} kPa, "
         f"{summary['radius_percent']:.0f} % and {summary['length_percent']:.0f} % at "
-        f"{o['highest'] / 1e3:g} kPa: {100 * summary['growth_above_over_below']:.0f} % of the "
-        f"growth before"
+        f"{inputs['highest_pressure'] / 1e3:g} kPa: above, the radius grows by "
+        f"{100 * summary['growth_above_over_below']:.0f} % of its growth below"
     )
 
 
 if __name__ == "__main__":
     sys.exit(
-        command_line(
-            MPI.COMM_WORLD, __doc__, run, DEFAULTS, COARSE, Path("output/inflate"), sentence
+        run_from_command_line(
+            MPI.COMM_WORLD,
+            __doc__,
+            InflateConfig(),
+            run,
+            Path("output/inflate"),
+            coarse=coarse,
+            sentence=sentence,
         )
     )

@@ -1,88 +1,111 @@
-"""What each part of the three-field scheme does (paper Figs. 4, 5): the bending tube five times.
+"""What each part of the three-field scheme does (paper Figs. 4, 5): five bending tubes.
 
     python demos/three_field.py --coarse
 
-Same scene, same start, same number of steps: densities filtered only; with projection; with
+Five variants share case, start and number of steps: densities filtered only; with projection; with
 constraints on the widths of lines and gaps; with a penalty on the perimeter; with both. Each design
-is thresholded at eta and simulated again as it would be printed: that, and not the optimiser's own
-figure, tells what a variant is worth. Writes a table, `three_field.json`, and a picture strip.
+is thresholded at eta and simulated again as it would be printed, since only the print shows what a
+variant is worth. The demo writes a table, `three_field.json`, and a picture strip.
 """
 
 from __future__ import annotations
 
 import sys
-import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.actuators.case import design, merged
-from toros_fem.actuators.tube import COARSE_TUBE, TUBE, bend_metric, tube_scene
-from toros_fem.command_line import command_line
+from toros_fem.actuators.run import design_actuator
+from toros_fem.actuators.tube import TubeConfig, bend_metric, coarse_tube, tube_case
+from toros_fem.command_line import run_from_command_line
+from toros_fem.config import quantity
+from toros_fem.errors import ParameterError
 from toros_fem.meshes import bend
+from toros_fem.output.reporter import DesignReporter
 from toros_fem.output.writer import write_comparison
 
-DEFAULTS: dict[str, Any] = {
-    **TUBE,
-    "angle": 180.0,  # degrees
-    "neutral": 0.01,  # m; the inner side of the bend keeps its length
-    "polish": 0,  # the bare variants are compared
-    "perimeter": 2e-4,  # weight of the perimeter term in the variants that have it
-}
-COARSE = COARSE_TUBE
 # β of almost 0 makes the projection the identity.
 PLAIN = 1e-3
 
 
-def variants(inputs: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """What each variant changes; all take the same number of steps."""
-    o = inputs
-    steps = o["iterations"] + o["constrained"]
-    free = {"iterations": steps, "constrained": 0, "perimeter": 0.0}
+@dataclass(frozen=True)
+class ThreeFieldConfig(TubeConfig):
+    """Numbers of the five bending tubes; SI units."""
+
+    angle: float = quantity(180.0, "bend angle of the target", "deg")
+    neutral: float = quantity(
+        0.01, "offset of the line that keeps its length, towards the inner side", "m"
+    )
+    # The bare variants are compared.
+    polish_iterations: int = TubeConfig.redefault("polish_iterations", 0)
+    perimeter_weight: float | None = quantity(
+        2e-4, "weight of the perimeter term in the variants that have it", above=0
+    )
+
+
+def variants(config: ThreeFieldConfig) -> dict[str, ThreeFieldConfig]:
+    """Return the configuration of each variant; all take the same number of steps.
+
+    Raises:
+        ParameterError: There is no weight for the perimeter.
+    """
+    if config.perimeter_weight is None:
+        raise ParameterError(
+            "perimeter_weight = None leaves the perimeter out, but two variants need it. Give a "
+            "number above 0."
+        )
+    steps = config.iterations + config.constrained_iterations
+    free = config.updated(iterations=steps, constrained_iterations=0)
     return {
-        "filter only": {**free, "beta": PLAIN},
-        "projection": free,
-        "widths": {"perimeter": 0.0},
-        "perimeter": {**free, "perimeter": o["perimeter"]},
-        "widths and perimeter": {},
+        "filter only": free.updated(perimeter_weight=None, beta=PLAIN),
+        "projection": free.updated(perimeter_weight=None),
+        "widths": config.updated(perimeter_weight=None),
+        "perimeter": free,
+        "widths and perimeter": config,
     }
 
 
-def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -> dict[str, Any]:
-    """Design all variants; returns the table that is also written to `output`.
+def run(
+    comm: MPI.Comm,
+    output: Path | str,
+    config: ThreeFieldConfig | None = None,
+    *,
+    verbose: bool = False,
+) -> dict[str, Any]:
+    """Design all variants and write table and picture strip; return the table.
 
     Args:
         comm: Communicator.
         output: Folder for table and picture strip, and a folder for each variant.
-        verbose: Whether to print every step of the equilibrium solver.
-        inputs: What differs from `DEFAULTS` and `toros_fem.scene.ActuatorConfig`.
+        config: Numbers of this comparison; None takes the defaults.
+        verbose: Whether to print every Newton step.
     """
-    whole = merged(DEFAULTS, inputs)
+    output, config = Path(output), config or ThreeFieldConfig()
     rows: list[dict[str, Any]] = []
     pictures = []
-    for name, changes in variants(whole).items():
-        begin = time.perf_counter()
+    for name, variant in variants(config).items():
         if comm.rank == 0:
             print(f"\n{name}", flush=True)
-        o = {**whole, **changes}
-        target = bend(np.radians(o["angle"]), o["length"], neutral=o["neutral"])
-        scene = tube_scene(comm, o, target, [bend_metric(o["angle"])])
         folder = output / name.replace(" ", "_")
-        done = design(comm, folder, scene, o, begin=begin, verbose=verbose)
-        rows.append(row(name, done.summary))
-        wall = done.printed.contours[scene.pattern.panel_index("wall")]
+        reporter = DesignReporter(comm, folder)
+        target = bend(np.radians(variant.angle), variant.length, neutral=variant.neutral)
+        tube = tube_case(comm, variant, target, [bend_metric(variant.angle)])
+        made = design_actuator(comm, folder, tube, variant, reporter, verbose=verbose)
+        rows.append(row(name, made.summary))
+        wall = made.printed.bare[tube.pattern.panel_index("wall")]
         pictures.append((name, wall, caption(rows[-1])))
     if comm.rank == 0:
         print("\n" + table(rows))
-    content = {"rows": rows, "inputs": whole}
-    write_comparison(comm, output, "three_field", content, scene.pattern, "wall", pictures)
+    content = {"rows": rows, "inputs": config.as_dict()}
+    write_comparison(comm, output, "three_field", content, tube.pattern, "wall", pictures)
     return content
 
 
 def row(name: str, summary: dict[str, Any]) -> dict[str, Any]:
-    """The figures of one variant; widths, islands and border are those of the bare contours."""
+    """Return the figures of one variant; widths, islands and border are of the bare contours."""
     made = summary["dropped"]["before"]
     return {
         "variant": name,
@@ -104,12 +127,12 @@ def row(name: str, summary: dict[str, Any]) -> dict[str, Any]:
 
 
 def number(value: float | None, form: str = ".2f") -> str:
-    """A number that there may not be."""
+    """Return a number as text, "-" for None."""
     return "-" if value is None else f"{value:{form}}"
 
 
 def caption(r: dict[str, Any]) -> str:
-    """What stands below a picture."""
+    """Return the caption of a picture."""
     return (
         f"T {r['shape_designed']:.1e} → {number(r['shape_printed'], '.1e')}\n"
         f"{r['angle_designed_deg']:.0f}° → {number(r['angle_printed_deg'], '.0f')}° printed\n"
@@ -119,7 +142,7 @@ def caption(r: dict[str, Any]) -> str:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """All variants as lines of text."""
+    """Return all variants as lines of text."""
     lines = [
         "variant                T designed  T printed  angle  printed  grey   islands  line/mm"
         "  gap/mm  border/m  kPa"
@@ -138,13 +161,13 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 if __name__ == "__main__":
     sys.exit(
-        command_line(
+        run_from_command_line(
             MPI.COMM_WORLD,
             __doc__,
+            ThreeFieldConfig(),
             run,
-            DEFAULTS,
-            COARSE,
             Path("output/three_field"),
-            lambda summary: f"{len(summary['rows'])} variants designed",
+            coarse=coarse_tube,
+            sentence=lambda summary: f"{len(summary['rows'])} variants designed",
         )
     )

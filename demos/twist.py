@@ -1,15 +1,17 @@
-"""A tube that twists when inflated (paper Fig. 8d): design its reinforcement pattern.
+"""A tube that twists when inflated (paper Fig. 8d): design of its reinforcement pattern.
 
     python demos/twist.py --coarse
 
-The tube of `bend.py`; its end plate is to turn by 300° about the axis, every section by its share.
-Where the sections lie along the axis, and how far they swell, is left free. The start is a guess,
-four left-handed helical lines; `--helices 0` starts without a pattern and ends near 255°.
+The end plate of the tube of `bend.py` is to turn by 300° about the axis, and each cross-section in
+proportion to its height. The positions of the cross-sections along the axis are free, and the skin
+may swell freely. The design starts from four left-handed helical lines; `--helices 0` starts
+without a pattern and ends near 255°.
 """
 
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,31 +19,71 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.tube import COARSE_TUBE, SECTIONS, TUBE, section_scene, twist_metric
-from toros_fem.command_line import command_line, run_of
+from toros_fem.actuators.run import design_actuator, summary_sentence
+from toros_fem.actuators.tube import (
+    CrossSectionTubeConfig,
+    coarse_tube,
+    cross_section_case,
+    twist_metric,
+)
+from toros_fem.command_line import run_from_command_line
+from toros_fem.config import quantity
 from toros_fem.meshes import twist
-
-DEFAULTS: dict[str, Any] = {
-    **TUBE,
-    **SECTIONS,
-    "twist": 300.0,  # degrees
-    "along": 0.0,
-    "helices": 4,
-    "helix_angle": -55.0,  # left-handed ones unwind to the left
-    "helix_width": 2.5e-3,
-    "pressure": 15e3,
-}
-COARSE = {**COARSE_TUBE, "helix_width": 4e-3}
+from toros_fem.output.reporter import DesignReporter
 
 
-def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> ActuatorCase:
-    """The tube, what is held of it, and what it is to become."""
-    target = twist(np.radians(inputs["twist"]), inputs["length"])
-    return section_scene(comm, inputs, target, [twist_metric(inputs["twist"])])
+@dataclass(frozen=True)
+class TwistConfig(CrossSectionTubeConfig):
+    """Numbers of the twisting tube; SI units."""
+
+    twist: float = quantity(
+        300.0, "twist of the target, positive if counter-clockwise seen from the tip", "deg"
+    )
+    axial_weight: float = CrossSectionTubeConfig.redefault("axial_weight", 0.0)
+    helices: int = CrossSectionTubeConfig.redefault("helices", 4)
+    # Left-handed lines unwind counter-clockwise.
+    helix_angle: float = CrossSectionTubeConfig.redefault("helix_angle", -55.0)
+    helix_width: float = CrossSectionTubeConfig.redefault("helix_width", 2.5e-3)
+    pressure: float = CrossSectionTubeConfig.redefault("pressure", 15e3)
 
 
-run = run_of(scene, DEFAULTS)
+def case(comm: MPI.Comm, config: TwistConfig) -> ActuatorCase:
+    """Return the tube and its target."""
+    target = twist(np.radians(config.twist), config.length)
+    return cross_section_case(comm, config, target, [twist_metric(config.twist)])
+
+
+def coarse(config: TwistConfig) -> TwistConfig:
+    """Return the same design on a coarse mesh, with wider lines to start from."""
+    return coarse_tube(config).updated(helix_width=4e-3)
+
+
+def run(
+    comm: MPI.Comm, output: Path | str, config: TwistConfig | None = None, *, verbose: bool = False
+) -> dict[str, Any]:
+    """Design the tube and write all results; return the summary.
+
+    Args:
+        comm: Communicator.
+        output: Folder for summary, history, pattern, fields and pictures.
+        config: Numbers of this design; None takes the defaults.
+        verbose: Whether to print every Newton step.
+    """
+    reporter = DesignReporter(comm, output)
+    config = config or TwistConfig()
+    made = design_actuator(comm, output, case(comm, config), config, reporter, verbose=verbose)
+    return made.summary
 
 
 if __name__ == "__main__":
-    sys.exit(command_line(MPI.COMM_WORLD, __doc__, run, DEFAULTS, COARSE, Path("output/twist")))
+    sys.exit(
+        run_from_command_line(
+            MPI.COMM_WORLD,
+            __doc__,
+            TwistConfig(),
+            run,
+            Path("output/twist"),
+            coarse=coarse,
+            sentence=summary_sentence,
+        )
+    )

@@ -3,141 +3,165 @@
     python demos/walker.py --coarse
     python demos/walker.py --coarse --motion crawl
 
-Two flat panels, top and bottom, sewn along an X: a body and four legs along the diagonals. A
-quarter is designed, one leg by symmetry, at 20 kPa: the leg is to turn down by 90° (stand),
-or by 60° while the body reaches out (crawl). What is printed is the whole robot. It is then
-simulated with three chambers, body, front legs and rear legs, through one cycle of a gait.
+Two flat panels, top and bottom, are sewn along an X: a body and four legs along the diagonals. A
+quarter with one leg is designed, by symmetry, at 20 kPa. The leg is to turn down by 90° (stand), or
+by 60° while the body reaches out (crawl). The whole robot is printed. It is then simulated with
+three chambers, body, front legs and rear legs, through one cycle of a gait.
 """
 
 from __future__ import annotations
 
 import sys
-import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._validate import require_choice
-from toros_fem.actuators.case import ActuatorCase, ActuatorResult, design, merged, settings_of
+from toros_fem.actuators.case import ActuatorCase
+from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.gait import Gait, write_gait
-from toros_fem.actuators.limb import limb_cross_sections, rest_on_body, tip_angle_metric
+from toros_fem.actuators.legs import leg_cross_sections, rest_on_body, tip_angle_metric
+from toros_fem.actuators.run import ActuatorResult, design_actuator, summary_sentence
 from toros_fem.analysis.pressure_path import PressurePathPoint, trace_pressure_path
-from toros_fem.command_line import command_line, last_line
+from toros_fem.command_line import run_from_command_line
+from toros_fem.config import quantity
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.mechanics.chambers import Chambers
-from toros_fem.meshes import (
-    Pattern,
-    Star,
-    compose,
-    plane_centroids,
-    sew,
-    stand,
-    walker,
-)
+from toros_fem.meshes import Pattern, Star, compose, plane_centroids, sew, stand, walker
+from toros_fem.output.reporter import DesignReporter
 
-DEFAULTS: dict[str, Any] = {
-    "motion": "stand",  # or "crawl"
-    "leg_length": 0.06,  # m, from the body's circle
-    "leg_width": 0.024,  # m
-    "body_radius": 0.02,  # m
-    "fillet": 6e-3,  # m
-    "edge_length": 1.8e-3,  # m
-    "curved": 0.03,  # m of each leg that bends, from its root on; the rest is to stay straight
-    "sections": 6,  # of the leg
-    "place": 0.02,  # weight of the leg's centre line, over that of its orientation
-    "lever": 0.03,  # m; the leg's tip off by 0.1 rad counts as if all were off by 3 mm
-    "reach": 6e-3,  # m by which the body is to reach out along x to either side, if it crawls
-    "gait_steps": 2,  # equilibria a phase of the gait; 0 leaves it out
-    "low": 0.86,  # pressure in a chamber that is let down, over the design's
-    "seams": "hinged",
-    "radius": 2.75e-3,
-    "pressure": 20e3,  # Pa, given: as the paper's
-    "pressure_min": 0.0,
-    "pressure_max": 0.0,
-}
-COARSE = {
-    "edge_length": 2.8e-3,
-    "radius": 4.3e-3,
-    "iterations": 40,
-    "constrained": 30,
-}
-ANGLE = {"stand": 90.0, "crawl": 60.0}  # degrees
+ANGLE = {"stand": 90.0, "crawl": 60.0}  # of the legs, in degrees
 CHAMBERS = ("body", "front", "rear")
 # Rear feet grip, the body reaches out, front feet grip, rear feet let go, the body draws in.
 PHASES = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [1, 1, 0], [0, 1, 0], [0, 1, 1]], dtype=bool)
+DOWN = (0.0, 0.0, -1.0)
 
 
-def star(inputs: dict[str, Any]) -> Star:
-    """The robot's sizes."""
-    o = inputs
-    return Star(4, o["leg_length"], o["leg_width"], o["body_radius"], o["fillet"], np.pi / 4)
+@dataclass(frozen=True)
+class WalkerConfig(ActuatorConfig):
+    """Numbers of the walker; SI units."""
+
+    motion: str = quantity("stand", "what the legs are designed for", choices=tuple(ANGLE))
+    leg_length: float = quantity(0.06, "length of a leg from the body's circle", "m", above=0)
+    leg_width: float = quantity(0.024, "width of a leg", "m", above=0)
+    body_radius: float = quantity(0.02, "radius of the body", "m", above=0)
+    fillet: float = quantity(6e-3, "radius of the fillets between body and legs", "m", above=0)
+    edge_length: float = quantity(1.8e-3, "edge length of the mesh", "m", above=0)
+    bent_length: float = quantity(
+        0.03, "length of a leg that bends, from its root; the rest stays straight", "m", above=0
+    )
+    cross_sections: int = quantity(6, "number of cross-sections of the leg", at_least=1)
+    centreline_weight: float = quantity(
+        0.02, "weight of the leg's centre line over that of its orientation", at_least=0
+    )
+    orientation_length: float = quantity(
+        0.03,
+        "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length",
+        "m",
+        at_least=0,
+    )
+    reach: float = quantity(
+        6e-3, "distance along x by which the body reaches out to either side if it crawls", "m"
+    )
+    gait_steps: int | None = quantity(
+        2, "number of equilibria in each phase of the gait; none leaves the gait out", at_least=1
+    )
+    released_pressure_fraction: float = quantity(
+        0.86, "pressure of a released chamber over that of the design", at_least=0, at_most=1
+    )
+    seams: str = ActuatorConfig.redefault("seams", "hinged")
+    filter_radius: float = ActuatorConfig.redefault("filter_radius", 2.75e-3)
+    pressure: float = ActuatorConfig.redefault("pressure", 20e3)
+    pressure_min: float | None = ActuatorConfig.redefault("pressure_min", None)
+    pressure_max: float | None = ActuatorConfig.redefault("pressure_max", None)
+
+    @property
+    def star(self) -> Star:
+        """Outline of the robot."""
+        return Star(4, self.leg_length, self.leg_width, self.body_radius, self.fillet, np.pi / 4)
 
 
-def scene(comm: MPI.Comm, inputs: dict[str, Any]) -> ActuatorCase:
-    """A quarter of the robot, what is held of it, and what it is to become."""
-    o, body = inputs, star(inputs)
-    require_choice("motion", o["motion"], tuple(ANGLE))
-    angle = ANGLE[o["motion"]]
-    pattern = walker(comm, o["edge_length"], body, planes=(0, 1))
-    along = np.append(body.directions[0], 0.0)
-    target = stand(np.radians(angle), o["curved"], directions=body.directions[:1], root=body.root)
-    if o["motion"] == "crawl":
-        target = compose(target, lambda points: points + [o["reach"], 0, 0])
+def coarse(config: WalkerConfig) -> WalkerConfig:
+    """Return the same design on a coarse mesh with few steps; it takes a minute or two."""
+    return config.updated(
+        edge_length=2.8e-3, filter_radius=4.3e-3, iterations=40, constrained_iterations=30
+    )
+
+
+def case(comm: MPI.Comm, config: WalkerConfig) -> ActuatorCase:
+    """Return a quarter of the robot and its target."""
+    star, angle = config.star, ANGLE[config.motion]
+    pattern = walker(comm, config.edge_length, star, planes=(0, 1))
+    along = np.append(star.directions[0], 0.0)
+    target = stand(
+        np.radians(angle), config.bent_length, directions=star.directions[:1], root=star.root
+    )
+    if config.motion == "crawl":
+        target = compose(target, lambda points: points + [config.reach, 0, 0])
     return ActuatorCase(
         pattern=pattern,
         target=target(pattern.points),
-        supports=rest_on_body(pattern, body.body_radius, (0, 1)),
-        metrics=(tip_angle_metric(angle, along, (0, 0, -1), body.root),),
-        sections=limb_cross_sections(
-            pattern, along, body.root, o["sections"], o["place"], o["lever"]
+        supports=rest_on_body(pattern, star.body_radius, (0, 1)),
+        metrics=(tip_angle_metric(angle, along, DOWN, star.root),),
+        cross_sections=leg_cross_sections(
+            pattern,
+            along,
+            star.root,
+            config.cross_sections,
+            config.centreline_weight,
+            config.orientation_length,
         ),
-        # Which side is to stretch is told; otherwise the start knows neither up nor down.
+        # The top is to stretch; without this hint the start cannot tell up from down.
         start=np.where(pattern.panel == pattern.panel_index("top"), 0.35, 0.65),
         symmetry=(0, 1),
     )
 
 
-def chambers(pattern: Pattern, body: Star) -> Chambers:
-    """Body, the two legs at x > 0, and the two at x < 0."""
-    place = plane_centroids(pattern)
-    leg = (place @ body.directions.T > body.root).any(axis=1)
-    return Chambers(CHAMBERS, np.where(leg, np.where(place[:, 0] > 0, 1, 2), 0))
+def chambers(pattern: Pattern, star: Star) -> Chambers:
+    """Return three chambers: the body, the two legs at x > 0, and the two at x < 0."""
+    centroids = plane_centroids(pattern)
+    leg = (centroids @ star.directions.T > star.root).any(axis=1)
+    return Chambers(CHAMBERS, np.where(leg, np.where(centroids[:, 0] > 0, 1, 2), 0))
 
 
 def walk(
-    comm: MPI.Comm, output: Path, inputs: dict[str, Any], done: ActuatorResult
+    comm: MPI.Comm, output: Path, config: WalkerConfig, steps: int, design: ActuatorResult
 ) -> dict[str, Any]:
-    """The whole robot, as it is printed, through one cycle of the gait."""
-    o, body, printed = inputs, star(inputs), done.printed
+    """Simulate the whole printed robot through one cycle of the gait; return its figures.
+
+    Args:
+        comm: Communicator.
+        output: Folder for table, pictures and figures.
+        config: Numbers of the walker.
+        steps: Number of equilibria in each phase.
+        design: The designed robot.
+    """
+    star, printed = config.star, design.printed
     pattern = printed.pattern
     skin = sew(comm, pattern)
-    shown = printed.evaluation or done.result.final
-    quarter, whole = done.problem.solver.skin, done.problem.whole
+    shown = printed.evaluation or design.result.final
+    quarter, whole = design.problem.skin, design.problem.whole
     assert whole is not None
     start = whole.at_vertices(quarter.gather_vertices(shown.equilibrium.positions))
-    # Held where they are in the design's shape, which is no more than to hold rigid motions.
-    rest = rest_on_body(pattern, body.body_radius)
+    # Fixed where they are in the design's shape: no more than rigid motion is prevented.
+    rest = rest_on_body(pattern, star.body_radius)
     rest = replace(rest, displacement=np.where(rest.fixed, start - pattern.points, 0.0))
-    solver = EquilibriumSolver(
-        skin, settings_of(o).composite, rest, chambers=chambers(pattern, body)
-    )
-    feet = tuple(1 if x > 0 else 2 for x in body.directions[:, 0])
-    gait = Gait(CHAMBERS, np.where(PHASES, 1.0, o["low"]), o["gait_steps"], feet)
+    solver = EquilibriumSolver(skin, config.composite, rest, chambers=chambers(pattern, star))
+    feet = tuple(1 if x > 0 else 2 for x in star.directions[:, 0])
+    phases = np.where(PHASES, 1.0, config.released_pressure_fraction)
+    gait = Gait(CHAMBERS, phases, steps, feet)
     density = printed.cells.astype(np.float64)
     legs = [
-        tip_angle_metric(
-            ANGLE[o["motion"]], np.append(d, 0), (0, 0, -1), body.root, name=f"leg_{k}"
-        )
-        for k, d in enumerate(body.directions)
+        tip_angle_metric(ANGLE[config.motion], np.append(d, 0), DOWN, star.root, name=f"leg_{k}")
+        for k, d in enumerate(star.directions)
     ]
     pressure = shown.equilibrium.pressure
-    # All chambers full is how the design is known: from there to where the cycle begins.
-    shares = [np.ones(len(CHAMBERS)), *gait.shares]
-    levels = [(pressure * share).tolist() for share in shares]
-    metrics = {"chambers": CHAMBERS, "pressure_pa": pressure, "triangles": len(density)}
+    # The design is known with all chambers full: the path leads from there to the cycle.
+    fractions = [np.ones(len(CHAMBERS)), *gait.pressure_fractions]
+    levels = [(pressure * fraction).tolist() for fraction in fractions]
+    figures = {"chambers": CHAMBERS, "pressure_pa": pressure, "triangles": len(density)}
     points: list[PressurePathPoint] = []
     try:
         path = trace_pressure_path(
@@ -145,46 +169,54 @@ def walk(
         )
         points.extend(path)
     except EquilibriumError as caught:  # raised by all ranks or by none
-        metrics["failure"] = str(caught)
+        figures["failure"] = str(caught)
     points = points[1:]
     if not points:
-        return metrics
+        return figures
     return write_gait(
-        comm, output, gait, pattern, points, body.directions, body.root, density, metrics
+        comm, output, gait, pattern, points, star.directions, star.root, density, figures
     )
 
 
-def run(comm: MPI.Comm, output: Path, *, verbose: bool = False, **inputs: Any) -> dict[str, Any]:
-    """Design the walker and let it walk; returns the summary, that of the gait under "gait".
+def run(
+    comm: MPI.Comm, output: Path | str, config: WalkerConfig | None = None, *, verbose: bool = False
+) -> dict[str, Any]:
+    """Design the walker and let it walk; return the summary, with the gait's under "gait".
 
     Args:
         comm: Communicator.
         output: Folder for summary, history, pattern, fields, pictures and the gait's table.
-        verbose: Whether to print every step of the equilibrium solver.
-        inputs: What differs from `DEFAULTS` and `toros_fem.scene.ActuatorConfig`.
+        config: Numbers of this design; None takes the defaults.
+        verbose: Whether to print every Newton step.
     """
-    begin = time.perf_counter()
-    o = merged(DEFAULTS, inputs)
-    done = design(comm, output, scene(comm, o), o, begin=begin, verbose=verbose)
-    if not o["gait_steps"]:
-        return done.summary
-    return {**done.summary, "gait": walk(comm, output, o, done)}
+    reporter = DesignReporter(comm, output)
+    config = config or WalkerConfig()
+    made = design_actuator(comm, output, case(comm, config), config, reporter, verbose=verbose)
+    if config.gait_steps is None:
+        return made.summary
+    return {**made.summary, "gait": walk(comm, Path(output), config, config.gait_steps, made)}
 
 
 def sentence(summary: dict[str, Any]) -> str:
-    """The result in words."""
+    """Return the result in words."""
     gait = summary.get("gait")
     walked = ""
     if gait and "failure" in gait:
         walked = f"; its gait ends after {gait.get('equilibria', 0)} equilibria: {gait['failure']}"
     elif gait:
         walked = f"; a stride of {gait['stride_mm']:.1f} mm"
-    return last_line(summary) + walked
+    return summary_sentence(summary) + walked
 
 
 if __name__ == "__main__":
     sys.exit(
-        command_line(
-            MPI.COMM_WORLD, __doc__, run, DEFAULTS, COARSE, Path("output/walker"), sentence
+        run_from_command_line(
+            MPI.COMM_WORLD,
+            __doc__,
+            WalkerConfig(),
+            run,
+            Path("output/walker"),
+            coarse=coarse,
+            sentence=sentence,
         )
     )

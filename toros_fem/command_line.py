@@ -20,9 +20,10 @@ C = TypeVar("C", bound=Config)
 class _Parser(argparse.ArgumentParser):
     """A parser that suggests the nearest option for an unknown one; only the first rank prints."""
 
-    def __init__(self, *, first_rank: bool, about: str) -> None:
+    def __init__(self, *, first_rank: bool, about: str, arguments: str) -> None:
         self._first_rank = first_rank
         super().__init__(
+            usage=f"%(prog)s [options]{arguments}",
             description=about,
             formatter_class=argparse.RawDescriptionHelpFormatter,
             allow_abbrev=False,
@@ -36,7 +37,7 @@ class _Parser(argparse.ArgumentParser):
             near = difflib.get_close_matches(options[0], known, n=1)
             advice = f"did you mean {near[0]}?" if near else "--help lists all options."
             message = f"unknown option {options[0]}; {advice}"
-        self.exit(2, f"{self.prog}: {message}\n")  # without the usage: it lists all options
+        self.exit(2, f"{self.prog}: {message}\n")
 
     def _print_message(self, message: str, file: Any = None) -> None:
         if self._first_rank:
@@ -71,10 +72,11 @@ def run_from_command_line(
         arguments: Files that are named without an option, in this order, with their help; those
             that are not given are None.
     """
-    parser = _Parser(first_rank=comm.rank == 0, about=about)
+    names = "".join(f" [{name}]" for name in arguments or {})
+    parser = _Parser(first_rank=comm.rank == 0, about=about, arguments=names)
     if coarse is not None:
         parser.add_argument("--coarse", action="store_true", help="a coarse mesh and few steps")
-    parser.add_argument("--verbose", action="store_true", help="print details, every Newton step")
+    parser.add_argument("--verbose", action="store_true", help="print all Newton steps")
     parser.add_argument("--output", type=Path, default=output, help=f"folder; default {output}")
     for name, text in (files or {}).items():
         parser.add_argument(f"--{name}", type=Path, default=None, help=text, metavar="PATH")
@@ -94,25 +96,43 @@ def run_from_command_line(
 
 
 def add_options(parser: argparse.ArgumentParser, config: Config) -> None:
-    """Add an option for each field; its help is the field's meaning, unit, bounds and default.
+    """Add an option for each field, in groups by the class that defines it.
 
-    Options that are not given are absent from the parsed result.
+    The help of an option is the field's meaning, unit, bounds and default. Options that are not
+    given are absent from the parsed result.
     """
-    options = parser.add_argument_group("numbers of the configuration")
-    for name, (kind, optional) in config.kinds().items():
-        flag, text = "--" + name.replace("_", "-"), option_help(config, name)
-        if kind is bool:
-            options.add_argument(
-                flag, action=argparse.BooleanOptionalAction, default=argparse.SUPPRESS, help=text
-            )
-            continue
-        options.add_argument(
-            flag,
-            type=_reader(kind, optional=optional),
-            default=argparse.SUPPRESS,
-            help=text,
-            metavar={float: "X", int: "N", str: "NAME"}[kind],
-        )
+    kinds = config.kinds()
+    bases = [base for base in type(config).__mro__ if issubclass(base, Config)]
+    added: dict[str, Any] = {}
+    for base in bases:
+        names = [name for name in kinds if _defined_by(name, bases) is base]
+        if names:
+            title = (base.__doc__ or base.__name__).partition("\n")[0].rstrip(".")
+            group = parser.add_argument_group(title)
+            added.update(dict.fromkeys(names, group))
+    for name, group in added.items():
+        _add_option(group, config, name)
+
+
+def _defined_by(name: str, bases: list[type[Config]]) -> type[Config]:
+    """Return the class that defines a field first; classes derived from it come before it."""
+    return [base for base in bases if name in base.__dataclass_fields__][-1]
+
+
+def _add_option(group: Any, config: Config, name: str) -> None:
+    kind, optional = config.kinds()[name]
+    flag, text = "--" + name.replace("_", "-"), option_help(config, name)
+    if kind is bool:
+        action = argparse.BooleanOptionalAction
+        group.add_argument(flag, action=action, default=argparse.SUPPRESS, help=text)
+        return
+    group.add_argument(
+        flag,
+        type=_reader(kind, optional=optional),
+        default=argparse.SUPPRESS,
+        help=text,
+        metavar={float: "X", int: "N", str: "NAME"}[kind],
+    )
 
 
 def option_help(config: Config, name: str) -> str:
@@ -125,7 +145,7 @@ def option_help(config: Config, name: str) -> str:
         shown = "yes" if default else "no"
     else:
         shown = f"{default:g}" if kind is float else str(default)
-    unit = f" in {spec.unit}" if spec.unit else ""
+    unit = f"; in {spec.unit}" if spec.unit else ""
     bounds = f"; {spec.bounds}" if spec.bounds else ""
     none = (", or none" if spec.bounds else "; or none") if optional else ""
     return f"{spec.meaning}{unit}{bounds}{none}; default {shown}".replace("%", "%%")

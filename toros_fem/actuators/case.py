@@ -10,9 +10,9 @@ from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 from toros_fem.objectives.alignment import AlignedObjective
+from toros_fem.objectives.cross_sections import CrossSectionObjective, CrossSections
 from toros_fem.objectives.gap import Body, GapObjective
 from toros_fem.objectives.metrics import Metric
-from toros_fem.objectives.cross_sections import CrossSectionObjective, CrossSections
 from toros_fem.objectives.shape import Objective, ShapeObjective, SumObjective
 
 

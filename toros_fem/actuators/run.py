@@ -21,11 +21,13 @@ from toros_fem.equilibrium.solver import EquilibriumError
 from toros_fem.fabrication.as_printed import (
     PrintedDesign,
     as_printed,
-    with_bridges,
-    without_islands,
+    connect_islands,
+    remove_islands,
 )
 from toros_fem.objectives.metrics import UNITS
-from toros_fem.output.reporter import DesignReporter, print_step, write_results
+from toros_fem.output.console import print_step
+from toros_fem.output.reporter import DesignReporter
+from toros_fem.output.writer import write_results
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,17 +109,8 @@ def design_actuator(
     """
     reporter = reporter or DesignReporter(comm, output)
     problem = actuator_problem(comm, case, config, verbose=verbose)
-    options, limits = config.options, config.print_limits
-    reporter.expect(options.iterations)
-    result = optimize(problem, options, seed=config.seed, callback=reporter)
-    printed = as_printed(problem, result, limits, island_area=config.island_area)
-    if config.polish_iterations and printed.before.free_islands:
-        last = replace(options.stages[-1], iterations=config.polish_iterations)
-        start = _without_free_islands(problem, result, printed)
-        polishing = replace(options, stages=(last,))
-        reporter.expect(options.iterations + config.polish_iterations)
-        result = optimize(problem, polishing, start=start, callback=reporter, after=result)
-        printed = as_printed(problem, result, limits, island_area=config.island_area)
+    with reporter:
+        result, printed = _printed_design(problem, config, reporter)
     figures: dict[str, Any] = {"seed": config.seed}
     if config.estimate_error and printed.evaluation is not None:
         figures.update(error_figures(problem, printed.evaluation))
@@ -169,11 +162,29 @@ def error_figures(problem: ShapeDesign, made: Evaluation) -> dict[str, Any]:
     return figures
 
 
+def _printed_design(
+    problem: ShapeDesign, config: ActuatorConfig, reporter: DesignReporter
+) -> tuple[DesignResult, PrintedDesign]:
+    """Run all stages, and the polishing stage if the print has free islands (collective)."""
+    options, limits = config.options, config.print_limits
+    reporter.expect(options.iterations)
+    result = optimize(problem, options, seed=config.seed, callback=reporter)
+    printed = as_printed(problem, result, limits, island_area=config.island_area)
+    if not config.polish_iterations or not printed.before.free_islands:
+        return result, printed
+    last = replace(options.stages[-1], iterations=config.polish_iterations)
+    start = _without_free_islands(problem, result, printed)
+    reporter.expect(options.iterations + config.polish_iterations)
+    polishing = replace(options, stages=(last,))
+    result = optimize(problem, polishing, start=start, callback=reporter, after=result)
+    return result, as_printed(problem, result, limits, island_area=config.island_area)
+
+
 def _without_free_islands(
     problem: ShapeDesign, result: DesignResult, printed: PrintedDesign
 ) -> Floats:
     """Remove the free islands or join them to the rest, whichever does less harm (collective)."""
-    starts = [change(problem, result, printed) for change in (without_islands, with_bridges)]
+    starts = [change(problem, result, printed) for change in (remove_islands, connect_islands)]
     objectives = []
     for density in starts:
         try:

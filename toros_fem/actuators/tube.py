@@ -35,9 +35,7 @@ class TubeConfig(ActuatorConfig):
     length: float = quantity(0.15, "length of the tube", "m", above=0)
     diameter: float = quantity(0.02, "diameter of the tube", "m", above=0)
     edge_length: float = quantity(1.4e-3, "edge length of the mesh", "m", above=0)
-    mesh: str = quantity(
-        "unstructured", "mesh of the wall", choices=("unstructured", "structured")
-    )
+    mesh: str = quantity("unstructured", "mesh of the wall", choices=("unstructured", "structured"))
     tip_weight: float = quantity(
         1.0, "weight of the tip's position over that of all the rest", at_least=0
     )

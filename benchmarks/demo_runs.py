@@ -1,0 +1,45 @@
+"""The demos that simulate a skin under pressure, for benchmarks that run them again."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+
+from demos import bend, bend_twist, contract, gripper, inflate, twist, walker
+from toros_fem.actuators.tube import coarse_tube
+from toros_fem.config import Config
+
+ROOT = Path(__file__).parent.parent
+
+
+@dataclass(frozen=True)
+class Demo:
+    """A demo: its run, its default configuration, and its quick variant."""
+
+    run: Callable[..., dict[str, Any]]
+    config: Config
+    coarse: Callable[[Any], Any]
+
+
+DEMOS = {
+    "inflate": Demo(inflate.run, inflate.InflateConfig(), inflate.coarse),
+    "bend": Demo(bend.run, bend.BendConfig(), coarse_tube),
+    "contract": Demo(contract.run, contract.ContractConfig(), contract.coarse),
+    "twist": Demo(twist.run, twist.TwistConfig(), twist.coarse),
+    "bend_twist": Demo(bend_twist.run, bend_twist.BendTwistConfig(), bend_twist.coarse),
+    "walker": Demo(walker.run, walker.WalkerConfig(), walker.coarse),
+    "gripper": Demo(gripper.run, gripper.GripperConfig(), gripper.coarse),
+}
+
+
+def value_of(summary: dict[str, Any], key: str) -> Any:
+    """Return an entry of a summary; dots in the key go down into it."""
+    found: Any = summary
+    for name in key.split("."):
+        found = found[name]
+    return found
