@@ -79,7 +79,7 @@ class ActuatorConfig(DesignConfig):
         """Widths that the constrained stage enforces; None without such a stage."""
         if not self.constrained_iterations:
             return None
-        return LengthScale(line=self.line_width, gap=self.gap_width)
+        return LengthScale(line_width=self.line_width, gap_width=self.gap_width)
 
     @property
     def options(self) -> DesignOptions:
