@@ -1,1 +1,1 @@
-"""The skin's energy in UFL: no mesh, no solver, no version of dolfinx."""
+"""Energy of a skin in UFL: no mesh, no solver, no version of dolfinx."""

@@ -1,1 +1,31 @@
-"""A skin's energy, force and tangent, eqs. (1-10): the forms meet the mesh here."""
+"""Energy, forces and tangent of a skin, eqs. (1-10), with its supports and loads."""
+
+from toros_fem.mechanics.chambers import Chambers, chambers_of_panels
+from toros_fem.mechanics.dead_loads import Weight, spread_force
+from toros_fem.mechanics.load_case import LoadCase
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.supports import (
+    Supports,
+    build_in,
+    clamp,
+    clamp_where,
+    displace,
+    pin,
+    symmetry_plane,
+)
+
+__all__ = [
+    "Chambers",
+    "LoadCase",
+    "SkinModel",
+    "Supports",
+    "Weight",
+    "build_in",
+    "chambers_of_panels",
+    "clamp",
+    "clamp_where",
+    "displace",
+    "pin",
+    "spread_force",
+    "symmetry_plane",
+]
