@@ -1,20 +1,19 @@
-"""What an MMA step costs, beside what it costs in other codes.
+"""Time of an MMA step, compared with other codes.
 
     scripts/fenicsx python3 benchmarks/mma.py
     scripts/fenicsx python3 benchmarks/mma.py --quick --json rows.json
 
-Svanberg's MMA as toros_fem, mmapy and pyMOTO have it takes the same step of the same problem: the
-asymptotes, the approximations, the subproblem; function values and gradients are given. Each
-code first takes two steps on its own way from the same start, so that asymptotes and whatever it
-starts its subproblem from are those of a running optimisation; the third one is timed, from the
-same point for all, again and again in turn, and the fastest counts. All parameters are the same
-(Svanberg's, move limit 0.2). The problem is what topology optimisation hands to MMA: a smooth
-objective of O(100), constraints of O(1) on weighted means, of which some hold and some do not. One
-rank, one core.
+Svanberg's MMA in toros_fem, mmapy and pyMOTO takes the same step of the same problem: asymptotes,
+approximations and subproblem; function values and gradients are given. Each code first takes two
+steps of its own from the same start, so that its asymptotes and the start of its subproblem are
+those of a running optimisation. The third step is timed from one point for all codes, repeatedly
+and in turn; the fastest repetition counts. All parameters are equal (Svanberg's, move limit 0.2).
+The problem is typical of topology optimisation: a smooth objective of O(100), and constraints of
+O(1) on weighted means, some of them satisfied and some not. One rank, one core.
 
-That all codes arrive at the same point is checked on the smallest problem. The difference (root
-mean square) grows with the number of variables, because the other codes' interior points stop at a
-barrier of 1e-7, which weighs the more the smaller the entries of the gradients are.
+On the smallest problem the codes must arrive at the same point. The difference (root mean square)
+grows with the number of variables, because the interior points of the other codes stop at a
+barrier of 1e-7, which weighs more where the entries of the gradients are smaller.
 """
 
 from __future__ import annotations
@@ -37,12 +36,12 @@ from toros_fem.mma.optimizer import MMA
 SMALL, SIZES, CONSTRAINTS = 2_000, (10_000, 100_000, 500_000), (1, 2, 5)
 OURS, WARM = "toros_fem", 2
 Data = tuple[float, np.ndarray, np.ndarray, np.ndarray]
-# Advances a code by one step; called with the same point again it repeats that step.
+# A step of a code; called with the same point again it repeats that step.
 Step = Callable[[np.ndarray, Data], np.ndarray]
 
 
 class Problem:
-    """min Σ wⱼ (xⱼ − cⱼ)² subject to weighted means of x below a share of what they can be."""
+    """min Σ wⱼ (xⱼ − cⱼ)² subject to weighted means of x below a fraction of their maximum."""
 
     def __init__(self, variables: int, constraints: int) -> None:
         rng = np.random.default_rng(variables + constraints)
@@ -52,14 +51,14 @@ class Problem:
         self.bound = self.rows.sum(axis=1) * np.linspace(0.4, 0.6, constraints)
 
     def data(self, x: np.ndarray) -> Data:
-        """Objective, its gradient, constraints, their gradients."""
+        """Return the objective, its gradient, the constraints, and their gradients."""
         gap = x - self.centre
         slope = 2 * self.weight * gap
         return float(0.5 * slope @ gap), slope, self.rows @ x - self.bound, self.rows
 
 
 def ours(variables: int, constraints: int) -> Step:
-    """The step of toros_fem; called again with the same data it starts from the same state."""
+    """Return the step of toros_fem; with the same data it starts from the same state."""
     bounds = [PETSc.Vec().createWithArray(np.full(variables, v), comm=MPI.COMM_SELF)
               for v in (0.0, 1.0)]  # fmt: skip
     mma = MMA(*bounds, constraints)
@@ -79,7 +78,7 @@ def ours(variables: int, constraints: int) -> Step:
 
 
 def mmapy(variables: int, constraints: int) -> Step:
-    """The step of mmapy's `mmasub`."""
+    """Return the step of mmapy's `mmasub`."""
     from mmapy import mmasub
 
     n, m = variables, constraints
@@ -107,7 +106,7 @@ def mmapy(variables: int, constraints: int) -> Step:
 
 
 def pymoto(variables: int, constraints: int) -> Step:
-    """The step of pyMOTO's MMA (its 2007 version)."""
+    """Return the step of pyMOTO's MMA (its 2007 version)."""
     import pymoto as pym
 
     x0 = pym.Signal("x", np.zeros(variables))
@@ -134,7 +133,7 @@ CODES: dict[str, Callable[[int, int], Step]] = {OURS: ours, "mmapy": mmapy, "pym
 def measure(
     names: list[str], variables: int, constraints: int, rounds: int
 ) -> list[dict[str, Any]]:
-    """Rows of one problem: each code's fastest step, and how far it ends from ours."""
+    """Return the rows of one problem: each code's fastest step, and its difference from ours."""
     problem = Problem(variables, constraints)
     steps = {name: CODES[name](variables, constraints) for name in names}
     x = np.full(variables, 0.4)
@@ -145,7 +144,7 @@ def measure(
         x = results[OURS].copy()
     data = problem.data(x)
     best = dict.fromkeys(names, np.inf)
-    for attempt in range(rounds + 1):  # the first one saves what the others start from
+    for attempt in range(rounds + 1):  # the first one saves the state of the others
         for name, step in steps.items():
             begin = time.perf_counter()
             results[name] = step(x, data)
@@ -166,12 +165,14 @@ def measure(
 
 
 def main() -> None:
-    """Command line."""
+    """Run the benchmark and print its table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="a small problem only")
-    parser.add_argument("--rounds", type=int, default=3, help="of which the fastest counts")
+    parser.add_argument(
+        "--rounds", type=int, default=3, help="number of repetitions, of which the fastest counts"
+    )
     parser.add_argument("--json", type=Path, help="file for the rows")
     options = parser.parse_args()
     names = [name for name in CODES if name == OURS or find_spec(name) is not None]
@@ -195,7 +196,7 @@ def main() -> None:
         options.json.write_text(json.dumps(kept, indent=2) + "\n", encoding="utf-8")
     worst = max(row["difference"] for row in rows if row["variables"] == SMALL)
     if worst > 3e-5:
-        raise SystemExit(f"the codes differ by {worst:.1e}: they did not solve the same problem.")
+        raise SystemExit(f"the results of the codes differ by {worst:.1e}, more than 3e-5.")
 
 
 if __name__ == "__main__":

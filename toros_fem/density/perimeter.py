@@ -64,7 +64,8 @@ class Perimeter:
         (self._matrix,) = neighbour_matrices(skin, near, mean_weights)
         self._weight: Floats = np.ones(len(skin.owned_cells))
         if area_weighted:
-            self._weight = areas[skin.owned_cells] / (edge_factor(sharpness) * window)
+            length = edge_factor(sharpness) * window
+            self._weight = np.asarray(areas[skin.owned_cells] / length)
 
     def forward(self, projected: Floats) -> float:
         """Return the perimeter in m from ρ̄ at owned triangles (collective)."""
