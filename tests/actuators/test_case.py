@@ -1,17 +1,130 @@
-"""Configuration of an actuator: words for the bending term."""
+"""A case: its objective, and that a part of a symmetric skin is designed as the whole."""
 
+import dataclasses
+
+import numpy as np
 import pytest
+from helpers.symmetry import rests
+from mpi4py import MPI
 
-from toros_fem import errors
-from toros_fem.actuators.case import ActuatorConfig
-from toros_fem.materials import Bending
+from toros_fem.actuators.case import ActuatorCase, Contact
+from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.legs import rest_on_body
+from toros_fem.actuators.run import actuator_problem
+from toros_fem.density.field import random_density
+from toros_fem.design.loop import optimize
+from toros_fem.design.options import Stage
+from toros_fem.design.shape_problem import ShapeProblem
+from toros_fem.fabrication.as_printed import as_printed
+from toros_fem.mechanics.supports import Supports, clamp
+from toros_fem.meshes import WALKER, Pattern, Skin, stand, walker
+from toros_fem.objectives.cross_sections import (
+    CrossSectionObjective,
+    CrossSections,
+    label_cross_sections,
+)
+from toros_fem.objectives.gap import Body, GapObjective
+from toros_fem.objectives.shape import ShapeObjective
+
+LEG = ActuatorConfig(
+    seams="hinged",
+    filter_radius=0.011,
+    pressure=4e3,
+    pressure_min=None,
+    pressure_max=None,
+    constrained_iterations=0,
+)
 
 
-def test_bending_by_name() -> None:
-    for setting in ({"bending": "cubic"}, {"seams": "glued"}, {"refine": 2}):
-        with pytest.raises(errors.ParameterError, match=next(iter(setting))):
-            ActuatorConfig(**setting)  # type: ignore[arg-type]
-    assert ActuatorConfig(bending="none").composite.bending is None
-    assert ActuatorConfig(bending="average", seams="hinged").composite.bending == Bending(
-        "average", "hinged"
+@pytest.fixture(scope="module")
+def quarter(comm: MPI.Comm) -> Pattern:
+    return walker(comm, 7e-3, planes=(0, 1))
+
+
+def leg_problem(
+    comm: MPI.Comm, pattern: Pattern, planes: tuple[int, ...], supports: Supports
+) -> ShapeProblem:
+    """A leg to be turned down, on a part or on the whole."""
+    target = stand(1.0, 0.03, directions=WALKER.directions, root=WALKER.root)
+    case = ActuatorCase(pattern, target(pattern.points), supports, metrics=(), symmetry=planes)
+    return actuator_problem(comm, case, LEG)
+
+
+def test_a_part_is_designed_as_the_whole(comm: MPI.Comm, quarter: Pattern) -> None:
+    """Objective and gradient, with the whole held at one vertex of each symmetry plane."""
+    part = leg_problem(comm, quarter, (0, 1), rests(quarter, (0, 1)))
+    assert part.whole is not None
+    pattern = part.whole.pattern
+    whole = leg_problem(comm, pattern, (), rests(pattern, ()))
+    drawn = part.solver.skin.gather_cells(random_density(part.solver.skin, 5, 0.5, 0.5))
+    drawn = np.where(quarter.panel == 1, 0.5 + 0.5 * drawn, 0.3 * drawn)
+
+    def evaluated(problem: ShapeProblem, density: np.ndarray) -> tuple[float, np.ndarray]:
+        skin = problem.solver.skin
+        found = problem.evaluate(density[skin.owned_cells])
+        assert found.gradient is not None
+        size = skin.pattern.size**2
+        return found.shape * size, skin.gather_cells(found.gradient) * size
+
+    value, gradient = evaluated(part, drawn)
+    value_whole, gradient_whole = evaluated(whole, part.whole.at_cells(drawn))
+    assert value_whole == pytest.approx(value, rel=1e-6)
+    scale = np.abs(gradient).max()
+    assert 4 * gradient_whole == pytest.approx(part.whole.at_cells(gradient), abs=1e-5 * scale)
+
+
+def test_a_part_is_printed_whole(comm: MPI.Comm, quarter: Pattern) -> None:
+    supports = rest_on_body(quarter, WALKER.body_radius, (0, 1))
+    problem = leg_problem(comm, quarter, (0, 1), supports)
+    skin = problem.solver.skin
+    result = optimize(problem, [Stage(2)], start=random_density(skin, 1))
+    made = as_printed(problem, result)
+    assert problem.whole is not None
+    assert made.pattern is problem.whole.pattern
+    for region in made.regions:
+        for flip in ([-1, 1], [1, -1]):
+            there = np.array(region.bounds).reshape(2, 2)
+            assert np.sort(there * flip, axis=0) == pytest.approx(there, abs=1e-9)
+    cells = made.cells[: len(quarter.panel)]
+    assert np.array_equal(made.cells, problem.whole.at_cells(cells.astype(float)) > 0)
+    assert made.evaluation is not None
+    assert skin.gather_cells(made.evaluation.projected) == pytest.approx(cells.astype(float))
+
+
+def test_objective_is_the_sum_of_the_terms_given(tube: Skin) -> None:
+    """The whole shape counts if nothing else does, or if it has weights of its own."""
+    pattern = tube.pattern
+    target = pattern.points * [1.0, 1.0, 1.1]
+    labels = label_cross_sections(pattern, pattern.vertices_of("wall"), (0, 0, 1), 3)
+    sections = CrossSections(labels, np.ones((4, 3)), np.ones(4))
+    touching, body = np.ones(len(pattern.points)), Body("sphere", 0.03, (0.0, 0.0, 0.1))
+    weights = np.linspace(1, 2, len(pattern.points))
+    plain = ActuatorCase(pattern, target, clamp(pattern, ["base"]), metrics=())
+    positions = (1.2 * pattern.points)[tube.owned_vertices]
+    terms = {
+        "shape": ShapeObjective(tube, target).forward(positions),
+        "weighted": ShapeObjective(tube, target, weights).forward(positions),
+        "sections": CrossSectionObjective(tube, target, sections).forward(positions),
+        "gap": GapObjective(tube, body, touching, 2.0).forward(positions),
+    }
+    for changes, expected in [
+        ({}, ["shape"]),
+        ({"cross_sections": sections}, ["sections"]),
+        ({"contact": Contact(body, touching, 2.0)}, ["gap"]),
+        ({"contact": Contact(body, touching, 2.0), "weights": weights}, ["gap", "weighted"]),
+        ({"cross_sections": sections, "weights": weights}, ["sections", "weighted"]),
+    ]:
+        case = dataclasses.replace(plain, **changes)  # type: ignore[arg-type]
+        total = sum(terms[name] for name in expected)
+        assert case.objective(tube).forward(positions) == pytest.approx(total, rel=1e-12)
+
+
+def test_an_aligned_objective_ignores_rigid_motion(tube: Skin) -> None:
+    pattern = tube.pattern
+    case = ActuatorCase(
+        pattern, pattern.points + 0.3, clamp(pattern, ["base"]), metrics=(), aligned=True
     )
+    there = pattern.points[tube.owned_vertices]
+    assert case.objective(tube).forward(there) == pytest.approx(0.0, abs=1e-12)
+    free = dataclasses.replace(case, aligned=False)
+    assert free.objective(tube).forward(there) > 0.1

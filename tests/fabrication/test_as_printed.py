@@ -6,11 +6,7 @@ import math
 import numpy as np
 import pytest
 from helpers.designs import full
-from mpi4py import MPI
 
-from toros_fem import errors
-from toros_fem.actuators.case import ActuatorConfig, merged, settings_of
-from toros_fem.actuators.tube import TUBE, tube_scene
 from toros_fem.density.field import random_density
 from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Stage
@@ -111,33 +107,3 @@ def test_pattern_without_equilibrium_is_said(
     assert printed.evaluation is None
     assert printed.failure == "made to fail"
     assert printed.after.pieces > 0
-
-
-def test_settings(comm: MPI.Comm) -> None:
-    whole = merged(TUBE, {"edge_length": 4e-3, "seed": 7})
-    assert settings_of(whole) == dataclasses.replace(ActuatorConfig(), seed=7)
-    with pytest.raises(errors.ParameterError, match="'sed' is no parameter"):
-        merged(TUBE, {"sed": 7})
-    assert ActuatorConfig(pressure_min=0.0, pressure_max=0.0).pressure_bounds is None
-    assert [stage.constrained for stage in ActuatorConfig().stages] == [False, True]
-    assert len(ActuatorConfig(constrained=0).stages) == 1
-
-
-def test_tube_scene_weighs_the_plate(comm: MPI.Comm) -> None:
-    """A small turn about y costs what `orientation_length` says, wherever the ring is."""
-    inputs = {**TUBE, "length": 0.06, "edge_length": 3e-3, "lever": 0.03, "tip_weight": 0.5}
-    scene = tube_scene(comm, inputs, lambda points: points, [])
-    pattern = scene.pattern
-    assert scene.weights is not None
-    assert scene.relative is not None
-    area, angle = pattern.vertex_areas, 1e-3
-    plate = pattern.vertices_of("tip")
-    extra = (area * (scene.weights - 1))[plate].sum() / area.sum()
-    assert extra == pytest.approx(0.5)
-    x, _, z = pattern.points.T
-    gap = np.stack([angle * (z - 0.06), 0 * x, -angle * x], axis=1) * (z > 0.0599)[:, None]
-    gap -= (scene.relative * area) @ gap / (scene.relative * area).sum()
-    cost = (scene.relative * area) @ (gap**2).sum(axis=1) / (scene.weights * area).sum()
-    assert np.sqrt(cost) == pytest.approx(0.03 * angle, rel=0.02)
-    with pytest.raises(errors.ParameterError, match="orientation_length = -1"):
-        tube_scene(comm, {**inputs, "lever": -1.0}, lambda p: p, [])

@@ -1,0 +1,61 @@
+"""Configuration of an actuator: what is left out by None, and what follows from the numbers."""
+
+from typing import Any
+
+import pytest
+
+from toros_fem import errors
+from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.density.length_scale import LengthScale
+from toros_fem.materials import Bending, Bladder
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"bending": "cubic"}, "bending = 'cubic' must be one of"),
+        ({"bending": "none"}, "bending = 'none' must be one of"),
+        ({"seams": "glued"}, "seams = 'glued' must be one of"),
+        ({"estimate_error": 1}, "estimate_error = 1 must be True or False"),
+        ({"polish_iterations": -5}, "polish_iterations = -5 must be a finite number, at least 0"),
+        ({"pressure_min": None}, "pressure_min = None and pressure_max = 20000"),
+        ({"pressure_max": None}, "pressure_min = 1000.0 and pressure_max = None"),
+        ({"bladder_thickness": 0.0}, "bladder_thickness = 0.0 m must be a finite number, above 0"),
+        ({"pressure": -1}, "pressure = -1 Pa must be a finite number, at least 0"),
+        ({"presure": 1}, "unknown parameter 'presure'; did you mean 'pressure'"),
+    ],
+)
+def test_bad_values(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(errors.ParameterError, match=message):
+        ActuatorConfig(**changes)
+    with pytest.raises(errors.ParameterError, match=message):
+        ActuatorConfig().updated(**changes)
+
+
+def test_composite() -> None:
+    plain = ActuatorConfig().composite
+    assert plain.bending == Bending()
+    assert plain.bladder is None
+    assert ActuatorConfig(bending=None).composite.bending is None
+    hinged = ActuatorConfig(bending="average", seams="hinged").composite
+    assert hinged.bending == Bending("average", "hinged")
+    lined = ActuatorConfig(bladder_thickness=2e-4, bladder_young=1e5).composite
+    assert lined.bladder == Bladder(1e5, 2e-4)
+    assert ActuatorConfig(fabric_young=3e5).composite.fabric.young == 3e5
+
+
+def test_pressure_bounds() -> None:
+    assert ActuatorConfig().pressure_bounds == (1e3, 20e3)
+    assert ActuatorConfig(pressure_min=None, pressure_max=None).pressure_bounds is None
+
+
+def test_options_and_widths() -> None:
+    both = ActuatorConfig(iterations=7, constrained_iterations=5, move_limit=0.1, line_width=1e-3)
+    assert [(s.iterations, s.constrained) for s in both.options.stages] == [(7, False), (5, True)]
+    assert both.options.mma.move == 0.1
+    assert both.length_scale == LengthScale(line_width=1e-3)
+    free = both.updated(constrained_iterations=0)
+    assert [s.iterations for s in free.options.stages] == [7]
+    assert free.length_scale is None
+    limits = ActuatorConfig(print_width=0.4e-3).print_limits
+    assert (limits.width, limits.gap) == (0.4e-3, 0.4e-3)

@@ -1,0 +1,133 @@
+"""Cases of the tube: weights of the tip, cross-sections, and helical lines."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem.actuators.tube import (
+    CrossSectionTubeConfig,
+    TubeConfig,
+    bend_metric,
+    coarse_tube,
+    cross_section_case,
+    helices,
+    plain_tube,
+    shortening_metric,
+    tube_case,
+    twist_metric,
+)
+from toros_fem.meshes import Pattern, bend, contract, cylinder, twist
+
+SHORT = {"length": 0.06, "edge_length": 3e-3}
+
+
+@pytest.fixture(scope="module")
+def prism(comm: MPI.Comm) -> Pattern:
+    return cylinder(comm, 0.06, 0.02, 1.5e-3, mesh="structured")
+
+
+def test_tube_case_weighs_the_plate(comm: MPI.Comm) -> None:
+    """A small turn about y costs what `orientation_length` says, wherever the ring is."""
+    config = TubeConfig(**SHORT, orientation_length=0.03, tip_weight=0.5)  # type: ignore[arg-type]
+    case = tube_case(comm, config, lambda points: points, [])
+    pattern = case.pattern
+    assert case.weights is not None
+    assert case.relative is not None
+    area, angle = pattern.vertex_areas, 1e-3
+    plate = pattern.vertices_of("tip")
+    extra = (area * (case.weights - 1))[plate].sum() / area.sum()
+    assert extra == pytest.approx(0.5)
+    x, _, z = pattern.points.T
+    gap = np.stack([angle * (z - 0.06), 0 * x, -angle * x], axis=1) * (z > 0.0599)[:, None]
+    gap -= (case.relative * area) @ gap / (case.relative * area).sum()
+    cost = (case.relative * area) @ (gap**2).sum(axis=1) / (case.weights * area).sum()
+    assert np.sqrt(cost) == pytest.approx(0.03 * angle, rel=0.02)
+    with pytest.raises(errors.ParameterError, match=r"orientation_length = -1.0 m .*at least 0"):
+        config.updated(orientation_length=-1.0)
+
+
+def test_caps_are_printed_and_the_wall_is_designed(comm: MPI.Comm) -> None:
+    config = TubeConfig(**SHORT)  # type: ignore[arg-type]
+    case = tube_case(comm, config, lambda points: points, [])
+    assert case.passive is not None
+    wall = case.pattern.panel == case.pattern.panel_index("wall")
+    assert np.array_equal(np.isnan(case.passive), wall)
+    assert np.all(case.passive[~wall] == 1.0)
+    pattern, supports, density = plain_tube(comm, config)
+    assert np.array_equal(density, np.where(wall, 0.0, 1.0))
+    assert np.array_equal(np.flatnonzero(supports.fixed.all(axis=1)), pattern.vertices_of("base"))
+
+
+def test_cross_section_case(comm: MPI.Comm) -> None:
+    config = CrossSectionTubeConfig(
+        length=0.06, edge_length=3e-3, cross_sections=4, axial_weight=0.25, tip_weight=3.0
+    )
+    case = cross_section_case(comm, config, twist(1.0, 0.06), [twist_metric(60.0)])
+    found = case.cross_sections
+    assert found is not None
+    assert case.start is case.weights is case.relative is None
+    assert found.labels.max() == 4, "the tip is a cross-section of its own"
+    wall = case.pattern.vertices_of("wall")
+    assert np.array_equal(np.flatnonzero(found.labels >= 0), wall)
+    assert np.allclose(case.pattern.points[found.labels == 4, 2], 0.06)
+    assert found.position_weights[:, 0] == pytest.approx([0.25] * 4 + [3.0])
+    assert found.position_weights[:, 2] == pytest.approx(0.25 * found.position_weights[:, 0])
+    ratio = (config.orientation_length / case.pattern.size) ** 2
+    assert found.orientation_weights == pytest.approx(5 * 3.0 * ratio)
+
+
+@pytest.mark.parametrize("crossed", [False, True])
+def test_start_with_helices(comm: MPI.Comm, crossed: bool) -> None:
+    config = CrossSectionTubeConfig(
+        length=0.06, edge_length=3e-3, helices=2, helix_angle=40.0, helix_width=4e-3,
+        crossed=crossed,
+    )  # fmt: skip
+    case = cross_section_case(comm, config, contract(0.9), [shortening_metric(10.0)])
+    assert case.start is not None
+    right = helices(case.pattern, 2, np.radians(40), 4e-3)
+    left = helices(case.pattern, 2, np.radians(-40), 4e-3)
+    expected = right | left if crossed else right
+    assert np.array_equal(case.start, np.where(expected, 0.7, 0.3))
+    assert (expected & left).sum() > (0 if not crossed else right.sum() // 2)
+
+
+def test_helices_cover_their_fraction_of_the_wall(prism: Pattern) -> None:
+    """Lines of width w, n around, at an angle α cover n w / (2πr cos α) of it."""
+    wall = prism.cells_of("wall")
+    for count, degrees, width in ((2, 20.0, 4e-3), (3, 35.0, 4e-3), (1, -60.0, 5e-3)):
+        lines = helices(prism, count, np.radians(degrees), width)
+        assert not lines[prism.cells_of("tip")].any()
+        covered = prism.areas[wall] @ lines[wall] / prism.areas[wall].sum()
+        fraction = count * width / (2 * np.pi * 0.01 * np.cos(np.radians(degrees)))
+        assert covered == pytest.approx(fraction, rel=0.1)
+    with pytest.raises(errors.ParameterError, match="count = 0"):
+        helices(prism, 0, 0.5, 1e-3)
+
+
+def test_right_handed_helices_rise_as_a_screw_does(prism: Pattern) -> None:
+    """Along a line the height grows with the angle around z, counter-clockwise."""
+    lines = helices(prism, 1, np.radians(60), 3e-3)
+    centre = prism.points[prism.triangles[lines]].mean(axis=1)
+    order = np.argsort(centre[:, 2])
+    turn = np.unwrap(np.arctan2(centre[order, 1], centre[order, 0]))
+    slope = np.polyfit(centre[order, 2], turn, 1)[0]
+    assert slope == pytest.approx(np.tan(np.radians(60)) / 0.01, rel=0.1)
+
+
+def test_metrics_of_exact_targets(prism: Pattern) -> None:
+    """Metrics are in degrees and per cent, and zero for the assembled tube."""
+    for metric, target in (
+        (bend_metric(50.0), bend(np.radians(50), 0.06, neutral=0.01)),
+        (twist_metric(70.0), twist(np.radians(70), 0.06)),
+        (shortening_metric(12.0), contract(0.88)),
+    ):
+        assert metric.measure(prism, prism.points) == pytest.approx(0.0, abs=1e-6)
+        assert metric.measure(prism, target(prism.points)) == pytest.approx(metric.target, rel=0.01)
+
+
+def test_coarse_variant_changes_the_mesh_and_the_steps_alone() -> None:
+    config = TubeConfig(length=0.1, seed=5)
+    coarse = coarse_tube(config)
+    changed = {k for k, v in coarse.as_dict().items() if v != config.as_dict()[k]}
+    assert changed == {"edge_length", "filter_radius", "iterations", "constrained_iterations"}
