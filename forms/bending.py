@@ -21,9 +21,9 @@ class Edges:
     Attributes:
         tensors: Tᵢ in Λ = Σᵢ θᵢ Tᵢ, three (xx, yy, xy), in 1/m.
         rests: Angles without moment, three in rad; None if they are all zero.
-        turns: What the rotation unknowns add to the angles, three factors in 1/m; None if there
-            are none.
-        mirrors: Unit normals of the planes that mirror the flaps, zero where none does; None
+        turns: Factors of the rotation unknowns in the angles, three in 1/m; None if there are no
+            rotations.
+        mirrors: Unit normals of the planes that mirror the flaps, zero without a mirror; None
             if nothing is mirrored.
     """
 
@@ -34,17 +34,20 @@ class Edges:
 
 
 def curvature(patch: Sequence[Any], direction: Sequence[Any], edges: Edges) -> tuple[Any, Any]:
-    """Curvature Λ of a triangle and its variation, eq. (4).
+    """Return the curvature Λ of a triangle and its variation, eq. (4).
 
     Λ = Σᵢ (θᵢ − θ⁰ᵢ + 2 sᵢ αᵢ) Tᵢ over the three edges. With Tᵢ = n̄ᵢ n̄ᵢᵀ l̄ᵢ/(2 Ā) and no α it is
     the triangle average of eq. (4); with rotations α of the edges, sᵢ = ±1 opposite in the two
     triangles of an edge, the mid-edge operator of Grinspun et al. 2006 (lowest-order
     Hellan-Herrmann-Johnson); with other Tᵢ the quadratic through the patch (Flores & Oñate 2005).
 
+    The variation is written by hand, from the angles' gradients in closed form; tests/forms ties
+    it to `ufl.derivative` of the energy.
+
     Args:
         patch: Deformed positions of the three corners and of the three flap vertices; flap i
             lies across edge i. Then, if there are any, the rotation unknowns as one vector.
-        direction: The same of a variation (a test function's parts).
+        direction: The same parts of a variation (a test function).
         edges: Constants of the edges.
 
     Returns:
@@ -72,7 +75,7 @@ def curvature(patch: Sequence[Any], direction: Sequence[Any], edges: Edges) -> t
 
 
 def moment(Lambda: Any, mu: Any, lam: Any) -> Any:
-    """Bending moment D:Λ, plane-stress Hooke, eqs. (5, 6), in N.
+    """Return the bending moment D:Λ, plane-stress Hooke, eqs. (5, 6), in N.
 
     Args:
         Lambda: Curvature, in 1/m.
@@ -82,7 +85,7 @@ def moment(Lambda: Any, mu: Any, lam: Any) -> Any:
 
 
 def bending_energy(Lambda: Any, mu: Any, lam: Any) -> Any:
-    """½ Λ:D:Λ per flat area, eqs. (5, 6), in J/m².
+    """Return ½ Λ:D:Λ per flat area, eqs. (5, 6), in J/m².
 
     With mu and lam times h³/12 it is the integral of ½ ε·D·ε over the thickness, ε = −z Λ.
     """
@@ -106,7 +109,7 @@ def bending_blocks(
         patch: As in `curvature`.
         edges: Constants of the edges.
         stiffness: Plane-stress Lamé parameters times h³/12.
-        geometric: 1 for all of it, 0 for the first sum alone.
+        geometric: 1 for both sums, 0 for the first sum alone.
     """
     mu, lam = stiffness
     x = [components(node) for node in patch]

@@ -1,7 +1,8 @@
-"""Element matrices of second variations, entry by entry: what `ufl.derivative` would expand.
+"""Element matrices of second variations by hand, entry by entry.
 
-Written as 3×3 blocks over a triangle's nodes, with vectors as tuples of scalar expressions: what
-entries share is then shared in the code FFCx makes of them, and only one half is computed.
+They equal the expansion of `ufl.derivative` to rounding (tests/forms). They are 3×3 blocks over a
+triangle's nodes, with vectors as tuples of scalar expressions: common subexpressions are then
+computed once in FFCx's code, and only the upper half is computed.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ class Blocks:
         self._entries: dict[tuple[int, int], Any] = {}
 
     def add(self, u: int, v: int, block: Sequence[Sequence[Any]]) -> None:
-        """Add a block at (u, v); of the pair (u, v), (v, u) exactly one is to be added."""
+        """Add a block at (u, v); add exactly one of the pair (u, v), (v, u)."""
         for k in range(3):
             for m in range(3):
                 row, column = 3 * u + k, 3 * v + m
@@ -31,13 +32,13 @@ class Blocks:
                 self._entries[key] = block[k][m] if old is None else old + block[k][m]
 
     def upper(self) -> list[Any]:
-        """Entries (i, j), i ≤ j, row by row."""
+        """Return the entries (i, j), i ≤ j, row by row."""
         size = 3 * self.nodes
         return [self._entries.get((i, j), 0) for i in range(size) for j in range(i, size)]
 
 
 def balanced_sum(terms: Sequence[Any]) -> Any:
-    """Sum of at least one term as a balanced tree: UFL follows sums by recursion."""
+    """Return the sum of at least one term as a balanced tree, since UFL recurses into sums."""
     if len(terms) == 1:
         return terms[0]
     half = len(terms) // 2
@@ -45,32 +46,32 @@ def balanced_sum(terms: Sequence[Any]) -> Any:
 
 
 def components(vector: Any) -> Vector:
-    """The three components of a UFL vector."""
+    """Return the three components of a UFL vector."""
     return vector[0], vector[1], vector[2]
 
 
 def minus(a: Vector, b: Vector) -> Vector:
-    """A − b."""
+    """Return a − b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 def plus(a: Vector, b: Vector) -> Vector:
-    """A + b."""
+    """Return a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 def times(factor: Any, a: Vector) -> Vector:
-    """A multiple of a vector."""
+    """Return a multiple of a vector."""
     return factor * a[0], factor * a[1], factor * a[2]
 
 
 def dot(a: Vector, b: Vector) -> Any:
-    """A · b."""
+    """Return a · b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """A × b."""
+    """Return a × b."""
     return (
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -79,10 +80,10 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 def matrix_product(a: Sequence[Sequence[Any]], b: Sequence[Sequence[Any]]) -> list[list[Any]]:
-    """Product of two 3×3 matrices."""
+    """Return the product of two 3×3 matrices."""
     return [[sum(a[k][n] * b[n][j] for n in range(3)) for j in range(3)] for k in range(3)]
 
 
 def skew(a: Vector) -> list[list[Any]]:
-    """The matrix of x ↦ a × x."""
+    """Return the matrix of x ↦ a × x."""
     return [[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]]

@@ -1,4 +1,4 @@
-"""The whole energy of a skin, its first variation and its tangent, eqs. (8-10)."""
+"""Total energy of a skin, its first variation and its tangent, eqs. (8-10)."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from toros_fem.forms.weight import weight_potential
 
 @dataclass(frozen=True)
 class SheetStiffness:
-    """Section stiffness of one material, as UFL constants.
+    """Membrane and bending stiffness of one material, as UFL constants.
 
     Attributes:
         mu, lam: Membrane Lamé parameters times thickness, in N/m.
@@ -46,7 +46,7 @@ class SheetStiffness:
 
 @dataclass(frozen=True)
 class Masses:
-    """The weight of two materials, as UFL constants.
+    """Masses of two materials, as UFL constants.
 
     Attributes:
         fabric, reinforcement: Mass per flat area in kg/m².
@@ -60,7 +60,7 @@ class Masses:
 
 @dataclass(frozen=True)
 class SkinForms:
-    """UFL forms of one skin; `None` where the scene has no such term.
+    """UFL forms of one skin; `None` where it has no such term.
 
     Attributes:
         energy: E of eq. (8), in J.
@@ -96,9 +96,13 @@ def skin_forms(
     edges: Edges | None,
     bladder: Any | None,
     masses: Masses | None,
-    shares: Sequence[Any] | None = None,
+    shifts: Sequence[Any] | None = None,
 ) -> SkinForms:
-    """Energy, first variation and tangent of a skin, eqs. (8-10).
+    """Return energy, first variation, tangent and density sensitivity of a skin, eqs. (8-10, 19).
+
+    UFL derives the first variations of membrane, pressure and weight, and the sensitivity. Written
+    by hand are the bending's first variation (`curvature`) and the tangent (`membrane_blocks`,
+    `bending_blocks`, `pressure_blocks`); tests/forms ties both to `ufl.derivative`.
 
     Args:
         q: Patch positions: a function of three corners; with bending of three flaps too, and of
@@ -107,16 +111,16 @@ def skin_forms(
         entries: Test function of the tangent's entries: n(n + 1)/2 piecewise constants for a
             patch of n components.
         density: Projected density ρ̄, one value a triangle.
-        fabric, reinforcement: Section stiffness of the two materials.
+        fabric, reinforcement: Stiffness of the two materials.
         bounds: c₁ and c₂ of eq. (1).
-        pressure: Pressure in Pa, or None for a skin that no pressure acts on.
+        pressure: Pressure in Pa; None for a skin without pressure.
         chosen: With several chambers, the weight of each in the volume; None for one.
         geometric: 1 for the tangent, 0 for its material part.
         edges: Constants of each triangle's edges; None for a skin without bending.
         bladder: Shear modulus times thickness of a rubber layer, in N/m; None for none.
-        masses: What the skin weighs; None for nothing.
-        shares: Of a tile that repeats, how the lattice moves each corner and flap, as `placed`
-            has them; then F̄n and F̄t are the patch's last two vectors.
+        masses: Masses of the materials; None for a skin without weight.
+        shifts: Lattice shifts of the corners and flaps of a tile that repeats, as for `placed`;
+            then F̄n and F̄t are the patch's last two vectors. None otherwise.
     """
     space = q.ufl_function_space()
     mesh = space.ufl_domain()
@@ -124,8 +128,8 @@ def skin_forms(
     jacobian = ufl.Jacobian(mesh)
     dx = ufl.dx(domain=mesh, metadata=CELL)
     patch, variations = ufl.split(q), ufl.split(test)
-    if shares is not None:
-        patch, variations = placed(patch, shares), placed(variations, shares)
+    if shifts is not None:
+        patch, variations = placed(patch, shifts), placed(variations, shifts)
     corners = patch[:3]
 
     def mixed(name: str) -> Any:
@@ -159,7 +163,7 @@ def skin_forms(
         energy += potential
         residual += weight
 
-    # What depends on the density is what carries stiffness or weighs: the pressure is left out.
+    # Only stiffness and weight depend on the density: the pressure is left out.
     parts = ufl.replace(residual, {test: adjoint})
     sensitivity = ufl.derivative(parts, density, ufl.TestFunction(density.ufl_function_space()))
 

@@ -1,4 +1,4 @@
-"""The angle at an edge between two triangles, with its first and second derivatives."""
+"""Angle at an edge between two triangles, with its first and second derivatives."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import ufl
 
 from toros_fem.forms.blocks import Vector, dot, matrix_product, minus, times
 
-# How the edge a-b of a triangle (a, b, c) changes with its corners.
+# Derivative of the edge a-b of a triangle (a, b, c) by its corners.
 ALONG = (-1, 1, 0)
 
 Matrix = list[list[Any]]
 
 
 def hinge(a: Any, b: Any, c: Any, d: Any) -> tuple[Any, tuple[Any, Any, Any, Any]]:
-    """Dihedral angle at edge a-b between triangles (a, b, c) and (b, a, d), and its gradient.
+    """Return the dihedral angle at edge a-b of triangles (a, b, c), (b, a, d) and its gradient.
 
     The angle is the full one in the deformed skin, 0 where it is flat, positive where the
-    triangles fold away from their normals. By atan2: acos loses half the digits near 0.
+    triangles fold away from their normals. It uses atan2, since acos loses half the digits near 0.
 
     Returns:
         The angle in rad, and its gradient at a, b, c, d in rad/m: the closed form of Grinspun
@@ -36,7 +36,7 @@ def hinge(a: Any, b: Any, c: Any, d: Any) -> tuple[Any, tuple[Any, Any, Any, Any
 
 
 class HalfHinge:
-    """One of the two triangles (a, b, c) at an edge a-b: what its angle to the other varies by.
+    """One of the two triangles (a, b, c) at an edge a-b, and its part in the angle's derivatives.
 
     With l the edge's length, h the height of c over it, α where that height's foot divides it,
     e, n, m unit vectors along the edge, along the normal and along the height, and weights
@@ -65,11 +65,11 @@ class HalfHinge:
         self.w = (1 - alpha, alpha, -1)
 
     def gradient(self, v: int) -> Vector:
-        """Gradient of the angle at corner v of (a, b, c)."""
+        """Return the gradient of the angle at corner v of (a, b, c)."""
         return times(self.w[v] * self.inverse_height, self.n)
 
     def hessian(self, factor: Any) -> dict[tuple[int, int], Matrix]:
-        """Factor times the angle's Hessian, blocks (u, v) with u ≤ v of (a, b, c)."""
+        """Return a factor times the angle's Hessian, blocks (u, v) with u ≤ v of (a, b, c)."""
         n, m, e = self.n, self.m, self.e
         plane = [[n[k] * m[j] + m[k] * n[j] for j in range(3)] for k in range(3)]
         mixed = [[n[k] * e[j] for j in range(3)] for k in range(3)]
@@ -95,12 +95,12 @@ class HalfHinge:
 
 
 def reflected(at: Any, through: Any, normal: Any) -> Any:
-    """UFL vector mirrored at the plane through a point; unchanged by a normal of zero."""
+    """Return a UFL vector mirrored at the plane through a point; a zero normal leaves it."""
     return at - 2 * ufl.inner(normal, at - through) * normal
 
 
 class Mirror:
-    """How derivatives by a mirrored flap d = R d' + P a become those by d' and a.
+    """Chain rule from a mirrored flap d = R d' + P a to d' and a.
 
     P = 2 m mᵀ, R = 1 − P, with m the unit normal of a plane through a, or zero.
 
@@ -114,17 +114,17 @@ class Mirror:
         self._R = [[(k == j) - self._P[k][j] for j in range(3)] for k in range(3)]
 
     def place(self, at: Vector, through: Vector) -> Vector:
-        """The mirrored flap."""
+        """Return the mirrored flap."""
         away = times(2 * dot(minus(at, through), self._m), self._m)
         return minus(at, away)
 
     def gradient(self, by_flap: Vector) -> tuple[Vector, Vector]:
-        """Shares of d' and of a in a derivative by d."""
+        """Return the derivatives by d' and by a from that by d."""
         to_a = times(2 * dot(by_flap, self._m), self._m)
         return minus(by_flap, to_a), to_a
 
     def hessian(self, blocks: dict[tuple[int, int], Matrix]) -> dict[tuple[int, int], Matrix]:
-        """Blocks (u, v) of (a, b, d) as those of (a, b, d')."""
+        """Return blocks (u, v) of (a, b, d) as those of (a, b, d')."""
         R, P = self._R, self._P
         ad, bd, dd = blocks[0, 2], blocks[1, 2], blocks[2, 2]
         P_dd, ad_P = matrix_product(P, dd), matrix_product(ad, P)

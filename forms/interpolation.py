@@ -6,7 +6,7 @@ from typing import Any
 
 
 def interpolate(density: Any, fabric: Any, reinforcement: Any) -> Any:
-    """Linear mix (1 − ρ̄) fabric + ρ̄ reinforcement, eqs. (2, 3).
+    """Return the linear mix (1 − ρ̄) fabric + ρ̄ reinforcement, eqs. (2, 3).
 
     Linear as in the paper: the projection, not a penalty exponent, drives ρ̄ to 0 and 1.
 

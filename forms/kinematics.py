@@ -12,12 +12,12 @@ CELL = {"quadrature_degree": 0}
 
 
 def flat_area(jacobian: Any) -> Any:
-    """Flat area Ā of a triangle in m², from the 2×2 Jacobian of its flat chart."""
+    """Return the flat area Ā of a triangle in m², from the 2×2 Jacobian of its flat chart."""
     return abs(ufl.det(jacobian)) / 2
 
 
 def deformation_gradient(corners: Sequence[Any], jacobian: Any) -> Any:
-    """F = ∂x/∂x̄, shape (3, 2), from three corner positions in R³.
+    """Return F = ∂x/∂x̄, shape (3, 2), from three corner positions in R³.
 
     Args:
         corners: Deformed positions of the corners, in the order of the reference triangle.
@@ -29,12 +29,12 @@ def deformation_gradient(corners: Sequence[Any], jacobian: Any) -> Any:
 
 
 def right_cauchy_green(F: Any) -> Any:
-    """C = FᵀF, shape (2, 2)."""
+    """Return C = FᵀF, shape (2, 2)."""
     return ufl.dot(ufl.transpose(F), F)
 
 
 def stretch_invariants(C: Any) -> tuple[Any, Any]:
-    """S = λ₁ + λ₂ and p = λ₁ λ₂.
+    """Return s = λ₁ + λ₂ and p = λ₁ λ₂.
 
     Both are smooth in C also where λ₁ = λ₂; the stretches themselves are not. p is smooth as
     long as the triangle has not collapsed (p > 0).

@@ -19,7 +19,7 @@ SMALL = 1e-2
 
 
 def barrier_membrane(s: Any, p: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any:
-    """Energy per flat area, eq. (1) of Montes Maestre et al. 2023.
+    """Return the energy per flat area, eq. (1) of Montes Maestre et al. 2023.
 
     ψ = −μ a ln(1 − (λ₁−1)²/a) − μ a ln(1 − (λ₂−1)²/a) − (λ/2) b ln(1 − (λ₁+λ₂−2)²/b) with
     a = (c₁−1)², b = (c₂−1)². The two first logarithms are joined, so that only s = λ₁ + λ₂ and
@@ -49,7 +49,7 @@ def barrier_membrane(s: Any, p: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any
 
 
 def barrier_value(C: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any:
-    """Energy per flat area of `barrier_membrane`, formed so that its value keeps its digits.
+    """Return the energy per flat area of `barrier_membrane`, without loss of digits.
 
     The strains come from λ₁ + λ₂ − 2 and (λ₁ − λ₂)² = ((C₁₁ − C₂₂)² + 4 C₁₂²)/(λ₁ + λ₂)², whose
     sums do not cancel, and the logarithms from `log1p`.
@@ -82,7 +82,7 @@ def log1p(y: Any) -> Any:
 
 
 def neo_hooke(s: Any, p: Any, mu: Any) -> Any:
-    """Energy per flat area of a thin incompressible neo-Hookean layer in plane stress.
+    """Return the energy per flat area of a thin incompressible neo-Hookean layer in plane stress.
 
     ψ = μ/2 (λ₁² + λ₂² + λ₃² − 3) with λ₃ = 1/(λ₁λ₂) (Treloar 1943), in s = λ₁ + λ₂ and p = λ₁ λ₂.
 

@@ -11,7 +11,7 @@ from toros_fem.forms.blocks import Vector
 
 
 def weight_potential(corners: Sequence[Vector], mass: Any, gravity: Any) -> Any:
-    """Potential −m g·x per flat area in J/m², x the middle of a triangle, from the origin on.
+    """Return the potential −m g·x per flat area in J/m², with x the middle of a triangle.
 
     Args:
         corners: Deformed corners in m.

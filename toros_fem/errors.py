@@ -34,7 +34,7 @@ class PanelError(PatternError):
 
 
 class OpenSkinError(PatternError):
-    """Pressure is asked to act on a skin with free edges: it encloses no volume."""
+    """Pressure on a skin with free edges: it encloses no volume."""
 
 
 class OutlineError(TorosError, ValueError):

@@ -151,7 +151,7 @@ def test_bad_names_edges_and_forces(comm: MPI.Comm) -> None:
         Supports(fixed, np.zeros((1, 2), dtype=int), np.zeros((1, 3)))
     supports = build_in(pattern, pattern.points[:, 0] < 1e-9)
     skin = sew(comm, pattern)
-    with pytest.raises(errors.ParameterError, match="must tell of each of the 25"):
+    with pytest.raises(errors.ParameterError, match="for each of the 25"):
         build_in(pattern, np.array([0, 5]))
     slanted = Supports(supports.fixed, supports.guided, np.ones(supports.normals.shape))
     with pytest.raises(errors.ParameterError, match="is not perpendicular to it"):

@@ -1,4 +1,4 @@
-"""How far the mesh falsifies a result: the same design on a refined mesh."""
+"""Estimate of the discretisation error, from the same design on a refined mesh."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from toros_fem.meshes.skin import sew
 from toros_fem.meshes.topology import edge_keys
 from toros_fem.objectives.metrics import MetricFunction
 
-# What a refinement changes is that share of the error which it removes: a half at order 1, three
-# quarters at order 2. Tubes with stiff lines, whose bending locks, showed as little as a third.
+# A refinement removes half of the error at order 1 and three quarters at order 2. On tubes with
+# stiff lines, whose bending locks, it removed as little as a third.
 CAUTION = 3.0
 
 
 @dataclass(frozen=True)
 class ErrorEstimate:
-    """A quantity on the mesh at hand and on one refined.
+    """A quantity on the given mesh and on a refined one.
 
     Attributes:
-        value: On the mesh at hand.
-        refined: With each triangle in four.
+        value: Value on the given mesh.
+        refined: Value with each triangle divided into four.
         error: Estimate of |value − exact|: `CAUTION` times the difference of the two.
         seconds: Wall time of the refined simulation, on this rank.
     """
@@ -50,29 +50,34 @@ def estimate_error(
     solver: EquilibriumSolver,
     density: Floats,
     result: EquilibriumResult,
-    measures: Sequence[MetricFunction],
+    quantities: Sequence[MetricFunction],
     force: Callable[[Pattern], Floats] | None = None,
     supports: Callable[[Pattern], Supports] | None = None,
 ) -> list[ErrorEstimate]:
     """Estimate the discretisation error of quantities by one uniform refinement (collective).
 
-    The design stays what it is: each quarter of a triangle has its density. What is estimated is
-    the error of the simulation on the given flat panels, not how well a polygon stands for a
+    The design stays the same: each quarter of a triangle has its density. The estimate is that of
+    the simulation on the given flat panels; it does not contain the error of a polygon against a
     round outline.
 
     Args:
         solver: The solver that found the result.
         density: Projected density of its owned triangles.
         result: The equilibrium.
-        measures: The quantities, each from pattern and positions of all its vertices.
-        force: Dead forces in N that act, on all assembled vertices of a pattern, (n, 3).
-        supports: What is held of a pattern. None: in the refined one the middle of an edge is
-            held as both its ends are, which is right for whole panels and straight borders.
+        quantities: Functions of a pattern and the positions of all its vertices, (n, 3).
+        force: Dead forces in N on all assembled vertices of a pattern, (n, 3), as a function of
+            the pattern.
+        supports: Supports as a function of the pattern. None: in the refined pattern the middle
+            of an edge is fixed if both its ends are, which is right for whole panels and straight
+            borders.
+
+    Returns:
+        One estimate for each quantity, in their order.
 
     Raises:
         ParameterError: The result is no equilibrium, or was found with forces that are not
-            given; or the sheet is moulded in its assembled shape, which a refinement does not
-            know between the vertices.
+            given; or the sheet is moulded in its assembled shape, which is not known between the
+            vertices.
         EquilibriumError: The refined skin has no equilibrium.
     """
     skin, composite = solver.skin, solver.model.composite
@@ -109,14 +114,15 @@ def estimate_error(
     fine_positions = fine_skin.gather_vertices(found.positions)
     seconds = time.perf_counter() - begin
     estimates = []
-    for measure in measures:
-        value, refined = measure(skin.pattern, positions), measure(finer.pattern, fine_positions)
+    for quantity in quantities:
+        value = quantity(skin.pattern, positions)
+        refined = quantity(finer.pattern, fine_positions)
         estimates.append(ErrorEstimate(value, refined, CAUTION * abs(refined - value), seconds))
     return estimates
 
 
 def _refined(finer: Refinement, supports: Supports) -> Supports:
-    """A middle is held as both its ends are; a guided edge makes two."""
+    """Supports of a refined pattern: a middle is fixed if both its ends are."""
     fixed = np.asarray(supports.fixed[finer.ends].all(axis=1))
     displacement = None
     if supports.displacement is not None:

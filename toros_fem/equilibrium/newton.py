@@ -309,7 +309,7 @@ class RegularisedNewton:
     def _softest(self, residual: Floats, seed: int) -> Floats:
         """Mode of smallest curvature, by inverse iteration, scaled to 1 % of the skin's size.
 
-        The curvature is measured by the diagonal: the material part would hide what buckles.
+        The curvature is measured by the diagonal: the material part would hide the buckling mode.
         """
         self._shift, diagonal = 0.0, FIRST_DIAGONAL
         while not self.factor.factorise(diagonal=diagonal) and diagonal < LARGEST_SHIFT:

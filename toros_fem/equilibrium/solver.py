@@ -276,7 +276,7 @@ class EquilibriumSolver:
         """Solve at once, else by continuation from the near equilibrium, in load, in stiffness.
 
         Returns:
-            Which fraction of the load was reached at the requested density.
+            The last equilibrium at the requested density, and its fraction of the load.
         """
 
         def attempt(

@@ -1,4 +1,4 @@
-"""Pressure chambers: which triangles bound which, and the walls that part them inside the skin."""
+"""Pressure chambers: their triangles, and the walls between them inside the skin."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from toros_fem.meshes.topology import between, half_edges
 class Chambers:
     """Parts of a skin with pressures of their own.
 
-    Where two chambers border on each other a weightless wall is spanned inside the skin: the fan
-    of the common border about its mean, so that every chamber is a closed body.
+    Two chambers with a common border are separated by a weightless wall inside the skin: the fan
+    of the border about its mean. So every chamber is a closed body.
 
     Attributes:
-        names: Their names, in the order of the pressures.
+        names: Names of the chambers, in the order of the pressures.
         of_cell: Chamber of each pattern triangle, shape (t,), numbered from 0.
 
     Raises:
-        ParameterError: There is no chamber, or two have one name; `of_cell` holds other numbers,
-            or leaves a chamber without a triangle.
+        ParameterError: There is no chamber, or two have one name; `of_cell` contains other
+            numbers, or leaves a chamber without a triangle.
     """
 
     names: tuple[str, ...]
@@ -39,26 +39,26 @@ class Chambers:
         of_cell.setflags(write=False)
         object.__setattr__(self, "of_cell", of_cell)
         if not self.names or len(set(self.names)) < len(self.names):
-            raise ParameterError(f"names = {self.names} must name each chamber, and differ.")
+            raise ParameterError(f"names = {self.names} must name each chamber, and be different.")
         last = len(self.names) - 1
         if of_cell.ndim != 1 or not np.array_equal(np.unique(of_cell), np.arange(last + 1)):
             raise ParameterError(
-                f"of_cell holds the chambers {np.unique(of_cell).tolist()}; it must have one "
+                f"of_cell contains the chambers {np.unique(of_cell).tolist()}; it must have one "
                 f"number for each triangle, and each of 0 to {last} at least once."
             )
 
     @property
     def count(self) -> int:
-        """How many there are."""
+        """Number of chambers."""
         return len(self.names)
 
 
 def chambers_of_panels(pattern: Pattern, panels: Mapping[str, Sequence[str]]) -> Chambers:
-    """Chambers made of whole panels.
+    """Return chambers made of whole panels.
 
     Args:
         pattern: The pattern.
-        panels: The panels of each chamber, by its name; together all panels, each once.
+        panels: Panels of each chamber, by its name; each panel belongs to one chamber.
 
     Raises:
         PanelError: A panel of that name does not exist.
@@ -79,18 +79,18 @@ def chambers_of_panels(pattern: Pattern, panels: Mapping[str, Sequence[str]]) ->
 
 @dataclass(frozen=True, eq=False)
 class Wall:
-    """The fan of a border between two chambers about its mean c, a bilinear function of it.
+    """Wall between two chambers: the fan of their common border about its mean c.
 
     The volume v = Σ xᵢ·(xᵢ₊₁ × c)/6 = c·g/6 with g = Σ xᵢ × xᵢ₊₁ is that of the fan's cone from
-    the origin, by the sum in eq. (7). Positions x below are those of its vertices, (m, 3), in m.
+    the origin, by the sum in eq. (7). Arguments x are the positions of its vertices, (m, 3), in m.
 
     Attributes:
         vertices: Assembled vertices in order, as the triangles of the first side run, (m,).
-        closed: Whether the last is joined to the first; else both ends lie in symmetry planes
-            through the origin, and so does what is missing.
+        closed: Whether the last vertex is joined to the first; else both ends lie in symmetry
+            planes through the origin, and the missing part does too.
         sides: The two chambers.
-        weights: Share of each vertex in c, (m,).
-        kept: 1 for those components that c has, 0 across the planes that it lies in, (3,).
+        weights: Weight of each vertex in c, (m,).
+        kept: 1 for the components of c, 0 across the symmetry planes that c lies in, (3,).
     """
 
     vertices: Ints
@@ -100,16 +100,16 @@ class Wall:
     kept: Floats
 
     def volume(self, x: Floats) -> float:
-        """V in m³."""
+        """Return v in m³."""
         return float(self._mean(x) @ self._turn(x)) / 6
 
     def gradient(self, x: Floats) -> Floats:
-        """dv/dx, (m, 3), in m²."""
+        """Return dv/dx, (m, 3), in m²."""
         by_mean = self.weights[:, None] * (self.kept * self._turn(x))
         return (by_mean + np.cross(self._step(x), self._mean(x))) / 6
 
     def hessian(self, x: Floats) -> Floats:
-        """d²v/dx², (3 m, 3 m), in m."""
+        """Return d²v/dx², (3 m, 3 m), in m."""
         count = len(x)
         mean = self.weights[:, None, None] * np.diag(self.kept)  # dc/dxⱼ, (m, 3, 3)
         turn = -_skew(self._step(x))  # dg/dxⱼ
@@ -129,7 +129,7 @@ class Wall:
         return np.asarray(pairs.sum(axis=0) if self.closed else pairs[:-1].sum(axis=0))
 
     def _step(self, x: Floats) -> Floats:
-        """xⱼ₊₁ − xⱼ₋₁, what is not there left out."""
+        """Differences xⱼ₊₁ − xⱼ₋₁; at the ends of an open border the missing vertex counts 0."""
         after, before = np.roll(x, -1, axis=0), np.roll(x, 1, axis=0)
         if not self.closed:
             after[-1] = before[0] = 0
@@ -137,20 +137,20 @@ class Wall:
 
 
 def _skew(a: Floats) -> Floats:
-    """The matrices (m, 3, 3) of x ↦ a × x for vectors (m, 3)."""
+    """Matrices (m, 3, 3) of x ↦ a × x for vectors a, (m, 3)."""
     turned: Floats = np.cross(a[:, None, :], np.eye(3)).astype(np.float64)
     return turned.transpose(0, 2, 1)
 
 
 def find_walls(pattern: Pattern, chambers: Chambers, supports: Supports) -> list[Wall]:
-    """The walls between chambers.
+    """Return the walls between chambers.
 
     A border that ends where three chambers meet is closed by the chord to its other end, the
-    line in which three walls join.
+    line where three walls join.
 
     Raises:
         ParameterError: The chambers are made for another pattern; a border ends at a free edge
-            that no symmetry plane holds; or so many chambers meet that the chords leave one open.
+            outside all symmetry planes; or so many chambers meet that the chords leave one open.
     """
     if chambers.of_cell.shape != (len(pattern.triangles),):
         raise ParameterError(
@@ -177,7 +177,7 @@ def find_walls(pattern: Pattern, chambers: Chambers, supports: Supports) -> list
 
 
 def _borders(pattern: Pattern, chambers: Chambers) -> tuple[Ints, Ints]:
-    """Edges (k, 2) between two chambers as the lower one's triangles run; both chambers (k, 2)."""
+    """Edges (k, 2) between chambers, directed as in the lower one's triangles; both chambers."""
     edges = pattern.edges
     twins = edges.twins[between(edges, chambers.of_cell)]
     sides = chambers.of_cell[twins // 3]
@@ -187,7 +187,7 @@ def _borders(pattern: Pattern, chambers: Chambers) -> tuple[Ints, Ints]:
 
 
 def _paths(following: dict[int, list[int]], stops: npt.NDArray[np.bool_]) -> list[list[int]]:
-    """Directed edges joined to paths from stop to stop, then to loops without one."""
+    """Join directed edges to paths from stop to stop, and then to loops without a stop."""
     starts = sorted(following)
     paths = []
     for start in sorted(starts, key=lambda a: not stops[a]):
@@ -213,7 +213,7 @@ def _wall(
     if len(cut) == 1 or not in_plane[cut].any(axis=1).all():
         raise ParameterError(
             f"the border between chambers {sides[0]} and {sides[1]} runs from vertex {path[0]} to "
-            f"{path[-1]}: it must be a loop, or have both ends held in symmetry planes, or join "
+            f"{path[-1]}: it must be a loop, or have both ends fixed in symmetry planes, or join "
             "other borders at both. Move the chambers' borders, or simulate the whole skin."
         )
     weights: Floats = np.ones(len(path))  # a mirrored whole has the inner ones twice as often
@@ -234,6 +234,6 @@ def _require_bodies(chords: list[tuple[tuple[int, int], int, int]], chambers: Ch
         if count:
             raise ParameterError(
                 f"chamber {chambers.names[side]!r} meets others at three points or more, among "
-                f"them vertices {a} and {b}: how walls join there is not known. Let at most two "
+                f"them vertices {a} and {b}: the walls there are not unique. Let at most two "
                 "points be common to three chambers."
             )

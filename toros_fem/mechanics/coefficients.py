@@ -1,4 +1,4 @@
-"""What the forms are assembled from and into: materials and edges as coefficients, work vectors."""
+"""Coefficients of the forms (materials, weight, edges), and vectors to assemble into."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from toros_fem.meshes.skin import Skin
 
 
 def work_vector(space: fem.FunctionSpace) -> Any:
-    """A vector to assemble into, made once: to plan its exchange between ranks is dear."""
+    """Return a vector to assemble into; made once, since planning its exchange is expensive."""
     return la.vector(space.dofmap.index_map, space.dofmap.index_map_bs)
 
 
 def assembled(form: Any, vector: Any) -> Floats:
-    """Owned entries of an assembled linear form."""
+    """Return the owned entries of an assembled linear form."""
     vector.array[:] = 0
     fem.assemble_vector(vector.array, form)
     vector.scatter_reverse(la.InsertMode.add)
@@ -32,20 +32,20 @@ def assembled(form: Any, vector: Any) -> Floats:
 
 
 def sheet_stiffness(domain: Any, material: Material) -> SheetStiffness:
-    """A material's section stiffness as constants."""
+    """Return a material's membrane and bending stiffness as constants."""
     h = material.thickness
     values = (h * material.mu, h * material.lam, h**3 / 12 * material.mu, h**3 / 12 * material.lam)
     return SheetStiffness(*(fem.Constant(domain, value) for value in values))
 
 
 def masses(domain: Any, weight: Weight, gravity: Any) -> Masses:
-    """What the materials weigh, as constants, under an acceleration that is one already."""
+    """Return the masses of the materials as constants; gravity is a constant already."""
     fabric, reinforcement = weight.fabric, weight.reinforcement
     return Masses(fem.Constant(domain, fabric), fem.Constant(domain, reinforcement), gravity)
 
 
 def edge_coefficients(skin: Skin, hinges: Hinges, rotations: bool) -> Edges:
-    """Constants of the triangles' edges as coefficients, compiled only where there are any."""
+    """Return constants of the triangles' edges as coefficients, without those that are zero."""
     element = basix.ufl.element("DG", "triangle", 0, shape=(3,))
     space = fem.functionspace(skin.mesh, element)
 

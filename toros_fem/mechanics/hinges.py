@@ -1,4 +1,4 @@
-"""What lies across the edges of the triangles, and how its angles make a curvature, eq. (4)."""
+"""Hinges: the edges of the triangles, and the tensors that make a curvature of angles, eq. (4)."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.skin import Skin
 from toros_fem.meshes.topology import edge_keys
 
-# Where the quadratic patch's angles, over those of the average, have a smaller singular value,
-# its six vertices nearly lie on a conic: they do not tell the curvature. Beyond a fifth of it the
-# patch would resist five times as much as it should. No triangle of gmsh's comes near (0.6 and
-# more); a vertex with three triangles around it gives 0.
+# Smallest singular value of the quadratic patch's angles over those of the average. Below it the
+# six vertices nearly lie on a conic and do not determine the curvature; at 0.2 the patch would be
+# five times too stiff. Meshes by gmsh have 0.6 and more; a vertex with three triangles has 0.
 CONIC = 0.2
 # A rest angle beyond this, in rad, may have either sign.
 FOLDED = np.radians(170)
@@ -26,19 +25,19 @@ FOLDED = np.radians(170)
 
 @dataclass(frozen=True, eq=False)
 class Hinges:
-    """The edges of the local triangles: what they turn against, and what the angle counts.
+    """Edges of the local triangles: their neighbours, mirrors and constants.
 
     Edge i of a triangle lies opposite its corner i and runs from corner i + 1 to i + 2, modulo 3.
 
     Attributes:
         flap: Node of the position space across each edge, shape (cells, 3): the far vertex of
-            the neighbour; the own corner i where there is none.
+            the neighbour, or the triangle's own corner i where there is none.
         has_moment: Whether the edge carries a moment; free edges do not, nor do hinged seams.
         mirror: Unit normal of the plane that mirrors the flap, (cells, 3, 3); zero elsewhere.
         tensors: Tᵢ in Λ = Σᵢ θᵢ Tᵢ as (xx, yy, xy), shape (cells, 3, 3), in 1/m.
-        rest: Angle at each edge without moment, in rad, (cells, 3).
-        rotation: What the edge's rotation unknown, a length, adds to the angle, (cells, 3), in 1/m:
-            opposite in the two triangles of an edge; zero where there is no such unknown.
+        rest: Angle of each edge at which it carries no moment, in rad, (cells, 3).
+        rotation: Factor of the edge's rotation unknown, a length, in the angle, (cells, 3), in
+            1/m: opposite in the two triangles of an edge; zero where there is no such unknown.
     """
 
     flap: LocalInts
@@ -50,17 +49,17 @@ class Hinges:
 
 
 def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float) -> Hinges:
-    """Hinges of all local triangles; complete for those that this rank owns.
+    """Return the hinges of all local triangles; complete for those that this rank owns.
 
-    The angle at an edge without moment is the one that costs least energy: the natural condition
-    inside a triangle. It depends on Poisson's ratio alone, so that the tensors are numbers.
+    An edge without moment takes the angle of least energy: the natural condition inside a
+    triangle. It depends on Poisson's ratio alone, so that the tensors are constants.
 
     Args:
         skin: The sewn skin.
-        bending: Which curvature, and what seams do.
+        bending: Curvature formula, seams and rest shape.
         supports: Edges that keep their direction.
-        poisson: Of the sheet. Where fabric and reinforcement differ, an error of second order
-            in the difference remains at free and hinged edges.
+        poisson: Poisson's ratio of the sheet. Where fabric and reinforcement differ, an error of
+            second order in the difference remains at free and hinged edges.
 
     Raises:
         ParameterError: The assembled rest shape is folded flat somewhere.
@@ -80,8 +79,8 @@ def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float
     angles: Floats = np.asarray(np.linalg.inv(average))
     if bending.curvature == "quadratic":
         fitted = _quadratic_angles(flat, _unfolded(flat, corner, neighbour, opposite))
-        share = np.linalg.svd(fitted @ average, compute_uv=False)[:, -1]
-        angles = np.where((share < CONIC)[:, None, None], angles, fitted)
+        smallest = np.linalg.svd(fitted @ average, compute_uv=False)[:, -1]
+        angles = np.where((smallest < CONIC)[:, None, None], angles, fitted)
     rotation: Floats = np.zeros(alone.shape)
     if bending.curvature == "midedge":
         vertex = skin.vertex[corner]
@@ -97,9 +96,9 @@ def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float
         sharpest = largest(skin.comm, float(np.abs(rest[: len(skin.owned_cells)]).max(initial=0)))
         if sharpest > FOLDED:
             raise ParameterError(
-                f"rest = 'assembled': an edge is folded by {np.degrees(sharpest):.0f} degrees; to "
-                f"which side is not told beyond {np.degrees(FOLDED):.0f}. Assemble it less folded, "
-                "or take the flat rest shape."
+                f"rest = 'assembled': an edge is folded by {np.degrees(sharpest):.0f} degrees; its "
+                f"side is ambiguous beyond {np.degrees(FOLDED):.0f}. Assemble it less folded, or "
+                "take the flat rest shape."
             )
     return Hinges(
         flap=flap.astype(np.int32),
@@ -112,12 +111,12 @@ def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float
 
 
 def _rotation_length(skin: Skin) -> float:
-    """A length in m by which rotations of edges become lengths: about that of an edge."""
+    """Length in m by which rotations of edges become lengths: about that of an edge."""
     return float(np.sqrt(2 * skin.pattern.areas.mean()))
 
 
 def neighbours(skin: Skin) -> tuple[LocalInts, LocalInts]:
-    """Local triangle across each edge, itself if there is none, and its corner off the edge."""
+    """Return the local triangle across each edge, or itself, and its corner off the edge."""
     topology = skin.mesh.topology
     topology.create_connectivity(2, 1)
     topology.create_connectivity(1, 2)
@@ -142,7 +141,7 @@ def _on_seam(skin: Skin, corner: LocalInts) -> Bools:
 
 
 def _mirrors(skin: Skin, corner: LocalInts, supports: Supports) -> tuple[Floats, Bools]:
-    """Unit normals of the mirrors at the edges of local triangles, and where there are any."""
+    """Unit normals of the mirrors at the edges of local triangles, and whether there is one."""
     normals = np.zeros((*corner.shape, 3))
     if not len(supports.guided):
         return normals, np.zeros(corner.shape, dtype=bool)
@@ -161,12 +160,12 @@ def _mirrors(skin: Skin, corner: LocalInts, supports: Supports) -> tuple[Floats,
 
 
 def edge_angles(corners: Floats, flaps: Floats, mirror: Floats) -> Floats:
-    """Angles at the edges of triangles in space, (cells, 3) in rad, as `forms.hinge` has them.
+    """Return the angles at the edges of triangles in space, (cells, 3) in rad, as in `forms.hinge`.
 
     Args:
-        corners: Of the triangles, (cells, 3, 3).
-        flaps: Across their edges, (cells, 3, 3).
-        mirror: Unit normals of the planes that mirror the flaps, zero where none does.
+        corners: Corners of the triangles, (cells, 3, 3).
+        flaps: Vertices across their edges, (cells, 3, 3).
+        mirror: Unit normals of the planes that mirror the flaps, zero without a mirror.
     """
     angles = np.zeros(corners.shape[:2])
     for i in range(3):
@@ -207,9 +206,9 @@ def _average(flat: Floats) -> Floats:
 
 
 def _unfolded(flat: Floats, corner: LocalInts, neighbour: LocalInts, opposite: LocalInts) -> Floats:
-    """Flat places of the flaps, unfolded into the triangle's own chart, (cells, 3, 2).
+    """Flat positions of the flaps, unfolded into the triangle's own chart, (cells, 3, 2).
 
-    Where there is no neighbour the triangle is mirrored.
+    Without a neighbour the triangle itself is mirrored.
     """
     start, along, normal, length = _edge_frames(flat)
     first = np.roll(corner, -1, axis=1)
@@ -222,16 +221,16 @@ def _unfolded(flat: Floats, corner: LocalInts, neighbour: LocalInts, opposite: L
     a, b = (flat[neighbour, place] for place in at)
     edge = b - a
     square = np.einsum("cij,cij->ci", edge, edge)
-    share = np.einsum("cij,cij->ci", apex - a, edge) / square
+    fraction = np.einsum("cij,cij->ci", apex - a, edge) / square
     height = np.abs(edge[:, :, 0] * (apex - a)[:, :, 1] - edge[:, :, 1] * (apex - a)[:, :, 0])
     height /= np.sqrt(square)
     own = np.einsum("cij,cij->ci", flat - start, along) / length
-    share = np.where(itself, own, share)
-    return np.asarray(start + (share * length)[:, :, None] * along + height[:, :, None] * normal)
+    fraction = np.where(itself, own, fraction)
+    return np.asarray(start + (fraction * length)[:, :, None] * along + height[:, :, None] * normal)
 
 
 def _quadratic_angles(flat: Floats, flap: Floats) -> Floats:
-    """Rows: angle at each edge by curvature (xx, yy, 2xy), of the quadratic through the patch.
+    """Angle at each edge (rows) by curvature (xx, yy, 2xy), for the quadratic through the patch.
 
     A deflection ½ x·Λ·x lifts the flap off the plane through the three corners; small angles.
     """
@@ -239,7 +238,7 @@ def _quadratic_angles(flat: Floats, flap: Floats) -> Floats:
     height = np.einsum("cij,cij->ci", flap - start, normal)
     edges = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
     local = np.einsum("cjk,cik->cij", np.linalg.inv(edges), flap - flat[:, :1])
-    share = np.concatenate([1 - local.sum(axis=2, keepdims=True), local], axis=2)
+    weights = np.concatenate([1 - local.sum(axis=2, keepdims=True), local], axis=2)
 
     def quadratic(at: Floats) -> Floats:
         x, y = at[:, :, 0], at[:, :, 1]
@@ -247,12 +246,12 @@ def _quadratic_angles(flat: Floats, flap: Floats) -> Floats:
 
     # About the centroid, so that far from the origin no digits are lost.
     middle = flat.mean(axis=1, keepdims=True)
-    lift = quadratic(flap - middle) - share @ quadratic(flat - middle)
+    lift = quadratic(flap - middle) - weights @ quadratic(flat - middle)
     return np.asarray(lift / height[:, :, None])
 
 
 def _tensors(angles: Floats, has_moment: Bools, poisson: float) -> Floats:
-    """Tᵢ of the curvature of least energy that has the given angles where edges carry moments.
+    """Tensors Tᵢ of the curvature of least energy with the given angles at edges with moments.
 
     With rows g of `angles` at these edges it is D⁻¹gᵀ(g D⁻¹gᵀ)⁻¹; with all three, g⁻¹.
     """
@@ -270,5 +269,5 @@ def _tensors(angles: Floats, has_moment: Bools, poisson: float) -> Floats:
 
 
 def _subsets() -> Sequence[Bools]:
-    """The seven ways in which some of three edges carry moments."""
+    """The seven non-empty subsets of three edges."""
     return [np.array([bool(n & 1), bool(n & 2), bool(n & 4)]) for n in range(1, 8)]

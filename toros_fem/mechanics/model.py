@@ -48,11 +48,10 @@ class SkinModel:
     each owned edge, a length, if the edges have any. Densities are owned values of the projected
     density. All methods are collective.
 
-    What is derived by UFL and what by hand: the membrane's, the pressure's and the weight's first
-    variations are `ufl.derivative` of their energies. The bending's first variation and the whole
-    second variation are closed forms in `toros_fem.forms`, equal to `ufl.derivative` to rounding
-    (tests/forms). So are the force and tangent of the walls between chambers, in
-    `toros_fem.mechanics.chambers`.
+    UFL derives the first variations of membrane, pressure and weight, and the density sensitivity.
+    Written by hand, in `toros_fem.forms`, are the bending's first variation and the whole second
+    variation; tests/forms ties them to `ufl.derivative`. Force and tangent of the walls between
+    chambers are written by hand too (`toros_fem.mechanics.chambers`), tested by differences.
 
     Attributes:
         skin, composite, supports, chambers, weight: As given.
@@ -306,7 +305,7 @@ class SkinModel:
         return -assembled(self._weight, self._buffer)
 
     def load_energy(self, state: Floats) -> float:
-        """Return the size in J of what the load adds to the energy, to bound its rounding."""
+        """Return the size in J of the load's part in the energy, to bound its rounding."""
         parts = np.abs(self._force) * np.abs(state - self.assembled)
         by_force = total(
             self.skin.comm, float((parts + np.abs(self._weight_force() * state)).sum())
@@ -360,7 +359,7 @@ class SkinModel:
 
     @property
     def wall_pairs(self) -> Ints:
-        """Global rows and columns, (2, p), of what the walls between chambers add."""
+        """Global rows and columns, (2, p), of the entries of the walls between chambers."""
         return self._pressure.pairs
 
     def density_sensitivity(self, state: Floats, adjoint: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""The patch space: each triangle sees its corners, its neighbours' far vertices and its edges."""
+"""Patch space: each triangle sees its corners, its neighbours' far vertices and its edges."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from toros_fem.meshes.skin import Skin, concatenated_index_map
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """Unknowns of a skin, and the space by which its triangles see them.
+    """Unknowns of a skin, and the function space by which its triangles see them.
 
     The unknowns a rank owns are the positions of its nodes, x, y, z of each, then the rotations
     of its edges, if there are any; ghosts follow in the same order.
 
     Attributes:
         space: On a triangle, the positions of its corners, of its flaps, and one vector of its
-            edges' rotations: as many of these as the scene needs.
-        position_count: How many of the owned unknowns are positions.
+            edges' rotations; without bending the corners alone.
+        position_count: Number of the owned unknowns that are positions.
         position_dofs: Local unknowns of each local node of the position space, shape (n, 3).
         rotation_dofs: Local unknown of each local edge; empty without rotations.
         lattice_dofs: Local unknowns of F̄n and F̄t, (2, 3), known on every rank and owned by the
@@ -43,14 +43,15 @@ class Patch:
 def make_patch(
     skin: Skin, hinges: Hinges | None, *, rotations: bool, lattice: bool = False
 ) -> Patch:
-    """The patch of a skin (collective).
+    """Return the patch of a skin (collective).
 
-    A DG0 mixed element holds what a triangle sees as constants of the triangle; its dofmap points
-    at the unknowns. An energy of a triangle and its neighbours thus is an ordinary cell integral.
+    The space is a DG0 mixed element: everything a triangle sees is constant on it, and the dofmap
+    points at the unknowns. So an energy of a triangle and its neighbours is an ordinary cell
+    integral.
 
     Args:
         skin: The sewn skin.
-        hinges: What lies across the edges; None for a skin without bending: corners alone.
+        hinges: Hinges of the triangles; None for a skin without bending: corners alone.
         rotations: Whether each edge has a rotation, the same on all ranks.
         lattice: Whether all triangles see the two columns of a mean deformation gradient.
     """

@@ -1,4 +1,4 @@
-"""Which vertices are held, and where; which borders keep their direction."""
+"""Supports: fixed position components, and borders where the sheet keeps its direction."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from itertools import permutations, product
 
 import numpy as np
-import numpy.typing as npt
 
 from toros_fem._types import Bools, Floats, Ints
 from toros_fem.errors import ParameterError
@@ -29,26 +28,25 @@ def _no_normals() -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Supports:
-    """Held position components, and free edges at which the sheet keeps its direction.
+    """Fixed position components, and free edges at which the sheet keeps its direction.
 
     Attributes:
-        held: For each assembled vertex and component x, y, z whether it keeps its assembled
-            position, shape (n, 3).
+        fixed: Whether each component x, y, z of each assembled vertex is fixed, shape (n, 3).
         guided: Ends of free edges, shape (k, 2), at which the sheet stays perpendicular to a
             given plane through the edge, as if mirrored there: it cannot turn about the edge.
-            Whether the edge itself is held is told by `fixed`.
+            `fixed` says whether the edge itself is fixed.
         normals: Normal of each of these planes, shape (k, 3), perpendicular to the edge, of any
-            length. An edge that is not held may move, but its plane does not turn.
-        displacement: Way in m from the assembled position to where a vertex is held, shape
-            (n, 3), read at held components; None holds all where they are assembled. It is part
-            of the load and raised together with it.
+            length. An edge that is not fixed may move, but its plane does not turn.
+        displacement: Displacement in m of the fixed components from their assembled positions,
+            shape (n, 3); None leaves all at their assembled positions. It is part of the load and
+            raised together with it.
 
     Raises:
         ParameterError: `guided` and `normals` do not fit together, or a normal is zero; or the
             displacement has another shape than `fixed`, or is not finite.
     """
 
-    fixed: npt.NDArray[np.bool_]
+    fixed: Bools
     guided: Ints = field(default_factory=_no_edges)
     normals: Floats = field(default_factory=_no_normals)
     displacement: Floats | None = None
@@ -66,7 +64,7 @@ class Supports:
             raise ParameterError("each row of normals must be finite and not zero.")
 
     def __or__(self, other: Supports) -> Supports:
-        """What either holds; where both do, the second's displacement and direction count."""
+        """Return the union; where both fix something, the second's values count."""
         displacement = None
         if self.displacement is not None or other.displacement is not None:
             mine, theirs = (
@@ -82,28 +80,28 @@ class Supports:
         )
 
     def close(self, pattern: Pattern) -> bool:
-        """Whether a pressure can act: the skin is closed, or symmetry planes close it.
+        """Return whether a pressure can act: the skin is closed, or symmetry planes close it.
 
-        The wall missing in a coordinate plane through the origin has no share in the volume of
-        eq. (7).
+        A wall that is missing in a coordinate plane through the origin contributes nothing to the
+        volume of eq. (7).
         """
-        ends, there = pattern.free_edges, self._flat(pattern)
+        ends, there = pattern.free_edges, self._at_zero(pattern)
         return bool((there[ends[:, 0]] & there[ends[:, 1]]).any(axis=1).all())
 
-    def in_planes(self, pattern: Pattern) -> npt.NDArray[np.bool_]:
-        """Whether a vertex lies in the symmetry plane across x, y or z, (n, 3).
+    def in_planes(self, pattern: Pattern) -> Bools:
+        """Return whether each vertex lies in the symmetry plane across x, y or z, (n, 3).
 
-        Where edges are guided their normals tell: a clamp may hold more.
+        Where edges are guided their normals decide, since a clamp may fix more components.
         """
         across = np.zeros(self.fixed.shape, dtype=bool)
         lengths = np.linalg.norm(self.normals, axis=1)[:, None]
         for k in range(2):
             np.logical_or.at(across, self.guided[:, k], np.abs(self.normals) > 0.999 * lengths)
-        told = np.asarray(across.any(axis=1))[:, None]
-        return np.asarray(self._flat(pattern) & (across | ~told))
+        guided = np.asarray(across.any(axis=1))[:, None]
+        return np.asarray(self._at_zero(pattern) & (across | ~guided))
 
-    def _flat(self, pattern: Pattern) -> npt.NDArray[np.bool_]:
-        """Components held at 0."""
+    def _at_zero(self, pattern: Pattern) -> Bools:
+        """Whether each component is fixed at 0."""
         there = pattern.points if self.displacement is None else pattern.points + self.displacement
         at_rest = np.abs(pattern.points) <= FLAT * pattern.size
         return np.asarray(self.fixed & at_rest & (np.abs(there) <= FLAT * pattern.size))
@@ -113,7 +111,7 @@ class Supports:
 
         Args:
             pattern: The pattern.
-            bends: Whether the sheet resists bending; to a membrane guides mean nothing.
+            bends: Whether the sheet resists bending; guided edges do not act on a membrane.
 
         Raises:
             ParameterError: The supports are made for another pattern, guide an edge that is not
@@ -122,7 +120,7 @@ class Supports:
         points = pattern.points
         if self.fixed.shape != points.shape:
             raise ParameterError(
-                f"supports.held has shape {self.fixed.shape}; this skin needs {points.shape}. "
+                f"supports.fixed has shape {self.fixed.shape}; this skin needs {points.shape}. "
                 "Make the supports from its own pattern."
             )
         self._check_guides(pattern)
@@ -137,8 +135,8 @@ class Supports:
         rank = np.linalg.matrix_rank(motions, tol=1e-6) if len(motions) else 0
         if rank < 6:
             raise ParameterError(
-                f"the supports hold {self.fixed.sum()} components and leave {6 - rank} of the 6 "
-                "rigid motions free, so that the skin could float away. Hold more of it."
+                f"the supports fix {self.fixed.sum()} components and leave {6 - rank} of the 6 "
+                "rigid motions free, so that the skin could float away. Fix more components."
             )
 
     def _check_guides(self, pattern: Pattern) -> None:
@@ -148,8 +146,8 @@ class Supports:
         if inside.any():
             a, b = self.guided[np.flatnonzero(inside)[0]]
             raise ParameterError(
-                f"guided holds the edge between vertices {a} and {b}, which is no free edge of "
-                "this pattern. Inside the skin hold vertices on both sides of it instead."
+                f"guided contains the edge between vertices {a} and {b}, which is no free edge of "
+                "this pattern. Inside the skin fix vertices on both sides of the edge instead."
             )
         along = points[self.guided[:, 1]] - points[self.guided[:, 0]]
         lengths = np.linalg.norm(along, axis=1) * np.linalg.norm(self.normals, axis=1)
@@ -164,7 +162,7 @@ class Supports:
 
 
 def require_displacement(displacement: Floats | None, shape: tuple[int, ...]) -> None:
-    """Check shape and values of a displacement of all assembled vertices; None is none.
+    """Check shape and values of a displacement of all assembled vertices; None passes.
 
     Raises:
         ParameterError: It does not fit, or is not finite.
@@ -179,14 +177,14 @@ def require_displacement(displacement: Floats | None, shape: tuple[int, ...]) ->
 
 
 def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
-    """Hold every vertex of the named panels in all three components.
+    """Fix every vertex of the named panels in all three components.
 
     Raises:
         PanelError: A panel of that name does not exist.
         ParameterError: No panel is named, so that the skin could move as a rigid body.
     """
     if not panels:
-        raise ParameterError("panels = () holds nothing; name a panel to clamp.")
+        raise ParameterError("panels = () fixes nothing; name a panel to clamp.")
     fixed = np.zeros((len(pattern.points), 3), dtype=bool)
     for name in panels:
         fixed[pattern.vertices_of(name)] = True
@@ -222,12 +220,12 @@ def clamp_where(pattern: Pattern, where: Callable[[Floats], Bools]) -> Supports:
 def displace(
     pattern: Pattern, panels: Sequence[str], displacement: Sequence[float] | Floats
 ) -> Supports:
-    """Hold every vertex of the named panels in all components, moved by one vector.
+    """Fix every vertex of the named panels in all components, moved by one vector.
 
     Args:
         pattern: The pattern.
         panels: Names of the panels.
-        displacement: From the assembled positions, (3,), in m.
+        displacement: Displacement from the assembled positions, (3,), in m.
 
     Raises:
         PanelError: A panel of that name does not exist.
@@ -241,15 +239,15 @@ def displace(
 
 
 def pin(pattern: Pattern, panel: str | None = None) -> Supports:
-    """Hold six components, so that nothing but rigid motion is taken away.
+    """Fix six components, so that only the rigid motions are removed.
 
-    Of three vertices far apart one is held in three components, one in two, one in one (the
-    3-2-1 rule of fixtures), those that resist the weakest rigid motion best. An inflated skin
-    pulls at none of them.
+    Of three vertices far apart one is fixed in three components, one in two, one in one (the
+    3-2-1 rule of fixtures). The components are those that resist the weakest rigid motion best.
+    The reactions of an inflated skin are zero.
 
     Args:
         pattern: The pattern.
-        panel: Where the three vertices are to lie; None for anywhere.
+        panel: Panel of the three vertices; None for any place.
 
     Raises:
         PanelError: There is no such panel.
@@ -282,7 +280,7 @@ def pin(pattern: Pattern, panel: str | None = None) -> Supports:
 
 
 def symmetry_plane(pattern: Pattern, axis: int) -> Supports:
-    """Hold the free border of half a skin in the coordinate plane that it is mirrored at.
+    """Fix the free border of half a skin in its mirror plane, a coordinate plane.
 
     The border slides in the plane and the sheet stays perpendicular to it.
 
@@ -301,33 +299,34 @@ def symmetry_plane(pattern: Pattern, axis: int) -> Supports:
     return Supports(fixed, border, np.tile(np.eye(3)[axis], (len(border), 1)))
 
 
-def build_in(pattern: Pattern, vertices: npt.NDArray[np.bool_]) -> Supports:
-    """Hold a part of the free border, and the direction that the sheet has there.
+def build_in(pattern: Pattern, vertices: Bools) -> Supports:
+    """Fix a part of the free border, and the direction of the sheet there.
 
     Args:
         pattern: The pattern.
-        vertices: Which assembled vertices, (n,): free edges between two of them are built in.
+        vertices: Whether each assembled vertex is chosen, (n,): free edges between two chosen ones
+            are built in.
 
     Raises:
         ParameterError: `vertices` does not fit, or no free edge lies between them.
     """
     if vertices.dtype != bool or vertices.shape != (len(pattern.points),):
         raise ParameterError(
-            f"vertices is {vertices.dtype} of shape {vertices.shape}; it must tell of each of the "
-            f"{len(pattern.points)} assembled vertices, True or False, whether it is meant."
+            f"vertices is {vertices.dtype} of shape {vertices.shape}; it must be True or "
+            f"False for each of the {len(pattern.points)} assembled vertices."
         )
-    meant = vertices[pattern.free_edges].all(axis=1)
-    if not meant.any():
+    chosen = vertices[pattern.free_edges].all(axis=1)
+    if not chosen.any():
         raise ParameterError("no free edge lies between the vertices to be built in.")
-    ends = pattern.free_edges[meant]
-    border = pattern.edges.twins[pattern.edges.border[meant], 0]
+    ends = pattern.free_edges[chosen]
+    border = pattern.edges.twins[pattern.edges.border[chosen], 0]
     fixed = np.zeros((len(pattern.points), 3), dtype=bool)
     fixed[ends.ravel()] = True
     return Supports(fixed, ends, _inward_normals(pattern, border))
 
 
 def _inward_normals(pattern: Pattern, border: Ints) -> Floats:
-    """Unit vectors (k, 3) in the assembled sheet, across free half-edges (k,) into it."""
+    """Return unit vectors (k, 3) in the assembled sheet, from free half-edges (k,) into it."""
     a, b = pattern.points[half_edges(pattern.triangles)[border]].transpose(1, 0, 2)
     across = pattern.triangles.ravel()[following(following(border))]
     along = (b - a) / np.linalg.norm(b - a, axis=1)[:, None]
