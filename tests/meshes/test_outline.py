@@ -1,4 +1,4 @@
-"""Two flat panels along any outline: they fit, they close, and lines and cuts lie where asked."""
+"""Two flat panels along any outline: they fit and close, with lines and cuts at given places."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The robots have the sizes they are asked for; parts and wholes fit."""
+"""The robots have the requested sizes; parts and wholes fit."""
 
 from dataclasses import replace
 

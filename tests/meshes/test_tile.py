@@ -1,4 +1,4 @@
-"""A tile is a torus: it closes, repeats, lies side by side and has the symmetry asked for."""
+"""A tile is a torus: it closes, repeats, lies side by side and has the requested symmetry."""
 
 import numpy as np
 import pytest
@@ -46,8 +46,8 @@ def check_torus(found: Tile, area: float) -> None:
 
 def apart(found: Tile, one: np.ndarray, two: np.ndarray) -> float:
     """The largest distance on the torus between points (t, 2) of two lists."""
-    share = (one - two) @ np.linalg.inv(found.lattice)
-    return float(np.abs((share - np.rint(share)) @ found.lattice).max())
+    fraction = (one - two) @ np.linalg.inv(found.lattice)
+    return float(np.abs((fraction - np.rint(fraction)) @ found.lattice).max())
 
 
 @pytest.mark.parametrize("mesh", KINDS)
@@ -58,20 +58,20 @@ def test_torus(comm: MPI.Comm, mesh: str, edge_length: float) -> None:
 
 
 @pytest.mark.parametrize("symmetry", SYMMETRIES)
-@pytest.mark.parametrize("share", [0.4, 0.36, 0.32, 0.28, 0.24, 0.2, 0.16, 0.12])
-def test_coarse_unstructured_tori(comm: MPI.Comm, symmetry: str, share: float) -> None:
+@pytest.mark.parametrize("fraction", [0.4, 0.36, 0.32, 0.28, 0.24, 0.2, 0.16, 0.12])
+def test_coarse_unstructured_tori(comm: MPI.Comm, symmetry: str, fraction: float) -> None:
     """Where edges reach across a tile, or from one line of symmetry to another."""
-    found = tile(comm, SQUARE, share * SQUARE, "unstructured", symmetry)
+    found = tile(comm, SQUARE, fraction * SQUARE, "unstructured", symmetry)
     check_torus(found, 4e-4)
     found.symmetry_maps(symmetry)
     if symmetry in ("none", "orthotropic"):
         for length in (0.04, 0.11):
-            found = tile(comm, (SQUARE, length), share * SQUARE, "unstructured", symmetry)
+            found = tile(comm, (SQUARE, length), fraction * SQUARE, "unstructured", symmetry)
             check_torus(found, SQUARE * length)
 
 
 @pytest.mark.parametrize("mesh", KINDS)
-def test_edges_have_the_length_asked_for(comm: MPI.Comm, mesh: str) -> None:
+def test_edges_have_the_requested_length(comm: MPI.Comm, mesh: str) -> None:
     pattern = tile(comm, SIZE, 1e-3, mesh).pattern
     border = pattern.flat_points[pattern.seams[:, 0]]
     assert np.linalg.norm(border[:, 1] - border[:, 0], axis=1) == pytest.approx(1e-3, rel=1e-9)
@@ -114,7 +114,7 @@ def test_sheet_is_free_at_its_outer_border_only(comm: MPI.Comm, mesh: str) -> No
 
 
 @pytest.mark.parametrize(("mesh", "symmetry"), SYMMETRIC)
-def test_images_are_a_group(comm: MPI.Comm, mesh: str, symmetry: str) -> None:
+def test_symmetry_maps_are_a_group(comm: MPI.Comm, mesh: str, symmetry: str) -> None:
     found = tile(comm, side(symmetry), EDGE, mesh, symmetry)
     check_torus(found, found.lattice[0, 0] * found.lattice[1, 1])
     symmetry_maps = found.symmetry_maps(symmetry)
@@ -132,13 +132,13 @@ def test_images_are_a_group(comm: MPI.Comm, mesh: str, symmetry: str) -> None:
 
 
 @pytest.mark.parametrize(("mesh", "symmetry"), SYMMETRIC)
-def test_images_have_the_images_of_the_corners(comm: MPI.Comm, mesh: str, symmetry: str) -> None:
+def test_symmetry_maps_map_corners_to_corners(comm: MPI.Comm, mesh: str, symmetry: str) -> None:
     found = tile(comm, side(symmetry), EDGE, mesh, symmetry)
     corners = found.pattern.corners
     for operation, image in zip(SYMMETRIES[symmetry], found.symmetry_maps(symmetry), strict=True):
         gap = (corners @ operation.T)[:, :, None] - corners[image][:, None]
-        share = gap @ np.linalg.inv(found.lattice)
-        away = np.abs((share - np.rint(share)) @ found.lattice).max(axis=3)
+        fraction = gap @ np.linalg.inv(found.lattice)
+        away = np.abs((fraction - np.rint(fraction)) @ found.lattice).max(axis=3)
         assert away.min(axis=2).max() < 1e-14
 
 
