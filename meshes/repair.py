@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from toros_fem._types import Floats, Ints
+from toros_fem.meshes.surface import Repairs
 from toros_fem.meshes.topology import coincident, edge_keys, edges_of, normals, shapes
 
 # Vertices closer than this fraction of the bounding box's diagonal are merged.
@@ -34,9 +35,9 @@ def weld(points: Floats, triangles: Ints) -> tuple[Ints, Ints]:
     return replaced_by, np.sort(first[proper[first]])
 
 
-def mend(
+def remove_thin(
     points: Floats, triangles: Ints, parts: Ints, kept: Ints
-) -> tuple[Floats, Ints, Ints, Ints, dict[str, int]]:
+) -> tuple[Floats, Ints, Ints, Ints, Repairs]:
     """Remove triangles thinner than `THIN`, where that is simple.
 
     A needle's short edge is collapsed. A cap's long edge is flipped; where that edge is a border,
@@ -51,21 +52,20 @@ def mend(
 
     Returns:
         Points (n, 3), triangles, parts, the vertex that replaces each old one (n,), and the
-        numbers of edges collapsed, edges flipped and triangles dropped.
+        numbers of repairs.
     """
     points, triangles = points.copy(), triangles.copy()
     replaced_by = np.arange(len(points))
-    count = {"collapsed": 0, "flipped": 0, "dropped": 0}
+    repairs = Repairs()
     for _ in range(PASSES):
         work = _Pass(points, triangles, parts, replaced_by[kept])
         done = work.run()
-        if not any(done.values()):
+        if done == Repairs():
             break
-        for name in count:
-            count[name] += done[name]
+        repairs += done
         triangles, parts = triangles[~work.gone], parts[~work.gone]
         replaced_by = work.replaced_by[replaced_by]
-    return points, triangles, parts, replaced_by, count
+    return points, triangles, parts, replaced_by, repairs
 
 
 class _Pass:
@@ -92,9 +92,9 @@ class _Pass:
         self.order = np.argsort(triangles.ravel(), kind="stable")
         self.start = np.searchsorted(triangles.ravel()[self.order], np.arange(size + 1))
 
-    def run(self) -> dict[str, int]:
+    def run(self) -> Repairs:
         """Repair each thin triangle once; return the numbers of repairs."""
-        done = {"collapsed": 0, "flipped": 0, "dropped": 0}
+        done = Repairs()
         shape = shapes(self.points, self.triangles)
         bad = np.flatnonzero(shape < THIN)
         for t in bad[np.argsort(shape[bad], kind="stable")]:
@@ -105,11 +105,11 @@ class _Pass:
             side = np.linalg.norm(self.points[np.roll(corners, -1)] - self.points[corners], axis=1)
             edge, opposite = int(np.argmax(side)), corners[(int(np.argmax(side)) + 2) % 3]
             if side.min() < 2 * THIN * side.max() and self.collapse(t, int(np.argmin(side))):
-                done["collapsed"] += 1
+                done += Repairs(collapsed=1)
             elif self.drop(t, edge, opposite):
-                done["dropped"] += 1
+                done += Repairs(dropped=1)
             elif self.flip(t, edge, opposite):
-                done["flipped"] += 1
+                done += Repairs(flipped=1)
             else:
                 continue
             self.locked[near] = True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 
 import numpy as np
 
@@ -47,6 +47,9 @@ class Repairs:
     collapsed: int = 0
     flipped: int = 0
     turned: int = 0
+
+    def __add__(self, other: Repairs) -> Repairs:
+        return Repairs(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
     def __str__(self) -> str:
         done = {

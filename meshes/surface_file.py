@@ -13,7 +13,7 @@ from toros_fem._types import Floats, Ints
 from toros_fem._validate import require_count, require_positive
 from toros_fem.errors import SurfaceError
 from toros_fem.meshes.mesh_file import load, obj_lines
-from toros_fem.meshes.repair import mend, weld
+from toros_fem.meshes.repair import remove_thin, weld
 from toros_fem.meshes.surface import Repairs, Surface, check_edges, oriented, volume
 from toros_fem.meshes.topology import edge_keys, edges_of, normals, surface_components
 
@@ -98,7 +98,7 @@ def _read(path: Path, scale: float, component: int | None) -> Surface:
     read, triangles = triangles, _outwards(points, triangles)
     turned = int(np.any(read != triangles, axis=1).sum())
     parts, names = _parts(mesh, tags)
-    points, triangles, parts, replaced_by, mended = mend(points, triangles, parts, seams)
+    points, triangles, parts, replaced_by, repairs = remove_thin(points, triangles, parts, seams)
     points, triangles, seams = _renumbered(points, triangles, replaced_by[seams])
     return Surface(
         points=points,
@@ -106,13 +106,7 @@ def _read(path: Path, scale: float, component: int | None) -> Surface:
         parts=parts,
         part_names=names,
         seams=seams,
-        repairs=Repairs(
-            merged=merged,
-            dropped=dropped + mended["dropped"],
-            collapsed=mended["collapsed"],
-            flipped=mended["flipped"],
-            turned=turned,
-        ),
+        repairs=repairs + Repairs(merged=merged, dropped=dropped, turned=turned),
     )
 
 

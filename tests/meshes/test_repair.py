@@ -9,11 +9,12 @@ from helpers.mesh_files import write
 from mpi4py import MPI
 
 from toros_fem.meshes import read_surface
-from toros_fem.meshes.repair import mend, weld
+from toros_fem.meshes.repair import remove_thin, weld
+from toros_fem.meshes.surface import Repairs
 from toros_fem.meshes.topology import edges_of, shapes
 
 
-def test_needles_and_caps_are_mended(comm: MPI.Comm, folder: Path) -> None:
+def test_needles_and_caps_are_repaired(comm: MPI.Comm, folder: Path) -> None:
     ball = surfaces.sphere(2)
     points, triangles = ball.points.copy(), ball.triangles
     edges = edges_of(triangles)
@@ -75,11 +76,11 @@ def test_kept_edges_and_borders_of_parts_are_not_repaired() -> None:
     """A cap whose long edge is kept, or divides two parts, stays as it is."""
     points = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1e-5, 0], [0.5, -1, 0], [0.5, 1, 0]])
     triangles = np.array([[0, 1, 2], [1, 0, 3], [2, 1, 4], [0, 2, 4]])
-    free = mend(points, triangles, np.zeros(4, dtype=int), np.zeros((0, 2), dtype=int))
-    assert free[-1] == {"collapsed": 0, "flipped": 1, "dropped": 0}
+    free = remove_thin(points, triangles, np.zeros(4, dtype=int), np.zeros((0, 2), dtype=int))
+    assert free[-1] == Repairs(flipped=1)
     assert shapes(free[0], free[1]).min() > 0.3
     for parts, kept in ((np.array([0, 1, 0, 0]), np.zeros((0, 2), dtype=int)),
                         (np.zeros(4, dtype=int), np.array([[1, 0]]))):  # fmt: skip
-        found = mend(points, triangles, parts, kept)
-        assert found[-1] == {"collapsed": 0, "flipped": 0, "dropped": 0}
+        found = remove_thin(points, triangles, parts, kept)
+        assert found[-1] == Repairs()
         assert np.array_equal(found[1], triangles)

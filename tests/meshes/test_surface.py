@@ -71,6 +71,7 @@ def test_volume_and_area() -> None:
 
 def test_repairs_in_words() -> None:
     assert str(Repairs()) == "none"
+    assert Repairs(merged=1, flipped=2) + Repairs(2, 0, 0, 1, 4) == Repairs(3, 0, 0, 3, 4)
     assert str(Repairs(merged=3, turned=2)) == (
         "3 coincident vertices merged, 2 triangles reversed"
     )
