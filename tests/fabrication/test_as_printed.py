@@ -18,21 +18,21 @@ from toros_fem.meshes import Skin
 
 @pytest.fixture(scope="module")
 def result(tube: Skin, tube_solver: EquilibriumSolver) -> DesignResult:
-    chain = full(tube, tube_solver, beta=20.0)
-    return optimize(chain, DesignOptions((Stage(5),)), start=random_density(tube, 3))
+    problem = full(tube, tube_solver, beta=20.0)
+    return optimize(problem, DesignOptions((Stage(5),)), start=random_density(tube, 3))
 
 
 def test_contours_are_of_the_filters_own_field(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    chain = full(tube, tube_solver)
+    problem = full(tube, tube_solver)
     density = random_density(tube, 3, spread=0.5)
-    at_points, at_centroids = contour_values(chain, density)
+    at_points, at_centroids = contour_values(problem, density)
     pattern, wall = tube.pattern, tube.pattern.cells_of("wall")
-    filtered = tube.gather_cells(chain.filter.forward(chain.with_passive(density)))
+    filtered = tube.gather_cells(problem.filter.forward(problem.with_passive(density)))
     assert at_centroids[wall] == pytest.approx(filtered[wall])
     caps = np.setdiff1d(np.arange(len(pattern.panel)), wall)
     assert np.all(at_centroids[caps] == 1)
     assert np.all(at_points[pattern.flat_triangles[caps]] == 1)
-    exact = chain.filter.at_points(chain.with_passive(density))
+    exact = problem.filter.at_points(problem.with_passive(density))
     points = np.unique(pattern.flat_triangles[wall])
     assert at_points[points] == pytest.approx(exact[points])
 
@@ -42,8 +42,8 @@ def test_given_triangles_inside_a_panel(tube: Skin, tube_solver: EquilibriumSolv
     pattern = tube.pattern
     given = (pattern.panel == pattern.panel_index("wall")) & (pattern.centroids[:, 1] < 0.02)
     passive = np.where(given, 0.0, np.nan)[tube.owned_cells]
-    chain = dataclasses.replace(full(tube, tube_solver), passive=passive)
-    at_points, at_centroids = contour_values(chain, np.ones(len(tube.owned_cells)))
+    problem = dataclasses.replace(full(tube, tube_solver), passive=passive)
+    at_points, at_centroids = contour_values(problem, np.ones(len(tube.owned_cells)))
     assert np.all(at_centroids[given] == 0)
     inside = np.setdiff1d(pattern.flat_triangles[given], pattern.flat_triangles[~given])
     border = np.intersect1d(pattern.flat_triangles[given], pattern.flat_triangles[~given])
@@ -52,26 +52,27 @@ def test_given_triangles_inside_a_panel(tube: Skin, tube_solver: EquilibriumSolv
 
 
 def test_printed_design(tube: Skin, tube_solver: EquilibriumSolver, result: DesignResult) -> None:
-    chain = full(tube, tube_solver, beta=20.0)
-    printed = as_printed(chain, result, PrintLimits(), island_area=math.inf)
-    assert printed.before.pieces - printed.after.pieces == len(printed.cleaned.dropped)
+    problem = full(tube, tube_solver, beta=20.0)
+    printed = as_printed(problem, result, PrintLimits(), island_area=math.inf)
+    lost = printed.before.number_of_pieces - printed.after.number_of_pieces
+    assert lost == len(printed.cleaned.dropped)
     assert not printed.after.free_islands
     assert printed.evaluation is not None
     mine = printed.cells[tube.owned_cells]
     assert np.array_equal(printed.evaluation.projected > 0.5, mine)
-    whole = as_printed(chain, result, PrintLimits(), hole_area=math.inf)
+    whole = as_printed(problem, result, PrintLimits(), hole_area=math.inf)
     assert len(whole.cleaned.filled) == len(whole.before.holes) > 0
     assert not whole.after.holes
     # Without islands to drop the binary pattern is the projected density rounded.
-    bare = as_printed(chain, result, PrintLimits())
+    bare = as_printed(problem, result, PrintLimits())
     rounded = result.final.filtered > 0.5
-    assert np.array_equal(bare.cells[tube.owned_cells][chain.designed], rounded[chain.designed])
+    assert np.array_equal(bare.cells[tube.owned_cells][problem.designed], rounded[problem.designed])
 
 
 def test_islands_are_taken_out_of_the_density(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     """A body, a spot near it and one far from it: the body alone stays, as it was."""
-    chain = full(tube, tube_solver, beta=20.0)
-    pattern, radius = tube.pattern, chain.filter.radius
+    problem = full(tube, tube_solver, beta=20.0)
+    pattern, radius = tube.pattern, problem.filter.radius
     u, v = pattern.centroids.T
     width = pattern.corners[pattern.cells_of("wall")][..., 0].max()
     spots = [(0.2 * width, 0.047), (0.8 * width, 0.042)]
@@ -79,12 +80,12 @@ def test_islands_are_taken_out_of_the_density(tube: Skin, tube_solver: Equilibri
     for x, y in spots:
         whole |= np.hypot(u - x, v - y) < 0.8 * radius
     density = whole.astype(float)[tube.owned_cells]
-    chosen = DesignResult(chain, density, chain.simulate(density), (), "", {})
-    printed = as_printed(chain, chosen, PrintLimits())
+    chosen = DesignResult(problem, density, problem.simulate(density), (), "", {})
+    printed = as_printed(problem, chosen, PrintLimits())
     assert len(printed.before.free_islands) == 2
-    start = remove_islands(chain, chosen, printed)
-    again = DesignResult(chain, start, chain.simulate(start), (), "", {})
-    bare = as_printed(chain, again, PrintLimits())
+    start = remove_islands(problem, chosen, printed)
+    again = DesignResult(problem, start, problem.simulate(start), (), "", {})
+    bare = as_printed(problem, again, PrintLimits())
     assert not bare.before.free_islands
     wall = pattern.panel_index("wall")
     body = max(printed.contours[wall].geoms, key=lambda part: part.area)
@@ -97,13 +98,13 @@ def test_pattern_without_equilibrium_is_said(
     result: DesignResult,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    chain = full(tube, tube_solver, beta=20.0)
+    problem = full(tube, tube_solver, beta=20.0)
 
     def fails(*_: object, **__: object) -> None:
         raise EquilibriumError("made to fail", result.final.equilibrium)
 
     monkeypatch.setattr(tube_solver, "solve", fails)
-    printed = as_printed(chain, result, PrintLimits())
+    printed = as_printed(problem, result, PrintLimits())
     assert printed.evaluation is None
     assert printed.failure == "made to fail"
-    assert printed.after.pieces > 0
+    assert printed.after.number_of_pieces > 0

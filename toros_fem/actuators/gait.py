@@ -174,7 +174,8 @@ def write_gait(
             shown.append((f"{number}: {', '.join(full) or 'none'}", shapes[k]))
 
         def draw() -> None:
-            from toros_fem.output.comparison_plot import plot_shapes, plot_tracks
+            from toros_fem.output.curve_plot import plot_tracks
+            from toros_fem.output.shape_plot import plot_shapes
 
             view = (15.0, 15.0)
             plot_shapes(folder / "gait.png", pattern.triangles, shown, density, view, columns=4)

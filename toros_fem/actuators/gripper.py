@@ -58,7 +58,7 @@ def write_grasp(
         side = np.concatenate([fingers[0], _in_room(ball, body, 0.0)])
 
         def draw() -> None:
-            from toros_fem.output.comparison_plot import plot_shapes
+            from toros_fem.output.shape_plot import plot_shapes
 
             plot_shapes(folder / "grasp.png", cells, shapes, colours, view=(15.0, 25.0))
             plot_shapes(

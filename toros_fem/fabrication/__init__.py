@@ -1,1 +1,33 @@
-"""The printed region: contours, widths, islands, printability, and its simulation."""
+"""The print of a design: contours, widths, islands, printability, drawing, and its simulation."""
+
+from toros_fem.fabrication.as_printed import (
+    PrintedDesign,
+    as_printed,
+    connect_islands,
+    remove_islands,
+)
+from toros_fem.fabrication.contours import panel_outline, printed_regions
+from toros_fem.fabrication.islands import CleanedRegions, clean
+from toros_fem.fabrication.printability import (
+    Printability,
+    PrintLimits,
+    printability,
+    printed_cells,
+)
+from toros_fem.fabrication.svg import write_svg
+
+__all__ = [
+    "CleanedRegions",
+    "PrintLimits",
+    "Printability",
+    "PrintedDesign",
+    "as_printed",
+    "clean",
+    "connect_islands",
+    "panel_outline",
+    "printability",
+    "printed_cells",
+    "printed_regions",
+    "remove_islands",
+    "write_svg",
+]

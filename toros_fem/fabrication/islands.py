@@ -1,4 +1,4 @@
-"""Printed pieces and holes, and a pattern without its crumbs."""
+"""Printed pieces, islands and holes, and the removal of small ones."""
 
 from __future__ import annotations
 
@@ -17,21 +17,22 @@ from toros_fem.errors import ParameterError
 from toros_fem.fabrication.contours import panel_outline
 from toros_fem.meshes.pattern import Pattern
 
-# Points at which each pair of sewn edges is asked whether both sides are printed.
+# Number of points on each pair of sewn edges where the print on both sides is looked up.
 SEAM_POINTS = 32
-# Borders closer than this share of the skin's size are the same.
+# Borders closer than this fraction of the skin's size are the same.
 TOUCHING = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
-    """A connected printed piece of a panel.
+class PrintedPiece:
+    """A connected printed region of one panel.
 
     Attributes:
         panel: Number of the panel.
-        polygon: The piece, in m.
-        main: Whether it is the panel's largest, the main body. The others are islands.
-        attached: Whether it is a main body, or meets one across seams.
+        polygon: Its polygon, in m.
+        main: Whether it is the main body, the largest piece of its panel. The others are islands.
+        attached: Whether it is a main body, or is connected to one across seams. An island that is
+            not attached is free.
     """
 
     panel: int
@@ -47,11 +48,11 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class Hole:
-    """Cloth all around which is printed.
+    """Fabric that print encloses.
 
     Attributes:
         panel: Number of the panel.
-        polygon: What its border encloses, islands in it included, in m.
+        polygon: The region inside its border, islands in it included, in m.
     """
 
     panel: int
@@ -64,26 +65,26 @@ class Hole:
 
 
 @dataclass(frozen=True, eq=False)
-class Cleaned:
-    """A pattern without crumbs.
+class CleanedRegions:
+    """Printed regions without small islands and holes.
 
     Attributes:
-        regions: What is printed on each panel, in m.
+        regions: Print on each panel, polygons in m.
         dropped: Free islands that were removed.
-        filled: Holes that were closed.
+        filled: Holes that were filled.
     """
 
     regions: list[BaseGeometry]
-    dropped: tuple[Piece, ...]
+    dropped: tuple[PrintedPiece, ...]
     filled: tuple[Hole, ...]
 
 
-def find_pieces(pattern: Pattern, regions: Sequence[BaseGeometry]) -> list[Piece]:
-    """The printed pieces of all panels, the largest first.
+def find_pieces(pattern: Pattern, regions: Sequence[BaseGeometry]) -> list[PrintedPiece]:
+    """Return the printed pieces of all panels, the largest first.
 
     Args:
         pattern: The pattern.
-        regions: What is printed on each panel, in m.
+        regions: Print on each panel, polygons in m.
     """
     parts, panel = shapely.get_parts(list(regions), return_index=True)
     order = np.argsort(-shapely.area(parts), kind="stable")
@@ -96,13 +97,13 @@ def find_pieces(pattern: Pattern, regions: Sequence[BaseGeometry]) -> list[Piece
     body = connected_components(graph, directed=False)[1] if len(parts) else panel
     attached = np.isin(body, body[main])
     return [
-        Piece(int(p), part, bool(m), bool(a))
+        PrintedPiece(int(p), part, bool(m), bool(a))
         for p, part, m, a in zip(panel, parts, main, attached, strict=True)
     ]
 
 
 def find_holes(pattern: Pattern, regions: Sequence[BaseGeometry]) -> tuple[Hole, ...]:
-    """Cloth that print encloses, the smallest first; not where the panel itself is cut out."""
+    """Return the holes of the print, the smallest first; cut-outs of the panel are no holes."""
     holes = []
     for panel, region in enumerate(regions):
         border = panel_outline(pattern, panel).boundary
@@ -119,13 +120,13 @@ def find_holes(pattern: Pattern, regions: Sequence[BaseGeometry]) -> tuple[Hole,
 
 def clean(
     pattern: Pattern, regions: Sequence[BaseGeometry], island_area: float, hole_area: float
-) -> Cleaned:
-    """Drop small free islands, then fill small holes.
+) -> CleanedRegions:
+    """Remove small free islands, then fill small holes.
 
     Args:
         pattern: The pattern.
-        regions: What is printed on each panel, in m.
-        island_area: Free islands smaller than this are dropped, in m²; infinity drops all.
+        regions: Print on each panel, polygons in m.
+        island_area: Free islands smaller than this are removed, in m²; infinity removes all.
         hole_area: Holes smaller than this are filled, in m².
 
     Raises:
@@ -133,33 +134,32 @@ def clean(
     """
     for name, area in (("island_area", island_area), ("hole_area", hole_area)):
         if not area >= 0:
-            raise ParameterError(f"{name} = {area} m² must not be negative; 0 keeps all.")
+            raise ParameterError(f"{name} = {area} m² must be at least 0; 0 keeps all.")
     pieces = find_pieces(pattern, regions)
-    small = [not piece.attached and piece.area < island_area for piece in pieces]
-    dropped = tuple(piece for piece, gone in zip(pieces, small, strict=True) if gone)
+    dropped = tuple(p for p in pieces if not p.attached and p.area < island_area)
     kept: list[list[BaseGeometry]] = [[] for _ in regions]
-    for piece, gone in zip(pieces, small, strict=True):
-        if not gone:
+    for piece in pieces:
+        if piece not in dropped:
             kept[piece.panel].append(piece.polygon)
     cleaned = [shapely.MultiPolygon(parts) for parts in kept]
     filled = tuple(hole for hole in find_holes(pattern, cleaned) if hole.area < hole_area)
     for panel in sorted({hole.panel for hole in filled}):
         plugs = [hole.polygon for hole in filled if hole.panel == panel]
         cleaned[panel] = shapely.union_all([cleaned[panel], *plugs])
-    return Cleaned(cleaned, dropped, filled)
+    return CleanedRegions(cleaned, dropped, filled)
 
 
 def _across_seams(
     pattern: Pattern, parts: npt.NDArray[np.object_], panel: Ints
 ) -> npt.NDArray[np.int64]:
-    """Pairs of parts, (k, 2), that meet where two edges are sewn together."""
-    share = (np.arange(SEAM_POINTS) + 0.5)[:, None] / SEAM_POINTS
+    """Return pairs of parts, (k, 2), that meet where two edges are sewn together."""
+    fraction = (np.arange(SEAM_POINTS) + 0.5)[:, None] / SEAM_POINTS
     of_point = np.zeros(len(pattern.flat_points), dtype=np.int64)
     of_point[pattern.flat_triangles] = pattern.panel[:, None]
     sides = []
     for edge in np.moveaxis(pattern.seams, 1, 0):
         start, end = np.moveaxis(pattern.flat_points[edge], 1, 0)[:, :, None]
-        points = shapely.points((1 - share) * start + share * end).ravel()
+        points = shapely.points((1 - fraction) * start + fraction * end).ravel()
         of_edge = np.repeat(of_point[edge[:, 0]], SEAM_POINTS)
         found = np.full(len(points), -1)
         for number in np.unique(panel):

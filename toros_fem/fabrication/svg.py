@@ -1,4 +1,4 @@
-"""The pattern as a true-to-scale drawing for printer and cutter."""
+"""SVG drawing of the pattern in true scale, for printer and cutter."""
 
 from __future__ import annotations
 
@@ -12,26 +12,29 @@ from shapely.affinity import affine_transform
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Floats
-from toros_fem.fabrication.contours import layout, panel_outline
+from toros_fem.fabrication.contours import panel_outline
+from toros_fem.meshes.arrange import panel_offsets
 from toros_fem.meshes.pattern import Pattern
 
+# Gap in m between panels that are packed here.
 GAP = 10e-3
+# Margin in mm.
 MARGIN = 5.0
 
 
 def write_svg(path: Path, pattern: Pattern, regions: Sequence[BaseGeometry]) -> None:
-    """Write the panels and their reinforcement as an SVG in true scale.
+    """Write the panels and their print as an SVG drawing in true scale (one rank).
 
     One user unit is 1 mm. Each panel is a group with the path "cut" (its border, red, unfilled)
-    and the path "print" (the reinforcement, black, filled by the even-odd rule). To be called on
-    one rank.
+    and the path "print" (the print, black, filled by the even-odd rule). Panels keep the places of
+    the flat pattern where they do not overlap there.
 
     Args:
-        path: The file to write.
+        path: File to write.
         pattern: The pattern.
-        regions: What is printed on each panel, in m.
+        regions: Print on each panel, polygons in m.
     """
-    offsets = layout(pattern, GAP)
+    offsets = panel_offsets(pattern, GAP)
     groups = []
     high: Floats = np.zeros(2)
     for panel, (offset, printed) in enumerate(zip(offsets, regions, strict=True)):
@@ -49,21 +52,22 @@ def write_svg(path: Path, pattern: Pattern, regions: Sequence[BaseGeometry]) -> 
     for name, outline, printed, offset in groups:
         group = ET.SubElement(svg, "g", id=name)
         ET.SubElement(group, "title").text = name
-        # The drawing's y axis points down, the panel's up.
+        # The y axis points down in the drawing and up on the panel.
         map_to = [1e3, 0, 0, -1e3, MARGIN + 1e3 * offset[0], height - MARGIN - 1e3 * offset[1]]
         style = {"fill": "black", "fill-rule": "evenodd", "stroke": "none"}
         for kind, shape, look in (
             ("print", printed, style),
             ("cut", outline, {"fill": "none", "stroke": "red", "stroke-width": "0.1"}),
         ):
-            d = _path(affine_transform(shape, map_to))
-            if d:
+            if not shape.is_empty:
+                d = _path(affine_transform(shape, map_to))
                 ET.SubElement(group, "path", {"class": kind, "d": d, **look})
     ET.indent(svg)
     ET.ElementTree(svg).write(path, encoding="utf-8", xml_declaration=True)
 
 
 def _path(shape: BaseGeometry) -> str:
+    """Return the path data of a region whose coordinates are in mm."""
     rings = []
     for polygon in shapely.get_parts(shape):
         for ring in (polygon.exterior, *polygon.interiors):

@@ -28,6 +28,8 @@ LIGHT = (-0.35, 0.45, 0.82)
 def fill(axes: Axes, shape: BaseGeometry, colour: Floats, edge: str = "none") -> None:
     """Fill a region given in m on axes in mm."""
     for polygon in shapely.get_parts(shape):
+        if polygon.is_empty:
+            continue
         rings = [shapely.get_coordinates(r) * 1e3 for r in (polygon.exterior, *polygon.interiors)]
         codes = [
             [Outline.MOVETO, *[Outline.LINETO] * (len(ring) - 2), Outline.CLOSEPOLY]
@@ -69,9 +71,7 @@ def frame(axes: Axes, points: Floats, view: View) -> None:
     axes.autoscale_view()
 
 
-def draw_polygons(
-    axes: Axes, polygons: Sequence[Floats], colours: Floats, view: View
-) -> None:
+def draw_polygons(axes: Axes, polygons: Sequence[Floats], colours: Floats, view: View) -> None:
     """Draw shaded polygons in space, those behind hidden by those before.
 
     Matplotlib's three-dimensional axes are square and have no room for ticks in a plane. They are
@@ -111,7 +111,7 @@ def draw_polygons(
             [1e3 * np.asarray(polygon) for polygon in polygons],
             facecolors=colours,
             edgecolors=colours,
-            linewidths=0.3,
+            linewidths=0.6,
             shade=True,
             lightsource=LightSource(
                 azdeg=90 - np.degrees(np.arctan2(light[1], light[0])),

@@ -77,7 +77,7 @@ def plot_shapes(
     triangles: Ints,
     shapes: Sequence[tuple[str, Floats]],
     density: Floats,
-    view: View = SIDE,
+    view: tuple[float, float] = (0.0, 0.0),
     columns: int = 6,
 ) -> None:
     """Write a picture of one skin in several states, in the same scale, in mm.
@@ -88,11 +88,12 @@ def plot_shapes(
         shapes: For each state its title and the positions of all vertices, (n, 3), in m.
         density: Density of all triangles to colour by, (t,), 1 for reinforced; NaN for other
             bodies.
-        view: Where the viewer is.
+        view: Elevation and turn of the viewer in degrees, as of `View`.
         columns: Largest number of states side by side.
     """
+    seen = View(*view)
     every = np.concatenate([positions for _, positions in shapes])
-    ratio = _height_over_width(every, view)
+    ratio = _height_over_width(every, seen)
     across = min(columns, len(shapes))
     down = -(-len(shapes) // across)
     width = min(4.5, 16 / across, 7 / ratio)
@@ -108,13 +109,13 @@ def plot_shapes(
     for axes in grid.ravel()[len(shapes) :]:
         axes.set_axis_off()
     for axes, (title, _) in zip(grid.ravel(), shapes, strict=False):
-        frame(axes, every, view)
+        frame(axes, every, seen)
         axes.set_title(title)
     for axes in grid[-1]:
         axes.set_xlabel("mm")
     figure.draw_without_rendering()  # lays the axes out
     for axes, (_, positions) in zip(grid.ravel(), shapes, strict=False):
-        draw_skin(axes, triangles, positions, _colours(density), view)
+        draw_skin(axes, triangles, positions, _colours(density), seen)
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
 

@@ -1,4 +1,4 @@
-"""Picture of an unwrapped surface: seams in space, and how far the flat panels are from it."""
+"""Picture of an unwrapped surface: its seams in space, and the distortion of its flat panels."""
 
 from __future__ import annotations
 
@@ -14,21 +14,23 @@ from matplotlib.colors import Normalize
 from toros_fem._types import Floats
 from toros_fem.fabrication.contours import panel_outline
 from toros_fem.meshes.unwrap import Unwrapped
-from toros_fem.output.plots import DPI, camera
+from toros_fem.output.drawing import DPI, View, draw_polygons, frame
 
 COLOURS = "RdBu_r"
 SEAM = (0.05, 0.05, 0.05, 1.0)
-# Area ratios that differ from 1 by less than this need no colour.
+# Width of a seam as a fraction of the surface's size.
+SEAM_WIDTH = 5e-3
+# Colours span at least this deviation of the area ratio from 1.
 LEAST_RANGE = 0.01
-# The name of a panel so much higher than wide is written upwards.
+# The name of a panel that is this many times higher than wide is written upwards.
 NARROW = 2.5
-DIRECTIONS = ((20, 35), (20, 215))
+VIEWS = (View(20, 35), View(20, 215))
 
 
 def plot_unwrapped(path: Path, unwrapped: Unwrapped) -> None:
-    """Picture of the surface from two sides, with its seams, and of the flat panels, in mm.
+    """Write a picture of the surface from two sides, with its seams, and of the flat panels, in mm.
 
-    The colour is the area on the surface over the flat area: red panels are to be stretched.
+    The colour is the area on the surface over the flat area: red panels have to be stretched.
 
     Args:
         path: PNG file to write.
@@ -40,9 +42,10 @@ def plot_unwrapped(path: Path, unwrapped: Unwrapped) -> None:
     colours = scale.to_rgba(ratio)
     figure = plt.figure(figsize=(14, 8), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=[1, 1.7])
-    for row, (elevation, turn) in enumerate(DIRECTIONS):
-        axes = figure.add_subplot(grid[row, 0])
-        _draw_surface(axes, unwrapped, colours, elevation, turn)
+    spaces = [figure.add_subplot(grid[row, 0]) for row in range(len(VIEWS))]
+    for axes, view in zip(spaces, VIEWS, strict=True):
+        frame(axes, pattern.points, view)
+        axes.set_axis_off()
     axes = figure.add_subplot(grid[:, 1])
     corners = 1e3 * pattern.corners
     axes.add_collection(
@@ -63,44 +66,38 @@ def plot_unwrapped(path: Path, unwrapped: Unwrapped) -> None:
     worst = unwrapped.distortion.worst_stretch
     axes.set_title(
         f"{len(pattern.panel_names)} flat panels: stretch {worst:.1%} at worst, "
-        f"{unwrapped.distortion.mean_stretch:.1%} in the mean"
+        f"{unwrapped.distortion.mean_stretch:.1%} on average"
     )
     figure.colorbar(scale, ax=axes, label="area on the surface / flat area", shrink=0.7)
+    figure.draw_without_rendering()  # lays the axes out
+    for space, view in zip(spaces, VIEWS, strict=True):
+        _draw_surface(space, unwrapped, colours, view)
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
 
 
-def _draw_surface(
-    axes: Axes, unwrapped: Unwrapped, colours: Floats, elevation: float, turn: float
-) -> None:
-    """Shaded triangles and seams, painted back to front."""
+def _draw_surface(axes: Axes, unwrapped: Unwrapped, colours: Floats, view: View) -> None:
+    """Draw the surface and its seams, which are ribbons."""
     pattern = unwrapped.pattern
-    right, up, away = camera(elevation, turn)
-    points = 1e3 * pattern.points
-    corner = points[pattern.triangles]
+    toward = view.directions[2]
+    corner = pattern.points[pattern.triangles]
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    toward = -(normal @ away)
-    shade = np.where(toward > 0, 0.55 + 0.45 * np.abs(toward), 0.4)  # the inside is darker
-    faces = colours.copy()
-    faces[:, :3] *= shade[:, None]
+    closed = len(pattern.free_edges) == 0  # its outside hides its inside
+    seen = normal @ toward > 0 if closed else np.ones(len(corner), dtype=bool)
     ends = np.concatenate([unwrapped.seams, pattern.free_edges])
-    # The outside of a closed surface hides its inside.
-    seen = toward > 0 if len(pattern.free_edges) == 0 else np.ones(len(corner), dtype=bool)
-    corner, faces = corner[seen], faces[seen]
-    lines = points[ends[np.isin(ends, pattern.triangles[seen]).all(axis=1)]]
-    # A seam lies a little before the triangles beside it.
-    ahead = 1e-2 * float(np.ptp(points, axis=0).max())
-    shapes = [*corner, *lines]
-    depth = np.array([shape.mean(axis=0) @ away for shape in shapes])
-    depth[len(corner) :] -= ahead
-    paint = np.concatenate([faces, np.tile(SEAM, (len(lines), 1))])
-    width = np.repeat([0.3, 1.6], [len(corner), len(lines)])
-    order = np.argsort(-depth, kind="stable")
-    flat = [np.column_stack([shapes[k] @ right, shapes[k] @ up]) for k in order]
-    axes.add_collection(
-        PolyCollection(flat, facecolors=paint[order], edgecolors=paint[order], lw=width[order])
+    start, end = np.moveaxis(
+        pattern.points[ends[np.isin(ends, pattern.triangles[seen]).all(axis=1)]], 1, 0
     )
-    axes.set_aspect("equal")
-    axes.autoscale_view()
-    axes.set_axis_off()
+    aside = np.cross(toward, end - start)
+    aside /= np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), np.finfo(float).tiny)
+    aside *= SEAM_WIDTH / 2 * pattern.size
+    ribbons = np.stack([start - aside, start + aside, end + aside, end - aside], axis=1)
+    # Polygons are sorted by their mean depth: a ribbon must be before the triangles beside it.
+    longest = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).max()
+    ribbons += longest / 2 * toward
+    draw_polygons(
+        axes,
+        [*corner[seen], *ribbons],
+        np.concatenate([colours[seen], np.tile(SEAM, (len(ribbons), 1))]),
+        view,
+    )

@@ -84,17 +84,19 @@ def write_results(
         if_plotting(draw)
 
     def draw() -> None:
-        from toros_fem.output import plots
+        from toros_fem.output.curve_plot import plot_convergence
+        from toros_fem.output.pattern_plot import plot_pattern, plot_printability
+        from toros_fem.output.shape_plot import plot_shape
 
-        plots.plot_pattern(folder / "pattern.png", printed.pattern, printed.regions)
-        plots.plot_printability(
+        plot_pattern(folder / "pattern.png", printed.pattern, printed.regions)
+        plot_printability(
             folder / "manufacture.png",
             printed.pattern,
             printed.regions,
             printed.after,
             printed.limits,
         )
-        plots.plot_shape(
+        plot_shape(
             folder / "shape.png",
             printed.pattern,
             positions,
@@ -102,7 +104,7 @@ def write_results(
             fields["printed"],
             _title(problem.metrics, summary),
         )
-        plots.plot_convergence(folder / "convergence.png", result.history, problem.metrics)
+        plot_convergence(folder / "convergence.png", result.history, problem.metrics)
 
     write_together(skin.comm, folder, write)
     return summary
@@ -144,7 +146,7 @@ def write_comparison(
     folder = Path(folder)
 
     def draw() -> None:
-        from toros_fem.output.comparison_plot import plot_variants
+        from toros_fem.output.pattern_plot import plot_variants
 
         plot_variants(folder / f"{name}.png", pattern, panel, variants)
 
@@ -204,11 +206,12 @@ def write_pressure_path(
     summary = dict(comm.bcast(summary, root=0))  # each rank has its own clock
 
     def draw() -> None:
-        from toros_fem.output.comparison_plot import plot_curves, plot_shapes
+        from toros_fem.output.curve_plot import plot_pressure_path
+        from toros_fem.output.shape_plot import plot_shapes
 
         chosen = [points[k] for k in np.linspace(0, len(points) - 1, 4).round().astype(int)]
         shapes = [(f"{1e-3 * p.result.pressure:.3g} kPa", p.positions) for p in chosen]
-        plot_curves(folder / "curve.png", rows, metrics)
+        plot_pressure_path(folder / "curve.png", rows, metrics)
         plot_shapes(folder / "shapes.png", pattern.triangles, shapes, density)
 
     def write() -> None:

@@ -14,7 +14,7 @@ from toros_fem._types import Bools, Floats
 from toros_fem.design.options import Iteration
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.tile import Tile
-from toros_fem.output.plots import DPI, FABRIC, PRINTED, fill
+from toros_fem.output.drawing import DPI, FABRIC, PRINTED, fill
 from toros_fem.tiles.objectives import ProfileTarget
 from toros_fem.tiles.pull_test import PulledSheet
 from toros_fem.tiles.sheet import region_of_triangles

@@ -1,0 +1,87 @@
+"""Pictures of numbers: over the iterations, over the pressure, and the paths of feet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+
+from toros_fem._types import Floats
+from toros_fem.design.options import Iteration
+from toros_fem.objectives.metrics import Metric
+from toros_fem.output.drawing import DPI, PRINTED
+
+
+def plot_convergence(path: Path, history: Sequence[Iteration], metrics: Sequence[Metric]) -> None:
+    """Write a picture of objective, metrics and grey level over the iterations.
+
+    Args:
+        path: PNG file to write.
+        history: Rows of the design loop.
+        metrics: Numbers that the design is judged by.
+    """
+    count = [row.iteration for row in history]
+    rows = 2 + len(metrics)
+    figure, (top, *middle, bottom) = plt.subplots(
+        rows, 1, figsize=(8, 2 + 2 * rows), sharex=True, layout="constrained"
+    )
+    top.semilogy(count, [row.objective for row in history], color=PRINTED)
+    top.set_ylabel("objective T")
+    for axis, metric in zip(middle, metrics, strict=True):
+        axis.plot(count, [row.metrics[metric.key] for row in history], color=PRINTED)
+        axis.axhline(metric.target, color="0.6", linestyle="--", label="target")
+        axis.set_ylabel(metric.label)
+        axis.legend(frameon=False)
+    bottom.plot(count, [row.volume_fraction for row in history], label="volume fraction")
+    bottom.plot(count, [row.grey_level for row in history], label="grey level")
+    bottom.set_ylim(0, 1)
+    bottom.legend(frameon=False)
+    bottom.set_xlabel("iteration")
+    for axis in (top, *middle, bottom):
+        axis.grid(alpha=0.3)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def plot_pressure_path(
+    path: Path, rows: Sequence[Mapping[str, float]], metrics: Sequence[Metric]
+) -> None:
+    """Write a picture of metrics over the pressure.
+
+    Args:
+        path: PNG file to write.
+        rows: Values by key, "pressure_pa" among them.
+        metrics: Metrics to draw.
+    """
+    figure, axes = plt.subplots(figsize=(7, 4.5), layout="constrained")
+    pressure = [1e-3 * row["pressure_pa"] for row in rows]
+    for metric in metrics:
+        axes.plot(pressure, [row[metric.key] for row in rows], ".-", label=metric.label)
+    axes.set_xlabel("pressure in kPa")
+    axes.grid(alpha=0.3)
+    axes.legend(frameon=False)
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
+
+
+def plot_tracks(path: Path, feet: Floats, every: int) -> None:
+    """Write a picture of the paths of feet in the x-z plane, in mm.
+
+    Args:
+        path: PNG file to write.
+        feet: Positions, (rows, feet, 3), in m.
+        every: Number of rows between two marks, which show the phases of the gait.
+    """
+    figure, axes = plt.subplots(figsize=(8, 4), layout="constrained")
+    for k in range(feet.shape[1]):
+        x, z = 1e3 * feet[:, k, 0], 1e3 * feet[:, k, 2]
+        (line,) = axes.plot(x, z, label=f"foot {k}")
+        axes.plot(x[::every], z[::every], "o", ms=4, color=line.get_color())
+        axes.annotate("start", (x[0], z[0]), (4, 4), textcoords="offset points", fontsize=8)
+    axes.set_xlabel("x in mm")
+    axes.set_ylabel("height in mm")
+    axes.grid(alpha=0.3)
+    figure.legend(frameon=False, ncols=feet.shape[1], loc="outside lower center")
+    figure.savefig(path, dpi=DPI)
+    plt.close(figure)
