@@ -60,6 +60,7 @@ def test_stability_of_one_scene(tmp_path: Path, scene: str) -> None:
     assert (tmp_path / "stability.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 @ALONE
 def test_cost_of_a_newton_step(tmp_path: Path) -> None:
     rows, printed = written(tmp_path, "newton_cost.py", "--triangles", "1000", "--rounds", "1")
@@ -102,6 +103,7 @@ def test_mma_beside_other_codes(tmp_path: Path) -> None:
         assert ours["ratio_to_fastest_peer"] < 0.7, "about 0.15 on a quiet machine"
 
 
+@pytest.mark.slow
 @ALONE
 def test_length_scale_of_lines(tmp_path: Path) -> None:
     """With the default c thin lines have far larger values than wide ones, at any alignment."""
@@ -159,6 +161,7 @@ def test_profiles_of_tiles_converge(tmp_path: Path) -> None:
         assert row["steps"] > row["steps_near"] > 0
 
 
+@pytest.mark.slow
 @ALONE
 def test_accuracy_writes_rows_and_pictures(tmp_path: Path) -> None:
     rows, _ = written(

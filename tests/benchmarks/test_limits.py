@@ -6,7 +6,7 @@ import tube_limits_model as model
 from mpi4py import MPI
 from tube_limits_simulated import Case, simulate
 
-from toros_fem.actuators.case import ActuatorConfig
+from toros_fem.actuators.config import ActuatorConfig
 
 PRESSURES = [2e3, 5e3, 15e3]
 
