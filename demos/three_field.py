@@ -95,7 +95,7 @@ def run(
         tube = tube_case(comm, variant, target, [bend_metric(variant.angle)])
         made = design_actuator(comm, folder, tube, variant, reporter, verbose=verbose)
         rows.append(row(name, made.summary))
-        wall = made.printed.bare[tube.pattern.panel_index("wall")]
+        wall = made.printed.contours[tube.pattern.panel_index("wall")]
         pictures.append((name, wall, caption(rows[-1])))
     if comm.rank == 0:
         print("\n" + table(rows))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
@@ -88,7 +89,7 @@ def draw_polygons(axes: Axes, polygons: Sequence[Floats], colours: Floats, view:
     points = 1e3 * np.concatenate(polygons)
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     radius = float(np.linalg.norm(points - centre, axis=1).max())
-    space = figure.add_axes((0, 0, 1, 1), projection="3d", proj_type="ortho", facecolor="none")
+    space: Any = figure.add_axes((0, 0, 1, 1), projection="3d", proj_type="ortho", facecolor="none")
     space.set_in_layout(False)
     space.set_axis_off()
     low, high = centre - radius, centre + radius

@@ -78,9 +78,9 @@ class HistoryFile:
         self._path = path
         self._mode = "w"  # the file of an earlier run stays until this run has a row of its own
 
-    def write(self, row: Iteration, **extra: float) -> None:
-        """Append one row, with further columns; all rows must have the same columns."""
-        columns = {**row.columns(), **extra}
+    def write(self, row: Iteration) -> None:
+        """Append one row (one rank); all rows must have the same columns."""
+        columns = row.columns()
         with self._path.open(self._mode, newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, list(columns))
             if self._mode == "w":

@@ -36,8 +36,9 @@ def plot_shape(
         density: Density of all triangles to colour by, (t,), 1 for reinforced.
         title: Text above.
     """
-    shapes = [] if target is None else [("target", target, np.full(len(density), np.nan))]
-    shapes.append(("inflated", positions, density))
+    shapes = [("inflated", positions, density)]
+    if target is not None:
+        shapes.insert(0, ("target", target, np.full_like(density, np.nan)))
     every = np.concatenate([points for _, points, _ in shapes])
     ratios = [_height_over_width(every, view) for view in (SIDE, OBLIQUE)]
     slender = min(ratios) > SLENDER
