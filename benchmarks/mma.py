@@ -59,9 +59,10 @@ class Problem:
 
 def ours(variables: int, constraints: int) -> Step:
     """Return the step of toros_fem; with the same data it starts from the same state."""
-    bounds = [PETSc.Vec().createWithArray(np.full(variables, v), comm=MPI.COMM_SELF)
-              for v in (0.0, 1.0)]  # fmt: skip
-    mma = MMA(*bounds, constraints)
+    lower, upper = (
+        PETSc.Vec().createWithArray(np.full(variables, v), comm=MPI.COMM_SELF) for v in (0.0, 1.0)
+    )
+    mma = MMA(lower, upper, constraints)
     saved: list[Any] = [None, None]
 
     def step(x: np.ndarray, data: Data) -> np.ndarray:

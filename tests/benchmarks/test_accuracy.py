@@ -1,4 +1,4 @@
-"""Known answers on coarse meshes: errors as small as measured, and falling as they should."""
+"""Known answers on coarse meshes: errors as measured, with the expected order."""
 
 from dataclasses import replace
 
@@ -27,7 +27,7 @@ ROUND = {
     "hencky": (1.6e-3, 5.5e-4),
     "helix-twist": (1.9e-2,),
 }
-# Cases where other things than the mesh leave an error: on both meshes no larger than so.
+# Bounds of cases whose error does not come from the mesh alone, on both meshes.
 NEARLY = {"mckibben-pinned": 3e-4, "helix-twist-polygon": 1e-3}
 
 
@@ -54,7 +54,7 @@ def test_homogeneous_states_are_exact(case: Case) -> None:
 
 @pytest.mark.parametrize("case", named(*ROUND), ids=name_of)
 def test_round_shapes_converge(case: Case) -> None:
-    """With the square of the edge length, whatever the mesh."""
+    """With the square of the edge length, on any mesh."""
     for (_, fine), bound in zip(quick(case), ROUND[case.name], strict=True):
         assert fine.relative_error <= bound
         assert fine.observed_order is not None
@@ -96,7 +96,7 @@ def test_mid_edge_plates_converge_on_every_mesh(case: Case) -> None:
         assert fine.observed_order >= 2 - 0.15
         assert fine.relative_error < 0.1
         assert fine.value > case.reference, "from above"
-        # What order two leaves after one refinement more: Richardson's extrapolation.
+        # Richardson's extrapolation for order two.
         extrapolated = (4 * fine.value - coarse.value) / 3
         assert extrapolated == pytest.approx(case.reference, rel=0.015)
     ((_, stuck),) = quick(replace(case, formulations=("average",), meshes=("union-jack",)))

@@ -1,4 +1,4 @@
-"""What limits twist and shortening: the homogeneous tube with fibres, and one simulated."""
+"""Limits of twist and shortening: the homogeneous tube with fibres, and a simulated one."""
 
 import numpy as np
 import pytest
@@ -46,17 +46,17 @@ def test_membrane_is_the_law() -> None:
     stretches = np.linalg.svd(gradient, compute_uv=False)
     single = np.log(1 - (stretches - 1) ** 2 / a).sum()
     both = np.log(1 - (stretches.sum() - 2) ** 2 / b)
-    wanted = -s.thickness * (mu * a * single + lam / 2 * b * both)
-    assert model.membrane(gradient, s.fabric_young) == pytest.approx(wanted, rel=1e-12)
+    expected = -s.thickness * (mu * a * single + lam / 2 * b * both)
+    assert model.membrane(gradient, s.fabric_young) == pytest.approx(expected, rel=1e-12)
 
 
 def test_stripes_become_fibres_or_fabric() -> None:
-    """Ever thinner and stiffer stripes are fibres, stripes of fabric are none."""
+    """Thinner and stiffer stripes approach fibres; stripes of fabric have no effect."""
     angle = np.radians(50)
     (thin,) = model.thin_helices(angle, [5e3])
     off = []
-    for share in (1e-2, 1e-3):
-        (found,) = model.striped_helices(angle, share, [5e3], young=1e3 / share * 26e6)
+    for fraction in (1e-2, 1e-3):
+        (found,) = model.striped_helices(angle, fraction, [5e3], young=1e3 / fraction * 26e6)
         assert found.gradient < 1e-6  # over the fabric's stiffness
         off.append(abs(found.twist / thin.twist - 1))
     assert off[1] < 0.15 * off[0] < 0.01

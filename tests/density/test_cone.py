@@ -43,7 +43,7 @@ def test_filter_of_a_half_plane(comm: MPI.Comm) -> None:
 
 
 def test_slope_is_the_gradient_of_the_cone(tube: Skin) -> None:
-    """Against differences of the filtered field, which `at_points` gives at any points."""
+    """Against differences of the filtered field, by the definition at shifted points."""
     pattern = tube.pattern
     density = np.random.default_rng(0).random(len(pattern.panel))
     cone = ConeFilter(tube, 8e-3)
@@ -65,7 +65,7 @@ def test_slope_is_the_gradient_of_the_cone(tube: Skin) -> None:
 
 
 def test_at_points_is_the_filtered_field(tube: Skin) -> None:
-    """Exact at the vertices, and the nearest triangle's where nothing is within reach."""
+    """Exact at the vertices; the value of the nearest triangle where none is within the radius."""
     pattern = tube.pattern
     density = np.random.default_rng(0).random(len(pattern.panel))
     cone = ConeFilter(tube, 8e-3)
@@ -86,7 +86,7 @@ def test_at_points_is_the_filtered_field(tube: Skin) -> None:
 
 
 def test_cone_on_a_torus(comm: MPI.Comm) -> None:
-    """A tile filters as the middle one of nine tiles does."""
+    """A tile is filtered like the middle one of nine tiles."""
     size, n, radius = 0.02, 6, 8e-3
     tile = sew(comm, square(n=n, size=size))
     density = np.random.default_rng(0).random(2 * n * n)
@@ -108,7 +108,7 @@ def test_cone_on_a_torus(comm: MPI.Comm) -> None:
         ConeFilter(tile, radius, lattice=np.ones(2))
 
 
-def test_filter_radius_too_small_is_said(tube: Skin) -> None:
+def test_a_radius_too_small_warns(tube: Skin) -> None:
     with pytest.warns(UserWarning, match="under 1.5 edge lengths"):
         ConeFilter(tube, 3e-3)
     with pytest.raises(errors.ParameterError, match="radius = -1"):

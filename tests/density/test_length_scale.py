@@ -63,10 +63,10 @@ def test_g_r_against_the_table_of_bars(width: float, decay: float) -> None:
     everywhere = np.ones(len(skin.owned_cells), dtype=bool)
     parameters = LengthScale(solid_threshold=0.7, void_threshold=0.3, decay=decay, epsilon=1e-5)
     limits = LengthScaleConstraints(skin, bar, parameters, everywhere)
-    nothing = np.zeros(len(skin.owned_cells))
-    filtered = bar.forward(nothing)
+    zeros = np.zeros(len(skin.owned_cells))
+    filtered = bar.forward(zeros)
     projected = Projection(20.0).forward(filtered)
-    found = limits.forward(nothing, filtered, projected)
+    found = limits.forward(zeros, filtered, projected)
     (row,) = [
         r
         for r in table("zhou_constraint_strip")
@@ -76,7 +76,7 @@ def test_g_r_against_the_table_of_bars(width: float, decay: float) -> None:
     ]
     assert found[0] == pytest.approx(float(row["g_r centre-on-ridge"]), rel=2e-2)
     # A gap is the line of the opposite design.
-    opposite = limits.forward(nothing, 1 - filtered, 1 - projected)
+    opposite = limits.forward(zeros, 1 - filtered, 1 - projected)
     assert opposite[1] == pytest.approx(found[0], rel=1e-12)
 
 

@@ -21,7 +21,7 @@ RADIUS = 8e-3
 
 
 def test_pairs_against_all_distances(tube: Skin, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The pairs of one panel within the radius, whatever number of rows is searched at once."""
+    """The pairs of one panel within the radius, for any number of rows searched at once."""
     pattern = tube.pattern
     offset = pattern.centroids[None] - pattern.centroids[:, None]
     distance = np.linalg.norm(offset, axis=2)
@@ -47,7 +47,7 @@ def test_pairs_against_all_distances(tube: Skin, monkeypatch: pytest.MonkeyPatch
     )
 
 
-def test_a_part_sees_what_the_whole_sees() -> None:
+def test_a_part_has_the_neighbours_of_the_whole() -> None:
     """Neighbours across a plane of symmetry count as the triangles that they mirror."""
     pattern = square(n=6, size=0.02)
     whole = mirrored(pattern, (0,))

@@ -21,7 +21,7 @@ def test_edge_factor_against_the_table() -> None:
 
 @pytest.mark.parametrize("sharpness", [0.5, 20.0])
 def test_perimeter_of_stripes_on_a_torus(sharpness: float) -> None:
-    """Straight slanting stripes on a periodic tile: the length of their borders, whatever w."""
+    """Straight slanting stripes on a periodic tile: the length of their borders, for any w."""
     size, n = 0.02, 60
     skin = sew(MPI.COMM_SELF, square(n=n, size=size))
     u, v = skin.pattern.centroids[skin.owned_cells].T

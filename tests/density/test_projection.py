@@ -40,7 +40,7 @@ def test_parameters() -> None:
 
 
 def test_integers_are_numbers() -> None:
-    values = np.linspace(0, 1, 7)
+    values = np.linspace(0, 1, 7).astype(np.float64)
     whole, plain = Projection(20, 1), Projection(20.0, 1.0)
     assert np.array_equal(whole.forward(values), plain.forward(values))
     assert np.array_equal(whole.backward(values, values), plain.backward(values, values))

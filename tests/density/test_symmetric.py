@@ -19,7 +19,7 @@ RADIUS = 1.6 * SIDE / EDGES
 @pytest.mark.parametrize("symmetry", SYMMETRIES)
 @pytest.mark.parametrize("kind", ["cone", "helmholtz"])
 def test_symmetric_filter(symmetry: str, kind: str) -> None:
-    """Whatever is drawn, ρ̃ is symmetric; what is symmetric already is only filtered."""
+    """ρ̃ is symmetric for any density; a symmetric density is only filtered."""
     found = tile_of(EDGES)
     skin = solver_of(found).skin
     inner = (ConeFilter(skin, RADIUS, found.lattice) if kind == "cone"
@@ -37,14 +37,14 @@ def test_symmetric_filter(symmetry: str, kind: str) -> None:
     assert symmetric.forward(mean) == pytest.approx(inner.forward(mean), abs=1e-14)
     plain = skin.gather_cells(inner.forward(density))
     assert (np.abs(plain[symmetry_maps[-1]] - plain).max() > 0.01) == (symmetry != "none")
-    # The way back is the transpose, of the values and of the slopes.
+    # `backward` is the transpose, for values and slopes.
     other = np.random.default_rng(5).uniform(-1, 1, (2, len(found.wraps)))[:, skin.owned_cells]
     forth = dot(skin.comm, symmetric.forward(density), other[0])
     assert dot(skin.comm, density, symmetric.backward(other[0])) == pytest.approx(forth, rel=1e-12)
     forth = dot(skin.comm, symmetric.slope(density).ravel(), other.ravel())
     back = dot(skin.comm, density, symmetric.slope_backward(other))
     assert back == pytest.approx(forth, rel=1e-11)
-    # A symmetric field's slope turns along.
+    # The slope of a symmetric field rotates with it.
     slope = skin.gather_cells(symmetric.slope(density).T)
     for operation, image in zip(SYMMETRIES[symmetry], symmetry_maps, strict=True):
         assert slope[image] == pytest.approx(slope @ operation.T, abs=1e-12 * np.abs(slope).max())

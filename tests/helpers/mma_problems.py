@@ -28,7 +28,7 @@ SMALL = 1e-5
 
 @dataclass
 class Case:
-    """A subproblem by what it is made from."""
+    """The data of a subproblem."""
 
     x: np.ndarray
     distance: np.ndarray

@@ -53,7 +53,7 @@ def test_published_iterates(
         f, df, values, jacobian = problem(x.array)
         mma.step(x, f, vec(df), values, [vec(line) for line in jacobian])
         expected = [float(row[f"x{j + 1}"]) for j in range(n)]
-        # The reference solves its subproblems to 1e-7 only; that is what limits this.
+        # The reference solves its subproblems to 1e-7 only, which limits the agreement.
         assert x.array == pytest.approx(expected, abs=2e-5)
         assert mma.state.previous is not None
         assert mma.state.distance is not None

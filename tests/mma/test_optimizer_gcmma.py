@@ -225,7 +225,7 @@ def test_move_limit_of_each_variable() -> None:
     mma = MMA(vec(np.zeros(4)), vec(upper), move=vec(move))
     x = vec(0.5 * upper)
     mma.step(x, 1.0, vec(np.full(4, 1.0)))
-    # The last two are held by their bounds and the asymptotes at 0 and 1.
+    # The last two are limited by the asymptotes at 0 and 1.
     assert x.array == pytest.approx(upper * [0.49, 0.4, 0.05, 0.05])
     for wrong in (0.0, 1.5, np.nan):
         with pytest.raises(ParameterError, match="move"):
@@ -266,7 +266,7 @@ def test_bad_input() -> None:
 
 
 def spread(comm: MPI.Comm) -> tuple[np.ndarray, float, int]:
-    """GCMMA on five constraints and dealt-out variables: the point, its residual, retries."""
+    """GCMMA on five constraints and distributed variables: the point, its residual, retries."""
     n, m = 120, 5
     part = np.array_split(np.arange(n), comm.size)[comm.rank]
     rng = np.random.default_rng(11)

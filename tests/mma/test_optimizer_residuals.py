@@ -14,14 +14,14 @@ from toros_fem.mma.optimizer import MMA, MMAOptions
 Residuals = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
-def springs(n: int, wanted: np.ndarray) -> Residuals:
-    """Weighted means of x³, relative to what is wanted: like stiffnesses of a grey pattern."""
+def springs(n: int, target: np.ndarray) -> Residuals:
+    """Weighted means of x³, relative to their targets: like stiffnesses of a grey pattern."""
     rng = np.random.default_rng(2)
-    weight = rng.random((len(wanted), n)) ** 2
+    weight = rng.random((len(target), n)) ** 2
     weight /= weight.sum(axis=1, keepdims=True)
 
     def residuals(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return weight @ x**3 / wanted - 1, 3 * weight * x**2 / wanted[:, None]
+        return weight @ x**3 / target - 1, 3 * weight * x**2 / target[:, None]
 
     return residuals
 
@@ -184,7 +184,7 @@ def test_other_units_change_nothing(factor: float, monkeypatch: pytest.MonkeyPat
         for one in factors:
             scale *= one
             mma.rescale(one)
-            # The second one cannot be met within the move limit: y is what is left.
+            # The second one cannot be met within the move limit: y > 0 remains.
             values = [5 * x.array.mean() - 1.5, x.array.mean() + 3.0]
             r, root = a @ x.array - b, scale**0.5
             rest, gradient = 0.3 * place @ x.array / n, 0.3 * place / n

@@ -26,7 +26,7 @@ def test_taylor(tube: Skin, comm: MPI.Comm) -> None:
     assert objective_rates(objective, tube, comm, 0.05) == pytest.approx(2.0, abs=0.05)
 
 
-def test_alignment_takes_rigid_motions_out(tube: Skin) -> None:
+def test_alignment_removes_rigid_motions(tube: Skin) -> None:
     points = tube.pattern.points
     target = TARGET(points)
     aligned = AlignedObjective(tube, target, ShapeObjective(tube, target))

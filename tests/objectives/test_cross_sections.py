@@ -22,7 +22,7 @@ def test_taylor(tube: Skin, comm: MPI.Comm) -> None:
 
 
 def test_sections_do_not_see_swelling(tube: Skin) -> None:
-    """A section scaled about its centre line is where it was, and turned as it was."""
+    """A section scaled about its centre line keeps its mean position and its orientation."""
     pattern = tube.pattern
     objective = CrossSectionObjective(tube, TARGET(pattern.points), tube_sections(tube))
     swollen = TARGET(pattern.points * [1.3, 1.3, 1.0])
@@ -33,15 +33,15 @@ def test_sections_do_not_see_swelling(tube: Skin) -> None:
     assert small < 1e-3 * plain
 
 
-def test_a_whole_turn_is_not_taken_for_none(tube: Skin) -> None:
-    """The tip of a tube twisted by 360° stands as it stood, yet the sections tell them apart."""
+def test_a_whole_turn_is_not_zero(tube: Skin) -> None:
+    """The tip of a tube twisted by 360° is where it was; the sections see the twist."""
     points = tube.pattern.points
     goal = tube_sections(tube)
     only = CrossSections(goal.labels, np.zeros((6, 3)), np.ones(6))
     objective = CrossSectionObjective(tube, twist(2 * np.pi, LENGTH)(points), only)
     values = [
-        objective.forward(twist(share * 2 * np.pi, LENGTH)(points)[tube.owned_vertices])
-        for share in (-0.2, 0.0, 0.2, 0.6, 1.0)
+        objective.forward(twist(fraction * 2 * np.pi, LENGTH)(points)[tube.owned_vertices])
+        for fraction in (-0.2, 0.0, 0.2, 0.6, 1.0)
     ]
     assert all(np.diff(values) < 0)
     assert values[-1] < 1e-6 * values[0]
@@ -61,7 +61,7 @@ def test_small_turn_costs_as_documented(tube: Skin) -> None:
 
 
 def test_sections_on_a_line_have_no_orientation(comm: MPI.Comm) -> None:
-    """Slabs of a flat sheet that hold one row of vertices each; their places may count."""
+    """Slabs of a flat sheet with one row of vertices each; only positions may have weights."""
     pattern = rectangle(comm, 0.06, 0.02, 5e-3)
     skin = sew(comm, pattern)
     label = label_cross_sections(
