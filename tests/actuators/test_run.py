@@ -1,0 +1,137 @@
+"""A design run: polishing, prints and refined meshes without equilibrium, the closing sentence."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.scenes import shared
+from mpi4py import MPI
+
+from toros_fem.actuators import run
+from toros_fem.actuators.case import ActuatorCase
+from toros_fem.actuators.run import actuator_problem, design_actuator, summary_sentence
+from toros_fem.actuators.tube import TubeConfig, bend_metric, tube_case
+from toros_fem.design import shape_problem
+from toros_fem.design.shape_problem import ShapeProblem
+from toros_fem.equilibrium.solver import EquilibriumError
+from toros_fem.meshes import Skin, bend
+from toros_fem.output.reporter import DesignReporter
+
+SHORT = TubeConfig(
+    length=0.08,
+    edge_length=4.5e-3,
+    filter_radius=7e-3,
+    iterations=1,
+    constrained_iterations=0,
+    polish_iterations=0,
+)
+
+
+@pytest.fixture(scope="module")
+def tube_to_bend(comm: MPI.Comm) -> ActuatorCase:
+    return tube_case(comm, SHORT, bend(np.radians(45), 0.08, neutral=0.01), [bend_metric(45.0)])
+
+
+def test_problem_holds_what_the_configuration_says(
+    comm: MPI.Comm, tube_to_bend: ActuatorCase
+) -> None:
+    plain = actuator_problem(comm, tube_to_bend, SHORT)
+    assert plain.perimeter is plain.length_scale is None
+    assert plain.pressure_ranges == ((1e3, 20e3),)
+    assert plain.filter.radius == 7e-3
+    config = SHORT.updated(
+        perimeter_weight=1e-4, perimeter_window=0.5, constrained_iterations=3,
+        pressure_min=None, pressure_max=None, pressure=4e3, beta=8.0, filter="helmholtz",
+    )  # fmt: skip
+    full = actuator_problem(comm, tube_to_bend, config)
+    assert full.perimeter is not None
+    assert full.perimeter_weight == 1e-4
+    assert full.length_scale is not None
+    assert full.pressure_ranges == (None,)
+    assert full.pressures == (4e3,)
+    assert full.projection.beta == 8.0
+    assert full.filter.name == "helmholtz"
+
+
+def test_polishing_removes_islands(
+    comm: MPI.Comm, tmp_path: Path, tube_to_bend: ActuatorCase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """From a start with a lone spot in a corner that the few steps cannot remove."""
+    folder = shared(comm, tmp_path)
+
+    def spotted(skin: Skin, seed: int) -> np.ndarray:
+        wall = skin.pattern.cells_of("wall")
+        u, v = skin.pattern.centroids.T
+        width = u[wall].max()
+        spot = np.hypot(u - 0.2 * width, v - 0.04) < 6e-3
+        return np.where((np.abs(u - width / 2) < 8e-3) | spot, 1.0, 0.0)[skin.owned_cells]
+
+    monkeypatch.setattr(shape_problem, "random_density", spotted)
+    config = SHORT.updated(move_limit=0.01, island_area=0.0)
+    left = design_actuator(comm, folder / "left", tube_to_bend, config).summary
+    assert left["manufacture"]["islands"] == 1
+    polished = config.updated(polish_iterations=2)
+    gone = design_actuator(comm, folder / "gone", tube_to_bend, polished).summary
+    assert gone["iterations"] == left["iterations"] + 2
+    assert gone["dropped"]["before"]["islands"] == 0
+    assert gone["manufacture"]["islands"] == 0
+
+
+def fails(*_: object) -> None:
+    """In place of a simulation."""
+    raise EquilibriumError("made to fail", None)  # type: ignore[arg-type]
+
+
+def test_print_without_equilibrium(
+    comm: MPI.Comm, tmp_path: Path, tube_to_bend: ActuatorCase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No figure of the design stands for the print's."""
+    monkeypatch.setattr(ShapeProblem, "simulate_binary", fails)
+    config = SHORT.updated(estimate_error=True)
+    summary = design_actuator(comm, shared(comm, tmp_path), tube_to_bend, config).summary
+    assert summary["printed_failure"] == "made to fail"
+    assert summary["angle_deg"] is summary["printed_objective"] is summary["volume_m3"] is None
+    assert summary["design"]["angle_deg"] is not None
+    assert "angle_error_deg" not in summary
+    assert "angle no equilibrium of 45 degrees as printed" in summary_sentence(summary)
+
+
+def test_a_refined_mesh_without_equilibrium_loses_nothing(
+    comm: MPI.Comm, tmp_path: Path, tube_to_bend: ActuatorCase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = shared(comm, tmp_path)
+    monkeypatch.setattr(run, "estimate_error", fails)
+    config = SHORT.updated(estimate_error=True)
+    summary = design_actuator(comm, folder, tube_to_bend, config).summary
+    assert summary["refined"] == "made to fail"
+    assert summary["angle_error_deg"] is summary["angle_refined_deg"] is None
+    assert summary["angle_deg"] is not None
+    assert "±" not in summary_sentence(summary)
+    comm.barrier()
+    assert (folder / "pattern.svg").exists()
+
+
+def test_a_reporter_made_earlier_counts_the_set_up(
+    comm: MPI.Comm, tmp_path: Path, tube_to_bend: ActuatorCase
+) -> None:
+    folder = shared(comm, tmp_path)
+    reporter = DesignReporter(comm, folder)
+    made = design_actuator(comm, folder, tube_to_bend, SHORT, reporter)
+    assert made.summary["seed"] == SHORT.seed
+    assert made.summary["inputs"] == SHORT.as_dict()
+    assert 0 < made.summary["seconds"]["setup"] < made.summary["seconds"]["total"]
+    assert made.result.history[-1].metrics["angle_deg"] == made.summary["design"]["angle_deg"]
+
+
+def test_sentence() -> None:
+    summary = {
+        "angle_deg": 44.04, "angle_target_deg": 45.0, "angle_error_deg": 1.26,
+        "design": {"angle_deg": 44.4}, "objective_first": 2.0, "objective_last": 0.01,
+        "pressure_pa": 4567.0, "manufacture": {"islands": 2}, "seconds": {"total": 12.3},
+    }  # fmt: skip
+    assert summary_sentence(summary) == (
+        "angle 44.0 ± 1.3 of 45 degrees as printed (44.4 as designed) at 4.57 kPa, objective down "
+        "200 times, 2 islands, 12 s"
+    )
+    exact = summary_sentence({**summary, "objective_last": 0.0})
+    assert "at 4.57 kPa, objective 0, 2 islands" in exact

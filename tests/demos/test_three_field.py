@@ -1,0 +1,47 @@
+"""The demo of the three-field scheme: its variants, its table and its picture strip."""
+
+import json
+from pathlib import Path
+
+import pytest
+from helpers.scenes import shared
+from mpi4py import MPI
+
+from demos import three_field
+from toros_fem import errors
+
+SMALL = three_field.ThreeFieldConfig(
+    length=0.08,
+    edge_length=6e-3,
+    filter_radius=9e-3,
+    angle=45.0,
+    perimeter_weight=1e-4,
+    iterations=2,
+    constrained_iterations=2,
+)
+
+
+def test_variants_take_the_same_number_of_steps() -> None:
+    found = three_field.variants(SMALL)
+    assert {c.iterations + c.constrained_iterations for c in found.values()} == {4}
+    assert [c.perimeter_weight for c in found.values()] == [None, None, None, 1e-4, 1e-4]
+    assert [bool(c.constrained_iterations) for c in found.values()] == [
+        False, False, True, False, True,
+    ]  # fmt: skip
+    with pytest.raises(errors.ParameterError, match="perimeter_weight = None"):
+        three_field.variants(SMALL.updated(perimeter_weight=None))
+
+
+@pytest.mark.slow
+def test_table_and_strip(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder = shared(comm, tmp_path) / "out"
+    rows = three_field.run(comm, folder, SMALL)["rows"]
+    comm.barrier()
+    assert [row["variant"] for row in rows] == list(three_field.variants(SMALL))
+    written = json.loads((folder / "three_field.json").read_text(encoding="utf-8"))
+    assert written == {"rows": rows, "inputs": SMALL.as_dict()}
+    assert {row["iterations"] for row in rows} == {4}
+    by_name = {row["variant"]: row for row in rows}
+    assert by_name["filter only"]["grey_level"] > 1.1 * by_name["projection"]["grey_level"]
+    assert by_name["perimeter"]["shape_designed"] != by_name["projection"]["shape_designed"]
+    assert (folder / "three_field.png").read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,47 @@
+"""The demo of a walker: its quarter, its target and its chambers."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from demos import walker as demo
+from toros_fem import errors
+from toros_fem.meshes import walker
+
+SMALL = demo.WalkerConfig(edge_length=6e-3)
+
+
+@pytest.mark.parametrize("motion", ["stand", "crawl"])
+def test_target_turns_the_leg_by_the_angle(comm: MPI.Comm, motion: str) -> None:
+    case = demo.case(comm, SMALL.updated(motion=motion))
+    (angle,) = case.metrics
+    assert angle.target == demo.ANGLE[motion]
+    assert angle.measure(case.pattern, case.target) == pytest.approx(angle.target, abs=0.5)
+    reach = (case.target - case.pattern.points).mean(axis=0)[0]
+    assert (reach > 0) == (motion == "crawl")
+
+
+def test_leg_starts_soft_on_top(comm: MPI.Comm) -> None:
+    """The leg turns down, so the top is the side that stretches."""
+    case = demo.case(comm, SMALL)
+    assert case.start is not None
+    top = case.pattern.cells_of("top")
+    assert case.start[top].max() < np.delete(case.start, top).min()
+    assert case.symmetry == (0, 1)
+
+
+def test_chambers_of_the_whole(comm: MPI.Comm) -> None:
+    pattern = walker(comm, 6e-3, SMALL.star)
+    found = demo.chambers(pattern, SMALL.star)
+    areas = [pattern.areas[found.of_cell == k].sum() for k in range(3)]
+    assert areas[1] == pytest.approx(areas[2], rel=1e-6), "front and rear legs are alike"
+    assert found.names == ("body", "front", "rear")
+
+
+def test_bad_values() -> None:
+    with pytest.raises(errors.ParameterError, match="motion = 'run' must be one of"):
+        SMALL.updated(motion="run")
+    with pytest.raises(errors.ParameterError, match="released_pressure_fraction = 1.2"):
+        SMALL.updated(released_pressure_fraction=1.2)
+    with pytest.raises(errors.ParameterError, match="gait_steps = 0 must be .* at least 1"):
+        SMALL.updated(gait_steps=0)
