@@ -1,9 +1,9 @@
-"""How much the bending tube depends on its random start.
+"""Dependence of the bending tube on its random start.
 
     python benchmarks/seeds.py --coarse --seeds 5
     python benchmarks/seeds.py --seeds 3 --json seeds.json
 
-Designs `demos/bend.py` from several seeds and prints what each reaches as printed, and the spread.
+Designs `demos/bend.py` from several seeds and prints the figures of each print, and their spread.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from demos import bend
 from toros_fem._validate import require_count
+from toros_fem.actuators.tube import coarse_tube
 
 COLUMNS = {
     "angle_deg": "printed/deg",
@@ -37,7 +38,7 @@ COLUMNS = {
 
 
 def row(seed: int, summary: dict[str, Any]) -> dict[str, Any]:
-    """The figures of one seed."""
+    """Return the figures of one seed."""
     made = summary["manufacture"]
     return {
         "seed": seed,
@@ -55,30 +56,31 @@ def row(seed: int, summary: dict[str, Any]) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Command line."""
+    """Run the seeds that the command line gives."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--coarse", action="store_true", help="the demo's coarse scene")
-    parser.add_argument("--seeds", type=int, default=5, help="how many, from 0 on")
+    parser.add_argument("--coarse", action="store_true", help="the demo's coarse variant")
+    parser.add_argument("--seeds", type=int, default=5, help="number of seeds, starting at 0")
     parser.add_argument("--json", type=Path, help="file for the rows")
     options = parser.parse_args()
     require_count(1, seeds=options.seeds)
-    inputs = dict(bend.COARSE) if options.coarse else {}
+    config = coarse_tube(bend.BendConfig()) if options.coarse else bend.BendConfig()
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(options.seeds):
-            rows.append(row(seed, bend.run(MPI.COMM_SELF, Path(folder), **inputs, seed=seed)))
+            summary = bend.run(MPI.COMM_SELF, Path(folder), config.updated(seed=seed))
+            rows.append(row(seed, summary))
             if options.json:
                 options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
     print("\nseed    " + "  ".join(f"{title:>12s}" for title in COLUMNS.values()))
     for line in rows:
         cells = (line[name] for name in COLUMNS)
         print(f"{line['seed']:<8d}" + "  ".join(_number(value) for value in cells))
-    for what, reduce in (("least", np.min), ("median", np.median), ("largest", np.max)):
-        known = ([r[name] for r in rows if r[name] is not None] for name in COLUMNS)
+    for name, reduce in (("least", np.min), ("median", np.median), ("largest", np.max)):
+        known = ([r[key] for r in rows if r[key] is not None] for key in COLUMNS)
         values = (float(reduce(column)) if column else None for column in known)
-        print(f"{what:8s}" + "  ".join(_number(value) for value in values))
+        print(f"{name:8s}" + "  ".join(_number(value) for value in values))
     print(f"constraints satisfied by {sum(r['satisfied'] for r in rows)} of {len(rows)}")
 
 

@@ -1,13 +1,13 @@
-"""What limits the twist and the shortening of the tube: helical lines against closed forms.
+"""Limits of the twist and the shortening of the tube: helical lines against closed forms.
 
     python benchmarks/tube_limits.py --quick
     python benchmarks/tube_limits.py --json limits.json --picture docs/limits.png
 
 The paper's 15 cm x 2 cm tube twists by 300 degrees (15 kPa) and shortens by 8 % (10 kPa). Here its
-wall has the plain patterns that such a design comes down to: one family of helical lines to twist,
-two crossed ones to shorten. They are simulated over angle, number and width at rising pressures,
-and compared with homogeneous tubes in equilibrium (`tube_limits_model.py`): fibres without width
-and stretch, and lines with both. Cases that the JSON file has already are not run again.
+wall has plain patterns: one family of helical lines to twist, two crossed ones to shorten. They are
+simulated over angle, number and width at rising pressures, and compared with homogeneous tubes in
+equilibrium (`tube_limits_model.py`): fibres without width and stretch, and lines with both. Cases
+that are already in the JSON file are not run again.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ Row = dict[str, Any]
 
 PRESSURES = (2e3, 5e3, 10e3, 15e3, 20e3)
 SHOWN = {"twist": 15e3, "shortening": 10e3}  # the paper's pressures
-ASKED = {"twist": 300.0, "shortening": 8.0}
+TARGET = {"twist": 300.0, "shortening": 8.0}
 ANGLES = {"twist": range(10, 86), "shortening": range(5, 46)}
 TITLES = {"twist": "twist in degrees", "shortening": "shortening in per cent"}
 COLOURS = {2: "tab:blue", 3: "tab:purple", 4: "tab:orange", 6: "tab:green"}
@@ -42,12 +42,12 @@ QUICK = (Case(4, 45.0, edge=3e-3), Case(3, 25.0, crossed=True, edge=3e-3))
 
 
 def cases() -> list[Case]:
-    """What is simulated, the rough sweep first."""
+    """Return all cases to simulate, the rough sweep first."""
     found = [Case(n, a) for n, a in product((2, 4, 6), (20, 30, 40, 50, 60, 70, 75))]
     found += [Case(n, a, crossed=True) for n, a in product((3, 4), (10, 15, 20, 25, 30, 35))]
     found += [Case(n, a, 2e-3) for n, a in product((4, 6), (40, 50, 60))]
-    # Thin lines need small triangles: where they are as wide as an edge they fray. Of the rough
-    # sweep one case each is run again, to see what the mesh does.
+    # Thin lines need small triangles: where they are as wide as an edge they fray. One case of each
+    # kind of the rough sweep is run again, to see the effect of the mesh.
     fine: Row = {"edge": 1.8e-3}
     found += [Case(4, a, 2e-3, **fine) for a in (60, 65)]
     found += [Case(n, 25, 2e-3, True, **fine) for n in (3, 4)]
@@ -63,35 +63,35 @@ def cases() -> list[Case]:
 
 
 def value(kind: str, state: model.State) -> float:
-    """Of an equilibrium: the twist as it unwinds right-handed lines, or the shortening."""
+    """Return the twist of a state as it unwinds right-handed lines, or its shortening."""
     return -state.twist if kind == "twist" else state.shortening
 
 
-def reached(row: Row) -> float:
-    """The same of a simulated tube."""
+def simulated_value(row: Row) -> float:
+    """Return the same of a simulated tube."""
     return -row["twist_deg"] if row["kind"] == "twist" else row["shortening_percent"]
 
 
 @cache
 def ideal(kind: str, angle: float) -> list[model.State]:
-    """Fibres without width and stretch at all pressures."""
-    trace_pressure_path = model.thin_helices if kind == "twist" else model.thin_net
-    return trace_pressure_path(np.radians(angle), PRESSURES)
+    """Return the states of fibres without width and stretch at all pressures."""
+    states = model.thin_helices if kind == "twist" else model.thin_net
+    return states(np.radians(angle), PRESSURES)
 
 
 @cache
 def printed(kind: str, angle: float, width: float, young: float) -> list[model.State]:
-    """Lines that together are so wide, in m; none where they would cover the wall."""
+    """Return the states of lines of a total width in m; none where they would cover the wall."""
     radians = np.radians(angle)
     if kind == "twist":
-        share = model.share_of(1, width, radians)
-        return model.striped_helices(radians, share, PRESSURES, young) if share < 0.8 else []
-    share = model.share_of(1, width, radians, families=2)
-    return model.stretching_net(radians, share, PRESSURES, young)
+        fraction = model.covered_fraction(1, width, radians)
+        return model.striped_helices(radians, fraction, PRESSURES, young) if fraction < 0.8 else []
+    fraction = model.covered_fraction(1, width, radians, families=2)
+    return model.stretching_net(radians, fraction, PRESSURES, young)
 
 
 def largest(kind: str, step: int) -> list[Row]:
-    """For each pressure the angle at which each model goes farthest."""
+    """Return for each model and pressure the angle with the largest value."""
     young = Case(1, 0.0).young
     rows: list[Row] = []
     for name, widths in (("no width, no stretch", (0,)), ("printed lines", (6, 8, 12))):
@@ -118,7 +118,7 @@ def largest(kind: str, step: int) -> list[Row]:
 
 
 def compared(row: Row) -> Row:
-    """A simulated row with what the models say of it."""
+    """Return a simulated row with the values of the models."""
     kind, index = row["kind"], PRESSURES.index(1e3 * row["pressure_kpa"])
     width = 1e-3 * row["lines"] * row["width_mm"]
     states = printed(kind, row["angle_deg"], width, 1e6 * row["young_mpa"])
@@ -129,16 +129,16 @@ def compared(row: Row) -> Row:
         kinematic = 100 * (1 - model.unstretched_length(radius, angle))
     return {
         **row,
-        "value": reached(row),
+        "value": simulated_value(row),
         "ideal": value(kind, ideal(kind, row["angle_deg"])[index]),
         "printed": value(kind, states[index]) if states else None,
-        # What lines that do not stretch would do on a tube of the radius (and length) found.
+        # Lines that keep their length, on a tube of the simulated radius (and length).
         "kinematic": kinematic if np.isfinite(kinematic) else None,
     }
 
 
 def print_models(rows: list[Row]) -> None:
-    """A table of the models' best angles."""
+    """Print a table of the models' best angles."""
     print("\n| | model | kPa | angle | lines, mm in all | value | λ_r | λ_z | λ₁ | fibre |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     for r in rows:
@@ -150,7 +150,7 @@ def print_models(rows: list[Row]) -> None:
 
 
 def print_simulated(rows: list[Row]) -> None:
-    """A table of what was simulated at the paper's pressures, beside the models."""
+    """Print a table of the simulated tubes at the paper's pressures, beside the models."""
     print(
         "\n| | lines | mm | MPa | angle | edge mm | kPa | simulated | kinematic | printed | ideal |"
     )
@@ -174,12 +174,12 @@ def print_simulated(rows: list[Row]) -> None:
 
 
 def picture(path: Path, rows: list[Row], step: int) -> None:
-    """Twist and shortening over the angle: models as lines, simulated tubes as points."""
+    """Draw twist and shortening over the angle: models as lines, simulated tubes as points."""
     figure, panels = plt.subplots(1, 2, figsize=(11, 6), layout="constrained")
     for kind, axes in zip(SHOWN, panels, strict=True):
         _curves(axes, kind, step)
         _points(axes, kind, [r for r in rows if r["kind"] == kind])
-        axes.axhline(ASKED[kind], color="tab:red", lw=1, ls=":", label="the paper's figure")
+        axes.axhline(TARGET[kind], color="tab:red", lw=1, ls=":", label="the paper's figure")
         axes.set_xlabel("angle of the lines to the axis in degrees")
         axes.set_ylabel(TITLES[kind])
         axes.set_title(f"{kind} at {1e-3 * SHOWN[kind]:g} kPa, lines of 26 MPa")

@@ -1,4 +1,4 @@
-"""The homogeneous tube with helical fibres: the closed forms that `tube_limits.py` compares with.
+"""Closed forms of a homogeneous tube with helical fibres, for `tube_limits.py`.
 
 A long tube of radius R is widened by λ_r, lengthened by λ_z and twisted by γ/R per length. In the
 frame (around, along) its deformation gradient is F = [[λ_r, λ_r γ], [0, λ_z]]. A fibre at the angle
@@ -6,9 +6,10 @@ frame (around, along) its deformation gradient is F = [[λ_r, λ_r γ], [0, λ_z
 
     (λ_z cos α)² + (λ_r (sin α + γ cos α))² = 1,
 
-that is, with α' its angle afterwards, λ_z cos α = cos α' and λ_r (sin α + γ cos α) = sin α'.
-Equilibrium is the least of membrane energy (1) less P V per area of the wall, V with end caps. The
-ends' own shape, bending and all that varies along or around the tube is left out.
+that is, with its deformed angle α', λ_z cos α = cos α' and λ_r (sin α + γ cos α) = sin α'.
+Equilibrium is the minimum of membrane energy (1) minus P V per area of the wall, where V includes
+the end caps. The shape of the ends, bending, and all that varies along or around the tube are left
+out.
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize, root
 
-from toros_fem.actuators.case import ActuatorConfig
-from toros_fem.actuators.tube import TUBE
+from toros_fem.actuators.tube import TubeConfig
 
 Array = npt.NDArray[Any]
 Energy = Callable[[Array, float], Any]
 
-RADIUS, LENGTH = TUBE["diameter"] / 2, TUBE["length"]
+TUBE = TubeConfig()
+RADIUS, LENGTH = TUBE.diameter / 2, TUBE.length
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,7 @@ class State:
     Attributes:
         radius, length: λ_r and λ_z.
         shear: γ; negative if a right-handed family unwinds.
-        gradient: Largest entry of the energy's gradient over E h: how well it is one.
+        gradient: Largest entry of the energy's gradient over E h, the residual of equilibrium.
         stretches: Least and largest principal stretch of the fabric.
         fibre: Length ratio of the fibres.
     """
@@ -51,29 +52,29 @@ class State:
 
     @property
     def twist(self) -> float:
-        """Of the whole tube in degrees, counter-clockwise positive, as `measure.twist_angle`."""
+        """Twist of the whole tube in degrees, counter-clockwise, as `metrics.twist_angle`."""
         return float(np.degrees(self.shear * LENGTH / RADIUS))
 
     @property
     def shortening(self) -> float:
-        """In per cent."""
+        """Shortening in per cent."""
         return 100 * (1 - self.length)
 
 
 def tube(radius: Any, length: Any, shear: Any) -> Array:
-    """F in the frame (around, along)."""
+    """Return F in the frame (around, along)."""
     return np.array([[radius, radius * shear], [0 * radius, length]])
 
 
 def fibre_length(radius: float, length: float, shear: float, angle: float) -> float:
-    """Of a fibre at an angle in rad to the axis, over what it was."""
+    """Return the stretch of a fibre at an angle in rad to the axis."""
     return float(np.linalg.norm(tube(radius, length, shear) @ _along(angle)))
 
 
 def unstretched_twist(radius: float, length: float, angle: float) -> float:
-    """Twist in degrees of a tube of known shape whose fibres keep their length.
+    """Return the twist in degrees of a tube of known shape whose fibres keep their length.
 
-    NaN if no twist lets them: the tube is longer than the fibres.
+    It is NaN if no twist allows that, since the tube is longer than the fibres.
     """
     room = 1 - (length * np.cos(angle)) ** 2
     if room < 0:
@@ -83,21 +84,21 @@ def unstretched_twist(radius: float, length: float, angle: float) -> float:
 
 
 def unstretched_length(radius: float, angle: float) -> float:
-    """λ_z of a tube of known radius with crossed fibres that keep their length; NaN beyond it."""
+    """Return λ_z of a tube of known radius whose crossed fibres keep their length, or NaN."""
     room = 1 - (radius * np.sin(angle)) ** 2
     return float(np.sqrt(room) / np.cos(angle)) if room > 0 else float("nan")
 
 
 def bound_twist(radius: float, c1: float) -> float:
-    """Largest twist in degrees that the bound λ₁ < c₁ leaves a tube of a known radius.
+    """Return the largest twist in degrees that the bound λ₁ < c₁ allows a tube of known radius.
 
-    Of the largest stretch, λ_r √(1 + γ²) is the least value, taken as λ_z → 0.
+    The largest stretch is at least λ_r √(1 + γ²), its limit for λ_z → 0.
     """
     return float(np.degrees(np.sqrt((c1 / radius) ** 2 - 1) * LENGTH / RADIUS))
 
 
 def thin_helices(angle: float, pressures: Sequence[float]) -> list[State]:
-    """One family of fibres without width or stretch, at rising pressures in Pa."""
+    """Return states of one family of fibres without width or stretch, at rising pressures in Pa."""
 
     def unfold(v: Array) -> tuple[Any, Any, Any]:
         radius, after = v
@@ -112,9 +113,9 @@ def thin_helices(angle: float, pressures: Sequence[float]) -> list[State]:
 
 
 def striped_helices(
-    angle: float, share: float, pressures: Sequence[float], young: float | None = None
+    angle: float, fraction: float, pressures: Sequence[float], young: float | None = None
 ) -> list[State]:
-    """One family of straight stripes that cover a share of the wall and may stretch.
+    """Return states of one family of stripes that cover a fraction of the wall and may stretch.
 
     `young` is their modulus in Pa, by default that of the reinforcement.
 
@@ -122,17 +123,17 @@ def striped_helices(
     stripes; d minimises the energy, so that forces are the same on both sides of a border.
     """
     across = np.array([np.cos(angle), -np.sin(angle)])
-    modulus = ActuatorConfig().reinforcement_young if young is None else young
+    modulus = TUBE.reinforcement_young if young is None else young
 
     def parts(v: Array) -> tuple[Array, Array]:
         mean, jump = tube(*v[:3]), np.outer(v[3:], across)
-        return mean + share * jump, mean - (1 - share) * jump
+        return mean + fraction * jump, mean - (1 - fraction) * jump
 
     def energy(v: Array, pressure: float) -> Any:
         fabric, stripe = parts(v)
         return (
-            (1 - share) * _fabric(fabric)
-            + share * membrane(stripe, modulus)
+            (1 - fraction) * _fabric(fabric)
+            + fraction * membrane(stripe, modulus)
             - _work(pressure, v[0], v[1])
         )
 
@@ -141,7 +142,7 @@ def striped_helices(
 
 
 def thin_net(angle: float, pressures: Sequence[float]) -> list[State]:
-    """Two crossed families of fibres without width or stretch: McKibben's kinematics."""
+    """Return states of two crossed families without width or stretch, McKibben's kinematics."""
 
     def unfold(v: Array) -> tuple[Any, Any, Any]:
         return np.sin(v[0]) / np.sin(angle), np.cos(v[0]) / np.cos(angle), 0 * v[0]
@@ -154,33 +155,33 @@ def thin_net(angle: float, pressures: Sequence[float]) -> list[State]:
 
 
 def stretching_net(
-    angle: float, share: float, pressures: Sequence[float], young: float | None = None
+    angle: float, fraction: float, pressures: Sequence[float], young: float | None = None
 ) -> list[State]:
-    """Two crossed families that cover a share of the wall in all; each line only stretches.
+    """Return states of two crossed families whose lines cover a fraction of the wall and stretch.
 
-    Fabric is counted all over, crossings turn freely.
+    Fabric is counted all over; crossings turn freely.
     """
-    s = ActuatorConfig()
+    s = TUBE
     modulus = s.reinforcement_young if young is None else young
 
     def energy(v: Array, pressure: float) -> Any:
         radius, length = v
         fibre = np.sqrt((length * np.cos(angle)) ** 2 + (radius * np.sin(angle)) ** 2)
-        pulled = share * modulus * s.thickness * (fibre - 1) ** 2 / 2
+        pulled = fraction * modulus * s.thickness * (fibre - 1) ** 2 / 2
         return _fabric(tube(radius, length, 0.0)) + pulled - _work(pressure, radius, length)
 
     start = np.array([1.0, 1.0])
     return _follow(energy, start, pressures, lambda v: (v[0], v[1], 0.0), angle)
 
 
-def share_of(count: int, width: float, angle: float, families: int = 1) -> float:
-    """Share of the wall that lines cover, crossings counted once for each family."""
+def covered_fraction(count: int, width: float, angle: float, families: int = 1) -> float:
+    """Return the fraction of the wall under lines, crossings counted once for each family."""
     return families * count * width / (2 * np.pi * RADIUS * np.cos(angle))
 
 
 def membrane(gradient: Array, young: float) -> Any:
-    """H ψ of (1) in J/m²; infinite where there is none."""
-    s = ActuatorConfig()
+    """Return h ψ of eq. (1) in J/m²; infinite outside the stretch bounds."""
+    s = TUBE
     if np.real(_invariants(gradient)[1]) <= 0:
         return np.inf
     low, high = _stretches(gradient)
@@ -201,16 +202,16 @@ def _along(angle: float) -> Array:
 
 
 def _work(pressure: float, radius: Any, length: Any) -> Any:
-    """P V per area of the undeformed wall."""
+    """Return P V per area of the undeformed wall."""
     return pressure * RADIUS / 2 * radius**2 * length
 
 
 def _fabric(gradient: Array) -> Any:
-    return membrane(gradient, ActuatorConfig().fabric_young)
+    return membrane(gradient, TUBE.fabric_young)
 
 
 def _invariants(gradient: Array) -> tuple[Any, Any]:
-    """Sum and product of the principal stretches."""
+    """Return sum and product of the principal stretches."""
     product = gradient[0, 0] * gradient[1, 1] - gradient[0, 1] * gradient[1, 0]
     return np.sqrt((gradient**2).sum() + 2 * product), product
 
@@ -229,8 +230,8 @@ def _follow(
     angle: float,
     fabric: Callable[[Array], Array] | None = None,
 ) -> list[State]:
-    """Minima at rising pressures, each from the one before."""
-    scale = ActuatorConfig().fabric_young * ActuatorConfig().thickness
+    """Return the minima at rising pressures, each from the one before."""
+    scale = TUBE.fabric_young * TUBE.thickness
     states, v = [], start
     for pressure in pressures:
 

@@ -1,4 +1,4 @@
-"""The tubes that `tube_limits.py` simulates: stiff helical lines on the default fabric."""
+"""Simulated tubes for `tube_limits.py`: stiff helical lines on the default fabric."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from toros_fem.actuators.case import ActuatorConfig
-from toros_fem.actuators.tube import TUBE, helices, plain_tube
+from toros_fem.actuators.tube import TubeConfig, helices, plain_tube
 from toros_fem.analysis.pressure_path import trace_pressure_path
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.meshes import Pattern, sew
@@ -28,9 +27,9 @@ class Case:
     """One tube.
 
     Attributes:
-        lines: Of each family around.
+        lines: Number of lines of each family around the tube.
         degrees: Their angle to the axis.
-        width: Of each line, in m.
+        width: Width of each line in m.
         crossed: Whether there is a left-handed family too.
         edge: Edge length of the mesh in m.
         young: Modulus of the lines in Pa.
@@ -41,11 +40,11 @@ class Case:
     width: float = 3e-3
     crossed: bool = False
     edge: float = 2.5e-3
-    young: float = ActuatorConfig().reinforcement_young
+    young: float = TubeConfig().reinforcement_young
 
     @property
     def inputs(self) -> Row:
-        """As it stands in the rows."""
+        """The case as it stands in the rows."""
         return {
             "kind": "shortening" if self.crossed else "twist",
             "lines": self.lines,
@@ -57,18 +56,18 @@ class Case:
 
 
 def simulate(case: Case, pressures: Sequence[float]) -> list[Row]:
-    """One tube through rising pressures in Pa, a row for each that has an equilibrium."""
+    """Return a row for each of the rising pressures in Pa that has an equilibrium."""
     begin = time.perf_counter()
-    pattern, supports, density = plain_tube(MPI.COMM_SELF, {**TUBE, "edge_length": case.edge})
+    config = TubeConfig(edge_length=case.edge, reinforcement_young=case.young)
+    pattern, supports, density = plain_tube(MPI.COMM_SELF, config)
     for angle in (case.degrees, -case.degrees)[: 2 if case.crossed else 1]:
         density[helices(pattern, case.lines, np.radians(angle), case.width)] = 1.0
     skin = sew(MPI.COMM_SELF, pattern)
-    composite = ActuatorConfig(reinforcement_young=case.young).composite
-    solver = EquilibriumSolver(skin, composite, supports)
+    solver = EquilibriumSolver(skin, config.composite, supports)
     wall = pattern.cells_of("wall")
     areas = pattern.areas[wall]
-    share = float(areas @ density[wall] / areas.sum())
-    inputs = {**case.inputs, "triangles": len(density), "share": share}
+    fraction = float(areas @ density[wall] / areas.sum())
+    inputs = {**case.inputs, "triangles": len(density), "fraction": fraction}
     metrics = [
         Metric("twist", "deg", 0.0, lambda p, x: float(np.degrees(twist_angle(p, x)))),
         Metric("shortening", "percent", 0.0, lambda p, x: 100 * shortening(p, x)),
@@ -79,8 +78,8 @@ def simulate(case: Case, pressures: Sequence[float]) -> list[Row]:
     rows: list[Row] = []
     try:
         for point in trace_pressure_path(solver, density[skin.owned_cells], pressures, metrics):
-            reached = {"pressure_kpa": 1e-3 * float(np.max(point.pressure)), **point.metrics}
-            rows.append({**inputs, **reached})
+            figures = {"pressure_kpa": 1e-3 * float(np.max(point.pressure)), **point.metrics}
+            rows.append({**inputs, **figures})
     except EquilibriumError as caught:
         print(f"no equilibrium beyond {rows[-1]['pressure_kpa'] if rows else 0} kPa: {caught}")
     seconds = time.perf_counter() - begin
@@ -88,17 +87,17 @@ def simulate(case: Case, pressures: Sequence[float]) -> list[Row]:
 
 
 def middle(pattern: Pattern, positions: Floats) -> tuple[float, float]:
-    """Twist in degrees and length ratio of the middle third, as if the whole tube were like it.
+    """Return twist in degrees and length ratio of a tube that is all like the middle third.
 
-    What the end plates hold does not count here, as it does not in the closed forms.
+    The end plates have no effect on it, as in the closed forms.
     """
     height = pattern.points[:, 2]
     length = float(np.ptp(height))
     band = 0.02 * length
     wall = pattern.vertices_of("wall")
     rings = [
-        wall[np.abs(height[wall] - height.min() - share * length) < band]
-        for share in (1 / 3, 2 / 3)
+        wall[np.abs(height[wall] - height.min() - fraction * length) < band]
+        for fraction in (1 / 3, 2 / 3)
     ]
     low, high = (best_rotation(pattern.points[ring], positions[ring]) for ring in rings)
     turn = low.T @ high

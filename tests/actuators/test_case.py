@@ -98,7 +98,7 @@ def test_objective_is_the_sum_of_the_terms_given(tube: Skin) -> None:
     labels = label_cross_sections(pattern, pattern.vertices_of("wall"), (0, 0, 1), 3)
     sections = CrossSections(labels, np.ones((4, 3)), np.ones(4))
     touching, body = np.ones(len(pattern.points)), Body("sphere", 0.03, (0.0, 0.0, 0.1))
-    weights = np.linspace(1, 2, len(pattern.points))
+    weights = 1.0 + np.arange(len(pattern.points)) / len(pattern.points)
     plain = ActuatorCase(pattern, target, clamp(pattern, ["base"]), metrics=())
     positions = (1.2 * pattern.points)[tube.owned_vertices]
     terms = {

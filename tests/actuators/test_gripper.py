@@ -37,7 +37,7 @@ def test_files_of_a_grasp(comm: MPI.Comm, tmp_path: Path) -> None:
     folder = comm.bcast(tmp_path, root=0)
     ball = Body("sphere", 0.04, (0.03, 0.0, 0.02))
     points, faces = _body_mesh(ball, 8)
-    density = np.linspace(0, 1, len(faces))
+    density = np.full(len(faces), 0.5)
     write_grasp(comm, folder, faces, points, density, ball, {"sag_mm": 1.5})
     comm.barrier()
     assert json.loads((folder / "load.json").read_text(encoding="utf-8")) == {"sag_mm": 1.5}

@@ -36,7 +36,8 @@ def test_problem_holds_what_the_configuration_says(
     comm: MPI.Comm, tube_to_bend: ActuatorCase
 ) -> None:
     plain = actuator_problem(comm, tube_to_bend, SHORT)
-    assert plain.perimeter is plain.length_scale is None
+    assert plain.perimeter is None
+    assert plain.length_scale is None
     assert plain.pressure_ranges == ((1e3, 20e3),)
     assert plain.filter.radius == 7e-3
     config = SHORT.updated(

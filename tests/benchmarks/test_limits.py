@@ -6,7 +6,7 @@ import tube_limits_model as model
 from mpi4py import MPI
 from tube_limits_simulated import Case, simulate
 
-from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.tube import TubeConfig
 
 PRESSURES = [2e3, 5e3, 15e3]
 
@@ -39,7 +39,7 @@ def test_thin_net_follows_mckibben() -> None:
 
 def test_membrane_is_the_law() -> None:
     """(1), written in the stretches, at a state that is sheared."""
-    s, gradient = ActuatorConfig(), model.tube(1.3, 1.1, -0.4)
+    s, gradient = TubeConfig(), model.tube(1.3, 1.1, -0.4)
     mu = s.fabric_young / 2 / (1 + s.poisson)
     lam = s.fabric_young * s.poisson / (1 - s.poisson**2)
     a, b = (s.c1 - 1) ** 2, (s.c2 - 1) ** 2
@@ -60,7 +60,7 @@ def test_stripes_become_fibres_or_fabric() -> None:
         assert found.gradient < 1e-6  # over the fabric's stiffness
         off.append(abs(found.twist / thin.twist - 1))
     assert off[1] < 0.15 * off[0] < 0.01
-    (plain,) = model.striped_helices(angle, 0.3, [5e3], young=ActuatorConfig().fabric_young)
+    (plain,) = model.striped_helices(angle, 0.3, [5e3], young=TubeConfig().fabric_young)
     assert plain.shear == pytest.approx(0, abs=1e-9)
 
 
@@ -70,7 +70,7 @@ def test_simulated_tube_is_near_the_model() -> None:
     case, pressures = Case(4, 45, edge=3e-3), [2e3, 5e3]
     rows = simulate(case, pressures)
     angle = np.radians(case.degrees)
-    states = model.striped_helices(angle, rows[0]["share"], pressures)
+    states = model.striped_helices(angle, rows[0]["fraction"], pressures)
     ideal = model.thin_helices(angle, pressures)
     for row, state, bound in zip(rows, states, ideal, strict=True):
         assert 0.75 < row["twist_deg"] / state.twist < 1

@@ -1,6 +1,5 @@
 """From a user's two mesh files, skin and target, to a printable pattern."""
 
-import time
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -10,7 +9,9 @@ import pytest
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
-from toros_fem.actuators.case import ActuatorCase, design, merged
+from toros_fem.actuators.case import ActuatorCase
+from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.run import design_actuator
 from toros_fem.mechanics.supports import pin
 from toros_fem.meshes import bend, cylinder, from_mesh, read_surface, unwrap
 from toros_fem.objectives.metrics import Metric, distance
@@ -28,9 +29,9 @@ def test_design_from_files(comm: MPI.Comm, folder: Path) -> None:
         meshio.write_points_cells(folder / "skin.stl", 1e3 * tube.points, cells)
     comm.barrier()
     pattern = unwrap(comm, read_surface(comm, folder / "skin.stl", scale=1e-3)).pattern
-    # Triangles across the generators of the wall are not quite a prism's.
+    # Triangles across the generators of the wall are not exactly those of a prism.
     assert pattern.areas.sum() == pytest.approx(tube.areas.sum(), rel=5e-3)
-    # Somebody else's modeller bends it and leaves it somewhere else.
+    # Another program bends it and moves it elsewhere.
     turn = Rotation.from_rotvec([1.0, 0.5, -0.3]).as_matrix()
     if comm.rank == 0:
         bent = bend(np.radians(40.0), 0.08, neutral=0.01)(pattern.points) @ turn.T + 0.3
@@ -39,14 +40,16 @@ def test_design_from_files(comm: MPI.Comm, folder: Path) -> None:
     target = from_mesh(comm, folder / "bent.obj", pattern)
     off = Metric("distance", "mm", 0.0, lambda of, x: 1e3 * distance(of, x, target, aligned=True))
     plain = off.measure(pattern, pattern.points)
-    scene = ActuatorCase(pattern, target, pin(pattern), metrics=(off,), aligned=True)
-    changes = {"radius": 7e-3, "pressure": 3e3, "iterations": 8, "constrained": 0, "polish": 0}
-    inputs = merged({}, changes)
-    done = design(comm, folder / "out", scene, inputs, begin=time.perf_counter())
+    case = ActuatorCase(pattern, target, pin(pattern), metrics=(off,), aligned=True)
+    config = ActuatorConfig(
+        filter_radius=7e-3, pressure=3e3, iterations=8, constrained_iterations=0,
+        polish_iterations=0,
+    )  # fmt: skip
+    done = design_actuator(comm, folder / "out", case, config)
     first, last = done.summary["objective_first"], done.summary["objective_last"]
     assert last < 0.5 * first
     assert done.summary["design"]["distance_mm"] < plain
     comm.barrier()
-    section_vertices = ET.parse(folder / "out" / "pattern.svg").getroot()
-    names = {group.get("id") for group in section_vertices.iter("{http://www.w3.org/2000/svg}g")}
+    drawing = ET.parse(folder / "out" / "pattern.svg").getroot()
+    names = {group.get("id") for group in drawing.iter("{http://www.w3.org/2000/svg}g")}
     assert names == set(pattern.panel_names)
