@@ -185,3 +185,14 @@ def test_length_scale_parameters(tube: Skin) -> None:
         LengthScaleConstraints(tube, flat, LengthScale(line_width=0.1), designed)
     with pytest.raises(ParameterError, match="no triangle is designed"):
         LengthScaleConstraints(tube, flat, LengthScale(), ~designed)
+
+
+def test_summary_says_whether_both_hold(tube: Skin) -> None:
+    designed = np.ones(len(tube.owned_cells), dtype=bool)
+    limits = LengthScaleConstraints(tube, ConeFilter(tube, 8e-3), LengthScale.paper(tube), designed)
+    found = limits.summary(np.array([1e-3, 2e-4]))
+    assert found == {
+        "g_r": 1e-3, "g_t": 2e-4, "epsilon_r": 1e-3, "epsilon_t": 1e-3, "eta_r": 0.7,
+        "eta_t": pytest.approx(0.3), "c_m2": limits.decay, "satisfied": True,
+    }  # fmt: skip
+    assert not limits.summary(np.array([1e-4, 1.1e-3]))["satisfied"]

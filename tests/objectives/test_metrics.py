@@ -1,5 +1,7 @@
 """Metrics of shapes that are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -7,7 +9,15 @@ from scipy.spatial.transform import Rotation
 
 from toros_fem import errors
 from toros_fem.meshes import bend, contract, cylinder, twist
-from toros_fem.objectives.metrics import Metric, bend_angle, shortening, swelling, twist_angle
+from toros_fem.objectives.metrics import (
+    Metric,
+    bend_angle,
+    distance,
+    shortening,
+    swelling,
+    turn_angle,
+    twist_angle,
+)
 
 
 @pytest.mark.parametrize("degrees", [-400.0, -90.0, 0.0, 200.0, 540.0])
@@ -28,6 +38,38 @@ def test_measured_shortening_and_swelling(comm: MPI.Comm) -> None:
     turn = Rotation.from_rotvec([1.0, -2.0, 0.5]).as_matrix()
     assert shortening(pattern, short @ turn.T + 1.0) == pytest.approx(0.08)
     assert swelling(pattern, short @ turn.T + 1.0) == pytest.approx(1.4)
+
+
+@pytest.mark.parametrize("degrees", [-150.0, 0.0, 90.0, 400.0])
+def test_turn_of_given_sections(comm: MPI.Comm, degrees: float) -> None:
+    """Sections along x that turn towards −z, by more than a whole turn too."""
+    pattern = cylinder(comm, 0.15, 0.02, 4e-3)
+    height = pattern.points[:, 2]
+    sections = [np.flatnonzero(np.abs(height - z) < 4e-3) for z in np.linspace(0.01, 0.14, 14)]
+    assert all(len(section) > 5 for section in sections)
+    lying = pattern.points[:, [2, 0, 1]]
+    moved = lying.copy()
+    for k, section in enumerate(sections):
+        turn = Rotation.from_rotvec([0, np.radians(degrees) * (k + 1) / len(sections), 0])
+        moved[section] = turn.apply(lying[section]) + [0.1 * k, 0, 0]
+    pattern = replace(pattern, points=lying)
+    found = turn_angle(pattern, moved, sections, (1, 0, 0), (0, 0, -1))
+    assert np.degrees(found) == pytest.approx(degrees, abs=1e-6)
+
+
+def test_distance_from_a_target(comm: MPI.Comm) -> None:
+    """Root mean square over the flat area; a rigid motion counts unless it is removed."""
+    pattern = cylinder(comm, 0.15, 0.02, 4e-3)
+    target = bend(1.0, 0.15)(pattern.points)
+    assert distance(pattern, target + [3e-3, 0, 4e-3], target) == pytest.approx(5e-3)
+    turn = Rotation.from_rotvec([1.0, -2.0, 0.5])
+    moved = turn.apply(target) + 1.0
+    assert distance(pattern, moved, target) > 1
+    assert distance(pattern, moved, target, aligned=True) < 1e-12
+    areas = pattern.vertex_areas
+    one = target.copy()
+    one[0] += [0, 2e-3, 0]
+    assert distance(pattern, one, target) == pytest.approx(2e-3 * np.sqrt(areas[0] / areas.sum()))
 
 
 def test_values_have_their_units() -> None:
