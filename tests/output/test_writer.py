@@ -10,34 +10,25 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from helpers.designs import full
 from helpers.scenes import shared
 from mpi4py import MPI
 
+from toros_fem.analysis.pressure_path import trace_pressure_path
 from toros_fem.design.config import DesignConfig
-from toros_fem.design.loop import DesignResult, optimize
-from toros_fem.design.options import Stage
+from toros_fem.design.loop import DesignResult
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.errors import OutputError, ParameterError
-from toros_fem.fabrication.as_printed import PrintedDesign, as_printed
-from toros_fem.meshes import Skin, bend
-from toros_fem.objectives.metrics import Metric, bend_angle
-from toros_fem.output.writer import write_results
-
-ANGLE = Metric("angle", "deg", 60.0, lambda of, x: float(np.degrees(bend_angle(of, x))))
-
-
-@pytest.fixture(scope="module")
-def result(tube: Skin, tube_solver: EquilibriumSolver) -> DesignResult:
-    problem = full(tube, tube_solver, beta=20.0)
-    target = bend(np.radians(60), 0.06, neutral=0.01)(tube.pattern.points)
-    problem = dataclasses.replace(problem, metrics=(ANGLE,), target=target)
-    return optimize(problem, [Stage(2), Stage(1, constrained=True)], seed=3)
-
-
-@pytest.fixture(scope="module")
-def printed(result: DesignResult) -> PrintedDesign:
-    return as_printed(result.problem, result, island_area=np.inf)
+from toros_fem.fabrication.as_printed import PrintedDesign
+from toros_fem.fabrication.contours import panel_outline
+from toros_fem.meshes import Skin
+from toros_fem.objectives.metrics import Metric, swelling
+from toros_fem.output.writer import (
+    if_plotting,
+    write_comparison,
+    write_pressure_path,
+    write_results,
+    write_together,
+)
 
 
 def test_everything_is_written_without_a_reporter(
@@ -115,3 +106,55 @@ def test_only_shapes_have_these_files(
     other = dataclasses.replace(result, problem=object())  # type: ignore[arg-type]
     with pytest.raises(ParameterError, match="that of a object"):
         write_results(shared(comm, tmp_path), other, printed)
+
+
+def test_pressure_path(comm: MPI.Comm, tmp_path: Path, tube_solver: EquilibriumSolver) -> None:
+    skin = tube_solver.skin
+    density = np.zeros(len(skin.pattern.triangles))
+    radius = Metric("radius", "percent", 100.0, lambda of, x: 100 * swelling(of, x))
+    points = list(
+        trace_pressure_path(tube_solver, density[skin.owned_cells], [0.0, 500.0, 1e3], [radius])
+    )
+    folder, figures = shared(comm, tmp_path) / "path", {"note": 1}
+    summary = write_pressure_path(
+        comm, folder, skin.pattern, points, density, [radius], figures=figures
+    )
+    comm.barrier()
+    assert figures == {"note": 1}
+    assert summary == json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    assert summary["note"] == 1
+    assert summary["triangles"] == len(density)
+    assert summary["newton_steps"] == sum(point.result.steps for point in points)
+    with (folder / "curve.csv").open(encoding="utf-8") as file:
+        rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+    assert [row["pressure_pa"] for row in rows] == [0.0, 500.0, 1e3]
+    assert rows[2]["radius_percent"] == points[2].metrics["radius_percent"] > 100
+    assert meshio.read(folder / "skin.vtu").points == pytest.approx(points[2].positions)
+    for name in ("curve.png", "shapes.png"):
+        assert (folder / name).stat().st_size > 5000
+
+
+def test_comparison(comm: MPI.Comm, tmp_path: Path, tube: Skin) -> None:
+    folder = shared(comm, tmp_path)
+    wall = panel_outline(tube.pattern, tube.pattern.panel_index("wall"))
+    variants = [("one", wall, "a caption"), ("other", wall.buffer(-5e-3), "another")]
+    write_comparison(comm, folder, "table", {"rows": [1, 2]}, tube.pattern, "wall", variants)
+    comm.barrier()
+    assert json.loads((folder / "table.json").read_text(encoding="utf-8")) == {"rows": [1, 2]}
+    assert (folder / "table.png").stat().st_size > 5000
+
+
+def test_no_pictures_without_matplotlib(capsys: pytest.CaptureFixture[str]) -> None:
+    def draw() -> None:
+        raise ImportError("No module named 'matplotlib'")
+
+    if_plotting(draw)
+    assert "no pictures: No module named 'matplotlib'" in capsys.readouterr().err
+
+
+def test_all_ranks_raise_what_one_meets(comm: MPI.Comm, tmp_path: Path) -> None:
+    def full() -> None:
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OutputError, match="No space left on device"):
+        write_together(comm, shared(comm, tmp_path), full)

@@ -83,7 +83,12 @@ class ProgressBar:
             return
         if self._bar is None:
             self._bar = tqdm(
-                total=self._total, unit="step", file=sys.stderr, leave=False, disable=None
+                total=self._total,
+                unit="step",
+                file=sys.stderr,
+                mininterval=0,
+                leave=False,
+                disable=None,
             )
         self._bar.update(done - self._bar.n)
 

@@ -12,6 +12,7 @@ import shapely
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
@@ -42,8 +43,9 @@ def plot_pattern(path: Path, pattern: Pattern, regions: Sequence[BaseGeometry]) 
         pattern: The pattern.
         regions: Print on each panel, polygons in m.
     """
-    figure, axes = plt.subplots(figsize=(9, 9), layout="constrained")
+    figure, axes = plt.subplots(layout="constrained")
     _panels(axes, pattern, regions)
+    _fit(figure, axes, 9.0, 1.2)
     axes.set_title("flat pattern: fabric (light), printed reinforcement (dark)", pad=18)
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
@@ -69,8 +71,9 @@ def plot_printability(
         printability: Measured widths, islands and holes.
         limits: Bounds for narrow lines, narrow gaps and small holes.
     """
-    figure, axes = plt.subplots(figsize=(11, 11), layout="constrained")
+    figure, axes = plt.subplots(layout="constrained")
     offsets = _panels(axes, pattern, regions)
+    _fit(figure, axes, 10.0, 2.0)
     islands = printability.free_islands
     holes = [hole for hole in printability.holes if hole.area < limits.hole_area]
     labels = []
@@ -133,6 +136,12 @@ def _panels(axes: Axes, pattern: Pattern, regions: Sequence[BaseGeometry]) -> li
     axes.set_ylabel("mm")
     axes.spines[["top", "right"]].set_visible(False)
     return offsets
+
+
+def _fit(figure: Figure, axes: Axes, size: float, extra: float) -> None:
+    """Set the size of a figure in inches, from the panels' and extra height for titles."""
+    width, height = size * axes.dataLim.size / axes.dataLim.size.max()
+    figure.set_size_inches(max(width, size / 2) + 1.0, height + extra)
 
 
 def _mark(axes: Axes, place: LocalWidth, offset: Floats, colour: str) -> None:
