@@ -89,22 +89,22 @@ def fan_tube(angles: Spacing, heights: Spacing) -> Pattern:
     """
     radius = DIAMETER / 2
     ring = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    modified = np.linalg.norm(np.diff(ring, axis=0), axis=1)
-    flat, triangles = grid(np.concatenate([[0], np.cumsum(modified)]), heights)
+    chord = np.linalg.norm(np.diff(ring, axis=0), axis=1)
+    flat, triangles = grid(np.concatenate([[0], np.cumsum(chord)]), heights)
     wall = np.column_stack([np.tile(ring, (len(heights), 1)), flat[:, 1]])
     panels = [Panel("wall", flat, triangles, wall)]
     closed = np.isclose(angles[-1] - angles[0], 2 * np.pi)
     rim = ring[:-1] if closed else ring
     disc = np.concatenate([rim, np.zeros((1, 2))])
-    first = np.arange(len(modified))
-    fan = np.stack([first, (first + 1) % len(rim), np.full(len(modified), len(rim))], axis=1)
+    first = np.arange(len(chord))
+    fan = np.stack([first, (first + 1) % len(rim), np.full(len(chord), len(rim))], axis=1)
     for name, height in (("base", 0.0), ("tip", heights[-1])):
         points = np.column_stack([disc, np.full(len(disc), height)])
         if name == "base":  # seen from outside, that is from below, the disc is mirrored
             panels.append(Panel(name, disc * [1, -1], fan[:, ::-1], points))
         else:
             panels.append(Panel(name, disc, fan, points))
-    spacing = min(modified.min(), np.diff(heights).min())
+    spacing = min(chord.min(), np.diff(heights).min())
     return Pattern.from_panels(panels, tolerance=1e-3 * float(spacing))
 
 

@@ -257,8 +257,8 @@ def half_tube(*, mirrored: bool) -> Pattern:
     length, radius, around, rows = 0.04, 0.01, 7, 8
     angles, heights = np.linspace(0, np.pi, around), np.linspace(0, length, rows)
     ring = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    modified = np.linalg.norm(ring[1] - ring[0])
-    u, v = np.meshgrid(modified * np.arange(around), heights)
+    chord = np.linalg.norm(ring[1] - ring[0])
+    u, v = np.meshgrid(chord * np.arange(around), heights)
     node = np.arange(around * rows).reshape(rows, around)
     a, b, c, d = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
     grid = np.stack([np.stack([a, b, c], 2), np.stack([b, d, c], 2)], 2).reshape(-1, 3)
