@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers.tiles import SIDE, drawn, solver_of, tile_of
+from helpers.tiles import SIDE, random_cells, solver_of, tile_of
 
 from toros_fem._mpi import dot
 from toros_fem.density.cone import ConeFilter
@@ -27,7 +27,7 @@ def test_symmetric_filter(symmetry: str, kind: str) -> None:
     symmetry_maps = found.symmetry_maps(symmetry)
     symmetric = SymmetricFilter(skin, inner, symmetry_maps)
     assert (symmetric.name, symmetric.radius) == (kind, RADIUS)
-    density = drawn(found)[skin.owned_cells]
+    density = random_cells(found)[skin.owned_cells]
     filtered = skin.gather_cells(symmetric.forward(density))
     for image in symmetry_maps:
         assert filtered[image] == pytest.approx(filtered, abs=1e-13)

@@ -1,21 +1,23 @@
-"""Tiles for tests, and the exact states of sheets made of stripes."""
+"""Tiles and targets for tests, and the exact states of laminates."""
 
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import pytest
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from toros_fem.materials import Composite, Material
 from toros_fem.mechanics.periodicity import UNIAXIAL, Periodic
 from toros_fem.meshes import Tile, sew, tile
+from toros_fem.tiles.objectives import Contrast, ProfileTarget
 from toros_fem.tiles.solver import TileSolver
 from toros_fem.tiles.stiffness_profile import Profile, ProfileSolver
 
 SIDE = 0.02
 ANGLES = np.arange(12) * np.pi / 12
-# Materials A and R of the reference tables, for a metre of thickness: stresses are in Pa.
+# Materials A and R of the reference tables, 1 m thick, so that N/m are Pa.
 A = Material(young=400e3 / 3, poisson=1 / 3, thickness=1.0)
 R = Material(young=400e5 / 3, poisson=1 / 3, thickness=1.0)
 
@@ -24,7 +26,7 @@ def table_composite() -> Composite:
     return Composite(A, R, c1=1.8, c2=2.0, bending=None)
 
 
-# Making a solver takes longer than using it: tests share tiles and solvers.
+# Making a solver takes longer than a solve, so tests share tiles and solvers.
 @cache
 def tile_of(
     edges: int,
@@ -32,34 +34,34 @@ def tile_of(
     shape: tuple[float, float] = (1.0, 1.0),
     symmetry: str = "none",
 ) -> Tile:
-    """A tile of so many edges along the length SIDE, its sides as many times that long."""
+    """Return a tile with sides `shape` times SIDE and this number of edges along SIDE."""
     sides = (SIDE * shape[0], SIDE * shape[1])
     return tile(MPI.COMM_WORLD, sides, SIDE / edges, mesh, symmetry)
 
 
 @cache
 def solver_of(
-    found: Tile,
+    tile: Tile,
     composite: Composite | None = None,
-    fixed: tuple[tuple[bool, bool], ...] = UNIAXIAL,
+    prescribed: tuple[tuple[bool, bool], ...] = UNIAXIAL,
     flat: bool = True,
     alone: bool = False,
 ) -> TileSolver:
-    """A solver of a tile parted over the ranks, or one on each rank alone."""
-    skin = sew(MPI.COMM_SELF if alone else MPI.COMM_WORLD, found.pattern)
-    return TileSolver(skin, composite or Composite(), Periodic(found, fixed, flat))
+    """Return the solver of a tile distributed over the ranks, or of a whole one on each rank."""
+    skin = sew(MPI.COMM_SELF if alone else MPI.COMM_WORLD, tile.pattern)
+    return TileSolver(skin, composite or Composite(), Periodic(tile, prescribed, flat))
 
 
-def pulled(
+def profile_of(
     solver: TileSolver, density: np.ndarray, strain: float, angles: np.ndarray = ANGLES
 ) -> Profile:
-    """The profile of a density, given for all triangles of the tile."""
+    """Return the profile of a density at all triangles of the tile."""
     owned = density[solver.skin.owned_cells]
     return ProfileSolver(solver, angles, strain).solve(owned, gradients=False)
 
 
-def numbers(profile: Profile) -> np.ndarray:
-    """What a profile tells, (k, 4): stress and tangent over the largest, contraction, shear."""
+def profile_table(profile: Profile) -> np.ndarray:
+    """Return stress and tangent relative to the largest stress, contraction and shear, (k, 4)."""
     largest = np.abs(profile.stress).max()
     return np.stack(
         [
@@ -72,39 +74,70 @@ def numbers(profile: Profile) -> np.ndarray:
     )
 
 
-def drawn(found: Tile, seed: int = 0) -> np.ndarray:
-    """A random density of all triangles."""
-    return np.random.default_rng(seed).uniform(0, 1, len(found.wraps))
+def random_cells(tile: Tile, seed: int = 0) -> np.ndarray:
+    """Return a random density of all triangles."""
+    return np.random.default_rng(seed).uniform(0, 1, len(tile.wraps))
 
 
-def blob(found: Tile) -> np.ndarray:
-    """A smooth density of all triangles without any symmetry."""
-    x, y = (2 * np.pi * found.pattern.centroids / np.diagonal(found.lattice)).T
+def smooth_cells(tile: Tile) -> np.ndarray:
+    """Return a smooth density of all triangles without any symmetry."""
+    x, y = (2 * np.pi * tile.pattern.centroids / np.diagonal(tile.lattice)).T
     waves = np.sin(x) + np.cos(y) + np.sin(x + y) + np.cos(2 * x - y + 0.3)
     return np.asarray(1 / (1 + np.exp(-2 * waves)))
 
 
-def carried(
-    found: Tile, operation: np.ndarray, shift: tuple[float, float] = (0.0, 0.0)
+def cell_map(
+    tile: Tile, operation: np.ndarray, shift: tuple[float, float] = (0.0, 0.0)
 ) -> np.ndarray:
-    """Where triangles go by an operation about the corner and a shift by shares of the tile."""
-    size = np.diagonal(found.lattice)
-    centroids = found.pattern.centroids
+    """Return the image of each triangle by an operation about the corner, then a shift.
+
+    The shift is in units of the tile's sides.
+    """
+    size = np.diagonal(tile.lattice)
+    centroids = tile.pattern.centroids
     tree = cKDTree(centroids / size, boxsize=1.0)
     away, image = tree.query((centroids @ np.transpose(operation) / size + shift) % 1.0)
     assert away.max() < 1e-9
     return np.asarray(image)
 
 
-def turned_density(density: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """A density carried along with the triangles."""
+def mapped_cells(density: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """Return a density moved with the triangles."""
     out = np.empty_like(density)
     out[image] = density
     return out
 
 
-def law(gradient: np.ndarray, material: Material, c1: float, c2: float) -> np.ndarray:
-    """First Piola-Kirchhoff stress of eq. (1) times the thickness, (2, 2), in N/m."""
+EDGES = 6
+RADIUS = 1.6 * SIDE / EDGES
+DIRECTIONS = ANGLES[:7:2] + 0.05
+TARGET = ProfileTarget(
+    stiffness=np.array([3e3, np.nan, 6e3, 4e3]),
+    contraction=np.array([0.2, 0.1, np.nan, -0.3]),
+    weights=np.array([1.0, 2.0, 3.0, 0.5]),
+    contraction_weight=0.7,
+)
+CONTRAST = Contrast(np.array([True, False, False, True]), np.array([False, True, True, False]))
+# The ranks share the tile, or each has a whole tile and they share the directions.
+PARALLEL = pytest.mark.parametrize("batched", [False, True], ids=["tile", "directions"])
+
+
+def profile_solver(
+    batched: bool, angles: np.ndarray = DIRECTIONS, strain: float = 0.1
+) -> ProfileSolver:
+    """Return a profile solver of a square tile."""
+    batch = MPI.COMM_WORLD if batched else None
+    return ProfileSolver(solver_of(tile_of(EDGES), alone=batched), angles, strain, batch)
+
+
+def random_step(solver: TileSolver, seed: int = 9) -> np.ndarray:
+    """Return a random change of the density of owned triangles, the same on any number of ranks."""
+    every = np.random.default_rng(seed).uniform(-1, 1, len(solver.skin.pattern.panel))
+    return np.asarray(every[solver.skin.owned_cells])
+
+
+def stress_law(gradient: np.ndarray, material: Material, c1: float, c2: float) -> np.ndarray:
+    """Return the first Piola-Kirchhoff stress of eq. (1) times the thickness, (2, 2), in N/m."""
     left, stretches, right = np.linalg.svd(gradient)
     strains = stretches - 1
     both = strains.sum()
@@ -115,30 +148,30 @@ def law(gradient: np.ndarray, material: Material, c1: float, c2: float) -> np.nd
 
 @dataclass(frozen=True)
 class Laminate:
-    """Stripes of two materials: the state of either is homogeneous.
+    """Stripes of two materials, each in a homogeneous state.
 
     Attributes:
         composite: The materials.
-        share: Of the reinforcement.
+        fraction: Area fraction of the reinforcement.
         normal: Direction across the stripes in rad.
     """
 
     composite: Composite
-    share: float
+    fraction: float
     normal: float
 
     def pulled(self, angle: float, strain: float) -> np.ndarray:
-        """Stress in N/m, contraction and shear of the sheet pulled along a direction."""
-        c, share = self.composite, self.share
+        """Return stress in N/m, contraction and shear of the sheet pulled along a direction."""
+        c, fraction = self.composite, self.fraction
         n = np.array([np.cos(self.normal - angle), np.sin(self.normal - angle)])
         scale = c.reinforcement.mu * c.reinforcement.thickness
 
         def mean(x: np.ndarray, strain: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             gradient = np.array([[1 + strain, x[0]], [0, 1 + x[1]]])
             jump = np.outer(x[2:], n)
-            hard = law(gradient + (1 - share) * jump, c.reinforcement, c.c1, c.c2)
-            soft = law(gradient - share * jump, c.fabric, c.c1, c.c2)
-            return gradient, share * hard + (1 - share) * soft, (hard - soft) @ n
+            hard = stress_law(gradient + (1 - fraction) * jump, c.reinforcement, c.c1, c.c2)
+            soft = stress_law(gradient - fraction * jump, c.fabric, c.c1, c.c2)
+            return gradient, fraction * hard + (1 - fraction) * soft, (hard - soft) @ n
 
         def unbalanced(x: np.ndarray, strain: float) -> np.ndarray:
             _, stress, traction = mean(x, strain)
@@ -157,24 +190,24 @@ class Laminate:
         return np.array([stress[0, 0], (1 - gradient[1, 1]) / strain, gradient[0, 1]])
 
     def stiffness(self) -> np.ndarray:
-        """Membrane stiffness in N/m, (3, 3), of strains (xx, yy, 2xy)."""
-        # Along and across first: strains along are common, and so are stresses across.
+        """Return the membrane stiffness in N/m, (3, 3), of strains (xx, yy, 2xy)."""
+        # Both materials have the same strain along the stripes and the same stress across them.
         (l1, m1), (l2, m2) = (
             (k.thickness * k.lam, k.thickness * k.mu)
             for k in (self.composite.reinforcement, self.composite.fabric)
         )
-        weights = np.array([self.share, 1 - self.share])
+        weights = np.array([self.fraction, 1 - self.fraction])
         whole, cross, shear = np.array([[l1 + 2 * m1, l2 + 2 * m2], [l1, l2], [m1, m2]])
         across = 1 / (weights @ (1 / whole))
         ratio = weights @ (cross / whole)
         along = weights @ (whole - cross**2 / whole) + ratio**2 * across
         local = np.array([[across, ratio * across, 0], [ratio * across, along, 0], [0, 0, 0]])
         local[2, 2] = 1 / (weights @ (1 / shear))
-        return seen_at(local, -self.normal)
+        return rotated(local, -self.normal)
 
 
-def seen_at(stiffness: np.ndarray, angle: float) -> np.ndarray:
-    """A membrane stiffness in axes turned by an angle in rad."""
+def rotated(stiffness: np.ndarray, angle: float) -> np.ndarray:
+    """Return a membrane stiffness in axes turned by an angle in rad."""
     c, s = np.cos(angle), np.sin(angle)
     # Strains (xx, yy, 2xy) in the old axes from those in the new ones.
     turn = np.array([[c * c, s * s, -c * s], [s * s, c * c, c * s], [2 * c * s, -2 * c * s, 0]])
@@ -183,12 +216,12 @@ def seen_at(stiffness: np.ndarray, angle: float) -> np.ndarray:
 
 
 def modulus(stiffness: np.ndarray, angle: float) -> float:
-    """E h in N/m along a direction: pulled along it, free across."""
-    return float(1 / np.linalg.inv(seen_at(stiffness, angle))[0, 0])
+    """Return E h in N/m for a pull along a direction, free across."""
+    return float(1 / np.linalg.inv(rotated(stiffness, angle))[0, 0])
 
 
-def stripes(found: Tile, count: int, printed: int, diagonal: bool = False) -> np.ndarray:
-    """A density of `printed` out of `count` stripes along x, or with their normal at 45°."""
-    place = found.pattern.centroids / np.diagonal(found.lattice)
+def stripes(tile: Tile, count: int, printed: int, diagonal: bool = False) -> np.ndarray:
+    """Return a density with `printed` of `count` stripes along x, or with their normal at 45°."""
+    place = tile.pattern.centroids / np.diagonal(tile.lattice)
     across = place.sum(axis=1) if diagonal else place[:, 1]
     return (np.floor(count * across) % count < printed).astype(float)

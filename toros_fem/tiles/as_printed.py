@@ -102,8 +102,8 @@ def measure_print(
     Returns:
         None if the print has no equilibrium in one of the directions.
     """
-    profile = result.profile
-    if profile is None:
+    designed = profile = result.profile
+    if designed is None or profile is None:
         return None
     known = np.abs(_angles(case.symmetry)[:, None] - profile.angles).min(axis=1) < SAME_ANGLE
     others = _angles(case.symmetry)[~known]
@@ -121,7 +121,7 @@ def measure_print(
         return None
     return PrintMeasurement(
         profile=profile,
-        curves=(*curves, result.profile),
+        curves=(*curves, designed),
         fabric_stiffness=float(unprinted.stiffness[0]),
         buckling=_buckling(batch, case, config, result),
     )
