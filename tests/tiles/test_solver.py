@@ -94,14 +94,14 @@ def test_stress_along_a_direction_is_that_of_the_energy(flat: bool, strain: floa
     density, step = owned(solver, smooth_cells(found)), 1e-4
     base = solver.solve(density, 0.4, (1 + strain) * ALONG)
     tangent = solver.stiffness(base, ALONG[None])[0, 0]
-    response = solver.response(base, ALONG)
+    derivative = solver.state_derivative(base, ALONG)
     near = [solver.solve(density, 0.4, (1 + strain + s * step) * ALONG, start=base) for s in STEPS]
     stress = central([np.array(state.energy) for state in near], step)
     assert stress == pytest.approx(base.stress[0, 0], rel=1e-9)
     found_tangent = central([state.stress[0, 0] for state in near], step)
     assert found_tangent == pytest.approx(tangent, rel=1e-7)
     moved = central([state.state for state in near], step)
-    assert moved == pytest.approx(response, abs=1e-8 * np.abs(response).max())
+    assert moved == pytest.approx(derivative, abs=1e-8 * np.abs(derivative).max())
     assert (base.stress[:2, 1] == 0).all()
 
 
@@ -116,7 +116,7 @@ def test_forces_and_moments_balance() -> None:
         assert state.gradient[np.array(prescribed)] == pytest.approx(
             SKEWED[np.array(prescribed)], abs=1e-15
         )
-    # The mean of the triangles' own stress is the mean stress, that of their gradients F̄.
+    # The means of the stress and of the gradient of all triangles are P̄ and F̄.
     c, s = np.cos(0.4), np.sin(0.4)
     axes = np.array([[c, -s], [s, c]])
     pattern, composite = found.pattern, Composite()
@@ -137,8 +137,8 @@ def test_forces_and_moments_balance() -> None:
     assert total / pattern.areas.sum() == pytest.approx(state.stress[:2], abs=1e-11 * scale)
 
 
-def test_all_of_the_mean_deformation_but_turns_may_be_free() -> None:
-    """Held by one shear alone a tile goes back to where it is not stretched."""
+def test_free_mean_deformation() -> None:
+    """With only one shear component prescribed, a tile returns to its unstretched state."""
     found = tile_of(3)
     prescribed = ((False, False), (True, False), (True, True))
     solver = solver_of(found, prescribed=prescribed)
@@ -151,14 +151,14 @@ def test_all_of_the_mean_deformation_but_turns_may_be_free() -> None:
 
 
 def lifted(solver: TileSolver, flat: TileState) -> np.ndarray:
-    """A flat state among those of a tile that bends."""
+    """Return a flat state as a state of a tile that may leave its plane."""
     state = solver.model.assembled
     solver.model.positions(state)[:] = flat.positions
     solver.model.set_mean_gradient(state, flat.gradient)
     return state
 
 
-def test_pulled_out_of_plane_stays_in_it() -> None:
+def test_pulled_tile_stays_in_its_plane() -> None:
     found = tile_of(4)
     density, angles = smooth_cells(found), ANGLES[::4]
     one, other = solver_of(found), solver_of(found, flat=False)
@@ -172,7 +172,7 @@ def test_pulled_out_of_plane_stays_in_it() -> None:
         assert other.stable(lifted(other, b), owned(other, density), b.angle)
 
 
-def test_pressed_tile_buckles() -> None:
+def test_compressed_tile_buckles() -> None:
     found = tile_of(6, "right")
     one, other = solver_of(found), solver_of(found, flat=False)
     density = owned(one, stripes(found, 6, 2))
@@ -197,21 +197,26 @@ def test_pressed_tile_buckles() -> None:
             assert curved.energy == pytest.approx(flat.energy, rel=1e-11)
 
 
-def places(solver: TileSolver, angle: float) -> np.ndarray:
-    """Flat places of all vertices in axes n, t."""
-    return solver.skin.gather_vertices(solver.flat_places(angle))
+def flat_vertices(solver: TileSolver, angle: float) -> np.ndarray:
+    """Return the flat positions of all vertices in axes n, t."""
+    return solver.skin.gather_vertices(solver.flat_positions(angle))
 
 
 def moved_state(
     solver: TileSolver, state: TileState, there: TileSolver, image: np.ndarray, vertex: np.ndarray
 ) -> np.ndarray:
-    """A state, without rotations, of another tile: a vertex each of its vertices is an image of."""
+    """Return a state of another tile, each vertex of which is an image of one of this tile.
+
+    Edge rotations are not set.
+    """
     angle, new = state.angle, there.model.assembled
     old = solver.skin.gather_vertices(state.positions)[vertex]
-    old += (places(there, angle)[image] - places(solver, angle)[vertex]) @ state.gradient.T
+    old += (
+        flat_vertices(there, angle)[image] - flat_vertices(solver, angle)[vertex]
+    ) @ state.gradient.T
     every = np.empty_like(old)
     every[image] = old
-    every += np.append(places(there, angle)[0], 0.0) - every[0]
+    every += np.append(flat_vertices(there, angle)[0], 0.0) - every[0]
     there.model.positions(new)[:] = every[there.skin.owned_vertices]
     there.model.set_mean_gradient(new, state.gradient)
     return new
@@ -219,7 +224,7 @@ def moved_state(
 
 @pytest.mark.parametrize("mesh", ["right", "unstructured"])
 def test_copies_of_a_buckled_tile(mesh: str) -> None:
-    """They see across their borders what the tile sees across its own."""
+    """A buckled tile repeated 2 × 2 is in equilibrium too."""
     small = tile_of(3, mesh, WIDE)
     many, bending = small.repeated(2, 2), Composite(bending=Bending("quadratic"))
     one, other = (solver_of(each, bending, flat=False) for each in (small, many.tile))
@@ -229,7 +234,7 @@ def test_copies_of_a_buckled_tile(mesh: str) -> None:
     count = len(many.tile.pattern.points)
     vertex = np.arange(count) % len(small.pattern.points)
     state = moved_state(one, buckled, other, np.arange(count), vertex)
-    other.stable(state, owned(other, density[many.cell]), 0.4)  # turns the axes
+    other.stable(state, owned(other, density[many.cell]), 0.4)  # rotates the axes
     assert other.model.energy(state) / other.area == pytest.approx(buckled.energy, rel=1e-11)
     residual = other.skin.gather_vertices(other.model.positions(other.model.residual(state)))
     inside = one.skin.gather_vertices(one.model.positions(one.model.residual(buckled.state)))
@@ -241,7 +246,8 @@ def test_copies_of_a_buckled_tile(mesh: str) -> None:
 
 
 @pytest.mark.parametrize("curvature", ["midedge", "quadratic", "average"])
-def test_buckled_tile_may_be_cut_elsewhere(curvature: str) -> None:
+def test_shifted_buckled_tile(curvature: str) -> None:
+    """The border of the tile may lie anywhere on the periodic sheet."""
     found = tile_of(4)
     solver = solver_of(found, Composite(bending=Bending(curvature)), flat=False)
     density, shift = smooth_cells(found), np.array([0.25, 0.5])
@@ -294,32 +300,34 @@ def test_bad_deformations_and_states() -> None:
     solver = solver_of(tile_of(3))
     density = np.zeros(len(solver.skin.owned_cells))
     for gradient in (np.eye(2), np.eye(3), 1.1, np.nan * ALONG):
-        with pytest.raises(ParameterError, match=r"must be \(3, 2\) and finite where held"):
+        with pytest.raises(ParameterError, match=r"must be \(3, 2\), with finite prescribed"):
             solver.solve(density, 0.0, gradient)  # type: ignore[arg-type]
     with pytest.raises(ParameterError, match="angle = inf"):
         solver.solve(density, np.inf, ALONG)
     with pytest.raises(DensityError, match=r"must lie in \[0, 1\]"):
         solver.solve(density - 0.1, 0.0, ALONG)
     first = solver.solve(density, 0.0, np.where(np.array(UNIAXIAL), 1.1 * ALONG, np.nan))
-    with pytest.raises(ParameterError, match=r"direction 0 rad, not of 0.3: start from a state"):
+    with pytest.raises(
+        ParameterError, match=r"angle = 0 rad, the solve 0.3 rad. Start from a state"
+    ):
         solver.solve(density, 0.3, 1.1 * ALONG, start=first)
     solver.stress_gradient(first, ALONG)
     second = solver.solve(density, 0.0, 1.2 * ALONG, start=first)
-    for act in (solver.response, solver.stress_gradient, solver.strain_gradient,
+    for act in (solver.state_derivative, solver.stress_gradient, solver.strain_gradient,
                 lambda at, part: solver.stiffness(at, part[None])):  # fmt: skip
         with pytest.raises(ParameterError, match="the solver has been used since"):
             act(first, ALONG)
         act(second, ALONG)
     assert solver.stable(second.state, density, 0.0)
     with pytest.raises(ParameterError, match="the solver has been used since"):
-        solver.response(second, ALONG)
-    with pytest.raises(ParameterError, match=r"Periodic\(GIVEN\)"):
+        solver.state_derivative(second, ALONG)
+    with pytest.raises(ParameterError, match=r"Periodic\(tile, ALL_PRESCRIBED\)"):
         effective_tensor(solver, density)
 
 
 @pytest.mark.parametrize("kind", ["flat", "given", "buckled"])
 def test_taylor_of_one_direction(kind: str) -> None:
-    """Stress and what is free of F̄, by the density, also of a tile that has buckled."""
+    """Gradients of stress and of free components of F̄ are exact, also of a buckled tile."""
     found = tile_of(4, "right")
     if kind == "given":
         solver, gradient = solver_of(found, prescribed=ALL_PRESCRIBED), SKEWED

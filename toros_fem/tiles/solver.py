@@ -1,4 +1,4 @@
-"""Equilibrium of a tile that repeats, at a given mean deformation; its mean stress."""
+"""Equilibria of a periodic tile at a prescribed mean deformation, and their derivatives."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from toros_fem.mechanics.periodicity import Periodic, PeriodicModel
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.skin import Skin
 
-# First step of a continuation and its smallest one, as shares of the way.
-FIRST_SHARE = 1 / 4
-LEAST_SHARE = 1e-3
+# First and smallest step of a continuation, as fractions of the mean deformation.
+FIRST_STEP = 1 / 4
+SMALLEST_STEP = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,16 +30,16 @@ class TileState:
     """A tile in equilibrium at a mean deformation.
 
     Attributes:
-        angle: Of direction n to the first axis of the flat sheet, in rad.
-        gradient: Mean deformation gradient F̄, (3, 2): rows along n, t, z, columns of n, t.
+        angle: Angle from the first axis of the flat sheet to direction n, in rad.
+        gradient: Mean deformation gradient F̄, (3, 2), rows n, t, z, columns n, t.
         stress: Mean first Piola-Kirchhoff stress in N/m, (3, 2), the derivative of `energy` by F̄;
-            zero where F̄ was free.
+            zero where F̄ is free.
         energy: Mean energy per flat area in J/m².
-        state: Owned unknowns, as `SkinModel` has them, in the axes n, t, z.
+        state: Owned unknowns of `PeriodicModel`, in axes n, t, z.
         positions: Positions of the owned nodes in m, (k, 3), a view of `state`.
-        stretch_use: Largest share of the stretch bounds that a triangle uses, < 1.
-        steps: Newton steps, each with a factorisation of its own.
-        factorisations: Factorisations, retries with a shift included.
+        stretch_use: Largest fraction of the stretch bounds that a triangle uses, < 1.
+        steps: Number of Newton steps, each with a factorisation of its own.
+        factorisations: Number of factorisations, those with a diagonal shift included.
     """
 
     angle: float
@@ -54,10 +54,13 @@ class TileState:
 
 
 class TileSolver:
-    """Finds equilibria of a tile, and how they change with the mean deformation and the density.
+    """Solver of equilibria x = F̄ x̄ + w of a tile, w periodic, and of their derivatives.
 
-    x = F̄ x̄ + w with w periodic; rigid motion is removed by holding one vertex and by what is held
-    of F̄. Positions and F̄ are in axes n, t, z, that is turned by the direction's angle.
+    One fixed vertex and the prescribed components of F̄ exclude rigid motions. Positions and F̄ are
+    in axes n, t, z: those of the flat sheet, rotated by the direction's angle.
+
+    `solve` leaves the tangent's factorisation for the derivatives of the last equilibrium. The
+    density gradients are the discrete adjoint's, by hand; tests tie them to differences.
 
     Attributes:
         model: Energy and derivatives.
@@ -65,13 +68,14 @@ class TileSolver:
 
     Args:
         skin: The tile's sewn skin.
-        composite: Materials and stretch bounds. A sheet that stays in its plane does not bend.
-        periodic: The tile and what is held of it.
-        options: How hard to try.
+        composite: Materials and stretch bounds; a sheet that stays in its plane does not bend.
+        periodic: The tile and its prescribed mean deformation.
+        options: Options of Newton's method.
         log: Called with every row of a solve's history.
 
     Raises:
-        ParameterError: The sheet bends, and its rest shape or its seams are not those of a tile.
+        ParameterError: The sheet may leave its plane and does not resist bending, or its rest shape
+            or seams do not fit a tile.
     """
 
     def __init__(
@@ -88,8 +92,8 @@ class TileSolver:
         elif bending is None or bending.rest != "flat" or bending.seams != "continuous":
             raise ParameterError(
                 "a tile that may leave its plane must resist bending, with rest = 'flat' and "
-                "seams = 'continuous': its borders are no seams. Or keep it in its plane by "
-                "flat = True."
+                "seams = 'continuous', since its borders are not seams. Or set flat = True to keep "
+                "it in its plane."
             )
         fixed = np.zeros((len(skin.pattern.points), 3), dtype=bool)
         fixed[:, 2] = periodic.flat
@@ -103,11 +107,11 @@ class TileSolver:
         self._periodic_tangent, self._turn = periodic_tangent, self.model.images.turn
         self._prescribed = np.array(periodic.prescribed)
         self.area = float(skin.pattern.areas.sum())
-        self._place = skin.pattern.points[skin.owned_vertices, :2]
+        self._flat_positions = skin.pattern.points[skin.owned_vertices, :2]
         pairs = self.model.tangent_layout[1].shape[1]
         self._entries: Floats = np.zeros(len(skin.cell) * pairs * (pairs + 1) // 2)
         self._last: TileState | None = None
-        self._answers: dict[bytes, tuple[Floats, Floats]] = {}
+        self._responses: dict[bytes, tuple[Floats, Floats]] = {}
 
     def solve(
         self,
@@ -118,15 +122,16 @@ class TileSolver:
         start: TileState | None = None,
         allow_continuation: bool = True,
     ) -> TileState:
-        """The stable equilibrium at a mean deformation (collective).
+        """Return the stable equilibrium at a mean deformation (collective).
 
         Args:
             density: Projected density of the owned triangles, in [0, 1].
-            angle: Of direction n to the first axis of the flat sheet, in rad.
-            gradient: F̄, (3, 2), read where it is held.
-            start: A state near by, of another density or mean deformation, at the same angle;
-                None starts from the sheet stretched as a whole.
-            patient: Whether to go there in steps from the flat sheet where it fails at once.
+            angle: Angle from the first axis of the flat sheet to direction n, in rad.
+            gradient: F̄, (3, 2), of which only the prescribed components are read.
+            start: State to start from, of another density or mean deformation, at the same angle;
+                None starts from the homogeneously stretched sheet.
+            allow_continuation: Whether to fall back on continuation from the flat sheet where the
+                first solve fails.
 
         Raises:
             ParameterError: The gradient does not fit, or `start` has another angle.
@@ -138,13 +143,14 @@ class TileSolver:
         fits = given.shape == (3, 2) and np.isfinite(given[self._prescribed]).all()
         if not (fits and np.isfinite(angle)):
             raise ParameterError(
-                f"gradient = {gradient} at angle = {angle} must be (3, 2) and finite where held."
+                f"gradient = {gradient} at angle = {angle} must be (3, 2), "
+                "with finite prescribed components."
             )
-        wanted = np.where(self._prescribed, given, 0.0)
+        target = np.where(self._prescribed, given, 0.0)
         if start is not None and start.angle != angle:
             raise ParameterError(
-                f"the start is that of direction {start.angle:g} rad, not of {angle:g}: start from "
-                "a state of the same direction, or from none."
+                f"the start has angle = {start.angle:g} rad, the solve {angle:g} rad. Start from a "
+                "state of the same direction, or from None."
             )
         self._forget()
         self._turn(angle)
@@ -153,7 +159,7 @@ class TileSolver:
         begin, state = np.eye(3)[:, :2], self._assembled(angle)
         if start is not None:
             begin, state = start.gradient, start.state
-        change = np.where(self._prescribed, wanted - begin, 0.0)
+        change = np.where(self._prescribed, target - begin, 0.0)
 
         def attempt(x: Floats, fraction: float) -> Attempt:
             there = self.model.mean_gradient(x)
@@ -164,14 +170,14 @@ class TileSolver:
         found, outcome = first.state, first.outcome
         if outcome <= 0 and allow_continuation:
             begin, state = np.eye(3)[:, :2], self._assembled(angle)
-            change = np.where(self._prescribed, wanted - begin, 0.0)
+            change = np.where(self._prescribed, target - begin, 0.0)
             done = run_continuation(
-                attempt, ContinuationResult(state, 0.0, 1), 1.0, FIRST_SHARE, LEAST_SHARE
+                attempt, ContinuationResult(state, 0.0, 1), 1.0, FIRST_STEP, SMALLEST_STEP
             )
             found, outcome = done.state, done.outcome if done.load_factor == 1.0 else -1
         if outcome <= 0:
             raise NoEquilibriumError(
-                f"the tile has no equilibrium at the mean deformation {wanted[:2].tolist()} along "
+                f"the tile has no equilibrium at the mean deformation {target[:2].tolist()} along "
                 f"{np.degrees(angle):.4g} degrees inside the stretch bounds c1 = "
                 f"{self.model.composite.c1:g}, c2 = {self.model.composite.c2:g}. Stretch it less, "
                 "soften the print, or refine the mesh."
@@ -179,35 +185,56 @@ class TileSolver:
         self._last = self._result(found, angle, attempts)
         return self._last
 
-    def response(self, at: TileState, change: Floats) -> Floats:
-        """How the state changes with F̄, per unit: dq/dF̄ : change (collective).
+    def state_derivative(self, at: TileState, change: Floats) -> Floats:
+        """Return dq/dF̄ : change, the derivative of the state by F̄ (collective).
 
         Args:
-            at: The last equilibrium that was found: its tangent is factorised.
-            change: Of the held components of F̄, (3, 2).
+            at: The last equilibrium of this solver, whose tangent is factorised.
+            change: Direction in the prescribed components of F̄, (3, 2).
 
         Raises:
             ParameterError: The solver has been used since.
         """
-        return self._answer(at, change)[1]
+        return self._linear_response(at, change)[1]
 
     def stiffness(self, at: TileState, changes: Floats) -> Floats:
-        """Second derivative of the mean energy by held F̄, (k, k), in N/m (collective).
+        """Return the second derivative of the mean energy by F̄ in N/m, (k, k) (collective).
 
         Args:
-            at: As for `response`.
-            changes: Directions in F̄, (k, 3, 2).
+            at: As for `state_derivative`.
+            changes: Directions in the prescribed components of F̄, (k, 3, 2).
+
+        Raises:
+            ParameterError: The solver has been used since.
         """
-        comm, answers = self.skin.comm, [self._answer(at, change) for change in changes]
-        return np.array([[dot(comm, f, m) / self.area for _, m in answers] for f, _ in answers])
+        comm, pairs = self.skin.comm, [self._linear_response(at, change) for change in changes]
+        return np.array([[dot(comm, f, q) / self.area for _, q in pairs] for f, _ in pairs])
 
     def stress_gradient(self, at: TileState, change: Floats) -> Floats:
-        """d(P̄ : change)/dρ̄ at owned triangles, in N/m, F̄ kept where held (collective)."""
-        sensitivity = self.model.density_sensitivity(at.state, self.response(at, change))
+        """Return d(P̄ : change)/dρ̄ at owned triangles, in N/m, prescribed F̄ constant (collective).
+
+        The derivative of the state is its own adjoint here: no further solve is needed.
+
+        Args:
+            at: As for `state_derivative`.
+            change: Direction in the prescribed components of F̄, (3, 2).
+
+        Raises:
+            ParameterError: The solver has been used since.
+        """
+        sensitivity = self.model.density_sensitivity(at.state, self.state_derivative(at, change))
         return np.asarray(sensitivity / self.area)
 
     def strain_gradient(self, at: TileState, part: Floats) -> Floats:
-        """d(F̄ : part)/dρ̄ at owned triangles, `part` among the free components (collective)."""
+        """Return d(F̄ : part)/dρ̄ at owned triangles by one adjoint solve (collective).
+
+        Args:
+            at: As for `state_derivative`.
+            part: Factors on the free components of F̄, (3, 2).
+
+        Raises:
+            ParameterError: The solver has been used since.
+        """
         self._require_last(at)
         rhs: Floats = np.zeros_like(at.state)
         self.model.set_mean_gradient(rhs, np.asarray(part / self.periodic.length))
@@ -216,69 +243,78 @@ class TileSolver:
         return np.asarray(-sensitivity / self.periodic.length)
 
     def stable(self, state: Floats, density: Floats, angle: float) -> bool:
-        """Whether a state is a stable equilibrium, if it is one (collective)."""
+        """Return whether an equilibrium is stable (collective).
+
+        Args:
+            state: Owned unknowns of an equilibrium.
+            density: Its projected density at owned triangles.
+            angle: Its direction in rad.
+        """
         self._forget()
         self._turn(angle)
         self.model.set_density(density)
         return self._snes.newton.stable(state)
 
     def buckles(self, flat: TileState, density: Floats) -> bool:
-        """Whether an equilibrium of the sheet kept flat is unstable once it may leave its plane.
+        """Return whether a flat equilibrium is unstable out of its plane (collective).
 
         Args:
-            flat: Found by the solver of the same skin with `flat` = True.
-            density: Projected density of the owned triangles, as it was there.
+            flat: Equilibrium of a solver of the same skin with `flat` = True.
+            density: Its projected density at owned triangles.
 
         Raises:
-            ParameterError: This solver keeps the sheet in its plane itself.
+            ParameterError: This solver keeps the sheet in its plane.
         """
         if self.periodic.flat:
             raise ParameterError(
-                "whether a tile buckles is told by a solver that lets it: Periodic(flat=False), "
-                "and materials that bend."
+                "this solver keeps the tile in its plane, so it cannot buckle. Make the solver "
+                "with Periodic(tile, flat=False) and materials that bend."
             )
         state: Floats = np.zeros(self.model.size_local)
         self.model.positions(state)[:] = flat.positions
         self.model.set_mean_gradient(state, flat.gradient)
         return not self.stable(state, density, flat.angle)
 
-    def flat_places(self, angle: float) -> Floats:
-        """Places of the owned nodes in the flat sheet in axes n, t, in m, (k, 2)."""
+    def flat_positions(self, angle: float) -> Floats:
+        """Return the positions of the owned nodes in the flat sheet, axes n, t, in m, (k, 2)."""
         c, s = np.cos(angle), np.sin(angle)
-        return self._place @ np.array([[c, -s], [s, c]])
+        return self._flat_positions @ np.array([[c, -s], [s, c]])
 
     def _assembled(self, angle: float) -> Floats:
         state = self.model.assembled
-        self.model.positions(state)[:, :2] = self.flat_places(angle)
+        self.model.positions(state)[:, :2] = self.flat_positions(angle)
         return state
 
     def _stretched(self, state: Floats, angle: float, change: Floats) -> Floats:
-        """A state with a homogeneous deformation added."""
+        """Return a state with a homogeneous deformation added."""
         out, added = state.copy(), np.zeros_like(state)
-        self.model.positions(added)[:] = self.flat_places(angle) @ change.T
+        self.model.positions(added)[:] = self.flat_positions(angle) @ change.T
         self.model.set_mean_gradient(added, change)
-        # The held vertex keeps its place, and so does the sheet.
+        # The fixed vertex keeps its position.
         fixed = self.model.skin.owned_vertices == 0
         shift = self.model.positions(added)[fixed].sum(axis=0)
         self.model.positions(added)[:] -= self.skin.comm.allreduce(shift)
         return out + added
 
-    def _answer(self, at: TileState, change: Floats) -> tuple[Floats, Floats]:
-        """Change of the force by held F̄, all else kept, and that of the state; kept for reuse."""
+    def _linear_response(self, at: TileState, change: Floats) -> tuple[Floats, Floats]:
+        """Return the derivatives of force and state by F̄; they are kept for further calls.
+
+        The force is that of all unknowns with the state constant.
+        """
         self._require_last(at)
-        wanted = np.where(self._prescribed, change, 0.0)
-        key = wanted.tobytes()
-        if key not in self._answers:
-            if not self._answers:
+        prescribed = np.where(self._prescribed, change, 0.0)
+        key = prescribed.tobytes()
+        if key not in self._responses:
+            if not self._responses:
                 self.model.tangent_entries(at.state, self._entries)
-            force = self._periodic_tangent.force(self._entries, wanted)
-            move = -self._snes.factor.solve(force * self.model.free)
-            moved: Floats = np.zeros_like(move)
-            self.model.set_mean_gradient(moved, wanted)
-            for array in (force, moved := move + moved):
+            force = self._periodic_tangent.force(self._entries, prescribed)
+            state: Floats = np.zeros_like(force)
+            self.model.set_mean_gradient(state, prescribed)
+            state -= self._snes.factor.solve(force * self.model.free)
+            for array in (force, state):
                 array.setflags(write=False)
-            self._answers[key] = force, moved
-        return self._answers[key]
+            self._responses[key] = force, state
+        return self._responses[key]
 
     def _result(self, state: Floats, angle: float, attempts: Attempts) -> TileState:
         model = self.model
@@ -298,11 +334,11 @@ class TileSolver:
 
     def _forget(self) -> None:
         self._last = None
-        self._answers.clear()
+        self._responses.clear()
 
     def _require_last(self, at: TileState) -> None:
         if at is not self._last:
             raise ParameterError(
-                "the tangent is that of another state: the solver has been used since. Solve for "
-                "this state again, then ask for what it changes by."
+                "the solver has been used since this state, so its tangent is another one. Solve "
+                "for this state again before its derivatives."
             )

@@ -1,4 +1,4 @@
-"""How stiff a tile is in each direction: pulled along it at a given strain, free across."""
+"""Stiffness profile of a tile: pulled along each direction at one strain, free across."""
 
 from __future__ import annotations
 
@@ -20,21 +20,20 @@ ACROSS = np.array([[0.0, 0], [0, 1], [0, 0]])
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """The response of a tile pulled in several directions, at one strain.
+    """Stress, stiffness and contraction of a tile pulled in several directions, at one strain.
 
     Attributes:
-        angles: Directions, (k,), in rad to the first axis of the flat sheet.
-        strain: Along the direction, λ − 1; negative for compression.
-        stress: Nominal stress along it in N/m, (k,): force over undeformed width.
-        stiffness: Secant stiffness stress/strain in N/m, (k,).
+        angles: Directions, (k,), as angles in rad from the first axis of the flat sheet.
+        strain: Strain λ − 1 along the direction; negative for compression.
+        stress: Nominal stress along the direction in N/m, (k,): force over undeformed width.
         tangent: Tangent stiffness in N/m, (k,).
         contraction: Lateral contraction (1 − λ_across)/strain, (k,): Poisson's ratio at this
             strain.
-        shear: How far lines across lean over, the component along n of F̄t, (k,).
-        state: States of those directions that this rank solved for; None elsewhere.
+        shear: Component along n of F̄t, (k,): inclination of lines across.
+        state: States of the directions that this rank solved for; None elsewhere.
         gradients: d stress/dρ̄ and d contraction/dρ̄ of these, (2, cells) each; None elsewhere, or
-            if they were not asked for.
-        steps, factorisations: Of all directions together.
+            if they were not requested.
+        steps, factorisations: Numbers of Newton steps and factorisations of all directions.
     """
 
     angles: Floats
@@ -55,36 +54,37 @@ class Profile:
 
     @property
     def pressure(self) -> float:
-        """Nothing presses on a tile."""
+        """Pressure in Pa: 0, a tile has none."""
         return 0.0
 
     @property
     def pressures(self) -> tuple[float, ...]:
-        """None."""
+        """Pressures of chambers in Pa: empty, a tile has none."""
         return ()
 
 
 class ProfileSolver:
-    """Pulls a tile in several directions.
+    """Solver of a tile's profile.
 
-    Directions are spread over the ranks of a communicator of their own, so that a tile too small
-    to be worth parting is solved for in several directions at once: then its skin belongs to each
-    rank alone. With a skin parted over ranks, the batch is a communicator of one.
+    The ranks of a communicator of their own share the directions, so that a tile too small to be
+    distributed is solved in several directions at once; each rank then sews the whole tile. With a
+    skin that is distributed over ranks, the batch must be a communicator of one rank.
 
     Attributes:
-        tile: The tile's solver, F̄n held and F̄t free.
+        tile: Solver of the tile.
         angles: Directions in rad, (k,).
-        strain: Along them.
+        strain: Strain λ − 1 along them.
+        batch: Communicator whose ranks share the directions.
 
     Args:
-        tile: The solver.
+        tile: Solver of the tile, F̄n prescribed and F̄t free.
         angles: Directions in rad, (k,).
-        strain: λ − 1 along each.
+        strain: Strain λ − 1 along each.
         batch: Communicator whose ranks share the directions; None for one rank.
 
     Raises:
-        ParameterError: There is no direction, or the strain is 0 or not finite; or other parts of
-            F̄ are held; or both tile and directions are spread over ranks.
+        ParameterError: There is no direction; the strain is 0, −1 or less, or not finite; other
+            components of F̄ are prescribed; or both tile and directions are spread over ranks.
     """
 
     def __init__(
@@ -100,16 +100,17 @@ class ProfileSolver:
         if self.angles.ndim != 1 or not len(self.angles) or not np.isfinite(self.angles).all():
             raise ParameterError(f"angles = {angles} must be at least one finite direction in rad.")
         if not np.isfinite(strain) or strain == 0 or strain <= -1:
-            raise ParameterError(f"strain = {strain} must be finite, over -1, and not 0.")
+            raise ParameterError(f"strain = {strain} must be finite, above -1, and not 0.")
         if not np.array_equal(tile.periodic.prescribed, UNIAXIAL):
             raise ParameterError(
-                "profiles are of sheets pulled along n and free across: make the tile's solver of "
-                "Periodic(tile), with held = UNIAXIAL."
+                "a profile needs a sheet that is pulled along n and free across: make the tile's "
+                "solver of Periodic(tile), with prescribed = UNIAXIAL."
             )
         if self.batch.size > 1 and tile.skin.comm.size > 1:
             raise ParameterError(
                 f"the tile is spread over {tile.skin.comm.size} ranks and its directions over "
-                f"{self.batch.size}: spread one of them. Small tiles are best sewn on each rank."
+                f"{self.batch.size}: spread only one of them. For small tiles, sew the whole tile "
+                "on each rank."
             )
 
     def solve(
@@ -120,13 +121,13 @@ class ProfileSolver:
         gradients: bool = True,
         allow_continuation: bool = True,
     ) -> Profile:
-        """The profile of a density (collective over tile and batch).
+        """Return the profile of a density (collective over tile and batch).
 
         Args:
             density: Projected density of the owned triangles, in [0, 1].
-            start: `Profile.state` of a density near by.
-            gradients: Whether to compute how stress and contraction change with the density.
-            patient: As for `TileSolver.solve`.
+            start: `Profile.state` of a similar density.
+            gradients: Whether to compute the gradients of stress and contraction by the density.
+            allow_continuation: As for `TileSolver.solve`.
 
         Raises:
             DensityError: The density does not fit, or leaves [0, 1].
@@ -137,14 +138,14 @@ class ProfileSolver:
         found: list[Floats | None] = [None] * count
         values = np.zeros((count, 6))
         error: Exception | None = None
-        wanted = (1 + self.strain) * ALONG
+        gradient = (1 + self.strain) * ALONG
         for k in range(batch.rank, count, batch.size):
             try:
                 near = None if start is None else start[k]
                 state = self.tile.solve(
                     density,
                     float(self.angles[k]),
-                    wanted,
+                    gradient,
                     start=near,
                     allow_continuation=allow_continuation,
                 )
@@ -159,13 +160,13 @@ class ProfileSolver:
                 ]
                 if gradients:
                     by_stress = self.tile.stress_gradient(state, ALONG)
-                    by_width = self.tile.strain_gradient(state, ACROSS)
-                    found[k] = np.stack([by_stress, -by_width / self.strain])
-            except Exception as caught:  # whatever it is, the others wait at the end
+                    by_contraction = self.tile.strain_gradient(state, ACROSS)
+                    found[k] = np.stack([by_stress, -by_contraction / self.strain])
+            except Exception as caught:  # the other ranks wait for this one below
                 error = caught
                 break
         raise_together(batch, error)
-        # Each row is one rank's, so that the sum is exact and the same everywhere.
+        # Each row is non-zero on one rank only, so the sum is exact and equal on all ranks.
         values = np.asarray(batch.allreduce(values))
         return Profile(
             angles=self.angles,
@@ -181,22 +182,22 @@ class ProfileSolver:
         )
 
     def backward(self, profile: Profile, by_stress: Floats, by_contraction: Floats) -> Floats:
-        """dT/dρ̄ at owned triangles from dT/d stress and dT/d contraction (collective).
+        """Return dT/dρ̄ at owned triangles from dT/d stress and dT/d contraction (collective).
 
         Args:
-            profile: With its gradients.
+            profile: A profile with its gradients.
             by_stress: dT/d stress in m/N, (k,), or (j, k) for j functions at once.
             by_contraction: dT/d contraction, of the same shape.
 
         Returns:
-            (cells,) or (j, cells).
+            dT/dρ̄, (cells,) or (j, cells).
         """
         out: Floats = np.zeros((*by_stress.shape[:-1], len(self.tile.skin.owned_cells)))
         for k, gradients in enumerate(profile.gradients):
             if gradients is not None:
                 out += np.multiply.outer(by_stress[..., k], gradients[0])
                 out += np.multiply.outer(by_contraction[..., k], gradients[1])
-        # Summed in one place: all ranks are to step alike, to the last digit.
+        # One rank adds them up, so that all ranks get equal numbers, to the last digit.
         whole = self.batch.reduce(out)
         return np.asarray(self.batch.bcast(whole))
 
@@ -208,17 +209,17 @@ def profiles(
     strains: Sequence[float] | Floats,
     batch: MPI.Comm | None = None,
 ) -> list[Profile]:
-    """The profiles at strains one after the other: stress over strain in each direction.
+    """Return the profiles at several strains, each solve started from the last.
 
     Args:
         tile: The solver.
         density: Projected density of the owned triangles, in [0, 1].
         angles: Directions in rad, (k,).
-        strains: λ − 1, each reached from the one before.
+        strains: Values of λ − 1, in the order of the solves.
         batch: As for `ProfileSolver`.
 
     Raises:
-        ParameterError: A direction or a strain is not admissible.
+        ParameterError: As for `ProfileSolver`.
         DensityError: The density does not fit, or leaves [0, 1].
         NoEquilibriumError: There is no equilibrium at one of the strains.
     """
@@ -231,7 +232,7 @@ def profiles(
 
 
 def merge_profiles(one: Profile, other: Profile) -> Profile:
-    """Profiles of one tile at one strain in different directions, sorted by these."""
+    """Return the union of two profiles of one tile and strain, sorted by direction."""
     order = np.argsort(np.concatenate([one.angles, other.angles]))
 
     def both(name: str) -> Floats:
@@ -252,20 +253,23 @@ def merge_profiles(one: Profile, other: Profile) -> Profile:
 
 
 def effective_tensor(solver: TileSolver, density: Floats) -> Floats:
-    """Stiffness of the undeformed tile, by one factorisation (collective).
+    """Return the membrane stiffness of the undeformed tile, by one factorisation (collective).
 
     Args:
-        solver: A tile's solver with all of F̄ held, `lattice.ALL_PRESCRIBED`.
+        solver: A tile's solver with all of F̄ prescribed, `Periodic(tile, ALL_PRESCRIBED)`.
         density: Projected density of the owned triangles.
 
     Returns:
         Membrane stiffness in N/m, (3, 3), of strains (xx, yy, 2xy).
 
     Raises:
-        ParameterError: Some of F̄ is free.
+        ParameterError: A component of F̄ is free.
     """
     if not np.array(solver.periodic.prescribed).all():
-        raise ParameterError("the effective tensor needs a tile whose F̄ is held: Periodic(GIVEN).")
+        raise ParameterError(
+            "the effective tensor needs a tile with all of F̄ prescribed: make its solver of "
+            "Periodic(tile, ALL_PRESCRIBED)."
+        )
     state = solver.solve(density, 0.0, np.eye(3)[:, :2])
     changes = np.zeros((3, 3, 2))
     changes[0, 0, 0] = changes[1, 1, 1] = 1.0
