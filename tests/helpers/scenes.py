@@ -11,10 +11,9 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.materials import Material
-from toros_fem.meshes import Pattern, tile
+from toros_fem.meshes import Pattern
 from toros_fem.meshes.pattern import Panel
 from toros_fem.meshes.sheet import one_panel
-from toros_fem.tiles.printed_tile import PrintedTile
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "tests" / "data"
@@ -83,14 +82,6 @@ def box() -> Pattern:
     panels = [Panel(name, flat, tri, size / 2 * np.stack(face, axis=1) + [0, 0, size / 2])
               for name, face in faces.items()]  # fmt: skip
     return Pattern.from_panels(panels, tolerance=1e-6)
-
-
-def printed_tile(comm: MPI.Comm) -> PrintedTile:
-    """An oblong tile printed at random."""
-    size, edge_length, mesh = (0.012, 0.008), 1e-3, "unstructured"
-    count = len(tile(comm, size, edge_length, mesh).wraps)
-    printed = np.random.default_rng(0).random(count) < 0.4
-    return PrintedTile(printed, size, edge_length, mesh, thickness=3e-4)
 
 
 def shared(comm: MPI.Comm, folder: Path) -> Path:

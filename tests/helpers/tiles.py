@@ -1,6 +1,6 @@
 """Tiles and targets for tests, and the exact states of laminates."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -8,10 +8,15 @@ import pytest
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
+from toros_fem.design.loop import optimize
+from toros_fem.design.options import Stage
 from toros_fem.materials import Composite, Material
 from toros_fem.mechanics.periodicity import UNIAXIAL, Periodic
 from toros_fem.meshes import Tile, sew, tile
+from toros_fem.tiles.as_printed import PrintSimulation
+from toros_fem.tiles.case import TileCase, TileConfig, TileResult, tile_problem
 from toros_fem.tiles.objectives import Contrast, ProfileTarget
+from toros_fem.tiles.printed_tile import MEMBRANE, PrintedTile
 from toros_fem.tiles.solver import TileSolver
 from toros_fem.tiles.stiffness_profile import Profile, ProfileSolver
 
@@ -225,3 +230,42 @@ def stripes(tile: Tile, count: int, printed: int, diagonal: bool = False) -> np.
     place = tile.pattern.centroids / np.diagonal(tile.lattice)
     across = place.sum(axis=1) if diagonal else place[:, 1]
     return (np.floor(count * across) % count < printed).astype(float)
+
+
+def printed_tile(comm: MPI.Comm) -> PrintedTile:
+    """Return an oblong tile with a random print (collective)."""
+    size, edge_length, mesh = (0.012, 0.008), 1e-3, "unstructured"
+    count = len(tile(comm, size, edge_length, mesh).wraps)
+    printed = np.random.default_rng(0).random(count) < 0.4
+    composite = replace(MEMBRANE, fabric=replace(MEMBRANE.fabric, thickness=3e-4))
+    return PrintedTile(printed, size, edge_length, mesh, composite=composite)
+
+
+def small_case(comm: MPI.Comm, edge_length: float = 0.8e-3) -> TileCase:
+    """Return a tetragonal tile of 1 cm on three meshes, with a target in four directions."""
+    coarse, own, fine = (
+        tile(comm, 0.01, factor * edge_length, "crossed", "tetragonal") for factor in (2, 1, 0.5)
+    )
+    target = ProfileTarget(np.array([2000.0, 1000.0, 500.0, 400.0]))
+    return TileCase(own, np.linspace(0, np.pi / 4, 4), target, "tetragonal", coarse, fine)
+
+
+SMALL = TileConfig(
+    filter_radius=2e-3,
+    starts=2,
+    trial_iterations=2,
+    iterations=2,
+    finish_iterations=2,
+    corrections=1,
+    correction_iterations=2,
+)
+
+
+@cache
+def small_result() -> tuple[TileCase, TileResult]:
+    """Return the small case and the print of a design after two steps (collective)."""
+    comm = MPI.COMM_WORLD
+    case = small_case(comm)
+    problem = tile_problem(comm, case, SMALL)
+    result = optimize(problem, [Stage(2, 80.0, constrained=True)], seed=4)
+    return case, PrintSimulation(comm, case, SMALL).simulate(problem, result)

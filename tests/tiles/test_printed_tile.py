@@ -1,4 +1,4 @@
-"""A printed tile as a file: written, read, and refused where it is not one."""
+"""Files of printed tiles: written, read, and rejected if they are not valid."""
 
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -6,10 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import printed_tile, shared
+from helpers.scenes import shared
+from helpers.tiles import printed_tile
 from mpi4py import MPI
 
 from toros_fem import errors
+from toros_fem.materials import Bladder, Composite
 from toros_fem.tiles.printed_tile import NAME, PrintedTile, read_tile, write_tile
 
 
@@ -23,14 +25,13 @@ def test_file_round_trip(comm: MPI.Comm, tmp_path: Path) -> None:
     one, two = asdict(found), asdict(made)
     del one["printed"], two["printed"]
     assert one == two
-    assert found.composite == made.composite
-    assert found.composite.bending is None
     assert found.composite.fabric.thickness == 3e-4
+    assert found.composite.reinforcement.thickness == 5e-4
     assert len(found.tile(comm).wraps) == len(made.printed)
 
 
 def write_entries(comm: MPI.Comm, folder: Path, made: PrintedTile, **changes: Any) -> Path:
-    """What `write_tile` writes, with changes; None leaves an entry out."""
+    """Write a printed tile with changed entries; None leaves one out."""
     if comm.rank == 0:
         write_tile(folder, made)
         with np.load(folder / NAME) as archive:
@@ -44,11 +45,11 @@ def write_entries(comm: MPI.Comm, folder: Path, made: PrintedTile, **changes: An
     ("changes", "message"),
     [
         ({"size_x": None, "c1": None}, r"tile.npz lacks size_x, c1\. Write it by .*write_tile"),
-        ({"size_y": -0.01}, "holds no printed tile: size_y = -0.01 .* greater than 0"),
-        ({"poisson": 0.7}, "poisson = 0.7 must be a finite number, between 0 and 0.5"),
+        ({"size_y": -0.01}, "contains no printed tile: size_y = -0.01 .* greater than 0"),
+        ({"fabric_poisson": 0.7}, "poisson = 0.7 must be a finite number, between 0 and 0.5"),
         ({"c1": 0.9}, "c1 = 0.9 must be .* greater than 1"),
-        ({"thickness": "thin"}, "holds no printed tile: could not convert"),
-        ({"edge_length": [1e-3, 1e-3]}, "holds no printed tile: .* size 1"),
+        ({"reinforcement_thickness": "thin"}, "contains no printed tile: could not convert"),
+        ({"edge_length": [1e-3, 1e-3]}, "contains no printed tile: .* size 1"),
         ({"mesh": "hexagons"}, "mesh = 'hexagons' must be one of"),
         ({"symmetry": "chiral"}, "cannot be chiral"),
         ({"printed": np.zeros(5)}, r"printed is float64 of shape \(5,\); it must be bool"),
@@ -60,7 +61,25 @@ def test_bad_files(comm: MPI.Comm, tmp_path: Path, changes: dict[str, Any], mess
         read_tile(comm, folder)
 
 
-def test_what_is_no_file_or_of_another_mesh(comm: MPI.Comm, tmp_path: Path) -> None:
+def test_file_of_an_earlier_version(comm: MPI.Comm, tmp_path: Path) -> None:
+    """Such files have one Poisson's ratio and one thickness for both materials."""
+    names = [f"{m}_{p}" for m in ("fabric", "reinforcement") for p in ("poisson", "thickness")]
+    changes = {**dict.fromkeys(names), "poisson": 0.4, "thickness": 2e-4}
+    folder = write_entries(comm, shared(comm, tmp_path), printed_tile(comm), **changes)
+    composite = read_tile(comm, folder).composite
+    for material in (composite.fabric, composite.reinforcement):
+        assert (material.poisson, material.thickness) == (0.4, 2e-4)
+    assert (composite.fabric.young, composite.reinforcement.young) == (0.1e6, 26e6)
+
+
+def test_bad_materials(comm: MPI.Comm) -> None:
+    made = printed_tile(comm)
+    for composite in (Composite(), Composite(bending=None, bladder=Bladder(1e6, 1e-4))):
+        with pytest.raises(errors.ParameterError, match="a printed tile is a membrane"):
+            replace(made, composite=composite)
+
+
+def test_no_tile_or_another_mesh(comm: MPI.Comm, tmp_path: Path) -> None:
     folder, made = shared(comm, tmp_path), printed_tile(comm)
     with pytest.raises(errors.TileFileError, match=r"tile.npz cannot be read: .* demos/tile.py"):
         read_tile(comm, folder)
@@ -77,5 +96,5 @@ def test_what_is_no_file_or_of_another_mesh(comm: MPI.Comm, tmp_path: Path) -> N
     comm.barrier()
     with pytest.raises(errors.TileFileError, match="tile.npz cannot be read"):
         read_tile(comm, folder)
-    with pytest.raises(errors.DensityError, match=r"printed tells of 3 triangles, .* has \d+\."):
+    with pytest.raises(errors.DensityError, match=r"printed has 3 triangles, but .* has \d+\."):
         replace(made, printed=np.ones(3, dtype=bool)).tile(comm)

@@ -1,19 +1,20 @@
-"""A sheet between clamps, and the tile that repeats: exact where they can be."""
+"""Pull tests of sheets and predictions by the periodic tile, against exact laws."""
 
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import TABLE_A, printed_tile, table
+from helpers.scenes import TABLE_A, table
+from helpers.tiles import printed_tile
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from demos import sample as demo
+from demos import tile_sheet as demo
 from toros_fem import errors
 from toros_fem.materials import Composite
 from toros_fem.meshes import rectangle, sew, tile
 from toros_fem.tiles.pull_test import PullTest, predict, pull, pull_sheet
-from toros_fem.tiles.sheet import resampled, sheet_of
+from toros_fem.tiles.sheet import remesh, tile_sheet
 
 SIZE = 0.01
 STRAIN = 0.1
@@ -21,7 +22,7 @@ PLAIN = Composite(fabric=TABLE_A, c1=1.8, c2=2.0, bending=None)
 
 
 def exact(kind: str) -> tuple[float, float]:
-    """Stress in N/m and contraction of the plain fabric at a strain of 10 %."""
+    """Return stress in N/m and contraction of the plain fabric at a strain of 10 %."""
     if kind == "uniaxial":
         rows = [r for r in table("gent_uniaxial") if r["mat"] == "A"]
         row = min(rows, key=lambda r: abs(float(r["stretch"]) - 1 - STRAIN))
@@ -35,7 +36,7 @@ def exact(kind: str) -> tuple[float, float]:
 
 
 def pulled_fabric(comm: MPI.Comm, ratio: float, axis: int, **changes: Any) -> PullTest:
-    """A plain sheet so many times as long as wide."""
+    """Pull a plain sheet with this ratio of length to width."""
     sides = (ratio * SIZE, SIZE)
     pattern = rectangle(comm, *(sides if axis == 0 else sides[::-1]), min(sides) / 5, "crossed")
     skin = sew(comm, pattern)
@@ -46,7 +47,7 @@ def pulled_fabric(comm: MPI.Comm, ratio: float, axis: int, **changes: Any) -> Pu
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_plain_fabric_lies_between_uniaxial_and_clamped(comm: MPI.Comm, axis: int) -> None:
-    """And what the clamps add to a long sheet falls with its length."""
+    """The excess stress due to the clamps is inversely proportional to the length."""
     free, contraction = exact("uniaxial")
     clamped, _ = exact("plane strain")
     excess = []
@@ -57,14 +58,14 @@ def test_plain_fabric_lies_between_uniaxial_and_clamped(comm: MPI.Comm, axis: in
         excess.append(test.curve.stress[-1] / free - 1)
     assert excess[0] > 0.04
     assert excess[2] == pytest.approx(excess[1] / 2, rel=0.05)
-    # Far from the clamps the fabric does not know of them.
-    assert test.poisson[-1] == pytest.approx(contraction, rel=1e-4)
-    assert test.middle[-1] > STRAIN
+    # Far from the clamps the state is uniaxial.
+    assert test.middle_contraction[-1] == pytest.approx(contraction, rel=1e-4)
+    assert test.middle_strain[-1] > STRAIN
     assert test.curve.contraction[-1] > contraction
 
 
-def test_plain_fabric_wholly_clamped_is_exact_when_wide(comm: MPI.Comm) -> None:
-    """What the free sides take off falls with the width."""
+def test_wide_plain_fabric_is_wholly_clamped(comm: MPI.Comm) -> None:
+    """The lack of stress due to the free sides is inversely proportional to the width."""
     clamped, _ = exact("plane strain")
     lack = [1 - pulled_fabric(comm, r, 0, gauge=r * SIZE).curve.stress[-1] / clamped
             for r in (1 / 4, 1 / 8)]  # fmt: skip
@@ -97,27 +98,29 @@ def test_prediction_of_plain_fabric_is_exact(comm: MPI.Comm, axis: int) -> None:
 
 
 def test_cross_lines_alike_along_x_and_y(comm: MPI.Comm) -> None:
-    """A tile with the symmetry of a square, coarser than it was drawn; forces at both ends."""
-    drawn = demo.cross_lines(comm)
-    coarse = resampled(comm, drawn, SIZE / 14)
+    """The sheets of a square tile, on a coarser mesh than its own, agree in both directions."""
+    drawn = demo.cross_tile(comm)
+    coarse = remesh(comm, drawn, SIZE / 14)
     mesh = coarse.tile(comm)
     assert mesh.pattern.areas[coarse.printed].sum() == pytest.approx(
         drawn.tile(comm).pattern.areas[drawn.printed].sum(), rel=1e-9
-    ), "its lines follow both meshes"
+    ), "its lines lie on edges of both meshes"
     strains = np.array([0.05, STRAIN])
     along_x, along_y = (
-        pull_sheet(comm, sheet_of(mesh, name, 4, 2), mesh, coarse, strains) for name in "xy"
+        pull_sheet(comm, tile_sheet(mesh, name, 4, 2), mesh, coarse, strains) for name in "xy"
     )
     for one in (along_x, along_y):
         assert one.test.imbalance < 1e-8
-        metrics = one.metrics()
-        assert metrics["stiffness_ratio"] > 1.1
-        assert 0 < metrics["middle"]["contraction"] < metrics["contraction"]
-        assert metrics["middle"]["strain"] > STRAIN
+        summary = one.summary()
+        assert summary["stiffness_ratio"] > 1.1
+        assert 0 < summary["middle"]["contraction"] < summary["contraction"]
+        assert summary["middle"]["strain"] > STRAIN
     assert along_x.predicted.stress == pytest.approx(along_y.predicted.stress, rel=1e-8)
     assert along_x.test.curve.stress == pytest.approx(along_y.test.curve.stress, rel=1e-8)
-    assert along_x.test.poisson == pytest.approx(along_y.test.poisson, rel=1e-8)
-    assert np.diff(along_x.predicted.stiffness) > 0, "the lines turn towards the pull"
+    assert along_x.test.middle_contraction == pytest.approx(
+        along_y.test.middle_contraction, rel=1e-8
+    )
+    assert np.diff(along_x.predicted.stiffness) > 0, "the lines rotate towards the pull"
 
 
 def test_ranks_agree(comm: MPI.Comm) -> None:
@@ -126,13 +129,13 @@ def test_ranks_agree(comm: MPI.Comm) -> None:
     made = printed_tile(comm)
     mesh = made.tile(comm)
     both, alone = (
-        pull_sheet(c, sheet_of(mesh, "y", 2, 1), mesh, made, np.array([STRAIN]))
+        pull_sheet(c, tile_sheet(mesh, "y", 2, 1), mesh, made, np.array([STRAIN]))
         for c in (comm, MPI.COMM_SELF)
     )
     assert both.test.positions == pytest.approx(alone.test.positions, abs=1e-9 * SIZE)
     assert both.test.forces == pytest.approx(alone.test.forces, abs=1e-8)
     assert both.predicted.stress == pytest.approx(alone.predicted.stress, rel=1e-8)
-    assert both.metrics()["middle"] == pytest.approx(alone.metrics()["middle"], rel=1e-6)
+    assert both.summary()["middle"] == pytest.approx(alone.summary()["middle"], rel=1e-6)
 
 
 def test_bad_pulls(comm: MPI.Comm) -> None:
