@@ -94,7 +94,7 @@ class TileDemoConfig(TileConfig):
 def coarse(config: TileDemoConfig) -> TileDemoConfig:
     """Return the quick variant: longer edges, a larger filter radius, fewer starts and steps."""
     return config.updated(
-        edge_length=0.2e-3, filter_radius=0.8e-3, starts=5, trial_iterations=12, iterations=16
+        edge_length=0.2e-3, filter_radius=0.8e-3, starts=5, trial_iterations=12, draft_iterations=16
     )
 
 

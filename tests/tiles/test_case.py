@@ -33,7 +33,7 @@ def test_bad_numbers(changes: dict[str, Any], message: str) -> None:
 def test_parts_of_the_problem(comm: MPI.Comm) -> None:
     """Only requested parts are built, with the numbers of the configuration."""
     case = small_case(comm)
-    config = SMALL.updated(constrained_iterations=0, beta=7.0, eta=0.4)
+    config = SMALL.updated(constrained=False, beta=7.0, eta=0.4)
     plain = tile_problem(comm, case, config)
     assert plain.perimeter is None
     assert plain.perimeter_weight is None

@@ -71,8 +71,8 @@ def test_contrast_needs_no_correction(comm: MPI.Comm) -> None:
     case = small_case(comm, 1e-3)
     stiff = np.array([True, False, False, False])
     case = replace(case, objective=Contrast(~stiff, stiff))
-    config = SMALL.updated(filter_radius=2.5e-3, starts=1, trial_iterations=1, iterations=1,
-                           finish_iterations=1, constrained_iterations=0)  # fmt: skip
+    config = SMALL.updated(filter_radius=2.5e-3, starts=1, trial_iterations=1, draft_iterations=1,
+                           finish_iterations=1, constrained=False)  # fmt: skip
     found = design_tile(comm, case, config)
     assert found.deviations == ()
     assert found.profile is not None
@@ -85,9 +85,9 @@ def test_failed_starts_are_left_out(comm: MPI.Comm, monkeypatch: pytest.MonkeyPa
     config = SMALL.updated(
         starts=4,
         trial_iterations=1,
-        iterations=1,
+        draft_iterations=1,
         finish_iterations=1,
-        constrained_iterations=0,
+        constrained=False,
         corrections=0,
         tolerance=20.0,
     )
@@ -123,8 +123,8 @@ def test_no_start_has_an_equilibrium(comm: MPI.Comm, monkeypatch: pytest.MonkeyP
 def test_second_draft(comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is tried if the print of the first is far from the target or has no equilibrium."""
     case = small_case(comm, 1e-3)
-    config = SMALL.updated(starts=3, filter_radius=2.5e-3, trial_iterations=1, iterations=1,
-                           constrained_iterations=0)  # fmt: skip
+    config = SMALL.updated(starts=3, filter_radius=2.5e-3, trial_iterations=1, draft_iterations=1,
+                           constrained=False)  # fmt: skip
     islands = iter([1, 2, 0])
     monkeypatch.setattr(search, "island_areas", lambda *_: [1.0] * next(islands, 0))
     run = search._best_starts

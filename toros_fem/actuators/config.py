@@ -16,7 +16,7 @@ from toros_fem.mma.optimizer import MMAOptions
 
 @dataclass(frozen=True)
 class ActuatorConfig(DesignConfig):
-    """Pressure, bladder, bending and the steps after the design loop; SI units.
+    """Pressure, bladder, bending, and the steps of each part of the design; SI units.
 
     Raises:
         ParameterError: A value has another type, or is outside its bounds; or only one of the two
@@ -42,6 +42,10 @@ class ActuatorConfig(DesignConfig):
         Bending.curvature, "curvature term of the sheet; none for a membrane", choices=CURVATURES
     )
     seams: str = quantity(Bending.seams, "how seams carry moments", choices=SEAMS)
+    iterations: int = quantity(60, "steps before the width constraints act", at_least=1)
+    constrained_iterations: int = quantity(
+        40, "steps with the width constraints; 0 leaves them out", at_least=0
+    )
     polish_iterations: int = quantity(
         20, "steps after all free islands are removed or joined; 0 leaves them", at_least=0
     )

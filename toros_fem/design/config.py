@@ -1,4 +1,4 @@
-"""The configuration that all designs have in common: materials, filter, penalties and loop."""
+"""The configuration that all designs have in common: materials, filter and penalties."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from toros_fem.materials import Composite, Material
 
 @dataclass(frozen=True)
 class DesignConfig(Config):
-    """Materials, filter, penalties and design loop; SI units."""
+    """Materials, filter, penalties, print limits and seed; SI units."""
 
     fabric_young: float = quantity(0.1e6, "Young's modulus of the fabric", "Pa", above=0)
     reinforcement_young: float = quantity(
@@ -37,10 +37,6 @@ class DesignConfig(Config):
     perimeter_window: float = quantity(1.0, "radius of the perimeter's window over R", above=0)
     perimeter_sharpness: float = quantity(0.5, "w of eq. (15)", above=0)
     move_limit: float = quantity(0.2, "largest change of a density in one step", above=0, at_most=1)
-    iterations: int = quantity(60, "steps before the width constraints act", at_least=1)
-    constrained_iterations: int = quantity(
-        40, "steps with the width constraints; 0 leaves them out", at_least=0
-    )
     island_area: float = quantity(
         20e-6, "free islands smaller than this are not printed", "m²", at_least=0
     )

@@ -43,7 +43,7 @@ class TileConfig(DesignConfig):
     trial_iterations: int = quantity(
         12, "largest number of steps of each start, at β and again at 4 β", at_least=1
     )
-    iterations: int = quantity(
+    draft_iterations: int = quantity(
         40, "largest number of further steps of the two best starts, coarse mesh", at_least=1
     )
     finish_iterations: int = quantity(
@@ -58,14 +58,7 @@ class TileConfig(DesignConfig):
     tolerance: float = quantity(
         0.02, "relative deviation of a printed stiffness that needs no correction", above=0
     )
-    constrained_iterations: int = quantity(
-        1, "1: width constraints in all steps; 0 leaves them out", at_least=0, at_most=1
-    )
-
-    @property
-    def constrained(self) -> bool:
-        """Whether the width constraints are enforced."""
-        return self.constrained_iterations > 0
+    constrained: bool = quantity(True, "width constraints in all steps")
 
     @property
     def print_limits(self) -> PrintLimits:

@@ -72,7 +72,7 @@ def design_tile(
     )
     options = replace(rules, stages=trial)
     finalists, trials = _best_starts(problem, coarse.tile, c, options, callback)
-    longer = Stage(c.iterations, DRAFT_BETA * c.beta, constrained=c.constrained)
+    longer = Stage(c.draft_iterations, DRAFT_BETA * c.beta, constrained=c.constrained)
     options = replace(rules, stages=(longer,))
     drafts = [optimize(problem, options, callback=callback, after=one) for one in finalists]
     drafts.sort(key=lambda one: _rated(problem, coarse.tile, rules, one)[0])
