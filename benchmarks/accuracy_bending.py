@@ -9,7 +9,7 @@ import numpy.typing as npt
 from accuracy_case import Case, Measured, timed
 from accuracy_scenes import COMM, entry
 from accuracy_sheets import (
-    TileSheet,
+    Sheet,
     elastic,
     jittered,
     line_force,
@@ -51,7 +51,7 @@ def plate(borders: str, formulation: str, mesh: str, size: int) -> Measured:
     supports = hold(pattern, border, (0, 1, 2))
     if borders == "clamped":
         supports = build_in(pattern, border)
-    sheet = TileSheet(pattern, elastic(young, poisson, thickness, formulation), supports)
+    sheet = Sheet(pattern, elastic(young, poisson, thickness, formulation), supports)
     D = young * thickness**3 / 12 / (1 - poisson**2)
     # Deflected by so little of its thickness that stretching plays no part.
     pressure = 3e-3 * thickness * D / 0.0041
@@ -79,10 +79,10 @@ def rolled_energy(formulation: str, mesh: str, size: int) -> Measured:
     normal = np.column_stack([-np.sin(middle), 0 * middle, np.cos(middle)])
     planes = np.cross(points[border[:, 1]] - points[border[:, 0]], normal)
     fixed = Supports(np.ones((len(points), 3), dtype=bool), border, planes)
-    sheet = TileSheet(pattern, elastic(young, 0.0, thickness, formulation), fixed)
+    sheet = Sheet(pattern, elastic(young, 0.0, thickness, formulation), fixed)
     result, seconds = timed(lambda: sheet.bend(None))
     # What the chords stretch is taken off.
-    plain = TileSheet(pattern, elastic(young, 0.0, 1e-6 * thickness, formulation), fixed).bend(None)
+    plain = Sheet(pattern, elastic(young, 0.0, 1e-6 * thickness, formulation), fixed).bend(None)
     energy = result.energy - 1e6 * plain.energy
     return Measured(energy / (young * thickness**3 / 24 * bend**2), len(flat.panel), seconds)
 
@@ -105,7 +105,7 @@ def rolled_up(formulation: str, mesh: str, size: int) -> Measured:
         normals = np.tile([np.cos(angle), 0, np.sin(angle)], (len(border), 1))
         turned = Supports(np.zeros((len(x), 3), dtype=bool), border, normals)
         fixed = build_in(pattern, root) | turned
-        sheet = TileSheet(pattern, elastic(1.2e6, 0.0, 0.1, formulation), fixed)
+        sheet = Sheet(pattern, elastic(1.2e6, 0.0, 0.1, formulation), fixed)
         if state is None:
             state = sheet.solver.model.assembled
         result, time = timed(partial(sheet.bend, None, state))
@@ -119,7 +119,7 @@ def sheared(formulation: str, mesh: str, size: int) -> Measured:
     x = pattern.points[:, 0]
     root, tip = x < 1e-9, x > 10 - 1e-9
     composite = elastic(1.2e6, 0.0, 0.1, formulation)
-    sheet = TileSheet(pattern, composite, build_in(pattern, root))
+    sheet = Sheet(pattern, composite, build_in(pattern, root))
     force = line_force(pattern, tip, np.array([0, 0, 4.0]))
     _, seconds = timed(lambda: [sheet.bend(share * force) for share in (0.1, 0.25, 0.5, 1.0)])
     return Measured(sheet.positions()[tip, 2].mean(), len(pattern.panel), seconds)
@@ -136,7 +136,7 @@ def slit_annulus(formulation: str, mesh: str, size: int) -> Measured:
     pattern = warped(grid, warp)
     root, slit = grid.flat_points[:, 0] < 1e-9, grid.flat_points[:, 0] > 12 - 1e-9
     composite = elastic(21e6, 0.0, 0.03, formulation)
-    sheet = TileSheet(pattern, composite, build_in(pattern, root))
+    sheet = Sheet(pattern, composite, build_in(pattern, root))
     force = line_force(pattern, slit, np.array([0, 0, 0.8]))
     shares = (0.025, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
     _, seconds = timed(lambda: [sheet.bend(share * force) for share in shares])
@@ -157,7 +157,7 @@ def pulled_cylinder(formulation: str, mesh: str, size: int) -> Measured:
     u, v = pattern.flat_points.T
     supports = symmetry_plane(pattern, 0) | symmetry_plane(pattern, 1) | symmetry_plane(pattern, 2)
     composite = elastic(10.5e6, 0.3125, 0.094, formulation, rest="assembled")
-    sheet = TileSheet(pattern, composite, supports)
+    sheet = Sheet(pattern, composite, supports)
     top = int(np.argmin(u + v))
     force = np.zeros((len(u), 3))
     force[top, 2] = 40000 / 4

@@ -72,8 +72,8 @@ def stress(mesh: str, count: int, along: float, across: float | None, axis: int)
     """Nominal stress in Pa across the border that the axis points at, from the supports' pull."""
     found = pulled(mesh, count, along, across)
     side = found.pattern.flat_points[:, axis] > (LENGTH, WIDTH)[axis] - 1e-9
-    sheet_stiffness = (WIDTH, LENGTH)[axis] * THICKNESS
-    return found.measured(found.reactions[side, axis].sum() / sheet_stiffness)
+    cross_section = (WIDTH, LENGTH)[axis] * THICKNESS
+    return found.measured(found.reactions[side, axis].sum() / cross_section)
 
 
 def width(mesh: str, count: int, along: float) -> Measured:

@@ -206,8 +206,8 @@ def polygonal_helix(sides: int) -> Measured:
     """Twist over that by which the straight edges along the lines keep their length."""
     found, around, along, twist = turned_helix(sides)
     width, height = helical_cell(sides)
-    modified = np.sqrt(width**2 + height**2 * (1 - along**2))
-    between = 2 * np.arcsin(modified / (2 * around * RADIUS))
+    chord = np.sqrt(width**2 + height**2 * (1 - along**2))
+    between = 2 * np.arcsin(chord / (2 * around * RADIUS))
     return found.measured(twist / ((between - 2 * np.pi / sides) * RADIUS / height))
 
 

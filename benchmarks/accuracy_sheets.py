@@ -66,7 +66,7 @@ def value_at(pattern: Pattern, values: Floats, place: Floats) -> float:
     return float(np.linalg.lstsq(columns, values[pattern.sewn[near]], rcond=None)[0][0])
 
 
-class TileSheet:
+class Sheet:
     """A sheet in its supports, and its last equilibrium.
 
     Args:
