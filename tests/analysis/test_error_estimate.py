@@ -36,6 +36,7 @@ def test_refinement_keeps_the_skin(comm: MPI.Comm, mesh: str) -> None:
     assert finer.at_vertices(field) == pytest.approx(fine.points @ [1.0, -2.0, 0.5], abs=1e-15)
 
 
+@pytest.mark.slow
 def test_estimate_covers_the_error_on_the_tube(comm: MPI.Comm) -> None:
     """Against a mesh refined twice."""
     reached = []

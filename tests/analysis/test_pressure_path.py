@@ -2,10 +2,14 @@
 
 import numpy as np
 import pytest
+from helpers.scenes import TABLE_A
+from mpi4py import MPI
 
 from toros_fem.analysis.pressure_path import trace_pressure_path
-from toros_fem.equilibrium.solver import EquilibriumSolver
-from toros_fem.meshes import Skin
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.materials import Composite
+from toros_fem.mechanics.supports import clamp
+from toros_fem.meshes import Skin, cylinder, sew
 
 
 def test_a_path_is_followed(tube: Skin, tube_solver: EquilibriumSolver) -> None:
@@ -16,3 +20,16 @@ def test_a_path_is_followed(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     assert [point.result.pressure for point in points] == [500.0, 1e3, 2e3]
     begun = list(trace_pressure_path(tube_solver, density, [2e3], start=alone.positions))
     assert begun[0].result.steps <= 1
+
+
+@pytest.mark.slow
+def test_a_path_names_the_point_where_it_ends(comm: MPI.Comm) -> None:
+    """Without a barrier in reach a tube has a limit pressure: what comes before is yielded."""
+    pattern = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured")
+    skin = sew(comm, pattern)
+    composite = Composite(fabric=TABLE_A, c1=1e5, c2=1e5, bending=None)
+    solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
+    path = trace_pressure_path(solver, np.zeros(len(skin.owned_cells)), [1e3, 3e3])
+    assert next(path).result.pressure == 1e3
+    with pytest.raises(EquilibriumError, match="the path ends between 1000 and 3000 Pa, after"):
+        next(path)
