@@ -1,6 +1,7 @@
 """The package works as a wheel, as an editable install, and from the checkout."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -22,7 +23,10 @@ def dotted(path: Path) -> str:
 
 
 FILES = [p for folder in ("toros_fem", "forms", "meshes") for p in (ROOT / folder).rglob("*.py")]
-PICTURES = sorted(dotted(p) for p in FILES if "import matplotlib" in p.read_text(encoding="utf-8"))
+DRAWS = re.compile(
+    r"^(from|import) (matplotlib|mpl_toolkits|toros_fem\.output\.drawing)", re.MULTILINE
+)
+PICTURES = sorted(dotted(p) for p in FILES if DRAWS.search(p.read_text(encoding="utf-8")))
 OTHERS = sorted({dotted(p) for p in FILES} - set(PICTURES))
 # Every module of every room is imported, those that draw after all others.
 CHECK = f"""
