@@ -19,6 +19,10 @@ from toros_fem.forms.blocks import (
 A, B = (1.0, -2.0, 0.5), (0.3, 4.0, -1.0)
 
 
+def rows(matrix: np.ndarray) -> list[list[float]]:
+    return [[float(entry) for entry in row] for row in matrix]
+
+
 def test_upper_triangle_of_added_blocks() -> None:
     """Blocks that are added at (u, v) or at (v, u) make the same symmetric matrix."""
     rng = np.random.default_rng(0)
@@ -26,9 +30,9 @@ def test_upper_triangle_of_added_blocks() -> None:
     whole += whole.T
     blocks = Blocks(2)
     for u, v in ((0, 0), (1, 0), (1, 1)):  # (1, 0): below the diagonal
-        blocks.add(u, v, whole[3 * u : 3 * u + 3, 3 * v : 3 * v + 3])
+        blocks.add(u, v, rows(whole[3 * u : 3 * u + 3, 3 * v : 3 * v + 3]))
     assert blocks.upper() == pytest.approx(whole[np.triu_indices(6)])
-    blocks.add(0, 1, whole[:3, 3:])
+    blocks.add(0, 1, rows(whole[:3, 3:]))
     double = whole.copy()
     double[:3, 3:] *= 2
     assert blocks.upper() == pytest.approx(double[np.triu_indices(6)])
@@ -36,7 +40,7 @@ def test_upper_triangle_of_added_blocks() -> None:
 
 def test_entries_without_a_block_are_zero() -> None:
     blocks = Blocks(2)
-    blocks.add(0, 0, np.eye(3))
+    blocks.add(0, 0, rows(np.eye(3)))
     assert sum(blocks.upper()) == 3
     assert len(blocks.upper()) == 21
 
@@ -59,4 +63,4 @@ def test_vectors() -> None:
     assert dot(A, B) == pytest.approx(a @ b)
     assert np.array(skew(A)) @ b == pytest.approx(np.cross(a, b))
     one, two = np.arange(9.0).reshape(3, 3), np.ones((3, 3)) + np.eye(3)
-    assert np.array(matrix_product(one.tolist(), two.tolist())) == pytest.approx(one @ two)
+    assert np.array(matrix_product(rows(one), rows(two))) == pytest.approx(one @ two)

@@ -4,22 +4,26 @@ import numpy as np
 import pytest
 import ufl
 
-from toros_fem.forms.blocks import components, cross, minus
+from toros_fem.forms.blocks import Vector, cross, minus
 from toros_fem.forms.hinge import HalfHinge, Mirror, hinge, reflected
 
-Points = np.ndarray
 FLAT = np.array([[0, 0, 0], [1, 0, 0], [0.3, 0.8, 0], [0.6, -0.7, 0]], dtype=float)
 BENT = FLAT + 0.2 * np.random.default_rng(4).standard_normal((4, 3))
 
 
-def angle_and_gradient(points: Points) -> tuple[float, np.ndarray]:
+def tuples(points: np.ndarray) -> list[Vector]:
+    """Points as the forms take them."""
+    return [(float(x), float(y), float(z)) for x, y, z in points]
+
+
+def angle_and_gradient(points: np.ndarray) -> tuple[float, np.ndarray]:
     angle, gradient = hinge(*[ufl.as_vector(p.tolist()) for p in points])
     return float(angle(())), np.array([[float(g[k](())) for k in range(3)] for g in gradient])
 
 
-def hessian(points: Points) -> np.ndarray:
+def hessian(points: np.ndarray) -> np.ndarray:
     """Assembled from both halves, (4, 3, 4, 3)."""
-    a, b, c, d = (tuple(map(float, p)) for p in points)
+    a, b, c, d = tuples(points)
     edge = minus(b, a)
     halves = (
         (HalfHinge(a, c, cross(edge, minus(c, a)), edge), (0, 1, 2)),
@@ -66,11 +70,11 @@ def test_hessian_by_differences() -> None:
             moved[at] += sign * step
             ends.append(angle_and_gradient(moved)[1])
         expected = (ends[0] - ends[1]) / (2 * step)
-        assert closed[(slice(None), slice(None), *at)] == pytest.approx(expected, abs=2e-8)
+        assert closed[:, :, at[0], at[1]] == pytest.approx(expected, abs=2e-8)
 
 
 def test_gradient_of_a_half_equals_that_of_the_angle() -> None:
-    a, b, c, _ = (tuple(map(float, p)) for p in BENT)
+    a, b, c, _ = tuples(BENT)
     edge = minus(b, a)
     half = HalfHinge(a, c, cross(edge, minus(c, a)), edge)
     _, gradient = angle_and_gradient(BENT)
@@ -83,14 +87,13 @@ def test_mirrored_flap() -> None:
     expected = at - 2 * normal * (normal @ (at - through))
     by_ufl = reflected(*[ufl.as_vector(p.tolist()) for p in (at, through, normal)])
     assert [float(by_ufl[k](())) for k in range(3)] == pytest.approx(expected)
-    mirror = Mirror(tuple(map(float, normal)))  # type: ignore[arg-type]
-    placed = mirror.place(tuple(at), tuple(through))  # type: ignore[arg-type]
-    assert np.array(placed, dtype=float) == pytest.approx(expected)
+    m, d, a = tuples(np.array([normal, at, through]))
+    mirror = Mirror(m)
+    assert np.array(mirror.place(d, a), dtype=float) == pytest.approx(expected)
     # A linear function g·d of the mirrored flap d, by the flap itself and by the plane's point.
     g = np.array([0.3, -1.0, 0.5])
-    by_flap, by_point = mirror.gradient(tuple(g))  # type: ignore[arg-type]
+    by_flap, by_point = mirror.gradient(tuples(g[None])[0])
     R = np.eye(3) - 2 * np.outer(normal, normal)
     assert np.array(by_flap, dtype=float) == pytest.approx(R @ g)
     assert np.array(by_point, dtype=float) == pytest.approx(g - R @ g)
-    none = Mirror((0.0, 0.0, 0.0))
-    assert components(none.place(tuple(at), tuple(through))) == pytest.approx(tuple(at))  # type: ignore[arg-type]
+    assert Mirror((0.0, 0.0, 0.0)).place(d, a) == pytest.approx(d)

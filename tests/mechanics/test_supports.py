@@ -177,7 +177,7 @@ def test_region_by_coordinates(comm: MPI.Comm) -> None:
     with pytest.raises(errors.ParameterError, match="holds no vertex; the skin spans"):
         clamp_where(pattern, lambda x: x[:, 2] > 1.0)
     with pytest.raises(errors.ParameterError, match="where returned float64"):
-        clamp_where(pattern, lambda x: x[:, 2])
+        clamp_where(pattern, lambda x: x[:, 2])  # type: ignore[arg-type, return-value]
 
 
 def test_supports_that_leave_a_rigid_motion(comm: MPI.Comm) -> None:
