@@ -8,14 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Ints
 from toros_fem.errors import ParameterError
 from toros_fem.fabrication.contours import panel_outline
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.topology import linked
 
 # Number of points on each pair of sewn edges where the print on both sides is looked up.
 SEAM_POINTS = 32
@@ -93,8 +92,7 @@ def find_pieces(pattern: Pattern, regions: Sequence[BaseGeometry]) -> list[Print
     main = np.zeros(len(parts), dtype=bool)
     main[np.unique(panel, return_index=True)[1]] = True
     links = _across_seams(pattern, parts, panel)
-    graph = coo_array((np.ones(len(links)), tuple(links.T)), shape=(len(parts), len(parts)))
-    body = connected_components(graph, directed=False)[1] if len(parts) else panel
+    body = linked(links[:, 0], links[:, 1], len(parts)) if len(parts) else panel
     attached = np.isin(body, body[main])
     return [
         PrintedPiece(int(p), part, bool(m), bool(a))

@@ -8,12 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 import shapely
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import Delaunay, cKDTree
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Bools, Floats, Ints
+from toros_fem.meshes.topology import linked
 
 # Two sides face each other if the path along the border from one to the other is longer than this
 # factor times their distance, and times the limit. For a wedge the ratio is cot(angle/2): corners,
@@ -207,18 +206,12 @@ def _thinnest(samples: _Samples, pairs: _Pairs, limit: float) -> list[tuple[Ints
     if not len(thin):
         thin = np.array([np.argmin(pairs.width)])
     ends, width = pairs.ends[thin], pairs.width[thin]
-    best = _leaders(width, _components(ends, len(samples.points))[ends[:, 0]])
+    best = _leaders(width, linked(ends[:, 0], ends[:, 1], len(samples.points))[ends[:, 0]])
     # A width that oscillates about the limit must not count as many places.
     middles = samples.points[ends[best]].mean(axis=1)
     near = cKDTree(middles).query_pairs(limit, output_type="ndarray")
-    best = best[_leaders(width[best], _components(near, len(best)))]
+    best = best[_leaders(width[best], linked(near[:, 0], near[:, 1], len(best)))]
     return [(ends[k], float(width[k])) for k in best]
-
-
-def _components(links: Ints, count: int) -> Ints:
-    """Return a label for each of `count` nodes, equal for nodes that links, (k, 2), connect."""
-    graph = coo_array((np.ones(len(links)), (links[:, 0], links[:, 1])), shape=(count, count))
-    return connected_components(graph, directed=False)[1].astype(np.int64)
 
 
 def _leaders(width: Floats, label: Ints) -> Ints:

@@ -140,7 +140,8 @@ def _panels(axes: Axes, pattern: Pattern, regions: Sequence[BaseGeometry]) -> li
 
 def _fit(figure: Figure, axes: Axes, size: float, extra: float) -> None:
     """Set the size of a figure in inches, from the panels' and extra height for titles."""
-    width, height = size * axes.dataLim.size / axes.dataLim.size.max()
+    extent = np.array([axes.dataLim.width, axes.dataLim.height])
+    width, height = size * extent / extent.max()
     figure.set_size_inches(max(width, size / 2) + 1.0, height + extra)
 
 
