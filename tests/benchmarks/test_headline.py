@@ -46,7 +46,7 @@ def test_documentation_publishes_the_same(name: str) -> None:
 
 
 def test_deviations_are_found() -> None:
-    figures = {"angle_deg": [180.0, 2.0], "design.angle_deg": [170.0, 1.0], "islands": [0, 0]}
+    figures = {"angle_deg": [180.0, 2.0], "design.angle_deg": [170.0, 1.0], "islands": [0.0, 0.0]}
     near = {"angle_deg": 181.9, "design": {"angle_deg": 169.1}, "islands": 0}
     assert not any(row["deviates"] for row in headline.compare(figures, near))
     far = {"angle_deg": 182.1, "design": {"angle_deg": 168.9}, "islands": 1}

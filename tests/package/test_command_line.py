@@ -194,7 +194,7 @@ def test_help_of_the_demos(
     monkeypatch.setattr(sys, "argv", [f"{name}.py", "--help"])
     with pytest.raises(SystemExit):
         run_from_command_line(
-            MPI.COMM_SELF, demo.__doc__, config, demo.run, Path("out"), sentence=str
+            MPI.COMM_SELF, str(demo.__doc__), config, demo.run, Path("out"), sentence=str
         )
     text = " ".join(capsys.readouterr().out.split()).replace("- ", "-")
     for field, (kind, _) in config.kinds().items():
