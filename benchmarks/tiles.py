@@ -1,13 +1,13 @@
-"""Run time against error of a tile's profile: one pattern on ever finer meshes.
+"""Run time against error of a tile's profile: the same patterns on finer and finer meshes.
 
     python benchmarks/tiles.py --quick
     python benchmarks/tiles.py --json tiles.json
 
-Three patterns on a tile of 1 cm: stripes, which every mesh has exactly; crossing lines whose
-borders lie on mesh lines; and rings, whose border is a staircase as a print's is. Pulled by 10 %
-at 0°, 15° and 45°. Errors are those against the limit extrapolated from the three finest meshes;
-seconds those of all three directions on one core, from the flat sheet, and again for a design near
-by with all gradients.
+Three patterns on a tile of 1 cm: stripes, which are exact on every mesh; crossing lines with
+borders on mesh lines; and rings, whose border is a staircase like that of a print. The pull is 10 %
+at 0°, 15° and 45°. Errors are relative to the limit extrapolated from the three finest meshes.
+Seconds are those of all three directions on one core: from the flat sheet, and from a similar
+design with all gradients.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ SIDE = 0.01
 STRAIN = 0.1
 ANGLES = np.radians([0.0, 15.0, 45.0])
 EDGES = (10, 20, 40, 80, 160)
-# In units of the side, x and y from 0 to 1.
+# Whether a point is printed; x and y are in units of the side.
 PATTERNS: dict[str, Inside] = {
     "stripes": lambda x, y: abs(y - 0.5) < 0.2,
     "lines": lambda x, y: (abs(x - 0.5) < 0.1) | (abs(y - 0.5) < 0.1),
@@ -49,12 +49,12 @@ PATTERNS: dict[str, Inside] = {
 
 
 def measure(pattern: str, edges: int) -> dict[str, Any]:
-    """One profile on one mesh: its stiffnesses in N/m, what it took."""
-    made = tile(MPI.COMM_SELF, SIDE, SIDE / edges)
-    skin = sew(MPI.COMM_SELF, made.pattern)
-    inside = PATTERNS[pattern](*(made.pattern.centroids.T / SIDE))
+    """Solve for one profile on one mesh; return stiffness in N/m, steps and seconds."""
+    patch = tile(MPI.COMM_SELF, SIDE, SIDE / edges)
+    skin = sew(MPI.COMM_SELF, patch.pattern)
+    inside = PATTERNS[pattern](*(patch.pattern.centroids.T / SIDE))
     density = inside[skin.owned_cells].astype(np.float64)
-    solver = TileSolver(skin, Composite(bending=None), Periodic(made))
+    solver = TileSolver(skin, Composite(bending=None), Periodic(patch))
     profile = ProfileSolver(solver, ANGLES, STRAIN)
     begin = time.perf_counter()
     found = profile.solve(density, gradients=False)
@@ -65,7 +65,7 @@ def measure(pattern: str, edges: int) -> dict[str, Any]:
     return {
         "pattern": pattern,
         "edges": edges,
-        "triangles": len(made.pattern.panel),
+        "triangles": len(patch.pattern.panel),
         "stiffness_n_per_m": found.stiffness.tolist(),
         "steps": found.steps,
         "steps_near": again.steps,
@@ -74,12 +74,12 @@ def measure(pattern: str, edges: int) -> dict[str, Any]:
     }
 
 
-def with_errors(rows: list[dict[str, Any]]) -> None:
-    """Errors against the limit of the finest three meshes, and observed orders, put in."""
+def add_errors(rows: list[dict[str, Any]]) -> None:
+    """Add errors against the limit of the three finest meshes, and observed orders, to rows."""
     values = np.array([row["stiffness_n_per_m"] for row in rows])
     first, second, last = values[-3:]
     steps = second - last
-    # Geometric: the gap shrinks by the same factor each time; where it does not, no limit is known.
+    # The limit of a geometric series. Where the differences do not shrink, the last value is taken.
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = (first - second) / steps
     limit = last - np.where(ratio > 1, steps / (ratio - 1), 0.0)
@@ -92,7 +92,7 @@ def with_errors(rows: list[dict[str, Any]]) -> None:
 
 
 def main() -> None:
-    """Command line."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -105,7 +105,7 @@ def main() -> None:
     print(f"pattern  edges triangles  {names}  steps  near  seconds   near, with gradients")
     for pattern in PATTERNS:
         part = [measure(pattern, count) for count in edges]
-        with_errors(part)
+        add_errors(part)
         rows += part
         for row in part:
             pairs = zip(row["stiffness_n_per_m"], row["error"], strict=True)

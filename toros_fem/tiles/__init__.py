@@ -1,5 +1,6 @@
 """Fabrics with designed stiffness: periodic tiles, their profiles, design and pull tests."""
 
+from toros_fem.mechanics.periodicity import ALL_PRESCRIBED, UNIAXIAL, Periodic
 from toros_fem.tiles.as_printed import PrintMeasurement, PrintSimulation, measure_print
 from toros_fem.tiles.case import TileCase, TileConfig, TileResult, tile_problem
 from toros_fem.tiles.islands import island_areas
@@ -27,7 +28,10 @@ from toros_fem.tiles.stiffness_profile import (
 )
 
 __all__ = [
+    "ALL_PRESCRIBED",
+    "UNIAXIAL",
     "Contrast",
+    "Periodic",
     "PrintMeasurement",
     "PrintSimulation",
     "PrintedTile",
