@@ -1,4 +1,4 @@
-"""How accurate are the shapes, and at what cost? Every case that has a known answer.
+"""Accuracy of the shapes and its cost, in all cases with a known answer.
 
     python benchmarks/accuracy.py --case plate-clamped
     python benchmarks/accuracy.py --quick --json rows.json
@@ -54,7 +54,7 @@ def measure(cases: list[Case], *, quick: bool) -> list[Row]:
 
 
 def complete(case: Case, rows: list[Row]) -> bool:
-    """Whether there is a row of each refinement."""
+    """Return whether there is a row for each refinement."""
     count = sum(row.case == case.name for row in rows)
     return count == len(case.formulations) * len(case.meshes) * len(case.sizes)
 

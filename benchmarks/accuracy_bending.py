@@ -36,7 +36,7 @@ SZE = "Sze, Liu & Lo 2004, Popular benchmark problems for geometric nonlinear an
 
 
 def hold(pattern: Pattern, vertices: Mask, components: tuple[int, ...]) -> Supports:
-    """Hold components of some vertices."""
+    """Fix components of some vertices."""
     fixed = np.zeros((len(pattern.points), 3), dtype=bool)
     fixed[np.ix_(np.flatnonzero(vertices), components)] = True
     return Supports(fixed)
@@ -88,7 +88,7 @@ def rolled_energy(formulation: str, mesh: str, size: int) -> Measured:
 
 
 def strip(length: float, mesh: str, size: int) -> Pattern:
-    """A strip of width 1 along x, with so many edges across."""
+    """Return a strip of width 1 along x, with a number of edges across."""
     return rectangle(COMM, length, 1.0, 1 / size, mesh)
 
 

@@ -1,4 +1,4 @@
-"""What `accuracy.py` verifies: a case is a quantity with a reference, on meshes to be refined."""
+"""Cases of `accuracy.py`: a quantity with a reference, on meshes that are refined."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ GROUPS = ("membrane", "bending", "patterns", "gradients")
 
 @dataclass(frozen=True)
 class Measured:
-    """What one run found.
+    """Result of one run.
 
     Attributes:
         value: The quantity, in the unit of the reference.
@@ -30,7 +30,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Case:
-    """A quantity that is known by other means.
+    """Quantity that is known by other means.
 
     Attributes:
         name: On the command line and in tables; words joined by hyphens.
@@ -106,19 +106,19 @@ def rows_of(case: Case, *, quick: bool = False) -> Iterator[Row]:
 
 
 def _order(last: Row | None, error: float, triangles: int) -> float | None:
-    """Order in the edge length, which goes with triangles^(-1/2); None below rounding."""
+    """Return the order in the edge length, triangles^(-1/2); None below rounding."""
     if last is None or min(error, last.relative_error) < 1e-12 or triangles == last.triangles:
         return None
     return float(2 * np.log(last.relative_error / error) / np.log(triangles / last.triangles))
 
 
 def timed(work: Callable[[], T]) -> tuple[T, float]:
-    """What a call returns and how long it took, in s."""
+    """Return the result of a call and its time in s."""
     begin = time.perf_counter()
     result = work()
     return result, time.perf_counter() - begin
 
 
 def as_dicts(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Rows for a JSON file."""
+    """Return rows for a JSON file."""
     return [asdict(row) for row in rows]

@@ -271,7 +271,7 @@ def differences(formulation: str, sides: int) -> Measured:
 
 
 def of_size(run: Callable[[int], Measured]) -> Callable[[str, int], Measured]:
-    """What no mechanics enters, as a run by formulation and size."""
+    """Return a run, by formulation and size, of a quantity without mechanics."""
     return lambda _, size: run(size)
 
 

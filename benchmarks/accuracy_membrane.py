@@ -95,7 +95,7 @@ def limit_pressure(sides: int) -> Measured:
 
 
 def balance(sides: int, pressure: float) -> Measured:
-    """What the exact state of the polygonal tube leaves unbalanced."""
+    """Unbalanced force of the exact state of the polygonal tube."""
     tube = HomogeneousTube(sides, table_a())
     value, seconds = timed(lambda: tube.unbalanced(*exact_polygon(sides, pressure), pressure))
     return Measured(value, len(tube.pattern.panel), seconds)
@@ -108,7 +108,7 @@ def polygon(sides: int, pressure: float) -> Measured:
 
 
 def clamped_disc(mesh: str, count: int, lift: float = 0.0) -> tuple[Pattern, Supports]:
-    """A disc held along its border, lifted to a paraboloid of that height in m."""
+    """Return a disc fixed along its border, lifted to a paraboloid of that height in m."""
 
     def place(flat: Floats) -> Floats:
         return np.column_stack([flat, lift * (1 - (flat**2).sum(axis=1) / DISC**2)])

@@ -1,4 +1,4 @@
-"""What patterns of stiff lines do to a shape: McKibben's lattice, a helix, stripes.
+"""Effect of patterns of stiff lines on a shape: McKibben's lattice, a helix, stripes.
 
 Lines that do not stretch leave a tube few ways to deform. What they leave is known in closed form
 whatever the fabric and the pressure, so a tube is inflated and its kinematics compared. Stripes on
@@ -137,7 +137,7 @@ def braid(count: int) -> Measured:
 
 
 def printed_lattice(sides: int) -> Measured:
-    """Six lines a family, 1.5 mm wide, on a mesh that does not know of them."""
+    """Six lines a family, 1.5 mm wide, on a mesh that does not follow them."""
     pattern, supports = half_tube(sides, 6.0, "unstructured")
     u, v = pattern.centroids.T
     pitch = 2 * RADIUS * sides * np.sin(np.pi / sides) / 6

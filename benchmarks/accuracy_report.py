@@ -116,7 +116,7 @@ def _section(case: Case, rows: Sequence[Row], *, picture: bool) -> str:
 
 
 def _summary(cases: Sequence[Case], rows: Sequence[Row]) -> str:
-    """Every case with a figure to reach: what its finest meshes reach."""
+    """Return what the finest meshes of every case with a required accuracy reach."""
     lines = ["| case | asked | finest error, worst mesh | reached |", "|---|---|---|---|"]
     for case in cases:
         own = [row for row in rows if row.case == case.name]

@@ -1,4 +1,4 @@
-"""What the cases of `accuracy.py` share: reference tables, materials, skins, one timed solve."""
+"""Common parts of the cases of `accuracy.py`: tables, materials, skins, one timed solve."""
 
 from __future__ import annotations
 
@@ -158,7 +158,7 @@ def without(pattern: Pattern, name: str) -> Pattern:
 
 
 def half_held(pattern: Pattern) -> Supports:
-    """Hold half a skin in its plane of symmetry z = 0, and keep it from sliding and turning there.
+    """Fix half a skin in its plane of symmetry z = 0, and prevent sliding and turning there.
 
     The latter by three components at the border in that plane, statically determinate: they carry
     no force, and a skin that is symmetric about z does not feel them.

@@ -70,7 +70,7 @@ def lengthening(found: Solved) -> float:
 
 
 def twist(found: Solved) -> float:
-    """By how much the tube turns about its middle, in rad over a length of R."""
+    """Return the twist about the tube's middle, in rad over a length of R."""
     near = middle(found)
     before, after = (p[near, 0] + 1j * p[near, 1] for p in (found.pattern.points, found.points))
     height = found.pattern.points[near, 2] / RADIUS
@@ -83,7 +83,7 @@ def middle(found: Solved) -> Bools:
 
 
 def exact_polygon(sides: int, pressure: float) -> tuple[float, float]:
-    """Stretches around and along of the tube with so many sides."""
+    """Return stretches around and along of the tube with a number of sides."""
     match = {"mat": "A", "n_circumference": f"{sides}", "P_Pa": f"{pressure:.0f}"}
     return (
         entry("gent_cylinder_ngon", "lambda_theta", **match),
@@ -105,7 +105,7 @@ class HomogeneousTube:
         self.inner = wall[self.pattern.points[wall, 2] > 1e-9]
 
     def forces(self, around: float, along: float) -> tuple[Floats, Floats]:
-        """What the stretched skin pulls with, in N, and a unit pressure's force, in m²."""
+        """Return the force of the stretched skin in N, and that of a unit pressure in m²."""
         scale = np.array([around, around, along])
         state = (self.model.assembled.reshape(-1, 3) * scale).ravel()
         gather = self.skin.gather_vertices
@@ -113,7 +113,7 @@ class HomogeneousTube:
         return pull, gather(self.model.volume_gradient(state).reshape(-1, 3))
 
     def unbalanced(self, around: float, along: float, pressure: float) -> float:
-        """Largest share of the pressure's force that is not balanced, in the wall or on the tip."""
+        """Return the largest unbalanced fraction of the pressure's force, in wall or tip."""
         pull, load = self.forces(around, along)
         inner = np.linalg.norm((pull - pressure * load)[self.inner])
         tip = (pull - pressure * load)[self.tip, 2].sum()
@@ -125,7 +125,7 @@ class HomogeneousTube:
         )
 
     def pressure(self, around: float) -> float:
-        """The pressure in Pa at a stretch around, that along being what balances the tip."""
+        """Return the pressure in Pa at a stretch around; the stretch along balances the tip."""
 
         def held_by(along: float) -> tuple[float, float]:
             pull, load = self.forces(around, along)

@@ -1,14 +1,14 @@
-"""What a Newton step costs, over what its factorisation alone would cost.
+"""Cost of a Newton step, over the cost of its factorisation alone.
 
     scripts/fenicsx python3 benchmarks/newton_cost.py
     scripts/fenicsx python3 benchmarks/newton_cost.py --triangles 45000 --json cost.json
 
 The capped tube at about 3, 11, 45 and 180 thousand triangles, with and without bending, on one and
 two ranks. Each phase of a step is timed in turn with a bare numeric factorisation and solve of the
-same matrix by every direct solver for symmetric matrices that PETSc has here, and the fastest of
-these is what the ratios are to. Whole steps are timed as the solver takes them. Each case runs in
-a process (or two) of its own, so that the peak memory is the case's. Last comes what compiling
-costs: a scene compiles and assembles nothing it lacks.
+same matrix by every direct solver for symmetric matrices that PETSc has here. The ratios are those
+to the fastest of them. Whole steps are timed as the solver takes them. Each case runs in processes
+of its own, so that the peak memory is that of the case. The last table shows the time of
+compilation: only the terms that a skin has are compiled.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ def measure(triangles: int, bending: bool, rounds: int) -> dict[str, Any]:
 
 
 def _bare(factor: Any, name: str) -> tuple[Any, Any, Any, Any]:
-    """A PETSc solver of the same matrix with its defaults, its analysis done."""
+    """Return a PETSc solver of the same matrix with its defaults, its analysis done."""
     from petsc4py import PETSc
 
     matrix = factor.matrix.copy() if name == "cholmod" else factor.upper.copy()

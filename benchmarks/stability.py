@@ -2,10 +2,11 @@
 
     scripts/fenicsx python3 benchmarks/stability.py --quick
 
-Every case must end in a stable equilibrium, or in a typed error where there is none. The solver is
-not believed: residual, stretches and the sign of the tangent are computed again from its state,
-and where it gives up a more patient run looks for the equilibrium. Exit code 1 if a result is
-wrong, or a case that has a solution failed. Runs on one rank; without --quick for some hours.
+Every case must end in a stable equilibrium, or in a typed error where there is none. Residual,
+stretches and the sign of the tangent are computed again from the state, by other means than the
+solver's. Where the solver gives up, a longer search looks for the equilibrium. The exit code is 1
+if a result is wrong, or a case that has a solution failed. It runs on one rank; without --quick for
+hours.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ from toros_fem.errors import TorosError
 
 CONTRASTS = (15.0, 300.0, 1e4)
 STARTS = ("cold", "continuation", "warm", "up_down")
-# Wall time in s after which a case counts as hung.
+# Wall time in s after which a case counts as hanging.
 LONGEST = 300.0
-# Up and down again: shapes that differ by more of the skin's size are two equilibria.
+# Up and down again: shapes that differ by more than this fraction of the size are two equilibria.
 SAME_SHAPE = 1e-5
 
 
@@ -51,7 +52,7 @@ class Case:
 
 
 def full_matrix(scene: str) -> list[Case]:
-    """All cases of a scene. The plain fabric does not depend on the contrast: it has one."""
+    """Return all cases of a scene; the plain fabric does not depend on the contrast."""
     return [
         Case(scene, design, contrast, load, start)
         for contrast in CONTRASTS
@@ -63,7 +64,7 @@ def full_matrix(scene: str) -> list[Case]:
 
 
 def quick_matrix(scene: str) -> list[Case]:
-    """Every start once in each scene; designs and loads move on so that all pairs are mixed.
+    """Return one case for each start of a scene; designs and loads are mixed over the scenes.
 
     15 scenes go more than once through 8 designs and 5 loads, so that every start meets every
     design and every load. The contrast goes with the scene: four solves share one solver.
@@ -80,49 +81,49 @@ def quick_matrix(scene: str) -> list[Case]:
 
 @dataclass
 class Run:
-    """The solves of one case: what was asked last, and how many steps all took."""
+    """Solves of one case: the last request, and the number of steps of all."""
 
     solver: EquilibriumSolver
     density: Floats
     pressure: float
     steps: int = 0
     stage: str = ""
-    asked: tuple[Floats, Floats] = field(init=False)
+    requested: tuple[Floats, Floats] = field(init=False)
 
     def solve(
-        self, share: float = 1.0, start: Floats | None = None, density: Floats | None = None
+        self, factor: float = 1.0, start: Floats | None = None, density: Floats | None = None
     ) -> EquilibriumResult:
-        """Solve at a share of the load; without load, at a share of the design's variation."""
+        """Solve at a fraction of the load; without load, of the design's variation."""
         full = self.density if density is None else density
         if self.pressure == 0:
-            full = full.mean() + share * (full - full.mean())
+            full = full.mean() + factor * (full - full.mean())
         model = self.solver.model
         begin = model.assembled if start is None else np.where(model.free, start, model.assembled)
-        self.asked = (full, begin)
-        self.stage = "" if share == 1 else f"At {share:.3g} of the load: "
-        result = self.solver.solve(full, share * self.pressure, start=start)
+        self.requested = (full, begin)
+        self.stage = "" if factor == 1 else f"At {factor:.3g} of the load: "
+        result = self.solver.solve(full, factor * self.pressure, start=start)
         self.steps += result.steps
         return result
 
 
 def ladder(scene: ActuatorCase, load: float) -> list[float]:
-    """Shares of the load, doubling from one that strains the fabric by a few per cent."""
-    share = min(1.0, scene.small_pressure() / load if load else 1 / 8)
-    shares = []
-    while share < 1:
-        shares.append(share)
-        share *= 2
-    return [*shares, 1.0]
+    """Return load factors that double from one that strains the fabric by a few per cent."""
+    factor = min(1.0, scene.small_pressure() / load if load else 1 / 8)
+    factors = []
+    while factor < 1:
+        factors.append(factor)
+        factor *= 2
+    return [*factors, 1.0]
 
 
 def play(run: Run, scene: ActuatorCase, case: Case) -> tuple[EquilibriumResult, float | None]:
-    """Run one case; the last result and, after coming back to the load, how far it moved."""
+    """Run one case; return the last result and, after up and down, the distance that it moved."""
     if case.start == "cold":
         return run.solve(), None
     if case.start == "continuation":
         state = None
-        for share in ladder(scene, case.load):
-            result = run.solve(share, state)
+        for factor in ladder(scene, case.load):
+            result = run.solve(factor, state)
             state = result.state
         return result, None
     if case.start == "warm":
@@ -156,7 +157,7 @@ def deadline(seconds: float) -> Iterator[None]:
 
 
 class Stage:
-    """One scene with its solvers, one a contrast: the compiled forms are shared by all."""
+    """One scene with its solvers, one for each contrast: all share the compiled forms."""
 
     def __init__(self, name: str) -> None:
         self.scene = build(name)
@@ -164,7 +165,7 @@ class Stage:
         self._verdicts: dict[Case, tuple[bool, str]] = {}
 
     def solver(self, contrast: float, *, patient: bool = False) -> EquilibriumSolver:
-        """The solver at a contrast; a patient one takes many steps a level and few levels."""
+        """Return the solver at a contrast; a patient one takes many steps a level, few levels."""
         key = (contrast, patient)
         if key not in self._solvers:
             options = NewtonOptions(max_steps=400, min_increment=1.0) if patient else None
@@ -174,15 +175,15 @@ class Stage:
         return self._solvers[key]
 
     def owned(self, design: str) -> Floats:
-        """A design's densities in the order of the solver's."""
+        """Return a design's densities in the order of the solver's."""
         return DESIGNS[design](self.scene)[self.scene.skin.owned_cells]
 
     def judge(self, contrast: float) -> Judge:
-        """An independent check of states at a contrast."""
+        """Return an independent check of states at a contrast."""
         return Judge(self.scene, self.scene.composite(contrast))
 
     def solvable(self, case: Case) -> tuple[bool, str]:
-        """Whether the oracle solves a case, whatever its start."""
+        """Return whether the oracle solves a case, whatever its start."""
         key = Case(case.scene, case.design, case.contrast, case.load, "")
         if key not in self._verdicts:
             self._verdicts[key] = patient(
@@ -194,12 +195,12 @@ class Stage:
         return self._verdicts[key]
 
     def forget(self) -> None:
-        """Drop the solvers: after an exception nothing is known of their state."""
+        """Drop the solvers: after an exception their state is unknown."""
         self._solvers.clear()
 
 
 def attempt(stage: Stage, case: Case) -> ActuatorResult:
-    """Run one case and check what came out."""
+    """Run one case and check its result."""
     begin = time.perf_counter()
     moved, finding, kind = None, Finding(None, None, []), "error"
     steps, reason = 0, ""
@@ -222,7 +223,7 @@ def attempt(stage: Stage, case: Case) -> ActuatorResult:
     seconds = time.perf_counter() - begin
     # A failed solve that got nowhere returns its start and says so: no equilibrium is claimed.
     if run is not None and result is not None:
-        density, start = run.asked
+        density, start = run.requested
         pressure = case.load if kind == "converged" else result.pressure
         finding = stage.judge(case.contrast).check(
             run.solver.model, density, pressure, result.state

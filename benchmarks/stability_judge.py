@@ -1,8 +1,8 @@
-"""Checks of `stability.py` that take nothing from the solver but its state.
+"""Checks of `stability.py` that use only the state of the solver.
 
-Energy, force and tangent are the model's, whose derivatives the test suite holds against each
-other; what is made of them is computed here by other means than the solver's: stretches by a
-singular value decomposition, the sign of the tangent by a dense Cholesky factorisation.
+Energy, force and tangent are those of the model; the test suite compares them with each other. The
+checks use other means than the solver: stretches by a singular value decomposition, the sign of the
+tangent by a dense Cholesky factorisation.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ RESIDUAL = 1e-8
 
 @dataclass(frozen=True)
 class Finding:
-    """What a state is.
+    """Result of a check.
 
     Attributes:
         residual: Norm of the first variation over the applied load, if there is a state.
         sign: 1 if the tangent is positive definite up to rounding, else -1.
-        faults: What contradicts a stable equilibrium inside the stretch bounds.
+        faults: Contradictions to a stable equilibrium inside the stretch bounds.
     """
 
     residual: float | None
@@ -39,10 +39,10 @@ class Finding:
 
 
 def scaled_tangent(model: SkinModel, state: Floats) -> tuple[Floats, Floats]:
-    """Dense D K D at the free dofs and the diagonal D that scales it to about a unit diagonal.
+    """Return dense D K D at the free dofs, and the D that makes its diagonal about 1.
 
-    The scaling keeps the signs and takes contrast and thickness out of the eigenvalues. There is
-    one scale a vertex: a flat membrane has no stiffness of its own across its plane.
+    The scaling keeps the signs and removes contrast and thickness from the eigenvalues. Each vertex
+    has one scale, since a flat membrane has no stiffness of its own across its plane.
     """
     tangent = UpperTangent(model)
     value = np.zeros(len(tangent.columns))
@@ -69,7 +69,7 @@ class Judge:
         self._inverse = np.linalg.inv(chart)
 
     def check(self, model: SkinModel, density: Floats, pressure: float, state: Floats) -> Finding:
-        """Whether a state is a stable equilibrium at a density and a pressure."""
+        """Check whether a state is a stable equilibrium at a density and a pressure."""
         if not np.isfinite(state).all():
             return Finding(None, -1, [f"{np.sum(~np.isfinite(state))} positions are not finite"])
         model.set_density(density)
@@ -85,7 +85,7 @@ class Judge:
         return Finding(residual, -1 if lowest < -noise else 1, faults)
 
     def _load(self, model: SkinModel, pressure: float, state: Floats) -> float:
-        """The pressure's force; a tile's load is the pull on its borders."""
+        """Norm of the pressure's force; without pressure, that of the reactions."""
         if pressure > 0:
             return pressure * float(np.linalg.norm(model.volume_gradient(state)))
         return float(np.linalg.norm(model.reaction(state)))
@@ -105,7 +105,7 @@ class Judge:
         return [f"{outside.sum()} triangles leave the bounds, the first {k} by {stretch[k]}"]
 
     def _lowest(self, model: SkinModel, state: Floats) -> tuple[float, float]:
-        """Lowest eigenvalue of the scaled tangent, and what rounding does to it.
+        """Lowest eigenvalue of the scaled tangent, and its rounding.
 
         It is computed only where the cheaper Cholesky factorisation does not settle the sign.
 

@@ -1,8 +1,8 @@
-"""The oracle of `stability.py`: whether a case that the solver gave up has an equilibrium.
+"""Oracle of `stability.py`: whether a case that the solver gave up has an equilibrium.
 
 The barrier keeps the admissible shapes bounded, hence the volume too: an energy without jumps has
 its lowest value inside, at any pressure. Only a fold by 180 degrees, where the dihedral angle
-changes its sign, makes this one jump. So an error is hardly ever right, and the oracle searches.
+changes its sign, makes this one jump. So an error is rarely right, and the oracle searches on.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from toros_fem.errors import TorosError
 from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
 
-# For one way of the solver's and for the minimiser, in s; neither begins anything new after it.
+# Time in s after which neither one path of the solver nor the minimiser begins anything new.
 WAY, MINIMISER = 20.0, 60.0
 LEVELS = 40
 
@@ -28,7 +28,7 @@ LEVELS = 40
 def patient(
     judge: Judge, solver: EquilibriumSolver, density: Floats, load: float
 ) -> tuple[bool, str]:
-    """Whether small steps along some way, or another minimiser, find an equilibrium, and how."""
+    """Return whether small steps on a path, or another minimiser, find one, and how."""
     mean = density.mean()
     ways: dict[str, Callable[[float], tuple[Floats, float]]] = {
         "from the fabric": lambda share: (share * density, load),
