@@ -38,6 +38,7 @@ def plot_convergence(path: Path, history: Sequence[Iteration], metrics: Sequence
     bottom.set_ylim(0, 1)
     bottom.legend(frameon=False)
     bottom.set_xlabel("iteration")
+    bottom.xaxis.get_major_locator().set_params(integer=True)
     for axis in (top, *middle, bottom):
         axis.grid(alpha=0.3)
     figure.savefig(path, dpi=DPI)

@@ -111,13 +111,13 @@ def write_results(
 
 
 def _title(metrics: Sequence[Metric], summary: Mapping[str, Any]) -> str:
-    """Return what a picture says above the shape: metrics, their targets and the pressure."""
+    """Return the title of the picture of the shape: metrics, their targets and the pressure."""
     as_printed = summary["printed_failure"] is None
     values = summary if as_printed else summary["design"]
     found = ", ".join(f"{m.name} {m.formatted(values[m.key])} of {m.formatted(m.target)}"
                       for m in metrics)  # fmt: skip
-    what = "as printed" if as_printed else "as designed, not as printed,"
-    return f"{found} {what} at {summary['pressure_pa'] / 1e3:.3g} kPa"
+    shown = "as printed" if as_printed else "as designed, not as printed,"
+    return f"{found} {shown} at {summary['pressure_pa'] / 1e3:.3g} kPa"
 
 
 def write_comparison(
