@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
-from toros_fem._types import Bools, Floats
 from toros_fem.actuators.case import ActuatorCase, Contact
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.gripper import write_grasp
@@ -109,7 +109,7 @@ def coarse(config: GripperConfig) -> GripperConfig:
     )
 
 
-def touching_vertices(pattern: Pattern, config: GripperConfig) -> Bools:
+def touching_vertices(pattern: Pattern, config: GripperConfig) -> npt.NDArray[np.bool_]:
     """Return which vertices are to touch: a strip along the inner panel's middle, (n,)."""
     inner = np.zeros(len(pattern.points), dtype=bool)
     inner[pattern.vertices_of("top")] = True
@@ -123,7 +123,7 @@ def gap_metric(config: GripperConfig) -> Metric:
     """Return the mean distance in mm of the touching strip from the object, inside or outside."""
     body = config.body
 
-    def measure(pattern: Pattern, positions: Floats) -> float:
+    def measure(pattern: Pattern, positions: npt.NDArray[np.float64]) -> float:
         touching = touching_vertices(pattern, config)
         distance, _ = body.distance(positions[touching])
         return float(1e3 * np.average(np.abs(distance), weights=pattern.vertex_areas[touching]))
