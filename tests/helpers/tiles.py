@@ -247,7 +247,8 @@ def small_case(comm: MPI.Comm, edge_length: float = 0.8e-3) -> TileCase:
         tile(comm, 0.01, factor * edge_length, "crossed", "tetragonal") for factor in (2, 1, 0.5)
     )
     target = ProfileTarget(np.array([2000.0, 1000.0, 500.0, 400.0]))
-    return TileCase(own, np.linspace(0, np.pi / 4, 4), target, "tetragonal", coarse, fine)
+    angles = np.radians([0.0, 15.0, 30.0, 45.0])
+    return TileCase(own, angles, target, "tetragonal", coarse, fine)
 
 
 SMALL = TileConfig(

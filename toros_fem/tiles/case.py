@@ -30,7 +30,7 @@ from toros_fem.tiles.stiffness_profile import Profile, ProfileSolver
 
 @dataclass(frozen=True)
 class TileConfig(DesignConfig):
-    """Numbers of a tile design: strain, random starts, steps of each part, corrections; SI units.
+    """Strain, random starts, steps of each part, and corrections of a tile design; SI units.
 
     A printed stiffness within `tolerance` of its target needs no correction. A design ends early
     where its objective is at most the square of half the tolerance.

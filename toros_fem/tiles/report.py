@@ -144,7 +144,7 @@ def write_tile_results(
 def _summary(
     case: TileCase, result: TileResult, measured: PrintMeasurement | None
 ) -> dict[str, Any]:
-    """Return what the summary says of print, design and search."""
+    """Return the entries of the summary on print, design and search."""
     target, profile, design = case.target, result.profile, result.result
     designed, last = design.final.equilibrium, design.history[-1]
     limits, widths = result.problem.length_scale, design.final.length_scale

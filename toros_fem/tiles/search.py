@@ -24,10 +24,10 @@ from toros_fem.tiles.objectives import ProfileTarget
 from toros_fem.tiles.problem import TileProblem
 from toros_fem.tiles.stiffness_profile import Profile
 
-# Factor on T of a design that has islands or violates the width constraints: it is chosen only if
-# it is so many times better.
+# Factor on T of a design that has islands or violates the width constraints: only if its T is
+# smaller by this factor, it is chosen.
 FLAW_FACTOR = 5.0
-# A print that deviates by more than this multiple of the tolerance makes the other draft tried.
+# Multiple of the tolerance; if every print deviates by more, the other draft is tried.
 ACCEPTABLE = 2.5
 # A stage ends when T falls by a smaller fraction over ten steps.
 MIN_DECREASE = 0.05
