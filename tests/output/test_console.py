@@ -1,6 +1,7 @@
 """Lines of the console stand under their titles; the bar shows on a terminal only."""
 
 import io
+import sys
 from typing import Any
 
 import pytest
@@ -8,13 +9,12 @@ from mpi4py import MPI
 
 from toros_fem.design.options import Iteration
 from toros_fem.equilibrium.newton import NewtonStep
-from toros_fem.output import console
 from toros_fem.output.console import ProgressBar, header, line, print_line, print_step
 
 
-def row(number: int = 7, **metrics: float) -> Iteration:
+def row(metrics: dict[str, float]) -> Iteration:
     values: dict[str, Any] = {name: 0 for name in Iteration.__dataclass_fields__}
-    values |= {"iteration": number, "stage": 1, "objective": 1.5e-3, "pressure": 5e3}
+    values |= {"iteration": 7, "stage": 1, "objective": 1.5e-3, "pressure": 5e3}
     values |= {"g_r": 1e-5, "rejected": 2, "newton_steps": 31, "seconds": 1.25}
     return Iteration(**{**values, "metrics": metrics})
 
@@ -30,7 +30,7 @@ class Terminal(io.StringIO):
     "metrics", [{}, {"angle_deg": 179.3}, {"angle_deg": -12.5, "a_very_long_name_percent": 100.0}]
 )
 def test_line_has_a_value_for_each_title(metrics: dict[str, float]) -> None:
-    titles, values = header(row(**metrics)), line(row(**metrics))
+    titles, values = header(row(metrics)), line(row(metrics))
     assert len(titles.split()) == len(values.split()) == 11 + len(metrics)
     found = dict(zip(titles.split(), values.split(), strict=True))
     assert found["it"] == "7"
@@ -48,7 +48,7 @@ def test_line_has_a_value_for_each_title(metrics: dict[str, float]) -> None:
 
 def test_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = Terminal()
-    monkeypatch.setattr(console.sys, "stderr", screen)
+    monkeypatch.setattr(sys, "stderr", screen)
     bar = ProgressBar()
     bar.advance(1)
     assert screen.getvalue() == "", "nothing is shown of an unknown number of steps"
@@ -64,7 +64,7 @@ def test_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_no_bar_without_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     stream = io.StringIO()
-    monkeypatch.setattr(console.sys, "stderr", stream)
+    monkeypatch.setattr(sys, "stderr", stream)
     bar = ProgressBar()
     bar.expect(40)
     bar.advance(10)
@@ -76,7 +76,7 @@ def test_lines_do_not_break_the_bar(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     screen = Terminal()
-    monkeypatch.setattr(console.sys, "stderr", screen)
+    monkeypatch.setattr(sys, "stderr", screen)
     bar = ProgressBar()
     bar.expect(40)
     bar.advance(10)

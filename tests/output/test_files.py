@@ -17,7 +17,7 @@ from toros_fem.output.files import HistoryFile, versions, write_fields, write_js
 def test_fields(tmp_path: Path) -> None:
     pattern = square(n=2)
     positions = pattern.points * [1, 2, 1] + [0, 0, 0.5]
-    density = np.linspace(0, 1, len(pattern.triangles))
+    density = np.linspace(0, 1, len(pattern.triangles)).astype(np.float64)
     write_fields(tmp_path / "skin.vtu", pattern, positions, {"density": density})
     mesh = meshio.read(tmp_path / "skin.vtu")
     assert mesh.points == pytest.approx(positions)
