@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.actuators.tube import TubeConfig, plain_tube
+from toros_fem.actuators.config import SkinConfig
+from toros_fem.actuators.tube import TubeSizes, plain_tube
 from toros_fem.analysis.pressure_path import trace_pressure_path
 from toros_fem.command_line import run_from_command_line
 from toros_fem.config import quantity
@@ -36,7 +37,7 @@ METRICS = (
 
 
 @dataclass(frozen=True)
-class InflateConfig(TubeConfig):
+class InflateConfig(TubeSizes, SkinConfig):
     """Numbers of the inflated tube; SI units."""
 
     pressure: float = quantity(10e3, "the tube counts as saturated above", "Pa", above=0)

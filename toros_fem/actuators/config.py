@@ -1,4 +1,4 @@
-"""The configuration that all designs of skins under pressure have in common."""
+"""Configurations that all skins under pressure have in common."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from toros_fem.config import quantity
 from toros_fem.density.length_scale import LengthScale
-from toros_fem.design.config import DesignConfig
+from toros_fem.design.config import DesignConfig, MaterialConfig
 from toros_fem.design.options import DesignOptions, Stage
 from toros_fem.errors import ParameterError
 from toros_fem.fabrication.printability import PrintLimits
@@ -15,8 +15,34 @@ from toros_fem.mma.optimizer import MMAOptions
 
 
 @dataclass(frozen=True)
-class ActuatorConfig(DesignConfig):
-    """Pressure, bladder, bending, and the steps of each part of the design; SI units.
+class SkinConfig(MaterialConfig):
+    """Bending of the sheets, seams and bladder; SI units."""
+
+    bladder_young: float = quantity(
+        0.29e6, "Young's modulus of a rubber bladder that moves with the skin", "Pa", above=0
+    )
+    bladder_thickness: float | None = quantity(
+        None, "thickness of the bladder; none leaves it out", "m", above=0
+    )
+    bending: str | None = quantity(
+        Bending.curvature, "curvature term of the sheet; none for a membrane", choices=CURVATURES
+    )
+    seams: str = quantity(Bending.seams, "how seams carry moments", choices=SEAMS)
+
+    @property
+    def composite(self) -> Composite:
+        """Fabric and reinforcement, with their bending and the bladder."""
+        thickness = self.bladder_thickness
+        return replace(
+            super().composite,
+            bending=None if self.bending is None else Bending(self.bending, self.seams),
+            bladder=None if thickness is None else Bladder(self.bladder_young, thickness),
+        )
+
+
+@dataclass(frozen=True)
+class ActuatorConfig(SkinConfig, DesignConfig):
+    """Pressure, and the steps of each part of the design; SI units.
 
     Raises:
         ParameterError: A value has another type, or is outside its bounds; or only one of the two
@@ -32,16 +58,6 @@ class ActuatorConfig(DesignConfig):
     pressure_max: float | None = quantity(
         20e3, "largest pressure; none for both bounds prescribes the pressure", "Pa", above=0
     )
-    bladder_young: float = quantity(
-        0.29e6, "Young's modulus of a rubber bladder that moves with the skin", "Pa", above=0
-    )
-    bladder_thickness: float | None = quantity(
-        None, "thickness of the bladder; none leaves it out", "m", above=0
-    )
-    bending: str | None = quantity(
-        Bending.curvature, "curvature term of the sheet; none for a membrane", choices=CURVATURES
-    )
-    seams: str = quantity(Bending.seams, "how seams carry moments", choices=SEAMS)
     iterations: int = quantity(60, "steps before the width constraints act", at_least=1)
     constrained_iterations: int = quantity(
         40, "steps with the width constraints; 0 leaves them out", at_least=0
@@ -60,16 +76,6 @@ class ActuatorConfig(DesignConfig):
                 f"pressure_min = {self.pressure_min} and pressure_max = {self.pressure_max} (Pa) "
                 "must both be numbers, or both None to prescribe the pressure."
             )
-
-    @property
-    def composite(self) -> Composite:
-        """Fabric and reinforcement, with their bending and the bladder."""
-        thickness = self.bladder_thickness
-        return replace(
-            super().composite,
-            bending=None if self.bending is None else Bending(self.bending, self.seams),
-            bladder=None if thickness is None else Bladder(self.bladder_young, thickness),
-        )
 
     @property
     def pressure_bounds(self) -> tuple[float, float] | None:

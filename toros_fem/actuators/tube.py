@@ -13,7 +13,7 @@ from toros_fem._types import Bools, Floats
 from toros_fem._validate import require_count, require_positive
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
-from toros_fem.config import quantity
+from toros_fem.config import Config, quantity
 from toros_fem.mechanics.supports import Supports, clamp
 from toros_fem.meshes.cylinder import BASE, TIP, WALL, cylinder
 from toros_fem.meshes.pattern import Pattern
@@ -29,13 +29,19 @@ from toros_fem.objectives.metrics import (
 
 
 @dataclass(frozen=True)
-class TubeConfig(ActuatorConfig):
-    """Sizes of the tube, and the weights of its tip in the objective."""
+class TubeSizes(Config):
+    """Sizes and mesh of the tube; SI units."""
 
     length: float = quantity(0.15, "length of the tube", "m", above=0)
     diameter: float = quantity(0.02, "diameter of the tube", "m", above=0)
     edge_length: float = quantity(1.4e-3, "edge length of the mesh", "m", above=0)
     mesh: str = quantity("unstructured", "mesh of the wall", choices=("unstructured", "structured"))
+
+
+@dataclass(frozen=True)
+class TubeConfig(TubeSizes, ActuatorConfig):
+    """Weights of the tube's tip in the objective; SI units."""
+
     tip_weight: float = quantity(
         1.0, "weight of the tip's position over that of all the rest", at_least=0
     )
@@ -158,7 +164,7 @@ def cross_section_case(
     )
 
 
-def plain_tube(comm: MPI.Comm, config: TubeConfig) -> tuple[Pattern, Supports, Floats]:
+def plain_tube(comm: MPI.Comm, config: TubeSizes) -> tuple[Pattern, Supports, Floats]:
     """Return the tube without reinforcement of its wall.
 
     Args:
@@ -206,7 +212,7 @@ def _helical_start(pattern: Pattern, config: CrossSectionTubeConfig) -> Floats |
     return np.where(np.any(lines, axis=0), 0.7, 0.3)
 
 
-def _tube(comm: MPI.Comm, config: TubeConfig) -> Pattern:
+def _tube(comm: MPI.Comm, config: TubeSizes) -> Pattern:
     return cylinder(comm, config.length, config.diameter, config.edge_length, mesh=config.mesh)
 
 

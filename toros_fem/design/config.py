@@ -1,4 +1,4 @@
-"""The configuration that all designs have in common: materials, filter and penalties."""
+"""Configurations that all designs have in common: materials, filter and penalties."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from toros_fem.materials import Composite, Material
 
 
 @dataclass(frozen=True)
-class DesignConfig(Config):
-    """Materials, filter, penalties, print limits and seed; SI units."""
+class MaterialConfig(Config):
+    """Materials of the sheets; SI units."""
 
     fabric_young: float = quantity(0.1e6, "Young's modulus of the fabric", "Pa", above=0)
     reinforcement_young: float = quantity(
@@ -21,6 +21,24 @@ class DesignConfig(Config):
     thickness: float = quantity(0.5e-3, "thickness of both sheets", "m", above=0)
     c1: float = quantity(1.9, "bound on a principal stretch, eq. (1)", above=1)
     c2: float = quantity(2.6, "bound on the sum of both principal stretches less 1", above=1)
+
+    @property
+    def composite(self) -> Composite:
+        """Fabric and reinforcement as membranes."""
+        sheet = {"poisson": self.poisson, "thickness": self.thickness}
+        return Composite(
+            fabric=Material(young=self.fabric_young, **sheet),
+            reinforcement=Material(young=self.reinforcement_young, **sheet),
+            c1=self.c1,
+            c2=self.c2,
+            bending=None,
+        )
+
+
+@dataclass(frozen=True)
+class DesignConfig(MaterialConfig):
+    """Filter, penalties, print limits and seed; SI units."""
+
     filter: str = quantity("cone", "density filter", choices=FILTERS)
     filter_radius: float = quantity(2.15e-3, "radius R of the filter", "m", above=0)
     beta: float = quantity(20.0, "steepness of the projection", above=0)
@@ -44,15 +62,3 @@ class DesignConfig(Config):
         0.6e-3, "thinnest line and gap that the printer makes", "m", above=0
     )
     seed: int = quantity(2, "seed of the random start", at_least=0)
-
-    @property
-    def composite(self) -> Composite:
-        """Fabric and reinforcement as membranes."""
-        sheet = {"poisson": self.poisson, "thickness": self.thickness}
-        return Composite(
-            fabric=Material(young=self.fabric_young, **sheet),
-            reinforcement=Material(young=self.reinforcement_young, **sheet),
-            c1=self.c1,
-            c2=self.c2,
-            bending=None,
-        )
