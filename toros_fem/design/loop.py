@@ -192,7 +192,9 @@ class _Loop:
             mma.rescale(scaled.refer(evaluation))
             here, slopes = scaled.values(evaluation), scaled.gradients(evaluation)
             if count > 0:
-                kkt = mma.kkt_residual(self.x, slopes.objective, here.constraints, slopes.constraints)
+                kkt = mma.kkt_residual(
+                    self.x, slopes.objective, here.constraints, slopes.constraints
+                )
             self.phases["mma"] += time.perf_counter() - begin
             self.steps_done += count > 0
             self.record(number, evaluation, kkt)
