@@ -113,7 +113,7 @@ def tile_case(comm: MPI.Comm, config: TileDemoConfig) -> TileCase:
     c, symmetry = config, SYMMETRIES[config.target]
     quarter = np.pi / 4 if symmetry == "tetragonal" else np.pi / 2
     count = c.directions * (1 if symmetry == "tetragonal" else 2)
-    angles = np.linspace(0, quarter, count + 1)
+    angles = np.asarray(np.linspace(0, quarter, count + 1), dtype=np.float64)
     objective: ProfileObjective
     if c.target == "anisotropic":
         angles = angles[[0, -1]]

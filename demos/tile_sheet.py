@@ -86,7 +86,9 @@ def run(
         verbose: Whether to print every step of the equilibrium solver.
     """
     begin, folder = time.perf_counter(), Path(output)
-    strains = np.linspace(0.0, config.strain, config.strain_steps + 1)[1:]
+    strains = np.asarray(
+        np.linspace(0.0, config.strain, config.strain_steps + 1), dtype=np.float64
+    )[1:]
     directions = DIRECTIONS if config.direction == "both" else (config.direction,)
     design = cross_tile(comm) if tile is None else read_tile(comm, tile)
     simulated = design

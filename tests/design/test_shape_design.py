@@ -30,7 +30,8 @@ def design(comm: MPI.Comm, pattern: Pattern, **changes: object) -> tf.ShapeDesig
 
 def test_only_what_is_given_is_built(comm: MPI.Comm, pattern: Pattern) -> None:
     plain = design(comm, pattern, length_scale=None)
-    assert plain.perimeter is plain.perimeter_weight is plain.length_scale is plain.whole is None
+    parts = (plain.perimeter, plain.perimeter_weight, plain.length_scale, plain.whole)
+    assert parts == (None,) * 4
     assert plain.pressure_ranges == (None,)
     with_all = design(
         comm, pattern, perimeter_weight=1e-5, perimeter_window=8e-3, pressure_bounds=(1e3, 9e3)
