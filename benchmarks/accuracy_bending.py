@@ -121,7 +121,7 @@ def sheared(formulation: str, mesh: str, size: int) -> Measured:
     composite = elastic(1.2e6, 0.0, 0.1, formulation)
     sheet = Sheet(pattern, composite, build_in(pattern, root))
     force = line_force(pattern, tip, np.array([0, 0, 4.0]))
-    _, seconds = timed(lambda: [sheet.bend(share * force) for share in (0.1, 0.25, 0.5, 1.0)])
+    _, seconds = timed(lambda: [sheet.bend(fraction * force) for fraction in (0.1, 0.25, 0.5, 1.0)])
     return Measured(sheet.positions()[tip, 2].mean(), len(pattern.panel), seconds)
 
 
@@ -138,8 +138,8 @@ def slit_annulus(formulation: str, mesh: str, size: int) -> Measured:
     composite = elastic(21e6, 0.0, 0.03, formulation)
     sheet = Sheet(pattern, composite, build_in(pattern, root))
     force = line_force(pattern, slit, np.array([0, 0, 0.8]))
-    shares = (0.025, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
-    _, seconds = timed(lambda: [sheet.bend(share * force) for share in shares])
+    fractions = (0.025, 0.05, 0.1, 0.2, 0.4, 0.7, 1.0)
+    _, seconds = timed(lambda: [sheet.bend(fraction * force) for fraction in fractions])
     outer = int(np.flatnonzero(slit)[np.argmax(grid.flat_points[slit, 1])])
     return Measured(sheet.positions()[outer, 2], len(pattern.panel), seconds)
 
@@ -161,8 +161,8 @@ def pulled_cylinder(formulation: str, mesh: str, size: int) -> Measured:
     top = int(np.argmin(u + v))
     force = np.zeros((len(u), 3))
     force[top, 2] = 40000 / 4
-    shares = (0.025, 0.05, 0.1, 0.2, 0.3, 0.4)
-    _, seconds = timed(lambda: [sheet.bend(share * force) for share in shares])
+    fractions = (0.025, 0.05, 0.1, 0.2, 0.3, 0.4)
+    _, seconds = timed(lambda: [sheet.bend(fraction * force) for fraction in fractions])
     moved = sheet.positions()[top, 2] - radius
     return Measured(moved, len(pattern.panel), seconds)
 

@@ -42,12 +42,12 @@ COMPOSITES = {
 
 
 @dataclass(frozen=True, eq=False)
-class ActuatorCase:
+class GradientCase:
     """A capped tube to be bent by a design of its wall; the caps are reinforced.
 
     Attributes:
         skin: The sewn skin.
-        problem: The chain from density to objective, with all there is to differentiate.
+        problem: The design problem, with every term that is differentiated.
         density: Where gradients are taken, ρ at owned triangles.
         direction: A change of it, zero on the caps.
     """
@@ -65,7 +65,7 @@ def tube(sides: int) -> Skin:
 
 
 @cache
-def scene(formulation: str, sides: int) -> ActuatorCase:
+def tight_case(formulation: str, sides: int) -> GradientCase:
     """The tube with tight equilibria."""
     skin = tube(sides)
     pattern = skin.pattern
@@ -87,7 +87,7 @@ def scene(formulation: str, sides: int) -> ActuatorCase:
         perimeter_weight=1e-4,
         length_scale=LengthScaleConstraints(skin, cone, widths(), wall),
     )
-    return ActuatorCase(skin, problem, random_density(skin, 2, spread=0.3), wall * drawn(skin, 9))
+    return GradientCase(skin, problem, random_density(skin, 2, spread=0.3), wall * drawn(skin, 9))
 
 
 def widths() -> LengthScale:
@@ -196,7 +196,7 @@ def _slopes(
 
 def adjoint(formulation: str, sides: int, *, pressure: bool) -> Measured:
     """Of the objective by ρ̄ or by the pressure, through the equilibrium."""
-    at = scene(formulation, sides)
+    at = tight_case(formulation, sides)
     solver, objective = at.problem.solver, at.problem.objective
     base = solver.solve(at.density, PRESSURE)
 
@@ -221,7 +221,7 @@ def adjoint(formulation: str, sides: int, *, pressure: bool) -> Measured:
 
 def whole_chain(formulation: str, sides: int) -> Measured:
     """Of T and both constraints by ρ and P at once, from filter to objective and back."""
-    at = scene(formulation, sides)
+    at = tight_case(formulation, sides)
     base, seconds = evaluated(at)
     assert base.gradient is not None
     assert base.pressure_gradient is not None
@@ -244,15 +244,15 @@ def whole_chain(formulation: str, sides: int) -> Measured:
     return Measured(farthest(orders, 2.0), len(at.skin.pattern.panel), seconds)
 
 
-def evaluated(at: ActuatorCase) -> tuple[Evaluation, float]:
-    """The scene's gradients, and the time they take once compiled and started near."""
+def evaluated(at: GradientCase) -> tuple[Evaluation, float]:
+    """The case's gradients, and the time they take once compiled and started near."""
     start = at.problem.evaluate(at.density).equilibrium.state
     return timed(lambda: at.problem.evaluate(at.density, start))
 
 
 def differences(formulation: str, sides: int) -> Measured:
     """Largest deviation of dT/dρ from central differences, over its largest entry."""
-    at = scene(formulation, sides)
+    at = tight_case(formulation, sides)
     skin = at.skin
     base, seconds = evaluated(at)
     assert base.gradient is not None

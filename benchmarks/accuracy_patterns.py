@@ -64,8 +64,8 @@ def prism(flat: Floats, sides: int) -> Floats:
     ring = circle(sides, RADIUS)
     place = flat[:, 0] / np.linalg.norm(ring[1] - ring[0])
     side = np.clip(np.floor(place + 1e-9).astype(int), 0, sides - 1)
-    share = (place - side)[:, None]
-    corner = (1 - share) * ring[side] + share * ring[(side + 1) % sides]
+    fraction = (place - side)[:, None]
+    corner = (1 - fraction) * ring[side] + fraction * ring[(side + 1) % sides]
     return np.column_stack([corner, flat[:, 1]])
 
 

@@ -117,7 +117,7 @@ def _section(case: Case, rows: Sequence[Row], *, picture: bool) -> str:
 
 def _summary(cases: Sequence[Case], rows: Sequence[Row]) -> str:
     """Return what the finest meshes of every case with a required accuracy reach."""
-    lines = ["| case | asked | finest error, worst mesh | reached |", "|---|---|---|---|"]
+    lines = ["| case | required | finest error, worst mesh | reached |", "|---|---|---|---|"]
     for case in cases:
         own = [row for row in rows if row.case == case.name]
         if case.within is None or not own:
@@ -142,8 +142,8 @@ def _comparison(cases: Sequence[Case], rows: Sequence[Row]) -> str:
                 continue
             cells = []
             for name in names:
-                wanted = (case.name, mesh, name)
-                found = [row for row in rows if (row.case, row.mesh, row.formulation) == wanted]
+                searched = (case.name, mesh, name)
+                found = [row for row in rows if (row.case, row.mesh, row.formulation) == searched]
                 cells.append(_time_to(found))
             if any(cells):
                 lines.append(f"| {case.name} | {mesh} | " + " | ".join(cells) + " |")

@@ -24,9 +24,9 @@ from types import FrameType
 import numpy as np
 from mpi4py import MPI
 from stability_judge import Finding, Judge
-from stability_oracle import patient
-from stability_report import ActuatorResult, Report, Row
-from stability_scenes import BUILDERS, DESIGNS, ActuatorCase, Floats, build, loads_of, neighbour
+from stability_oracle import search_equilibrium
+from stability_report import CaseResult, Report, Row
+from stability_scenes import BUILDERS, DESIGNS, Floats, Scene, build, loads_of, neighbour
 
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
@@ -106,7 +106,7 @@ class Run:
         return result
 
 
-def ladder(scene: ActuatorCase, load: float) -> list[float]:
+def ladder(scene: Scene, load: float) -> list[float]:
     """Return load factors that double from one that strains the fabric by a few per cent."""
     factor = min(1.0, scene.small_pressure() / load if load else 1 / 8)
     factors = []
@@ -116,7 +116,7 @@ def ladder(scene: ActuatorCase, load: float) -> list[float]:
     return [*factors, 1.0]
 
 
-def play(run: Run, scene: ActuatorCase, case: Case) -> tuple[EquilibriumResult, float | None]:
+def play(run: Run, scene: Scene, case: Case) -> tuple[EquilibriumResult, float | None]:
     """Run one case; return the last result and, after up and down, the distance that it moved."""
     if case.start == "cold":
         return run.solve(), None
@@ -164,13 +164,13 @@ class Stage:
         self._solvers: dict[tuple[float, bool], EquilibriumSolver] = {}
         self._verdicts: dict[Case, tuple[bool, str]] = {}
 
-    def solver(self, contrast: float, *, patient: bool = False) -> EquilibriumSolver:
-        """Return the solver at a contrast; a patient one takes many steps a level, few levels."""
-        key = (contrast, patient)
+    def solver(self, contrast: float, *, many_steps: bool = False) -> EquilibriumSolver:
+        """Return the solver at a contrast; with `many_steps` it has few levels of load."""
+        key = (contrast, many_steps)
         if key not in self._solvers:
-            options = NewtonOptions(max_steps=400, min_increment=1.0) if patient else None
+            options = NewtonOptions(max_steps=400, min_increment=1.0) if many_steps else None
             self._solvers[key] = EquilibriumSolver(
-                self.scene.skin, self.scene.composite(contrast), self.scene.held, options
+                self.scene.skin, self.scene.composite(contrast), self.scene.supports, options
             )
         return self._solvers[key]
 
@@ -186,9 +186,9 @@ class Stage:
         """Return whether the oracle solves a case, whatever its start."""
         key = Case(case.scene, case.design, case.contrast, case.load, "")
         if key not in self._verdicts:
-            self._verdicts[key] = patient(
+            self._verdicts[key] = search_equilibrium(
                 self.judge(case.contrast),
-                self.solver(case.contrast, patient=True),
+                self.solver(case.contrast, many_steps=True),
                 self.owned(case.design),
                 case.load,
             )
@@ -199,7 +199,7 @@ class Stage:
         self._solvers.clear()
 
 
-def attempt(stage: Stage, case: Case) -> ActuatorResult:
+def attempt(stage: Stage, case: Case) -> CaseResult:
     """Run one case and check its result."""
     begin = time.perf_counter()
     moved, finding, kind = None, Finding(None, None, []), "error"
@@ -238,10 +238,10 @@ def attempt(stage: Stage, case: Case) -> ActuatorResult:
         finding.residual, finding.sign, seconds,
     )  # fmt: skip
     faults = [*finding.faults, *([reason] if kind == "exception" else [])]
-    return ActuatorResult(row, "wrong" if faults else kind, "; ".join(faults), moved)
+    return CaseResult(row, "wrong" if faults else kind, "; ".join(faults), moved)
 
 
-def settle(stage: Stage, cases: list[Case], outcomes: list[ActuatorResult]) -> None:
+def settle(stage: Stage, cases: list[Case], outcomes: list[CaseResult]) -> None:
     """Tell errors that are right from those of cases that another way solves."""
     same = lambda c: (c.design, c.contrast, c.load)  # noqa: E731
     by_start = {
@@ -253,30 +253,30 @@ def settle(stage: Stage, cases: list[Case], outcomes: list[ActuatorResult]) -> N
         if outcome.verdict != "error":
             continue
         if same(case) in by_start:
-            solvable, told = True, f"the start {by_start[same(case)]!r} converged"
+            solvable, judgement = True, f"the start {by_start[same(case)]!r} converged"
         else:
             try:
                 with deadline(LONGEST):
-                    solvable, told = stage.solvable(case)
+                    solvable, judgement = stage.solvable(case)
             except TimeoutError as error:
-                solvable, told = False, f"the oracle {error}"
+                solvable, judgement = False, f"the oracle {error}"
                 stage.forget()
         outcome.verdict = "failed" if solvable else "error right"
-        outcome.why = told
-        outcome.row.reason += f" Judged: {told}."
+        outcome.why = judgement
+        outcome.row.reason += f" Judged: {judgement}."
 
 
-def absent(case: Case, error: Exception) -> ActuatorResult:
+def absent(case: Case, error: Exception) -> CaseResult:
     """The outcome of a case whose scene could not even be built."""
-    told = f"the scene could not be built: {type(error).__name__}: {error}"
+    reason = f"the scene could not be built: {type(error).__name__}: {error}"
     row = Row(
-        case.scene, case.design, case.contrast, case.load, case.start, "exception", told, 0,
+        case.scene, case.design, case.contrast, case.load, case.start, "exception", reason, 0,
         None, None, 0.0,
     )  # fmt: skip
-    return ActuatorResult(row, "wrong", told, None)
+    return CaseResult(row, "wrong", reason, None)
 
 
-def play_scene(name: str, *, quick: bool) -> list[ActuatorResult]:
+def play_scene(name: str, *, quick: bool) -> list[CaseResult]:
     """All cases of one scene."""
     cases = quick_matrix(name) if quick else full_matrix(name)
     try:
@@ -309,8 +309,8 @@ def main() -> int:
         outcomes = play_scene(name, quick=options.quick)
         report.add(outcomes)
         counts = report.count(outcomes)
-        told = ", ".join(f"{counts[verdict]} {verdict}" for verdict in counts if counts[verdict])
-        print(f"{name:15} {told}; {time.perf_counter() - begin:.1f} s", flush=True)
+        listed = ", ".join(f"{counts[verdict]} {verdict}" for verdict in counts if counts[verdict])
+        print(f"{name:15} {listed}; {time.perf_counter() - begin:.1f} s", flush=True)
     report.print_tables()
     options.output.mkdir(parents=True, exist_ok=True)
     report.draw(options.output / "stability.png")

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, eigvalsh
 from scipy.sparse import csr_array, triu
-from stability_scenes import ActuatorCase, Floats
+from stability_scenes import Floats, Scene
 
 from toros_fem.materials import Composite
 from toros_fem.mechanics.load_case import LoadCase
@@ -62,7 +62,7 @@ def scaled_tangent(model: SkinModel, state: Floats) -> tuple[Floats, Floats]:
 class Judge:
     """Checks the states of one scene."""
 
-    def __init__(self, scene: ActuatorCase, composite: Composite) -> None:
+    def __init__(self, scene: Scene, composite: Composite) -> None:
         self._scene, self._composite = scene, composite
         corner = scene.skin.pattern.corners
         chart = np.stack([corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]], axis=2)

@@ -25,26 +25,29 @@ WAY, MINIMISER = 20.0, 60.0
 LEVELS = 40
 
 
-def patient(
+def search_equilibrium(
     judge: Judge, solver: EquilibriumSolver, density: Floats, load: float
 ) -> tuple[bool, str]:
     """Return whether small steps on a path, or another minimiser, find one, and how."""
     mean = density.mean()
     ways: dict[str, Callable[[float], tuple[Floats, float]]] = {
-        "from the fabric": lambda share: (share * density, load),
-        "up": lambda share: (density if load else mean + share * (density - mean), share * load),
-        "down from ten times the load": lambda share: (density, load * 10 ** (1 - share)),
+        "from the fabric": lambda fraction: (fraction * density, load),
+        "up": lambda fraction: (
+            density if load else mean + fraction * (density - mean),
+            fraction * load,
+        ),
+        "down from ten times the load": lambda fraction: (density, load * 10 ** (1 - fraction)),
     }
-    told = []
+    findings = []
     for name, way in ways.items():
         state, reached, levels = walk(solver, way)
         if state is not None and reached == 1:
             faults = judge.check(solver.model, density, load, state).faults
             if not faults:
                 return True, f"the oracle came there {name} in {levels} levels"
-            told.append(f"{name} to a wrong end ({faults[0]})")
+            findings.append(f"{name} to a wrong end ({faults[0]})")
         else:
-            told.append(f"{name} {100 * reached:.0f} %")
+            findings.append(f"{name} {100 * reached:.0f} %")
     model = solver.model
     model.set_density(density)
     model.set_load(LoadCase(np.array([load])))
@@ -52,8 +55,8 @@ def patient(
     faults = judge.check(model, density, load, state).faults
     if not faults:
         return True, f"a dense trust-region method found an equilibrium in {steps} steps"
-    told.append(f"by a dense trust-region method to where {faults[0]}")
-    return False, "the oracle came so far: " + ", ".join(told)
+    findings.append(f"by a dense trust-region method to where {faults[0]}")
+    return False, "the oracle came so far: " + ", ".join(findings)
 
 
 def walk(
@@ -68,13 +71,13 @@ def walk(
     state, reached, step, levels = None, 0.0, 1 / 16, 0
     while reached < 1 and levels < LEVELS and step > 1e-3 and time.perf_counter() < begin + WAY:
         levels += 1
-        share = min(1.0, reached + step)
+        fraction = min(1.0, reached + step)
         try:
-            state = solver.solve(*way(share), start=state).state
+            state = solver.solve(*way(fraction), start=state).state
         except TorosError:
             step /= 4
             continue
-        reached = share
+        reached = fraction
         step *= 1.5
     return state, reached, levels
 

@@ -45,7 +45,7 @@ class Row:
 
 
 @dataclass
-class ActuatorResult:
+class CaseResult:
     """A row and what is to be thought of it.
 
     Attributes:
@@ -65,14 +65,14 @@ class Report:
     """Gathers outcomes."""
 
     def __init__(self) -> None:
-        self._outcomes: list[ActuatorResult] = []
+        self._outcomes: list[CaseResult] = []
 
-    def add(self, outcomes: Sequence[ActuatorResult]) -> None:
+    def add(self, outcomes: Sequence[CaseResult]) -> None:
         """Add outcomes."""
         self._outcomes += outcomes
 
     @staticmethod
-    def count(outcomes: Sequence[ActuatorResult]) -> dict[str, int]:
+    def count(outcomes: Sequence[CaseResult]) -> dict[str, int]:
         """Number of outcomes of each verdict."""
         counted = Counter(outcome.verdict for outcome in outcomes)
         return {verdict: counted[verdict] for verdict in VERDICTS}
@@ -129,8 +129,8 @@ class Report:
                 print(f"    {row.label()}: {row.newton_steps} steps, {row.seconds:.1f} s{away}")
         total = sum(outcome.row.seconds for outcome in self._outcomes)
         counts = self.count(self._outcomes)
-        told = ", ".join(f"{number} {verdict}" for verdict, number in counts.items())
-        print(f"\n{len(self._outcomes)} cases in {total:.0f} s: {told}")
+        listed = ", ".join(f"{number} {verdict}" for verdict, number in counts.items())
+        print(f"\n{len(self._outcomes)} cases in {total:.0f} s: {listed}")
 
     def write(self, path: Path) -> None:
         """Write all rows and what was counted as JSON."""
@@ -216,12 +216,12 @@ class Report:
         figure.savefig(path, dpi=130)
         plt.close(figure)
 
-    def _of(self, scene: str, design: str) -> list[ActuatorResult]:
+    def _of(self, scene: str, design: str) -> list[CaseResult]:
         return [o for o in self._outcomes if (o.row.scene, o.row.design) == (scene, design)]
 
-    def _slowest(self, count: int) -> list[ActuatorResult]:
+    def _slowest(self, count: int) -> list[CaseResult]:
         return sorted(self._outcomes, key=lambda o: -o.row.seconds)[:count]
 
-    def _moved(self) -> list[ActuatorResult]:
+    def _moved(self) -> list[CaseResult]:
         returned = [outcome for outcome in self._outcomes if outcome.moved is not None]
         return sorted(returned, key=lambda o: -(o.moved or 0.0))

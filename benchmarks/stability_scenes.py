@@ -34,23 +34,23 @@ PRESSURES = (100.0, 1e3, 5e3, 20e3, 50e3)  # Pa
 
 
 @dataclass(frozen=True, eq=False)
-class ActuatorCase:
-    """A skin, how it is held, and coordinates on it for the designs.
+class Scene:
+    """A skin, its supports, and coordinates on it for the designs.
 
     Attributes:
         name: What the report calls it.
         skin: The sewn skin.
-        held: The supports.
+        supports: Fixed components and directions.
         thickness: Of fabric and reinforcement, in m.
         loads: Pressures to apply, in Pa.
-        strain: By how much the held borders are moved apart; 0 in inflated scenes.
+        strain: By how much the fixed borders are moved apart; 0 in inflated scenes.
         along: Place of each triangle along the skin, from 0 to 1.
         around: Place around it, from 0 to 1 where it closes; 0 is the side of the stiff strip.
     """
 
     name: str
     skin: Skin
-    held: Supports
+    supports: Supports
     thickness: float
     loads: tuple[float, ...]
     strain: float
@@ -126,13 +126,13 @@ def icosahedron(radius: float, count: int) -> Pattern:
     up = [[(i, j), (i + 1, j), (i, j + 1)] for i, j in place if i + j < count]
     down = [[(i + 1, j), (i + 1, j + 1), (i, j + 1)] for i, j in place if i + j < count - 1]
     triangles = np.array([[number[ij] for ij in corners] for corners in up + down])
-    share = np.array(place) / count
+    fraction = np.array(place) / count
     panels = []
     for k, face in enumerate(ConvexHull(vertex).simplices):
         a, b, c = vertex[face if np.linalg.det(vertex[face]) > 0 else face[::-1]]
         edge = np.linalg.norm(b - a)
-        flat = share @ (edge * np.array([[1, 0], [0.5, np.sqrt(0.75)]]))
-        points = a + share @ np.stack([b - a, c - a])
+        flat = fraction @ (edge * np.array([[1, 0], [0.5, np.sqrt(0.75)]]))
+        points = a + fraction @ np.stack([b - a, c - a])
         panels.append(Panel(f"face {k}", flat, triangles, points))
     return Pattern.from_panels(panels, tolerance=1e-3 * float(edge) / count)
 
@@ -179,9 +179,9 @@ def three_points(pattern: Pattern) -> Supports:
     line = (points[second] - points[first]) / np.linalg.norm(points[second] - points[first])
     aside = np.cross([0, 0, 1], line)
     third = int(np.argmax((points - points[first]) @ (aside + 0.011 * line)))
-    held = np.zeros((len(points), 3), dtype=bool)
-    held[first], held[second, 1:], held[third, 2] = True, True, True
-    return Supports(held)
+    fixed = np.zeros((len(points), 3), dtype=bool)
+    fixed[first], fixed[second, 1:], fixed[third, 2] = True, True, True
+    return Supports(fixed)
 
 
 def _tube(mesh: str, length: float = LENGTH) -> tuple[Pattern, Supports]:
@@ -223,9 +223,9 @@ def _cross() -> tuple[Pattern, Supports]:
     pattern = two_layers(flat, triangles)
     # A small patch: what the middle of the lower layer rests on.
     lower = pattern.vertices_of("bottom")
-    held = np.zeros((len(pattern.points), 3), dtype=bool)
-    held[lower[np.linalg.norm(pattern.points[lower], axis=1) < 7e-3]] = True
-    return pattern, Supports(held)
+    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
+    fixed[lower[np.linalg.norm(pattern.points[lower], axis=1) < 7e-3]] = True
+    return pattern, Supports(fixed)
 
 
 def _tile(strain: float) -> tuple[Pattern, Supports]:
@@ -260,15 +260,15 @@ def loads_of(name: str) -> tuple[float, ...]:
     return (0.0,) if name.startswith("tile_") else PRESSURES
 
 
-def build(name: str) -> ActuatorCase:
+def build(name: str) -> Scene:
     """A scene by its name in `BUILDERS`."""
-    pattern, held = BUILDERS[name]()
+    pattern, fixed = BUILDERS[name]()
     kind, _, value = name.partition("_")
     along, around = _coordinates(pattern)
-    return ActuatorCase(
+    return Scene(
         name=name,
         skin=sew(MPI.COMM_WORLD, pattern),
-        held=held,
+        supports=fixed,
         thickness=float(value) * DIAMETER if kind == "thickness" else THICKNESS,
         loads=loads_of(name),
         strain=float(value) / 100 if kind == "tile" else 0.0,
@@ -286,21 +286,21 @@ def _coordinates(pattern: Pattern) -> tuple[Floats, Floats]:
             np.arctan2(centre[:, 1], centre[:, 0]) / (2 * np.pi) % 1,
         )
     # Flat: forth on the upper layer and back on the lower, the strip in the upper one's middle …
-    share = (centre - low)[:, :2] / extent[:2]
+    fraction = (centre - low)[:, :2] / extent[:2]
     if "bottom" not in pattern.panel_names:  # … or along the border of a single sheet.
-        return share[:, 0], share[:, 1] / 2
-    forth = (share[:, 1] - 0.5) / 2
-    return share[:, 0], np.where(pattern.panel == 0, forth, 0.5 - forth) % 1
+        return fraction[:, 0], fraction[:, 1] / 2
+    forth = (fraction[:, 1] - 0.5) / 2
+    return fraction[:, 0], np.where(pattern.panel == 0, forth, 0.5 - forth) % 1
 
 
-def _checkerboard(scene: ActuatorCase) -> Floats:
+def _checkerboard(scene: Scene) -> Floats:
     pattern = scene.skin.pattern
     side = np.sqrt(pattern.areas.sum()) / 8
     patch = np.floor(pattern.centroids / side).astype(int).sum(axis=1)
     return np.asarray((patch + pattern.panel) % 2, dtype=float)
 
 
-def _islands(scene: ActuatorCase) -> Floats:
+def _islands(scene: Scene) -> Floats:
     pattern = scene.skin.pattern
     middles = np.random.default_rng(3).choice(len(pattern.panel), 12, replace=False)
     radius = 0.09 * np.sqrt(pattern.areas.sum())  # covers about 30 %
@@ -309,12 +309,12 @@ def _islands(scene: ActuatorCase) -> Floats:
     return np.asarray(((gap < radius) & same).any(axis=1), dtype=float)
 
 
-def _uniform(value: float) -> Callable[[ActuatorCase], Floats]:
+def _uniform(value: float) -> Callable[[Scene], Floats]:
     return lambda scene: np.full(len(scene.along), value)
 
 
 # Densities of all pattern triangles.
-DESIGNS: dict[str, Callable[[ActuatorCase], Floats]] = {
+DESIGNS: dict[str, Callable[[Scene], Floats]] = {
     "fabric": _uniform(0.0),
     "reinforced": _uniform(1.0),
     "grey": _uniform(0.5),

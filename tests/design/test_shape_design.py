@@ -74,6 +74,22 @@ def test_own_start_and_metrics(comm: MPI.Comm, pattern: Pattern) -> None:
     assert set(tf.optimize(other, [tf.Stage(1)]).history[0].metrics) == {"length_percent"}
 
 
+def test_error_of_the_default_metric(comm: MPI.Comm, pattern: Pattern) -> None:
+    """A target given as a map is known on the refined mesh too; one given by vertex is not."""
+    bend = tf.meshes.bend(np.radians(30), LENGTH, neutral=0.01)
+    problem = design(comm, pattern, target=bend)
+    found = problem.simulate(problem.start_density(seed=1))
+    (metric,) = problem.metrics
+    given = problem.solver, found.projected, found.equilibrium
+    (estimate,) = tf.estimate_error(*given, [metric.measure])
+    assert estimate.value == problem.metrics_of(found.equilibrium)["distance_mm"]
+    assert estimate.refined == pytest.approx(estimate.value, rel=0.05)
+    assert estimate.refined != estimate.value
+    by_vertex = design(comm, pattern, target=bend(pattern.points))
+    with pytest.raises(errors.TargetError, match="a function of the assembled positions"):
+        tf.estimate_error(*given, [by_vertex.metrics[0].measure])
+
+
 def test_seed_decides_the_start(comm: MPI.Comm, pattern: Pattern) -> None:
     problem = design(comm, pattern)
     one, same, other = (

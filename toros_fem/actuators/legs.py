@@ -18,8 +18,8 @@ from toros_fem.objectives.cross_sections import (
 )
 from toros_fem.objectives.metrics import Metric, turn_angle
 
-# Slabs along a leg by which its angle is measured, and how many of them are the outer third.
-SLABS, OUTER_SLABS = 12, 4
+# Cross-sections by which the angle of a leg is measured, and how many are in its outer third.
+CROSS_SECTIONS, OUTER_CROSS_SECTIONS = 12, 4
 
 
 def leg_vertices(pattern: Pattern, along: npt.ArrayLike, root: float) -> Ints:
@@ -75,7 +75,8 @@ def tip_angle_metric(
 ) -> Metric:
     """Return the angle in degrees by which the outer third of a leg or finger has turned.
 
-    It is the `metrics.turn_angle` of all vertices of that third, after the slabs before it.
+    It is the `metrics.turn_angle` of all vertices of that third, after the cross-sections that
+    come before it.
 
     Args:
         target: Target angle in degrees.
@@ -86,8 +87,8 @@ def tip_angle_metric(
 
     def measure(pattern: Pattern, positions: Floats) -> float:
         vertices = leg_vertices(pattern, along, root)
-        labels = label_cross_sections(pattern, vertices, along, SLABS, border=False)
-        first_outer = SLABS - OUTER_SLABS
+        labels = label_cross_sections(pattern, vertices, along, CROSS_SECTIONS, border=False)
+        first_outer = CROSS_SECTIONS - OUTER_CROSS_SECTIONS
         inner = section_vertices(labels)[:first_outer]
         outer = np.flatnonzero(labels >= first_outer)
         return float(np.degrees(turn_angle(pattern, positions, [*inner, outer], along, toward)))

@@ -142,7 +142,7 @@ class ShapeDesign(ShapeProblem):
             force=force,
             whole=whole,
             target=goal,
-            metrics=(_distance_metric(goal),) if metrics is None else tuple(metrics),
+            metrics=(_distance_metric(target),) if metrics is None else tuple(metrics),
             start=start,
         )
         if length_scale is not None:
@@ -169,5 +169,11 @@ def _given_density(
     return given
 
 
-def _distance_metric(target: Floats) -> Metric:
-    return Metric("distance", "mm", 0.0, lambda of, x: 1e3 * distance(of, x, target))
+def _distance_metric(target: Floats | Callable[[Floats], Floats]) -> Metric:
+    """Root mean square distance; from a map also on other meshes, for `estimate_error`."""
+
+    def measure(pattern: Pattern, positions: Floats) -> float:
+        goal = target(pattern.points) if callable(target) else np.asarray(target)
+        return 1e3 * distance(pattern, positions, goal)
+
+    return Metric("distance", "mm", 0.0, measure)

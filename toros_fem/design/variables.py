@@ -16,7 +16,7 @@ from toros_fem.design.problem import DesignProblem, Evaluation
 class Variables:
     """Densities, and on the first rank those pressures that are designed, as one vector.
 
-    A pressure enters as the share of the way between the logarithms of its bounds, so that a
+    A pressure enters as the fraction of the way between the logarithms of its bounds, so that a
     step changes it by a factor.
     """
 
@@ -46,16 +46,16 @@ class Variables:
         out.array[: self._count] = cells
         if self._carried and pressures is not None:
             designed = np.array(pressures)[self._which]
-            shares = np.log(designed / self._low) / np.log(self._high / self._low)
-            out.array[self._count :] = shares
+            fractions = np.log(designed / self._low) / np.log(self._high / self._low)
+            out.array[self._count :] = fractions
         return out
 
     def design(self, x: PETSc.Vec) -> tuple[Floats, tuple[float, ...]]:
         """Density and pressures that a vector stands for (collective)."""
         density, pressures = x.array[: self._count].copy(), self._pressures.copy()
         if self._which:
-            shares = self._comm.bcast(x.array[self._count :] if self._carried else None, root=0)
-            moved = self._low * (self._high / self._low) ** shares
+            fractions = self._comm.bcast(x.array[self._count :] if self._carried else None, root=0)
+            moved = self._low * (self._high / self._low) ** fractions
             pressures[self._which] = np.clip(moved, self._low, self._high)
         return density, tuple(float(p) for p in pressures)
 
@@ -137,7 +137,7 @@ class Scaled:
     ) -> None:
         self._variables, self._limits = variables, problem.length_scale
         self._least = max(target_objective, LEAST)
-        self._scale = self._wanted(start)
+        self._scale = self._scale_at(start)
         self._constrained = constrained
         self._targets: Floats = np.zeros(0)
 
@@ -149,7 +149,7 @@ class Scaled:
         """
         before = self._scale
         if len(evaluation.residuals):
-            self._scale = self._wanted(evaluation)
+            self._scale = self._scale_at(evaluation)
         if self._constrained:
             assert self._limits is not None
             assert evaluation.length_scale is not None
@@ -184,5 +184,5 @@ class Scaled:
         ]
         return Gradients(whole, rest, constraints, slopes)
 
-    def _wanted(self, evaluation: Evaluation) -> float:
+    def _scale_at(self, evaluation: Evaluation) -> float:
         return SCALE / max(evaluation.objective, self._least)

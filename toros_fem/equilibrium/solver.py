@@ -126,7 +126,7 @@ class EquilibriumSolver:
         self.options = options or NewtonOptions()
         self._snes = SnesSolver(self.model, self.options, log)
         self._factor = self._snes.factor
-        self._place = PrescribedDisplacement(self.model)
+        self._prescribed = PrescribedDisplacement(self.model)
         self._factorised_at: EquilibriumResult | None = None
         self._density: Floats = np.zeros(0)  # of that equilibrium
         self._load = self.model.load  # of that equilibrium
@@ -284,7 +284,7 @@ class EquilibriumSolver:
         ) -> Attempt:
             self.model.set_density(at)
             self.model.set_load(under)
-            return attempts(self._place(start, under.displacement), max_steps)
+            return attempts(self._prescribed(start, under.displacement), max_steps)
 
         most = self._snes.max_steps
         first = attempt(state, density, load, most if allow_continuation else min(FEW_STEPS, most))

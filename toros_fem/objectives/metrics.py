@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem._types import Floats, Ints
-from toros_fem.errors import ParameterError
+from toros_fem.errors import ParameterError, TargetError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.cross_sections import label_cross_sections, section_vertices
 from toros_fem.objectives.rotation import best_rotation, polar_rotation
@@ -188,7 +188,16 @@ def distance(
         positions: Deformed positions of all assembled vertices, (n, 3), in m.
         target: Target positions, (n, 3), in m.
         aligned: Whether the best-fitting rigid motion is removed first (Kabsch 1976).
+
+    Raises:
+        TargetError: The target is that of another pattern, a refined one for instance.
     """
+    if target.shape != positions.shape:
+        raise TargetError(
+            f"the target has shape {target.shape}; the positions have {positions.shape}. On "
+            "another mesh, as for an error estimate, measure by a target that is a function of "
+            "the assembled positions, or by metrics of your own."
+        )
     weight = pattern.vertex_areas / pattern.vertex_areas.sum()
     moved = positions
     if aligned:
