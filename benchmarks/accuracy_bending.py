@@ -213,15 +213,15 @@ BENDING: tuple[Case, ...] = (
             run=partial(plate, borders),
             within=1e-2,
             note="Mid-edge: order 2 on every mesh, from above. The others: order 2 where "
-            "triangles pair up to parallelograms, elsewhere what is left does not depend on the "
-            "edge length.",
+            "triangles form parallelograms in pairs; elsewhere the remaining error does not "
+            "depend on the edge length.",
         )
         for borders, reference in (("clamped", 0.00126531908), ("supported", 0.00406235266))
     ),
     Case(
         name="rolled-energy",
         group="bending",
-        about="A square laid on a quarter of a cylinder, 30° askew; its bending energy.",
+        about="The bending energy of a square laid on a quarter of a cylinder, at an angle of 30°.",
         quantity="E/(½ D κ² A)",
         reference=1.0,
         source="exact, ν = 0",
@@ -230,9 +230,10 @@ BENDING: tuple[Case, ...] = (
         sizes=(8, 16, 32, 64),
         run=rolled_energy,
         within=1e-2,
-        note="All vertices and the border's direction are held: only the operator is judged. Order "
-        "2 by the chords. The quadratic patch is exact inside; its order 1 is that of the "
-        "border, whose mirror image is none where the sheet twists along it.",
+        note="All vertices and the border's direction are fixed: only the operator is tested. "
+        "Order 2, because chords replace arcs. The quadratic patch is exact inside. Its "
+        "order 1 comes from the border, where the mirror image is not exact if the sheet "
+        "twists along it.",
     ),
     Case(
         name="rolled-up",
@@ -260,8 +261,8 @@ BENDING: tuple[Case, ...] = (
         sizes=(1, 2, 4, 8),
         run=sheared,
         within=1e-2,
-        note="Order 2 down to 1e-4, where it is seen that the elastica has no width and does not "
-        "stretch.",
+        note="Order 2 down to 1e-4, where the difference from the elastica appears, which has no "
+        "width and does not stretch.",
     ),
     Case(
         name="slit-annulus",
@@ -274,8 +275,8 @@ BENDING: tuple[Case, ...] = (
         meshes=("right", "crossed", "unstructured"),
         sizes=(2, 4, 6, 8),
         run=slit_annulus,
-        note="The reference itself is good to some tenths of a per cent. The plate twists while it "
-        "bends: membrane locking leaves an order near 1.",
+        note="The reference itself is accurate to some tenths of a per cent. The plate twists "
+        "while it bends: membrane locking leaves an order near 1.",
     ),
     Case(
         name="pulled-cylinder",
@@ -288,14 +289,14 @@ BENDING: tuple[Case, ...] = (
         meshes=("right", "unstructured"),
         sizes=(1, 2, 4, 6),
         run=pulled_cylinder,
-        note="The reference itself is good to some tenths of a per cent, which the finest meshes "
-        "reach.",
+        note="The reference itself is accurate to some tenths of a per cent, which the finest "
+        "meshes reach.",
     ),
     Case(
         name="tube-spine",
         group="bending",
-        about="A 9 cm tube of the demos' materials at 3 kPa, bent by a stiff strip along its inner "
-        "side; refined by dividing each triangle in four.",
+        about="A 9 cm tube of the demos' materials at 3 kPa, bent by a stiff strip along its "
+        "inner side; refined by dividing each triangle into four.",
         quantity="angle in degrees",
         reference=SPINE_ANGLE,
         source="this code with mid-edge bending on 161 280 triangles, extrapolated",
@@ -303,6 +304,6 @@ BENDING: tuple[Case, ...] = (
         meshes=("structured", "unstructured"),
         sizes=(0, 1, 2, 3),
         run=spine_tube,
-        note="No independent reference: it tells how a skin's angle depends on the mesh.",
+        note="No independent reference: the case shows how a skin's angle depends on the mesh.",
     ),
 )

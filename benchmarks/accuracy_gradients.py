@@ -295,8 +295,9 @@ def gradient_case(
         meshes=("unstructured",),
         sizes=(12, 16, 24, 32),
         run=lambda formulation, _, size: run(formulation, size),
-        note="Must hold on every mesh: nothing converges, and the order says nothing. A size is "
-        "the number of sides of the tube; seconds are those of the gradient.",
+        note="This must be true on every mesh: nothing converges, and the order has no meaning. "
+        "The size of a mesh is the number of sides of the tube; seconds are those of the "
+        "gradient.",
     )
 
 

@@ -180,22 +180,23 @@ def pillow(mesh: str, count: int) -> Measured:
 
 
 case = partial(membrane_case, "membrane")
-MYLAR = "Mylar balloon: meridians that do not stretch, crimps that cost nothing"
+MYLAR = "Mylar balloon: meridians that do not stretch, crimps without energy"
 CLOSED_FORM = "closed form of eq. (1)"
 PER_RADIUS = "per_deflated_radius_a"
 ROUND: dict[str, Any] = {
     "meshes": ("structured", "unstructured"),
     "sizes": (6, 12, 24, 48),
-    "note": "Where rings of the structured disc are joined its triangles are uneven: three to four "
-    "times gmsh's error, and an order nearer 1.8.",
+    "note": "The triangles between the rings of the structured disc are uneven. This gives three "
+    "to four times the error of gmsh's mesh, and an order near 1.8.",
 }
 BALLOON: dict[str, Any] = {
     "meshes": ("structured", "unstructured"),
     "sizes": (6, 8, 12, 16, 20),
     "within": None,
-    "note": "No convergence test: the sheet must shorten by a quarter around its border, and a "
-    "mesh can crimp by folds of its own size alone. Before it does, it resists, which keeps it "
-    "low; the finer, the more it crimps, and the nearer it comes to the limit.",
+    "note": "No convergence test. The sheet must shorten by a quarter around its border, and a "
+    "mesh can crimp only by folds of the size of its triangles. Until it crimps, it "
+    "resists, so that the value is too low. A finer mesh crimps more and is closer to "
+    "the limit.",
 }
 EXACT: dict[str, Any] = {
     "meshes": ("right", "unstructured"),
@@ -217,7 +218,7 @@ SHEETS = tuple(
             lambda mesh, size: stress(mesh, size, 1.4, None, 0),
         ),
         (
-            "uniaxial-width", "The same sheet: how much it narrows.",
+            "uniaxial-width", "The same sheet: its lateral stretch.",
             "lateral stretch", "gent_uniaxial", "lateral_stretch", "1.4",
             lambda mesh, size: width(mesh, size, 1.4),
         ),
@@ -248,16 +249,16 @@ TUBES = tuple(
     case(
         f"tube-{what}-{pressure / 1000:g}kPa",
         f"A capped tube of material A, R = 1 cm, at {pressure:g} Pa: {quantity}, within 2 R of "
-        "its middle. Half of it, 8 R long, with a plane of symmetry; so far from the tip its disc "
-        "is felt by less than 1e-6.",
+        "its middle. Half of it, 8 R long, with a plane of symmetry; at this distance from the "
+        "tip the effect of its disc is less than 1e-6.",
         quantity,
         entry("gent_cylinder_inflation", column, mat="A", P_Pa=f"{pressure:.0f}"),
         THIN_TUBE,
         partial(on_tube, value, pressure),
         meshes=("structured", "unstructured"),
         sizes=(12, 24, 48, 96),
-        note="The error is that of the polygon inscribed in the circle, a size its number of "
-        f"sides: the structured tube is exact for a radius R cos(π/n). {GMSH}",
+        note="The error is that of the polygon inscribed in the circle; the size of a mesh is its "
+        f"number of sides: the structured tube is exact for a radius R cos(π/n). {GMSH}",
     )
     for pressure, what, quantity, column, value in (
         (1e3, "radius", "λ_θ", "lambda_theta", swelling),
@@ -268,8 +269,8 @@ TUBES = tuple(
 POLYGONS = (
     case(
         "tube-polygon-balance",
-        "The exact state of the tube of n sides at 5 kPa, put into the assembled forces: what is "
-        "left of them in the wall and on the tip.",
+        "The exact state of the tube of n sides at 5 kPa, put into the assembled forces: the "
+        "remaining force in the wall and on the tip.",
         "unbalanced force over that of the pressure",
         0.0,
         f"{CLOSED_FORM} with R cos(π/n) for R",
@@ -289,29 +290,29 @@ POLYGONS = (
         meshes=("structured",),
         sizes=(8, 16, 32, 64),
         within=1e-6,
-        note="Not to rounding, since the tube turns a little (tube-twist), which changes the "
-        "radius by the square of the twist: order 4.",
+        note="Not exact to rounding, since the tube turns a little (tube-twist). This changes "
+        "the radius by the square of the twist: order 4.",
     ),
     case(
         "tube-twist",
-        "The plain tube at 5 kPa has no reason to turn; by how much it does.",
+        "The twist of the plain tube at 5 kPa, which should be zero.",
         "twist in rad over a length R",
         0.0,
         "symmetry",
         partial(on_tube, twist, 5e3),
         meshes=("structured", "unstructured"),
         sizes=(12, 24, 48, 96),
-        note="Diagonals that all lean one way turn the structured tube: where it ends, a vertex "
-        "has one triangle on one side and two on the other for the pressure to act on. With 24 "
-        "sides it turns by 3.8 degrees over 15 R, and by h². Where twist matters, take the "
-        "unstructured mesh.",
+        note="The structured tube turns because all its diagonals lean one way: at its ends, the "
+        "pressure acts on one triangle on one side of a vertex and on two on the other. "
+        "With 24 sides it turns by 3.8 degrees over 15 R; the twist falls as h². Where "
+        "twist matters, use the unstructured mesh.",
     ),
     case(
         "tube-limit-pressure",
         "The capped tube without stretch bounds (c = 1e5): largest pressure of its homogeneous "
         "states. For each λ_θ the assembled forces give the pressure that holds the wall and the "
         "λ_z that holds the tip; the pressure is maximised over λ_θ. No equilibrium is solved: "
-        "near a limit point a solver's failure would be measured instead.",
+        "near a limit point the test would measure a failure of the solver instead.",
         "pressure in Pa",
         entry("stvk_limit_pressures", "Pmax_Pa", mat="A"),
         "closed form of the quadratic law in a thin tube",
@@ -324,8 +325,8 @@ POLYGONS = (
 DISCS = tuple(
     case(
         f"disc-{pressure:g}Pa",
-        f"A clamped disc of material A, a = 2 cm, blown up by {pressure:g} Pa: how far its pole "
-        "moves, by a parabola through the twelve vertices nearest to it.",
+        f"A clamped disc of material A, a = 2 cm, inflated by {pressure:g} Pa: the deflection of "
+        "its pole, by a parabola through the twelve vertices nearest to it.",
         "w₀/a",
         entry("gent_circular_membrane", "w0_over_a", mat="A", P_Pa=f"{pressure}"),
         "membrane of revolution, by two other methods",
@@ -374,9 +375,9 @@ STIFF_LIMITS = (
         meshes=("right", "unstructured"),
         sizes=(6, 8, 12, 16, 24),
         within=None,
-        note="No convergence test: the formula is a fit, and what a square bag can hold at most "
-        "is only known to lie between 0.2055 and 0.217 (Kepert). Sheets of triangles fold along "
-        "their edges alone, and hold the more the finer they are.",
+        note="No convergence test: the formula is a fit, and the largest volume of a square bag "
+        "is only known to be between 0.2055 and 0.217 (Kepert). Sheets of triangles fold "
+        "along their edges alone; finer ones enclose more.",
     ),
 )
 MEMBRANE: tuple[Case, ...] = (*SHEETS, *TUBES, *POLYGONS, *DISCS, *STIFF_LIMITS)

@@ -263,14 +263,15 @@ JAGGED: dict[str, Any] = {
     "sizes": (2, 4, 8, 16),
     "within": None,
     "note": "Triangles belong to a stripe by their centroids, which makes its border jagged: "
-    "about first order, and not regular. A size is the number of edges across a stripe.",
+    "about first order, and not regular. The size of a mesh is the number of edges "
+    "across a stripe.",
 }
 TUBES = (
     case(
         "mckibben-pinned",
         "A tube of two crossed families of lines at 30° from its axis, chains of slender stiff "
-        "triangles that meet at their tips, inflated by 1 kPa: how much shorter it becomes, over "
-        "what McKibben's relation gives for the radius found.",
+        "triangles that meet at their tips, inflated by 1 kPa: its shortening, over that of "
+        "McKibben's relation for the computed radius.",
         "(1 - L/L₀) over the closed form",
         1.0,
         "L/L₀ = √(1 - (R/R₀)² sin²θ₀)/cos θ₀ of lines that do not stretch",
@@ -278,8 +279,9 @@ TUBES = (
         meshes=("lattice",),
         sizes=(4, 6, 8, 12, 16),
         note="Exact for any number of lines, since the lattice's chords keep the same relation. "
-        "What is left is the lines' own stretch: they are 1e5 times stiffer than the fabric, and "
-        "it goes with one over that. A size is the number of lines of a family.",
+        "The remaining error is the stretch of the lines: they are 1e5 times stiffer than "
+        "the fabric, and the error falls with this ratio. The size of a mesh is the number "
+        "of lines of a family.",
     ),
     case(
         "mckibben-printed",
@@ -287,20 +289,21 @@ TUBES = (
         "not follow them, at 2 kPa.",
         "(1 - L/L₀) over the closed form",
         1.0,
-        "as before, for lines of no width that turn freely where they cross",
+        "as before, for lines without width that turn freely where they cross",
         lambda _, size: printed_lattice(size),
         meshes=("unstructured",),
         sizes=(24, 32, 48, 64),
         within=None,
-        note="A trend. Lines of a width join rigidly and must bend in the sheet between crossings; "
-        "across it nothing stiffens them here, so that they bow by 2 % of R, which shortens the "
-        "tube more than straight strands would. With 24 sides an edge is longer than a line is "
-        "wide, with 64 it is two thirds of it.",
+        note="A trend only. Lines with a width are connected rigidly and must bend in the sheet "
+        "between crossings. Here nothing stiffens them out of the sheet, so they bow by 2 % "
+        "of R, which shortens the tube more than straight strands would. With 24 sides an "
+        "edge is longer than the width of a line; with 64 it is two thirds of that width.",
     ),
     case(
         "helix-twist",
-        "A tube with one family of lines at 45°, every fourth column of a mesh that follows them, "
-        "inflated by 0.5 kPa: its twist, over the closed form for the radius and length found.",
+        "A tube with one family of lines at 45°, every fourth column of a mesh that follows "
+        "them, inflated by 0.5 kPa: its twist, over the closed form for the computed radius and "
+        "length.",
         "twist over the closed form",
         1.0,
         "γ = (√(1 - λ_z² cos²θ) - λ_θ sin θ)/cos θ of lines that do not stretch, twist γ/(λ_θ R₀)",
@@ -308,8 +311,9 @@ TUBES = (
         meshes=("helical",),
         sizes=(12, 16, 32, 64),
         within=2e-3,
-        note="The error is that of the polygon, a size its number of sides. The twist is a small "
-        "difference of the lines' direction before and after, so that it counts much.",
+        note="The error is that of the polygon; the size of a mesh is its number of sides. The "
+        "twist is a small difference between the directions of the lines before and after, "
+        "so that this error has a large effect.",
     ),
     case(
         "helix-twist-polygon",
@@ -320,7 +324,8 @@ TUBES = (
         lambda _, size: polygonal_helix(size),
         meshes=("helical",),
         sizes=(12, 16, 32, 64),
-        note="Exact but for the lines' own stretch and for what the ends do to the middle.",
+        note="Exact except for the stretch of the lines and for the effect of the ends on the "
+        "middle.",
     ),
 )
 STRIPES = tuple(
