@@ -1,14 +1,13 @@
-"""The chain from density to objective: gradients, ranks, errors."""
+"""The design loop: stages, stop rules, ranks, failures."""
 
 import dataclasses
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.designs import full, problem
+from helpers.designs import full, make_problem
 from mpi4py import MPI
 
-from toros_fem import errors
 from toros_fem.density.field import random_density
 from toros_fem.design.loop import optimize
 from toros_fem.design.options import DesignOptions, Stage
@@ -21,27 +20,27 @@ from toros_fem.meshes import Skin, cylinder, sew
 def test_stages_switch_constraints_on_and_pressure_moves(
     tube: Skin, tube_solver: EquilibriumSolver
 ) -> None:
-    chain = dataclasses.replace(
+    problem = dataclasses.replace(
         full(tube, tube_solver, beta=20.0), perimeter=None, perimeter_weight=None
     )
     stages = (Stage(6), Stage(12, constrained=True))
-    result = optimize(chain, DesignOptions(stages), start=random_density(tube, 3))
+    result = optimize(problem, DesignOptions(stages), start=random_density(tube, 3))
     free, last = result.history[6], result.history[-1]
     assert free.stage == 0
     assert last.stage == 1
     assert max(free.g_r, free.g_t) > 10 * max(last.g_r, last.g_t), "constraints act"
     assert last.grey_level < 0.5 * free.grey_level
     assert result.pressure == last.pressure == result.final.equilibrium.pressure
-    assert result.pressure != chain.pressure
+    assert result.pressure != problem.pressure
     assert min(row.pressure for row in result.history) >= 1e3
     steps = np.diff(np.log([row.pressure for row in result.history])) / np.log(20)
     assert np.abs(steps).max() <= 0.1 + 1e-9
 
 
 def test_a_run_goes_on_from_a_result(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    chain = full(tube, tube_solver, beta=20.0)
-    first = optimize(chain, DesignOptions((Stage(4),)), start=random_density(tube, 3))
-    more = optimize(chain, DesignOptions((Stage(3),)), start=first.density, after=first)
+    problem = full(tube, tube_solver, beta=20.0)
+    first = optimize(problem, DesignOptions((Stage(4),)), start=random_density(tube, 3))
+    more = optimize(problem, DesignOptions((Stage(3),)), start=first.density, after=first)
     assert [row.iteration for row in more.history] == [0, 1, 2, 3, 4, 4, 5, 6, 7]
     assert [row.stage for row in more.history] == [0] * 5 + [1] * 4
     assert more.history[5].objective == pytest.approx(first.final.objective, rel=1e-9)
@@ -55,14 +54,14 @@ def test_a_run_goes_on_on_another_mesh(
 ) -> None:
     """Its history goes on, its shape does not fit."""
     first = optimize(
-        problem(tube, tube_solver), DesignOptions((Stage(2),)), start=random_density(tube, 3)
+        make_problem(tube, tube_solver), DesignOptions((Stage(2),)), start=random_density(tube, 3)
     )
     pattern = cylinder(comm, 0.06, 0.02, 5e-3)
     other = sew(comm, pattern)
     assert len(pattern.panel) != len(tube.pattern.panel)
-    chain = problem(other, EquilibriumSolver(other, Composite(), clamp(pattern, ["base"])))
+    problem = make_problem(other, EquilibriumSolver(other, Composite(), clamp(pattern, ["base"])))
     more = optimize(
-        chain,
+        problem,
         DesignOptions((Stage(1),)),
         start=random_density(other, 3),
         after=first,
@@ -76,20 +75,20 @@ def test_a_design_that_is_good_enough_ends_a_stage(
     tube: Skin, tube_solver: EquilibriumSolver
 ) -> None:
     """And not while its constraints are violated."""
-    chain, start = full(tube, tube_solver, beta=20.0), random_density(tube, 3)
-    every = optimize(chain, DesignOptions((Stage(5),)), start=start).history
+    problem, start = full(tube, tube_solver, beta=20.0), random_density(tube, 3)
+    every = optimize(problem, DesignOptions((Stage(5),)), start=start).history
     enough = every[2].objective * 1.001
     first = next(k for k, row in enumerate(every) if row.objective <= enough)
     found = optimize(
-        chain, DesignOptions((Stage(5), Stage(5)), target_objective=enough), start=start
+        problem, DesignOptions((Stage(5), Stage(5)), target_objective=enough), start=start
     )
     assert [row.stage for row in found.history] == [0] * (first + 1) + [1]
     assert found.reason == f"T is at most {enough:g}."
     bound = optimize(
-        chain, DesignOptions((Stage(5, constrained=True),), target_objective=enough), start=start
+        problem, DesignOptions((Stage(5, constrained=True),), target_objective=enough), start=start
     )
-    assert chain.length_scale is not None
-    solid, void = chain.length_scale.epsilon
+    assert problem.length_scale is not None
+    solid, void = problem.length_scale.epsilon
     for row in bound.history[:-1]:
         assert row.objective > enough or row.g_r > solid or row.g_t > void
     assert any(row.objective <= enough for row in bound.history[:-1]), "constraints act"
@@ -97,38 +96,32 @@ def test_a_design_that_is_good_enough_ends_a_stage(
 
 def test_stages_that_are_alike_all_run(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     """And what is reported last is the design returned, also when a stage ends at its start."""
-    chain, start = problem(tube, tube_solver), random_density(tube, 3)
-    result = optimize(chain, DesignOptions((Stage(2),) * 3), start=start)
+    problem, start = make_problem(tube, tube_solver), random_density(tube, 3)
+    result = optimize(problem, DesignOptions((Stage(2),) * 3), start=start)
     assert [row.stage for row in result.history] == [0] * 3 + [1] * 3 + [2] * 3
     plain = 0 * start + 0.5
-    late = optimize(chain, DesignOptions((Stage(2),), seconds=1e-3), start=plain, after=result)
+    late = optimize(problem, DesignOptions((Stage(2),), seconds=1e-3), start=plain, after=result)
     assert late.history[-1].objective == late.final.objective != result.final.objective
 
 
 def test_stop_rules(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    chain, start = problem(tube, tube_solver), random_density(tube, 3)
+    problem, start = make_problem(tube, tube_solver), random_density(tube, 3)
     for options, reason in (
         (DesignOptions((Stage(9),), x_tol=0.5), "No variable changes by more than 0.5"),
         (DesignOptions((Stage(9),), kkt_tol=1e3), "The KKT residual is under 1000"),
         (DesignOptions((Stage(9),), seconds=1e-3), "0.001 s have passed"),
     ):
-        result = optimize(chain, options, start=start)
+        result = optimize(problem, options, start=start)
         assert reason in result.reason
         assert len(result.history) < 4
-    slow = optimize(chain, DesignOptions((Stage(14),), min_relative_decrease=1.0), start=start)
+    slow = optimize(problem, DesignOptions((Stage(14),), min_relative_decrease=1.0), start=start)
     assert slow.reason == "T fell by less than 1 of it in 10 steps."
     assert slow.history[-1].iteration == 10, "it never falls by all of it"
-    with pytest.raises(errors.ParameterError, match="min_relative_decrease = 2"):
-        DesignOptions(min_relative_decrease=2.0)
-    with pytest.raises(errors.ParameterError, match="stages is empty"):
-        DesignOptions(())
-    with pytest.raises(errors.ParameterError, match="descent = 'steep'"):
-        DesignOptions(descent="steep")
 
 
 def test_conservative_steps_descend(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     options = DesignOptions((Stage(6),), descent="conservative", retries=15)
-    result = optimize(problem(tube, tube_solver), options, start=random_density(tube, 3))
+    result = optimize(make_problem(tube, tube_solver), options, start=random_density(tube, 3))
     objectives = [row.objective for row in result.history]
     assert objectives == sorted(objectives, reverse=True)
     assert objectives[-1] < 0.5 * objectives[0]
@@ -159,7 +152,7 @@ def test_loop_descends_and_is_reproducible(tube: Skin, tube_solver: EquilibriumS
     seen = []
     runs = [
         optimize(
-            problem(tube, tube_solver),
+            make_problem(tube, tube_solver),
             DesignOptions((Stage(6),)),
             start=random_density(tube, 3),
             callback=lambda row, _: seen.append(row.iteration),
@@ -179,7 +172,7 @@ def test_a_design_without_equilibrium_is_stepped_back_from(
     tube: Skin, tube_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Failures of the solver on the way are retried; if they stay, the last design is kept."""
-    chain = problem(tube, tube_solver)
+    problem = make_problem(tube, tube_solver)
     solve, count = tube_solver.solve, 0
 
     def failing(broken: range) -> Any:
@@ -194,23 +187,23 @@ def test_a_design_without_equilibrium_is_stepped_back_from(
         return patched
 
     monkeypatch.setattr(tube_solver, "solve", failing(range(2, 4)))
-    result = optimize(chain, DesignOptions((Stage(3),)), start=random_density(tube, 3))
+    result = optimize(problem, DesignOptions((Stage(3),)), start=random_density(tube, 3))
     assert [row.iteration for row in result.history] == [0, 1, 2, 3]
     assert result.history[1].rejected >= 2
     count = 0
     monkeypatch.setattr(tube_solver, "solve", failing(range(3, 99)))
-    result = optimize(chain, DesignOptions((Stage(3),)), start=random_density(tube, 3))
+    result = optimize(problem, DesignOptions((Stage(3),)), start=random_density(tube, 3))
     assert [row.iteration for row in result.history] == [0, 1]
     assert "the last design with one" in result.reason
     assert result.final.objective == result.history[-1].objective
 
 
 def test_continuation_raises_beta(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    chain = problem(tube, tube_solver)
+    problem = make_problem(tube, tube_solver)
     stages = [Stage(2, beta=beta) for beta in (2.0, 4.0, 8.0)]
-    result = optimize(chain, stages, seed=3)
+    result = optimize(problem, stages, seed=3)
     # A row for the start of each stage, and one for each step.
     assert [row.beta for row in result.history] == [2, 2, 2, 4, 4, 4, 8, 8, 8]
     assert [row.stage for row in result.history] == [0, 0, 0, 1, 1, 1, 2, 2, 2]
     assert [row.iteration for row in result.history] == [0, 1, 2, 2, 3, 4, 4, 5, 6]
-    assert chain.projection.beta == 6.0, "the problem is left as it was"
+    assert problem.projection.beta == 6.0, "the problem is left as it was"

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers.designs import full, problem
+from helpers.designs import full, make_problem
 from mpi4py import MPI
 
 from toros_fem import errors
@@ -22,16 +22,16 @@ def test_taylor_of_the_whole_chain(
     tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
 ) -> None:
     """Filter, projection, equilibrium with bending under pressure, objective: rate 2."""
-    chain = problem(tube, tube_solver)
+    problem = make_problem(tube, tube_solver)
     density = random_density(tube, 2, spread=0.3)
-    base = chain.evaluate(density)
+    base = problem.evaluate(density)
     assert base.gradient is not None
     start = base.equilibrium.state
     direction = np.random.default_rng(9).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
     slope = comm.allreduce(float(base.gradient @ direction))
     gaps = []
     for step in 1e-2 * 0.5 ** np.arange(6):
-        there = chain.simulate(density + step * direction, start)
+        there = problem.simulate(density + step * direction, start)
         gaps.append(abs(there.objective - base.objective - step * slope))
     rates = np.log2(np.array(gaps[:-1]) / gaps[1:])
     assert rates[-4:] == pytest.approx(2, abs=0.05)
@@ -43,23 +43,25 @@ def test_taylor_of_everything_by_density_and_pressure(
     tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
 ) -> None:
     """T with its perimeter term, and both constraints, along a joint step of ρ and P."""
-    chain = full(tube, tube_solver)
+    problem = full(tube, tube_solver)
     density = random_density(tube, 2, spread=0.3)
-    base = chain.evaluate(density)
+    base = problem.evaluate(density)
     assert base.gradient is not None
     assert base.pressure_gradient is not None
     assert base.length_scale is not None
     assert base.length_scale_gradients is not None
     drawn = np.random.default_rng(9).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
-    direction, pressure = drawn * chain.designed, 4e3
+    direction, pressure = drawn * problem.designed, 4e3
     along = lambda g: comm.allreduce(float(g @ direction))  # noqa: E731
     by_pressure = base.pressure_gradient[0] * pressure
     slopes = [along(base.gradient) + by_pressure, *map(along, base.length_scale_gradients)]
     assert abs(by_pressure) > 1e-2 * abs(slopes[0]), "the pressure must matter"
     gaps = []
     for step in 1e-2 * 0.5 ** np.arange(6):
-        there = chain.simulate(
-            density + step * direction, base.equilibrium.state, chain.pressures[0] + step * pressure
+        there = problem.simulate(
+            density + step * direction,
+            base.equilibrium.state,
+            problem.pressures[0] + step * pressure,
         )
         assert there.length_scale is not None
         values = np.array([there.objective - base.objective,
@@ -70,7 +72,7 @@ def test_taylor_of_everything_by_density_and_pressure(
 
 
 def test_what_is_not_asked_for_is_not_there(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    plain = problem(tube, tube_solver).evaluate(random_density(tube, 0))
+    plain = make_problem(tube, tube_solver).evaluate(random_density(tube, 0))
     assert plain.perimeter is None
     assert plain.length_scale is None
     assert plain.pressure_gradient is None
@@ -85,13 +87,13 @@ def test_what_is_not_asked_for_is_not_there(tube: Skin, tube_solver: Equilibrium
 
 
 def test_binary_pattern_is_simulated_as_it_is(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    chain = problem(tube, tube_solver)
-    design = chain.simulate(random_density(tube, 3, spread=0.5))
+    problem = make_problem(tube, tube_solver)
+    design = problem.simulate(random_density(tube, 3, spread=0.5))
     printed = design.filtered > 0.5
-    binary = chain.simulate_binary(printed, design)
+    binary = problem.simulate_binary(printed, design)
     assert set(np.unique(binary.projected)) <= {0.0, 1.0}
-    assert np.array_equal(binary.projected[chain.designed] > 0.5, printed[chain.designed])
-    assert np.all(binary.projected[~chain.designed] == 1)
+    assert np.array_equal(binary.projected[problem.designed] > 0.5, printed[problem.designed])
+    assert np.all(binary.projected[~problem.designed] == 1)
     assert binary.equilibrium.pressure == design.equilibrium.pressure
     assert binary.shape != design.shape
 
@@ -104,8 +106,8 @@ def test_bending_matters_in_the_taylor_state(
         tube, dataclasses.replace(Composite(), bending=None), clamp(tube.pattern, ["base"])
     )
     density = random_density(tube, 2, spread=0.3)
-    with_it = problem(tube, tube_solver).evaluate(density).gradient
-    without = problem(tube, plain).evaluate(density).gradient
+    with_it = make_problem(tube, tube_solver).evaluate(density).gradient
+    without = make_problem(tube, plain).evaluate(density).gradient
     assert with_it is not None
     assert without is not None
     assert norm(comm, with_it - without) > 1e-3 * norm(comm, with_it)
@@ -114,9 +116,9 @@ def test_bending_matters_in_the_taylor_state(
 def test_gradient_against_central_differences(
     tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
 ) -> None:
-    chain = problem(tube, tube_solver)
+    problem = make_problem(tube, tube_solver)
     density = random_density(tube, 4, spread=0.3)
-    base = chain.evaluate(density)
+    base = problem.evaluate(density)
     assert base.gradient is not None
     gradient = tube.gather_cells(base.gradient)
     wall = tube.pattern.cells_of("wall")
@@ -124,37 +126,37 @@ def test_gradient_against_central_differences(
         values = []
         for sign in (1, -1):
             moved = density + sign * 1e-4 * (tube.owned_cells == cell)
-            values.append(chain.simulate(moved, base.equilibrium.state).objective)
+            values.append(problem.simulate(moved, base.equilibrium.state).objective)
         difference = (values[0] - values[1]) / 2e-4
         assert gradient[cell] == pytest.approx(difference, rel=1e-4, abs=1e-9)
 
 
 def test_given_cells_have_no_gradient(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    chain = problem(tube, tube_solver)
-    result = chain.evaluate(random_density(tube, 0))
+    problem = make_problem(tube, tube_solver)
+    result = problem.evaluate(random_density(tube, 0))
     assert result.gradient is not None
-    caps = ~chain.designed
+    caps = ~problem.designed
     assert np.all(result.gradient[caps] == 0)
     assert np.all(result.projected[caps] == 1)
 
 
 def test_gradient_of_a_state_that_is_gone(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    chain = problem(tube, tube_solver)
-    first = chain.simulate(random_density(tube, 0))
-    chain.simulate(random_density(tube, 1))
+    problem = make_problem(tube, tube_solver)
+    first = problem.simulate(random_density(tube, 0))
+    problem.simulate(random_density(tube, 1))
     with pytest.raises(errors.ParameterError, match="another state"):
-        chain.differentiate(first)
+        problem.differentiate(first)
 
 
 def test_bad_densities(tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm) -> None:
-    chain = problem(tube, tube_solver)
+    problem = make_problem(tube, tube_solver)
     density = random_density(tube, 0)
     short = density[:-1] if comm.rank == comm.size - 1 else density
     with pytest.raises(errors.DensityError, match="shape"):
-        optimize(chain, DesignOptions((Stage(1),)), start=short)
+        optimize(problem, DesignOptions((Stage(1),)), start=short)
     with pytest.raises(errors.DensityError, match="passive has shape"):
-        dataclasses.replace(chain, passive=short)
+        dataclasses.replace(problem, passive=short)
     with pytest.raises(errors.DensityError, match="none is designed"):
-        dataclasses.replace(chain, passive=np.ones_like(density))
+        dataclasses.replace(problem, passive=np.ones_like(density))
     with pytest.raises(errors.DensityError, match="from 2.0 to 2.0"):
-        dataclasses.replace(chain, passive=np.where(density > 0.5, np.nan, 2.0))
+        dataclasses.replace(problem, passive=np.where(density > 0.5, np.nan, 2.0))

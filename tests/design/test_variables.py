@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers.designs import full, problem
+from helpers.designs import full, make_problem
 
 from toros_fem._mpi import dot, total
 from toros_fem.density.field import random_density
@@ -16,8 +16,8 @@ from toros_fem.meshes import Skin
 
 def test_a_vector_and_back(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     """Pressures enter as the logarithm between their bounds."""
-    chain = dataclasses.replace(problem(tube, tube_solver), pressure_bounds=(1e3, 9e3))
-    variables = Variables(chain, DesignOptions(pressure_move=0.25))
+    problem = dataclasses.replace(make_problem(tube, tube_solver), pressure_bounds=(1e3, 9e3))
+    variables = Variables(problem, DesignOptions(pressure_move=0.25))
     density = random_density(tube, 3)
     x = variables.vector(density, (3e3,))
     if tube.comm.rank == 0:
@@ -31,18 +31,18 @@ def test_a_vector_and_back(tube: Skin, tube_solver: EquilibriumSolver) -> None:
 
 def test_prescribed_densities_have_no_range(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     passive = np.where(tube.owned_cells % 3 == 0, 0.25, np.nan)
-    chain = dataclasses.replace(problem(tube, tube_solver), passive=passive)
-    low, high = Variables(chain, DesignOptions()).bounds
+    problem = dataclasses.replace(make_problem(tube, tube_solver), passive=passive)
+    low, high = Variables(problem, DesignOptions()).bounds
     given = ~np.isnan(passive)
     np.testing.assert_array_equal(low.array, np.where(given, 0.25, 0.0))
     np.testing.assert_array_equal(high.array, np.where(given, 0.25, 1.0))
 
 
 def test_gradient_by_the_variables(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    """The chain rule of the pressure's logarithm, against a difference of T."""
-    chain = dataclasses.replace(problem(tube, tube_solver), pressure_bounds=(1e3, 9e3))
-    variables, density = Variables(chain, DesignOptions()), random_density(tube, 0)
-    base = chain.evaluate(density, pressure=3e3)
+    """The derivative by the pressure's logarithm, against a difference of T."""
+    problem = dataclasses.replace(make_problem(tube, tube_solver), pressure_bounds=(1e3, 9e3))
+    variables, density = Variables(problem, DesignOptions()), random_density(tube, 0)
+    base = problem.evaluate(density, pressure=3e3)
     gradient = variables.gradient(base, scale=2.0)
     tail = gradient.array[len(density) :].sum()
     by_pressure = total(tube.comm, tail)
@@ -54,22 +54,22 @@ def test_gradient_by_the_variables(tube: Skin, tube_solver: EquilibriumSolver) -
             x.array[-1] += sign * step
         _, pressures = variables.design(x)
         state = base.equilibrium.state
-        ends.append(2.0 * chain.simulate(density, state, pressures).objective)
+        ends.append(2.0 * problem.simulate(density, state, pressures).objective)
     assert by_pressure == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-5)
 
 
 def test_scaled_functions(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     """T is 10 where a stage starts; constraints ask for half of their value, then for ε."""
-    chain = full(tube, tube_solver, beta=20.0)
-    variables = Variables(chain, DesignOptions())
-    base = chain.evaluate(random_density(tube, 3))
-    scaled = Scaled(chain, variables, constrained=True, target_objective=0.0, start=base)
+    problem = full(tube, tube_solver, beta=20.0)
+    variables = Variables(problem, DesignOptions())
+    base = problem.evaluate(random_density(tube, 3))
+    scaled = Scaled(problem, variables, constrained=True, target_objective=0.0, start=base)
     assert scaled.refer(base) == 1.0
     here, slopes = scaled.values(base), scaled.gradients(base)
     assert here.objective == here.rest == pytest.approx(10.0)
-    assert chain.length_scale is not None
+    assert problem.length_scale is not None
     assert base.length_scale is not None
-    far = base.length_scale > 2 * chain.length_scale.epsilon
+    far = base.length_scale > 2 * problem.length_scale.epsilon
     assert far.any()
     np.testing.assert_allclose(here.constraints[far], 1.0)
     # The gradient of T is scaled as T is.

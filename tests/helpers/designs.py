@@ -16,7 +16,7 @@ from toros_fem.objectives.shape import ShapeObjective
 RADIUS = 7e-3
 
 
-def problem(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> ShapeProblem:
+def make_problem(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> ShapeProblem:
     pattern = skin.pattern
     target = bend(np.radians(60), 0.06, neutral=0.01)(pattern.points)
     wall = pattern.panel[skin.owned_cells] == pattern.panel_index("wall")
@@ -31,8 +31,8 @@ def problem(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> ShapePr
 
 
 def full(skin: Skin, solver: EquilibriumSolver, beta: float = 6.0) -> ShapeProblem:
-    """All that the chain has: pressure designed, perimeter penalised, widths constrained."""
-    plain = problem(skin, solver, beta)
+    """All that a problem has: pressure designed, perimeter penalised, widths constrained."""
+    plain = make_problem(skin, solver, beta)
     return dataclasses.replace(
         plain,
         pressure_bounds=(1e3, 2e4),

@@ -51,7 +51,7 @@ def test_supports_bear_the_weight_and_what_is_held(
 def test_gradient_under_weight_and_force(tube: Skin, heavy: EquilibriumSolver) -> None:
     """The weight changes with the density, and matters."""
     pattern = tube.pattern
-    chain = ShapeProblem(
+    problem = ShapeProblem(
         heavy,
         ShapeObjective(tube, pattern.points + [0.01, 0, 0]),
         ConeFilter(tube, 7e-3),
@@ -59,21 +59,21 @@ def test_gradient_under_weight_and_force(tube: Skin, heavy: EquilibriumSolver) -
         force=spread_force(pattern, "tip", [0.05, 0.0, 0.0]),
     )
     density = random_density(tube, 4, spread=0.3)
-    base = chain.evaluate(density)
+    base = problem.evaluate(density)
     assert base.gradient is not None
     gradient = tube.gather_cells(base.gradient)
     state = base.equilibrium.state
     cells = np.random.default_rng(1).choice(pattern.cells_of("wall"), 3, replace=False)
     for cell in cells:
         ends = [
-            chain.simulate(density + sign * 1e-4 * (tube.owned_cells == cell), state).objective
+            problem.simulate(density + sign * 1e-4 * (tube.owned_cells == cell), state).objective
             for sign in (1, -1)
         ]
         difference = (ends[0] - ends[1]) / 2e-4
         assert gradient[cell] == pytest.approx(difference, rel=1e-4, abs=1e-9)
     light = dataclasses.replace(HEAVY, fabric=1.1, reinforcement=1.1)
     other = EquilibriumSolver(tube, Composite(), clamp(pattern, ["base"]), weight=light)
-    without = dataclasses.replace(chain, solver=other).evaluate(density, state)
+    without = dataclasses.replace(problem, solver=other).evaluate(density, state)
     assert without.gradient is not None
     gap = np.abs(tube.gather_cells(without.gradient) - gradient)[cells]
     assert gap.max() > 1e-2 * np.abs(gradient[cells]).max()

@@ -266,7 +266,7 @@ class DesignProblem(ABC, Generic[R]):
             NoEquilibriumError: There is no equilibrium for this design.
         """
         check_density(self.skin, density)
-        begin = time.perf_counter()
+        start_time = time.perf_counter()
         density = self.with_passive(density)
         filtered, projected = self.fields(density)
         return self._evaluate(
@@ -275,7 +275,7 @@ class DesignProblem(ABC, Generic[R]):
             projected,
             start,
             pressure,
-            begin=begin,
+            start_time=start_time,
             allow_continuation=allow_continuation,
         )
 
@@ -297,7 +297,7 @@ class DesignProblem(ABC, Generic[R]):
             projected,
             near.state,
             near.pressures or None,
-            begin=time.perf_counter(),
+            start_time=time.perf_counter(),
             allow_continuation=True,
         )
 
@@ -309,7 +309,7 @@ class DesignProblem(ABC, Generic[R]):
         start: Any,
         pressure: Pressure | None,
         *,
-        begin: float,
+        start_time: float,
         allow_continuation: bool,
     ) -> Evaluation[R]:
         perimeter = None if self.perimeter is None else self.perimeter.forward(projected)
@@ -335,7 +335,7 @@ class DesignProblem(ABC, Generic[R]):
             filtered=filtered,
             projected=projected,
             equilibrium=response,
-            seconds={"filter": middle - begin, "equilibrium": end - middle},
+            seconds={"filter": middle - start_time, "equilibrium": end - middle},
         )
 
     def differentiate(self, evaluation: Evaluation[R]) -> Evaluation[R]:

@@ -73,7 +73,7 @@ def write_tile_results(
         seconds: Further wall times in s, those of the reporter for instance.
 
     Returns:
-        The summary, as in summary.json.
+        The summary, as in summary.json; equal on all ranks.
 
     Raises:
         OutputError: A file cannot be written; on all ranks.
@@ -95,6 +95,7 @@ def write_tile_results(
         "versions": versions(),
         "inputs": None if config is None else config.as_dict(),
     }
+    summary = dict(comm.bcast(summary, root=0))  # each rank has its own clock
     fields = {
         "rho": skin.gather_cells(result.result.density),
         "rho_projected": skin.gather_cells(result.result.final.projected),
