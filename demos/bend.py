@@ -8,7 +8,7 @@ printed all over, as end plates are. Its wall and the pressure are designed. The
 towards +x, and the inner side of the bend keeps its length, because a skin under pressure does not
 shorten. The end plate at the tip counts as much as all the rest, so that the design reaches the
 angle and not only the shape. Constraints on the widths of lines and gaps act after the first
-stage. The pattern is then thresholded, cleaned of islands, and simulated again as it is printed.
+stage. The pattern is then thresholded, cleaned of islands, and simulated again as printed.
 """
 
 from __future__ import annotations

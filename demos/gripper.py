@@ -7,7 +7,7 @@ Each finger is flat, made of two panels, and clamped at its root in a mount. Thr
 around the object at 120°. Half a finger is designed, by symmetry. A line along its inner panel is
 always printed, so that this panel keeps its length. The target follows from the object: the finger
 is straight up to the object, then goes around it. The distance of the inner panel from the object
-also counts. The printed finger is simulated again. The summary tells the remaining gap, and how it
+also counts. The printed finger is simulated again. The summary gives the remaining gap, and how it
 changes when the object's weight hangs on the fingers.
 """
 
@@ -174,7 +174,7 @@ def case(comm: MPI.Comm, config: GripperConfig) -> ActuatorCase:
             config.orientation_length,
         ),
         contact=Contact(config.body, touching, config.contact_weight),
-        # The outer panel is to stretch; without this hint the start cannot tell in from out.
+        # The outer panel is to stretch; without this hint the start is the same in and out.
         start=np.where(inner, 0.65, 0.35),
         symmetry=(1,),
     )

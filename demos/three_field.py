@@ -1,11 +1,12 @@
-"""What each part of the three-field scheme does (paper Figs. 4, 5): five bending tubes.
+"""Effect of each part of the three-field scheme (paper Figs. 4, 5): five bending tubes.
 
     python demos/three_field.py --coarse
 
-Five variants share case, start and number of steps: densities filtered only; with projection; with
-constraints on the widths of lines and gaps; with a penalty on the perimeter; with both. Each design
-is thresholded at eta and simulated again as it would be printed, since only the print shows what a
-variant is worth. The demo writes a table, `three_field.json`, and a picture strip.
+Five variants have the same case, start and number of steps: densities filtered only; with
+projection; with constraints on the widths of lines and gaps; with a penalty on the perimeter; with
+both. Each design is thresholded at eta and simulated again as it would be printed, since only the
+print shows what a variant is worth. The demo writes a table, `three_field.json`, and a picture
+strip.
 """
 
 from __future__ import annotations

@@ -113,7 +113,7 @@ def case(comm: MPI.Comm, config: WalkerConfig) -> ActuatorCase:
             config.centreline_weight,
             config.orientation_length,
         ),
-        # The top is to stretch; without this hint the start cannot tell up from down.
+        # The top is to stretch; without this hint the start does not distinguish up from down.
         start=np.where(pattern.panel == pattern.panel_index("top"), 0.35, 0.65),
         symmetry=(0, 1),
     )
@@ -145,7 +145,7 @@ def walk(
     quarter, whole = design.problem.skin, design.problem.whole
     assert whole is not None
     start = whole.at_vertices(quarter.gather_vertices(shown.equilibrium.positions))
-    # Fixed where they are in the design's shape: no more than rigid motion is prevented.
+    # Fixed at their positions in the design's shape: this prevents rigid motion only.
     rest = rest_on_body(pattern, star.body_radius)
     rest = replace(rest, displacement=np.where(rest.fixed, start - pattern.points, 0.0))
     solver = EquilibriumSolver(skin, config.composite, rest, chambers=chambers(pattern, star))

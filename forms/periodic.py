@@ -9,8 +9,8 @@ from typing import Any
 def placed(patch: Sequence[Any], shifts: Sequence[Any]) -> list[Any]:
     """Return the positions of a patch's nodes, with periodic images where the triangle sees them.
 
-    With x = F̄ x̄ + w and w periodic, a node and its image a flat vector s away lie F̄ s apart. F̄ is
-    known by its columns along two directions n and t, two nodes of their own: F̄ s = (s·n) F̄n +
+    With x = F̄ x̄ + w and w periodic, a node and its image a flat vector s away lie F̄ s apart. F̄
+    is given by its columns along two directions n and t, two further nodes: F̄ s = (s·n) F̄n +
     (s·t) F̄t.
 
     Args:

@@ -31,7 +31,7 @@ def two_panels(
     """Make two equal panels, "top" and "bottom", sewn along an outline (collective).
 
     Both have the same mesh, so that they fit vertex by vertex. The assembled skin lies in the plane
-    z = 0, apart from a slight pillow with the top at z > 0, which shows a simulation the inside.
+    z = 0, apart from a slight pillow with the top at z > 0, which defines the inside.
     The stress-free shape is flat. The first two coordinates of `Pattern.points` are the place in
     the outline on either panel. The flat coordinates of the bottom are mirrored, (x, −y).
 
@@ -70,7 +70,7 @@ def two_panels(
 
 
 def plane_centroids(pattern: Pattern) -> Floats:
-    """Return the place of each triangle in the outline, (t, 2), in m, alike on top and bottom.
+    """Return the place of each triangle in the outline, (t, 2), in m, the same on both panels.
 
     `Pattern.centroids` are in each panel's own coordinates, which are mirrored on the bottom.
     """

@@ -41,8 +41,9 @@ def remove_thin(
     """Remove triangles thinner than `THIN`, where that is simple.
 
     A needle's short edge is collapsed. A cap's long edge is flipped; where that edge is a border,
-    the cap is dropped. The surface moves by less than `THIN` of the longest edge. A triangle stays
-    as it is if its repair would change the topology, fold the surface over or move a kept edge.
+    the cap is dropped. The surface moves by less than `THIN` of the longest edge. A triangle
+    is not changed if its repair would change the topology, fold the surface over or move a kept
+    edge.
 
     Args:
         points: Vertices (n, 3).

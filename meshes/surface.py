@@ -1,4 +1,4 @@
-"""A triangulated surface in space, as it is modelled or scanned, before it is cut and unwrapped."""
+"""A triangulated surface in space, modelled or scanned, before it is cut and unwrapped."""
 
 from __future__ import annotations
 
@@ -194,7 +194,7 @@ def oriented(triangles: Ints) -> Ints:
     one, two = edges.sides[edges.inner].T
     clash = np.isin(edges.inner, clashing(triangles, edges))
     size = len(triangles)
-    # Each triangle is two nodes: as it is, and reversed (+ size). On a surface with two sides, a
+    # Each triangle is two nodes: unchanged, and reversed (+ size). On a surface with two sides, a
     # node is linked to one of the two nodes of any other triangle.
     rows = np.concatenate([one, one + size])
     cols = np.concatenate([two + size * clash, two + size * ~clash])
@@ -216,7 +216,7 @@ def check_edges(points: Floats, triangles: Ints) -> None:
     """Check that no edge has more than two triangles.
 
     Raises:
-        ManifoldError: Naming the edge, where it lies, and its triangles.
+        ManifoldError: Naming the edge, its place and its triangles.
     """
     edges = edges_of(triangles)
     many = np.flatnonzero(edges.count > 2)
@@ -233,10 +233,10 @@ def check_edges(points: Floats, triangles: Ints) -> None:
 def check_fans(points: Floats, triangles: Ints) -> None:
     """Check that the triangles around each vertex form one fan.
 
-    Neighbours must be oriented alike.
+    Neighbours must have the same orientation.
 
     Raises:
-        ManifoldError: Naming the vertex and where it lies.
+        ManifoldError: Naming the vertex and its place.
     """
     found = pinched(triangles, edges_of(triangles))
     if len(found):

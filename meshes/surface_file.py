@@ -179,7 +179,7 @@ def _component(path: Path, points: Floats, triangles: Ints, component: int | Non
 
 
 def _outwards(points: Floats, triangles: Ints) -> Ints:
-    """Orient triangles alike: closed surfaces outwards, open ones as most of their area is."""
+    """Orient triangles: closed surfaces outwards, open ones as most of their area is."""
     agreed = oriented(triangles)
     if len(edges_of(agreed).border) == 0:
         inwards = volume(points, agreed) < 0

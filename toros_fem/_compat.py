@@ -1,4 +1,4 @@
-"""What differs between dolfinx 0.9 and 0.11, told apart by features. Nowhere else."""
+"""Differences between dolfinx 0.9 and 0.11, found by features; no other module handles them."""
 
 from __future__ import annotations
 
@@ -11,34 +11,34 @@ from mpi4py import MPI
 
 
 def cell_partitioner() -> Any:
-    """Partitioner with a ghost layer across facets, the neighbours that bending needs."""
+    """Return a partitioner with a ghost layer across facets, the neighbours that bending needs."""
     try:
         return mesh.create_cell_partitioner(mesh.GhostMode.shared_facet, 2)
-    except TypeError:  # up to 0.10 no bound on the cells of a facet is asked for
+    except TypeError:  # up to 0.10 there is no bound on the cells of a facet
         return mesh.create_cell_partitioner(mesh.GhostMode.shared_facet)
 
 
 def index_map(
     comm: MPI.Comm, owned: int, ghosts: npt.NDArray[np.int64], owners: npt.NDArray[np.int32]
 ) -> Any:
-    """An index map with given ghosts (collective)."""
+    """Return an index map with given ghosts (collective)."""
     try:
         return cpp.common.IndexMap(comm, owned, ghosts, owners)
-    except TypeError:  # from 0.11 a message tag is asked for
+    except TypeError:  # from 0.11 a message tag is required
         return cpp.common.IndexMap(comm, owned, ghosts, owners, 1 << 8)
 
 
 def coordinate_map(geometry: Any) -> Any:
-    """The C++ coordinate element of a mesh geometry."""
+    """Return the C++ coordinate element of a mesh geometry."""
     geometry = getattr(geometry, "_cpp_object", geometry)
     maps = getattr(geometry, "cmaps", None)
-    if isinstance(maps, list):  # from 0.11; before, cmaps is a method, if it is there at all
+    if isinstance(maps, list):  # from 0.11; before, cmaps is a method or missing
         return maps[0]
     return geometry.cmap
 
 
 def geometry_dofmap(geometry: Any) -> npt.NDArray[np.int32]:
-    """Geometry points of each local cell, shape (cells, 3)."""
+    """Return the geometry points of each local cell, shape (cells, 3)."""
     geometry = getattr(geometry, "_cpp_object", geometry)
     maps = getattr(geometry, "dofmaps", None)
     if isinstance(maps, list):
@@ -47,7 +47,7 @@ def geometry_dofmap(geometry: Any) -> npt.NDArray[np.int32]:
 
 
 def function_space(domain: mesh.Mesh, element: Any, dofmap: Any, plain: fem.FunctionSpace) -> Any:
-    """A function space on a hand-made C++ dofmap; `plain` gives element and value shape."""
+    """Return a space on a hand-made C++ dofmap; `plain` gives element and value shape."""
     cpp_element = getattr(plain.element, "_cpp_object", plain.element)
     make = cpp.fem.FunctionSpace_float64
     try:

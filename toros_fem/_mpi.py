@@ -15,34 +15,34 @@ T = TypeVar("T")
 
 
 def total(comm: MPI.Comm, value: float) -> float:
-    """Sum of a number over the ranks."""
+    """Return the sum of a number over the ranks."""
     return float(comm.allreduce(float(value), op=MPI.SUM))
 
 
 def sum_over_ranks(comm: MPI.Comm, local: Floats) -> Floats:
-    """Entrywise sum of small arrays over the ranks."""
+    """Return the entrywise sum of small arrays over the ranks."""
     out = np.empty_like(local)
     comm.Allreduce(np.ascontiguousarray(local), out)
     return out
 
 
 def largest(comm: MPI.Comm, value: float) -> float:
-    """Maximum of a number over the ranks."""
+    """Return the maximum of a number over the ranks."""
     return float(comm.allreduce(float(value), op=MPI.MAX))
 
 
 def smallest(comm: MPI.Comm, value: float) -> float:
-    """Minimum of a number over the ranks."""
+    """Return the minimum of a number over the ranks."""
     return float(comm.allreduce(float(value), op=MPI.MIN))
 
 
 def dot(comm: MPI.Comm, a: Floats, b: Floats) -> float:
-    """Inner product of two vectors given by their owned entries."""
+    """Return the inner product of two vectors given by their owned entries."""
     return total(comm, float(np.vdot(a, b)))
 
 
 def norm(comm: MPI.Comm, owned: Floats) -> float:
-    """Euclidean norm of a vector given by its owned entries."""
+    """Return the Euclidean norm of a vector given by its owned entries."""
     return float(np.sqrt(dot(comm, owned, owned)))
 
 
@@ -55,12 +55,12 @@ def raise_together(comm: MPI.Comm, error: Exception | None) -> None:
 
 
 def on_first_rank(comm: MPI.Comm, action: Callable[[], T]) -> T:
-    """Do something on the first rank; its result, or its error, on all of them (collective)."""
+    """Run an action on the first rank; return its result or raise its error on all (collective)."""
     result, error = None, None
     if comm.rank == 0:
         try:
             result = action()
-        except Exception as caught:  # handed to all ranks, none may be left waiting
+        except Exception as caught:  # raised on all ranks, so that none waits
             error = caught
     raise_together(comm, error)
     found: T = comm.bcast(result, root=0)

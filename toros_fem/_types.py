@@ -1,4 +1,4 @@
-"""Array types that all modules share."""
+"""Array types of all modules."""
 
 from __future__ import annotations
 

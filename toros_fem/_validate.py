@@ -35,7 +35,7 @@ def require_between(low: float, high: float, **values: float) -> None:
 
 
 def require_count(least: int, **values: int) -> None:
-    """Check that each value is a whole number, at least so large.
+    """Check that each value is a whole number and at least `least`.
 
     Raises:
         ParameterError: Naming the value and the bound.

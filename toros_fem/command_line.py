@@ -1,4 +1,4 @@
-"""The command line of scripts: every field of a configuration is an option of its own."""
+"""The command line of scripts: each field of a configuration is an option."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ KINDS = {float: "a number", int: "a whole number", bool: "True or False", str: "
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a field of a configuration means, and which values it may take.
+    """Meaning, unit and allowed values of a field of a configuration.
 
     Attributes:
         meaning: One line, without its unit.
@@ -125,7 +125,7 @@ class Config:
 
     @classmethod
     def quantity(cls, name: str) -> Quantity:
-        """Return what a field means and which values it may take."""
+        """Return meaning, unit and allowed values of a field."""
         found: Quantity = cls.__dataclass_fields__[name].metadata[KEY]
         return found
 

@@ -38,7 +38,7 @@ class OpenSkinError(PatternError):
 
 
 class OutlineError(TorosError, ValueError):
-    """An outline is no simple closed curve, or does not fit its radii, lines or planes."""
+    """An outline is not a simple closed curve, or does not fit its radii, lines or planes."""
 
 
 class TargetError(TorosError, ValueError):
@@ -58,7 +58,7 @@ class SurfaceError(TorosError, ValueError):
 
 
 class TileFileError(TorosError, ValueError):
-    """A printed tile cannot be read; the message names the file and what is wrong in it."""
+    """A printed tile cannot be read; the message names the file and the fault."""
 
 
 class NoEquilibriumError(TorosError, RuntimeError):

@@ -1,4 +1,4 @@
-"""What an actuator is designed for: its pattern, its target, and what counts."""
+"""Case of an actuator: its pattern, its target and the parts of the objective."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class ActuatorCase:
     Attributes:
         pattern: Panels and seams.
         target: Target positions of all assembled vertices, (n, 3), in m.
-        supports: What is fixed.
+        supports: Fixed components and directions.
         metrics: Numbers that the design is judged by, the most important first.
         passive: Prescribed density of all triangles, (t,), NaN where it is designed.
         weights, relative: Factors on each vertex in the objective, as of `ShapeObjective`. If both

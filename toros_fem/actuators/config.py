@@ -63,7 +63,7 @@ class ActuatorConfig(SkinConfig, DesignConfig):
         40, "steps with the width constraints; 0 leaves them out", at_least=0
     )
     polish_iterations: int = quantity(
-        20, "steps after all free islands are removed or joined; 0 leaves them", at_least=0
+        20, "steps after all free islands are removed or connected; 0 leaves them", at_least=0
     )
     estimate_error: bool = quantity(
         False, "also estimate the discretisation error of the metrics on a refined mesh"

@@ -77,7 +77,7 @@ def _in_room(points: Floats, body: Body, angle: float) -> Floats:
     """Return points of a finger's frame in the room: z up, the object's axis at x = y = 0."""
     out = body.centre[2] - points[:, 2]
     c, s = np.cos(angle), np.sin(angle)
-    y = -points[:, 1]  # mirrored as z is, or the skin would be turned inside out
+    y = -points[:, 1]  # mirrored like z, since otherwise the skin would be inside out
     return np.column_stack([c * out - s * y, s * out + c * y, -points[:, 0]])
 
 

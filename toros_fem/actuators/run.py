@@ -91,8 +91,8 @@ def design_actuator(
 ) -> ActuatorResult:
     """Design an actuator and write all results (collective).
 
-    Free islands of the printed pattern are removed, or joined to the rest if that does less harm,
-    and the design is continued for `config.polish_iterations` steps.
+    Free islands of the printed pattern are removed, or connected to the rest if that gives a lower
+    T, and the design is continued for `config.polish_iterations` steps.
 
     Args:
         comm: Communicator.

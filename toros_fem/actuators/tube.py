@@ -134,7 +134,7 @@ def tube_case(
 def cross_section_case(
     comm: MPI.Comm, config: CrossSectionTubeConfig, target: Deformer, metrics: Sequence[Metric]
 ) -> ActuatorCase:
-    """Return a tube as `tube_case` does, of which only cross-sections count.
+    """Return the tube of `tube_case` with an objective of cross-sections only.
 
     Their positions and orientations have a target; the skin may swell freely. With an axial weight
     of 0 it may also lengthen and shorten. The position of the tip counts `tip_weight` times as much

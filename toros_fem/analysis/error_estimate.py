@@ -122,7 +122,7 @@ def estimate_error(
 
 
 def _refined(finer: Refinement, supports: Supports) -> Supports:
-    """Supports of a refined pattern: a middle is fixed if both its ends are."""
+    """Return supports of a refined pattern: a middle is fixed if both its ends are."""
     fixed = np.asarray(supports.fixed[finer.ends].all(axis=1))
     displacement = None
     if supports.displacement is not None:

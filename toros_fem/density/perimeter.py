@@ -22,9 +22,9 @@ from toros_fem.meshes.skin import Skin
 class Perimeter:
     """Length in m of the print's border, Σᵢ Āᵢ (ρ̄ᵢ − F(ρ̄ᵢ)) / (κ(w) r), eq. (16).
 
-    F(ρ̄ᵢ) = 1 − 1/w ln(mean over the window of e^{w(1−ρ̄ⱼ)}), eq. (15), is a soft minimum of ρ̄ over
-    a disc of radius r on the panel: ρ̄ − F is the part that an erosion removes. For larger w, F
-    approaches the true erosion; for the paper's w = 0.5 it is almost the mean. A larger window
+    F(ρ̄ᵢ) = 1 − 1/w ln(mean over the window of e^{w(1−ρ̄ⱼ)}), eq. (15), is a soft minimum of ρ̄
+    over a disc of radius r on the panel: ρ̄ − F is the part that an erosion removes. For larger w,
+    F approaches the true erosion; for the paper's w = 0.5 it is almost the mean. A larger window
     smooths the border. With κ(w) the value is the length of a straight edge in either case.
 
     The paper's own sum, Σᵢ (ρ̄ᵢ − F(ρ̄ᵢ)) over triangles without weights, depends on the mesh:
@@ -34,7 +34,7 @@ class Perimeter:
         skin: The sewn skin.
         window: Radius r of the window in m; about the filter's.
         sharpness: w.
-        area_weighted: Whether triangles count by area; False: alike, as in the paper.
+        area_weighted: Whether triangles count by area; False: equally, as in the paper.
         lattice, whole: As for `ConeFilter`.
 
     Raises:

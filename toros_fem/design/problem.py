@@ -376,7 +376,7 @@ class DesignProblem(ABC, Generic[R]):
 
     @property
     def _perimeter_price(self) -> float:
-        """Increase of T for a metre of border."""
+        """Increase of T per metre of border."""
         return (self.perimeter_weight or 0.0) / self.skin.pattern.size
 
     def _pull_back(

@@ -41,7 +41,7 @@ class ShapeDesign(ShapeProblem):
         pattern: Panels and seams.
         target: Target positions of all assembled vertices, (n, 3), in m, or a map from assembled
             positions to them, `meshes.bend` for instance.
-        supports: What is fixed.
+        supports: Fixed components and directions.
         filter_radius: R of the density filter in m.
         pressure: In Pa, of all chambers or of each; the first guess where it is designed.
         composite: Fabric, reinforcement and stretch bounds.
@@ -154,7 +154,7 @@ class ShapeDesign(ShapeProblem):
 def _given_density(
     pattern: Pattern, passive: Floats | None, printed_panels: Sequence[str]
 ) -> Floats | None:
-    """Prescribed density of all triangles, (t,); None if there is none."""
+    """Return the prescribed density of all triangles, (t,); None if there is none."""
     count = len(pattern.triangles)
     if passive is not None and np.shape(passive) != (count,):
         raise DensityError(

@@ -40,7 +40,7 @@ class Variables:
         self.move.array[self._count :] = options.pressure_move
 
     def vector(self, cells: Floats, pressures: Sequence[float] | None = None) -> PETSc.Vec:
-        """A vector of values at owned triangles, and of all pressures in Pa (0 if None)."""
+        """Return a vector of values at owned triangles and of all pressures in Pa (0 if None)."""
         size = self._count + self._carried
         out = PETSc.Vec().createMPI((size, PETSc.DECIDE), comm=self._comm)
         out.array[: self._count] = cells
@@ -51,7 +51,7 @@ class Variables:
         return out
 
     def design(self, x: PETSc.Vec) -> tuple[Floats, tuple[float, ...]]:
-        """Density and pressures that a vector stands for (collective)."""
+        """Return the density and the pressures of a vector (collective)."""
         density, pressures = x.array[: self._count].copy(), self._pressures.copy()
         if self._which:
             fractions = self._comm.bcast(x.array[self._count :] if self._carried else None, root=0)
@@ -60,7 +60,7 @@ class Variables:
         return density, tuple(float(p) for p in pressures)
 
     def gradient(self, evaluation: Evaluation, scale: float) -> PETSc.Vec:
-        """Gradient of scale · T by the variables."""
+        """Return the gradient of scale · T by the variables."""
         assert evaluation.gradient is not None
         out = self.vector(scale * evaluation.gradient)
         if self._carried:
@@ -72,13 +72,13 @@ class Variables:
         return out
 
 
-# MMA wants functions of O(1) to O(100).
+# MMA works best with functions of O(1) to O(100).
 SCALE = 10.0
-# The least T that is scaled up: where it is less, or 0, nothing is left to improve.
+# The least T that is scaled up: below it, no improvement is needed.
 LEAST = float(np.finfo(np.float64).eps) ** 2
-# A constraint far from being met asks for this share of its value, step by step.
+# Target of a constraint that is far from satisfied, as a fraction of its value, in each step.
 TIGHTEN = 0.5
-# What is asked for in the end, over the limit: steps end a few per cent off it.
+# Final target of a constraint over its limit: steps end a few per cent off the target.
 MARGIN = 0.8
 
 
@@ -90,7 +90,7 @@ class Values:
         objective: T.
         rest: T without the squares of `residuals`.
         constraints: g/target − 1, (m,).
-        residuals: What T holds the squares of, (j,).
+        residuals: Numbers whose squares are a part of T, (j,).
     """
 
     objective: float
@@ -100,14 +100,14 @@ class Values:
 
     @property
     def missing(self) -> Values:
-        """Those of a design without an equilibrium: infinite."""
+        """Values of a design without an equilibrium: infinite."""
         widths, squared = (np.full_like(a, np.inf) for a in (self.constraints, self.residuals))
         return Values(np.inf, np.inf, widths, squared)
 
 
 @dataclass(frozen=True, eq=False)
 class Gradients:
-    """Their gradients by the variables, as distributed vectors."""
+    """Gradients of the scaled functions by the variables, as distributed vectors."""
 
     objective: PETSc.Vec
     rest: PETSc.Vec
@@ -116,13 +116,13 @@ class Gradients:
 
 
 class Scaled:
-    """Scales and targets of one stage, taken anew from each design that is stepped from.
+    """Scales and targets of one stage, set again at each accepted design.
 
     Args:
         problem: The problem of the stage.
-        variables: What it is solved for.
+        variables: The design variables.
         constrained: Whether its constraints on widths hold.
-        target_objective: T that needs no improving, and no weight either.
+        target_objective: T that needs no improvement, and therefore no scaling.
         start: The design that the stage starts from.
     """
 
@@ -142,10 +142,10 @@ class Scaled:
         self._targets: Floats = np.zeros(0)
 
     def refer(self, evaluation: Evaluation) -> float:
-        """Take scale and targets from a design; returns the factor by which the scale changes.
+        """Take scale and targets from a design; return the factor by which the scale changes.
 
-        Squares fall by orders of magnitude in a few steps, and would come to lie under what MMA
-        adds to keep its approximations convex: with these the scale follows T.
+        Squares fall by orders of magnitude in a few steps. They would become smaller than the term
+        that keeps MMA's approximations convex. So the scale follows T if there are residuals.
         """
         before = self._scale
         if len(evaluation.residuals):
@@ -158,7 +158,7 @@ class Scaled:
         return self._scale / before
 
     def values(self, evaluation: Evaluation) -> Values:
-        """Of a design."""
+        """Return the scaled functions of a design."""
         residuals = self._scale**0.5 * evaluation.residuals
         objective = self._scale * evaluation.objective
         constraints: Floats = np.zeros(0)
@@ -168,7 +168,7 @@ class Scaled:
         return Values(objective, objective - float(residuals @ residuals), constraints, residuals)
 
     def gradients(self, evaluation: Evaluation) -> Gradients:
-        """At a design that was differentiated."""
+        """Return the scaled gradients of a design that was differentiated."""
         vector, rows = self._variables.vector, evaluation.residual_gradients
         widths = evaluation.length_scale_gradients if self._constrained else []
         assert rows is not None

@@ -73,12 +73,12 @@ class TangentFactor:
         options = PETSc.Options(PREFIX)
         self.package = options.getString("pc_factor_mat_solver_type", default)
         if self.package == "cholmod":
-            # It reads this format in place, AIJ by a copy that it loses when it fails.
+            # CHOLMOD reads this format in place; it copies AIJ, and loses the copy when it fails.
             self.matrix = self.upper.convert("sbaij", PETSc.Mat())
-            # Its other method, for small matrices, lets negative pivots pass.
+            # Its other method, for small matrices, accepts negative pivots.
             options["mat_cholmod_factor"] = "SUPERNODAL"
             if not options.hasName("mat_cholmod_print"):
-                options["mat_cholmod_print"] = 0  # an indefinite tangent is no news
+                options["mat_cholmod_print"] = 0  # an indefinite tangent is expected here
         self.ksp = PETSc.KSP().create(comm)
         self.ksp.setOptionsPrefix(PREFIX)
         self.ksp.setType(PETSc.KSP.Type.PREONLY)
@@ -94,7 +94,7 @@ class TangentFactor:
             self._space = 60
             factor.setMumpsIcntl(14, self._space)  # per cent of room for delayed pivots
         self.ksp.setFromOptions()
-        # The analysis, once for all: on the identity it cannot fail.
+        # The analysis is done once, on the identity, where it cannot fail.
         self._data[:] = 0.0
         self._data[tangent.diagonal] = 1.0
         self._update()
@@ -109,7 +109,7 @@ class TangentFactor:
         """Assemble the tangent at a state."""
         self._tangent.assemble(state, self._exact)
         self._state, self._has_material = state, False
-        # One value a vertex: a flat membrane has no stiffness of its own across its plane.
+        # One value per vertex: a flat membrane has no stiffness across its plane.
         diagonal = np.abs(self._exact[self._tangent.diagonal])
         by_vertex = self._model.positions(diagonal)
         by_vertex[:] = by_vertex.mean(axis=1)[:, None]
@@ -173,7 +173,7 @@ class TangentFactor:
 
 
 def _has_cholmod() -> bool:
-    """Whether PETSc is built with CHOLMOD; its list of packages is not always complete."""
+    """Return whether PETSc has CHOLMOD; its list of packages is not always complete."""
     matrix = PETSc.Mat().createSBAIJ((1, 1), 1, nnz=1, comm=PETSc.COMM_SELF)
     matrix.setUp()
     pc = PETSc.PC().create(PETSc.COMM_SELF)

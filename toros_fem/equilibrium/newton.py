@@ -34,7 +34,7 @@ MODIFIED_RATE = 0.2
 MODIFIED_GAIN = 0.2
 # Number of saddles that a solve leaves before it gives up.
 ESCAPES = 10
-# Where rounding lets no step lower the energy any more, this residual over the load is enough.
+# If rounding keeps every step from lowering the energy, this residual over the load is enough.
 STAGNATED = 1e-8
 # Or this one, where Newton's full step leaves the fraction STUCK of the residual and moves nothing
 # further than the fraction RESOLVED of the skin's size.
@@ -79,7 +79,7 @@ class NewtonResult(Attempt):
     """Result of one solve.
 
     Attributes:
-        history: One row a step, the row that ends it included.
+        history: One row for each step, and the row that ends the solve.
     """
 
     history: tuple[NewtonStep, ...]
@@ -96,21 +96,23 @@ class _Point:
 
 
 class RegularisedNewton:
-    """Minimises E from a start, at the load and density that are set in the model.
+    """Regularised Newton's method on E from a start, at the load and density set in the model.
 
     Each step solves (K + τM) p = −r with the smallest τ ≥ 0 of a geometric ladder for which the
     factorisation has no negative pivot, remembered from step to step. M is K's material part: it
     resists strains, not the large rotations by which slender skins snap. p is capped where a
     triangle would use up too much of its distance to the stretch bounds, and backtracked on the
-    energy. A long step stretches what it turns; a second solve with the same factors corrects that
-    (the second-order correction of constrained optimisation). Near the end, and at the start with
-    the factors of a neighbouring equilibrium, modified Newton steps reuse the factorisation.
+    energy. A long step stretches the triangles that it turns; a second solve with the same factors
+    corrects that (the second-order correction of constrained optimisation). Near the end, and at
+    the start with the factors of a neighbouring equilibrium, modified Newton steps reuse the
+    factorisation.
 
     Where energies differ by less than their rounding the slope decides (Hager & Zhang 2005,
     eq. 2.4, approximate Wolfe). A stationary point that is no minimum is left along its softest
     mode. A state counts as equilibrium when K is positive definite and the residual is below the
-    tolerance times the applied load, or below the rounding of the positions. Where rounding lets
-    the residual fall no more, STAGNATED is enough, or UNRESOLVED where Newton's step is negligible.
+    tolerance times the applied load, or below the rounding of the positions. Where rounding
+    keeps the residual from falling further, STAGNATED is enough, or UNRESOLVED where Newton's step
+    is negligible.
     """
 
     def __init__(
@@ -126,7 +128,7 @@ class RegularisedNewton:
         self._reset()
 
     def _reset(self) -> None:
-        """Forget the solve before: it may have failed far away."""
+        """Reset all data of the previous solve, which may have failed far away."""
         self._history: list[NewtonStep] = []
         self._shift, self._stiffness, self._refused = 0.0, 0.0, False
         self._clock = time.perf_counter()
@@ -264,18 +266,18 @@ class RegularisedNewton:
             self._log(row)
 
     def _floor(self, reference: float) -> float:
-        """Norm of the residual by rounding of the positions alone, once K is known.
+        """Return the residual's norm by rounding of the positions alone, once K is known.
 
         Close to the stretch bounds it would exceed any load, so that it is limited.
         """
         return min(self._rounding(), STAGNATED * reference)
 
     def _rounding(self) -> float:
-        """Norm in N by which rounded positions may change the residual."""
+        """Return the norm in N by which rounded positions may change the residual."""
         return 8 * float(np.finfo(float).eps) * self.model.skin.pattern.size * self._stiffness
 
     def _stuck(self, old: _Point, new: _Point | None, direction: Floats, *, full: bool) -> bool:
-        """Whether rounding lets the residual fall no more: Newton's step is negligible.
+        """Return whether rounding limits the residual: Newton's step is negligible.
 
         Where stretching is far stiffer than bending, its rounding alone may exceed the load.
         """
@@ -307,7 +309,7 @@ class RegularisedNewton:
         self._shift = shift
 
     def _softest(self, residual: Floats, seed: int) -> Floats:
-        """Mode of smallest curvature, by inverse iteration, scaled to 1 % of the skin's size.
+        """Return the mode of smallest curvature, by inverse iteration, scaled to 1 % of the skin.
 
         The curvature is measured by the diagonal: the material part would hide the buckling mode.
         """
@@ -327,13 +329,13 @@ class RegularisedNewton:
         return 0.01 * self.model.skin.pattern.size * mode
 
     def _cap(self, state: Floats, direction: Floats) -> float:
-        """Fraction of a step that the stretch bounds allow."""
+        """Return the fraction of a step that the stretch bounds allow."""
         corners = self.model.corners(state)
         fraction = self.options.fraction_to_barrier
         return self.model.bounds.largest_step(corners, self.model.corners(direction), fraction)
 
     def _modified_step(self, point: _Point, rounding: float, *, first: bool) -> _Point | None:
-        """Point after a step with the old factorisation; None if it gains too little."""
+        """Return the point after a step with the old factors; None if it gains too little."""
         direction = -self.factor.solve(point.residual)
         if not np.isfinite(norm(self.comm, direction)):
             return None
@@ -349,7 +351,7 @@ class RegularisedNewton:
         return new if first or new.size <= MODIFIED_RATE * point.size else None
 
     def _correct(self, old: _Point, new: _Point, fraction: float) -> _Point:
-        """Second-order correction: solve for the residual beyond its linear prediction."""
+        """Solve for the residual beyond its linear prediction: the second-order correction."""
         for _ in range(CORRECTIONS):
             if new.size <= RELAXED * old.size:
                 break
@@ -363,7 +365,7 @@ class RegularisedNewton:
     def _search(
         self, point: _Point, direction: Floats, rounding: float, *, escaping: bool
     ) -> tuple[float, _Point | None]:
-        """Fraction of the step to take and the point there; 0 and None if no step lowers E."""
+        """Return the fraction of the step and the point there; 0, None if no step lowers E."""
         if not np.isfinite(norm(self.comm, direction)):
             return 0.0, None
         slope = dot(self.comm, point.residual, direction)

@@ -19,12 +19,12 @@ DAMPING = 1e-9
 
 
 class PrescribedDisplacement:
-    """Moves the fixed components of a state to their prescribed positions.
+    """Displacement of the fixed components of a state to their prescribed positions.
 
-    To move them alone would stretch the triangles next to them by the whole displacement. The free
-    components follow by the harmonic extension over the flat panels, each component by itself: on
-    a strip that is pulled this is the exact solution. The pattern is whole on every rank, so that
-    each computes the same.
+    Moved alone, they would stretch the triangles next to them by the whole displacement. So the
+    free components follow by the harmonic extension over the flat panels, each component by itself:
+    on a strip that is pulled this is the exact solution. The pattern is whole on every rank, so
+    that each computes the same.
 
     Args:
         model: The skin's model.

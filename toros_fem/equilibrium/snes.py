@@ -110,7 +110,7 @@ class _NewtonContext:
 
 
 class Attempts:
-    """Solves one after the other; each uses the factors of the one before if that converged.
+    """Sequence of solves; each uses the factors of the one before if that converged.
 
     Attributes:
         history: Rows of all of them.
@@ -138,15 +138,15 @@ class Attempts:
 
     @property
     def steps(self) -> int:
-        """Newton steps, each with a factorisation of its own."""
+        """Number of Newton steps, each with a new factorisation."""
         return sum(row.step > 0 and not row.modified for row in self.history)
 
     @property
     def modified_steps(self) -> int:
-        """Steps with a factorisation that was at hand."""
+        """Number of modified Newton steps, with an older factorisation."""
         return sum(row.modified for row in self.history)
 
     @property
     def factorisations(self) -> int:
-        """Factorisations so far, retries with a shift included."""
+        """Number of factorisations so far, retries with a shift included."""
         return self._solver.factor.count - self._factorisations

@@ -51,7 +51,7 @@ class EquilibriumResult:
         volumes: Volume of each chamber in m³.
         stretch_use: Largest fraction of the stretch bounds that a triangle uses, < 1.
         residual: Norm of the first variation over the applied load.
-        steps: Number of Newton steps, each with a factorisation of its own.
+        steps: Number of Newton steps, each with a new factorisation.
         modified_steps: Number of modified Newton steps, with an older factorisation.
         factorisations: Number of factorisations of the tangent, retries with a shift included.
         history: One row for each step of either kind, and one that ends each solve.
@@ -98,7 +98,7 @@ class EquilibriumError(NoEquilibriumError):
 
 
 class EquilibriumSolver:
-    """Finds stable equilibria of a skin, and solves with the tangent there.
+    """Solver for stable equilibria of a skin, and for linear systems with the tangent there.
 
     Args:
         skin: The sewn skin.
@@ -344,7 +344,7 @@ class EquilibriumSolver:
     def _result(
         self, attempts: Attempts, end: ContinuationResult, load: LoadCase
     ) -> EquilibriumResult:
-        """Measure the last state, under its own part of the load (collective)."""
+        """Return the result at the last state, under its fraction of the load (collective)."""
         model, state = self.model, end.state
         load_factor = end.load_factor or 0.0
         model.set_load(load.scaled(load_factor))

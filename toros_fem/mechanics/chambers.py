@@ -17,7 +17,7 @@ from toros_fem.meshes.topology import between, half_edges
 
 @dataclass(frozen=True, eq=False)
 class Chambers:
-    """Parts of a skin with pressures of their own.
+    """Parts of a skin with separate pressures.
 
     Two chambers with a common border are separated by a weightless wall inside the skin: the fan
     of the border about its mean. So every chamber is a closed body.
@@ -86,7 +86,7 @@ class Wall:
 
     Attributes:
         vertices: Assembled vertices in order, as the triangles of the first side run, (m,).
-        closed: Whether the last vertex is joined to the first; else both ends lie in symmetry
+        closed: Whether the last vertex is connected to the first; else both ends lie in symmetry
             planes through the origin, and the missing part does too.
         sides: The two chambers.
         weights: Weight of each vertex in c, (m,).
@@ -137,7 +137,7 @@ class Wall:
 
 
 def _skew(a: Floats) -> Floats:
-    """Matrices (m, 3, 3) of x ↦ a × x for vectors a, (m, 3)."""
+    """Return the matrices (m, 3, 3) of x ↦ a × x for vectors a, (m, 3)."""
     turned: Floats = np.cross(a[:, None, :], np.eye(3)).astype(np.float64)
     return turned.transpose(0, 2, 1)
 
@@ -145,12 +145,13 @@ def _skew(a: Floats) -> Floats:
 def find_walls(pattern: Pattern, chambers: Chambers, supports: Supports) -> list[Wall]:
     """Return the walls between chambers.
 
-    A border that ends where three chambers meet is closed by the chord to its other end, the
-    line where three walls join.
+    A border that ends where three chambers meet is closed by the chord to its other end, the line
+    where three walls meet.
 
     Raises:
         ParameterError: The chambers are made for another pattern; a border ends at a free edge
-            outside all symmetry planes; or so many chambers meet that the chords leave one open.
+            outside all symmetry planes; or too many chambers meet, so that the chords leave one
+            open.
     """
     if chambers.of_cell.shape != (len(pattern.triangles),):
         raise ParameterError(
@@ -177,7 +178,7 @@ def find_walls(pattern: Pattern, chambers: Chambers, supports: Supports) -> list
 
 
 def _borders(pattern: Pattern, chambers: Chambers) -> tuple[Ints, Ints]:
-    """Edges (k, 2) between chambers, directed as in the lower one's triangles; both chambers."""
+    """Return the directed edges (k, 2) between chambers, as in the lower one, and both chambers."""
     edges = pattern.edges
     twins = edges.twins[between(edges, chambers.of_cell)]
     sides = chambers.of_cell[twins // 3]

@@ -71,7 +71,7 @@ class LoadCase:
 
 
 def _between(one: Floats | None, other: Floats | None, fraction: float) -> Floats | None:
-    """Interpolate linearly; None stands for zero."""
+    """Interpolate linearly; None is zero."""
     if one is None and other is None:
         return None
     begin, end = (np.zeros(1) if values is None else values for values in (one, other))

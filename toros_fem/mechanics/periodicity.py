@@ -28,8 +28,8 @@ ALL_PRESCRIBED = ((True, True), (True, True), (True, True))
 class Periodic:
     """A tile and the prescribed components of its mean deformation gradient F̄.
 
-    F̄ is part of the state. Its components belong to directions n along and t across, in the flat
-    sheet and in space alike, and z out of the plane.
+    F̄ is part of the state. Its components belong to the directions n (along), t (across), both
+    in the flat sheet and in space, and z (out of the plane).
 
     Attributes:
         tile: The tile.

@@ -21,8 +21,8 @@ class PressureLoad:
 
     The pressure of a single chamber is a constant of the forms; several chambers have one value a
     triangle. The walls between chambers are the same on all ranks: each rank computes them whole,
-    from positions summed over the ranks, and keeps the part of its own unknowns. All methods are
-    collective.
+    from positions summed over the ranks, and keeps the entries of the unknowns that it owns. All
+    methods are collective.
 
     Attributes:
         values: Pressure of each chamber in Pa, (k,).

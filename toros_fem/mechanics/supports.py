@@ -239,7 +239,7 @@ def displace(
 
 
 def pin(pattern: Pattern, panel: str | None = None) -> Supports:
-    """Fix six components, so that only the rigid motions are removed.
+    """Fix six components that prevent rigid motion and nothing else.
 
     Of three vertices far apart one is fixed in three components, one in two, one in one (the
     3-2-1 rule of fixtures). The components are those that resist the weakest rigid motion best.

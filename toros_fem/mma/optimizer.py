@@ -82,7 +82,7 @@ class MMA:
     `step` proposes a point. In plain MMA it is the next iterate. In GCMMA it is accepted once
     `conservative` finds that no function exceeds its approximation there. Otherwise `retry` raises
     the curvatures of those that do, and proposes another point; the iterates then stay feasible
-    and f₀ decreases monotonically. A caller may also call `retry` by a test of its own.
+    and f₀ decreases monotonically. A caller may also call `retry` after another test.
     Each residual is approximated twice, as rₖ and −rₖ, by constraints with a quadratic penalty
     (Svanberg 2007, section 2). The subproblem then finds the minimum of the squares, like the
     Gauss-Newton method.
@@ -99,7 +99,7 @@ class MMA:
         residuals: Number of rₖ.
 
     Raises:
-        ParameterError: An upper bound lies below its lower bound, a bound is not finite, or a
+        ParameterError: An upper bound is below its lower bound, a bound is not finite, or a
             move limit is outside (0, 1].
     """
 
@@ -385,6 +385,6 @@ class MMA:
 
 
 def _stacked(value: float, values: Numbers, residuals: Numbers) -> Floats:
-    """Return f₀, fᵢ, r and −r, each of which has an approximation of its own."""
+    """Return f₀, fᵢ, r and −r, each of which has its own approximation."""
     r = np.asarray(residuals, dtype=np.float64)
     return np.concatenate([[value], np.asarray(values, dtype=np.float64), r, -r])

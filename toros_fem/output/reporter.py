@@ -17,7 +17,7 @@ from toros_fem.output.writer import write_together
 
 
 class DesignReporter:
-    """Prints a line for each iteration, shows a progress bar, and writes history.csv.
+    """Reporter of a design: console lines, progress bar, and history.csv while it runs.
 
     It is the `callback` of `optimize`. Its construction starts the clock of the run. As a context
     manager it removes the progress bar at the end.

@@ -39,8 +39,8 @@ def design_summary(
 ) -> dict[str, Any]:
     """Return the summary of the design of a shape, equal on all ranks (collective).
 
-    Metrics, volume and shape are those of the printed pattern, simulated as it is; None if it has
-    no equilibrium. The figures of the design itself, with its grey borders, stand under "design".
+    Metrics, volume and shape are those of the printed pattern, simulated again; None if it has no
+    equilibrium. The figures of the design itself, with its grey borders, are under "design".
 
     Args:
         result: Result of the design loop.

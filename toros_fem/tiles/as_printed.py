@@ -52,7 +52,7 @@ class PrintMeasurement:
 
 
 class PrintSimulation:
-    """Prints designs of a tile and simulates the prints on the finer mesh.
+    """Print of a tile's design and its simulation on the finer mesh.
 
     Attributes:
         solver: Solver of the tile on that mesh, in the directions of the objective.

@@ -38,7 +38,7 @@ class TileState:
         state: Owned unknowns of `PeriodicModel`, in axes n, t, z.
         positions: Positions of the owned nodes in m, (k, 3), a view of `state`.
         stretch_use: Largest fraction of the stretch bounds that a triangle uses, < 1.
-        steps: Number of Newton steps, each with a factorisation of its own.
+        steps: Number of Newton steps, each with a new factorisation.
         factorisations: Number of factorisations, those with a diagonal shift included.
     """
 
