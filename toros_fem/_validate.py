@@ -53,3 +53,13 @@ def require_choice(name: str, value: str, choices: Sequence[str]) -> None:
     """
     if value not in choices:
         raise ParameterError(f"{name} = {value!r} must be one of {', '.join(map(repr, choices))}.")
+
+
+def require_names(name: str, values: Sequence[str]) -> None:
+    """Check that names come as a list: a lone text would be read letter by letter.
+
+    Raises:
+        ParameterError: They do not.
+    """
+    if isinstance(values, str):
+        raise ParameterError(f"{name} = {values!r} must be a list of names: [{values!r}].")

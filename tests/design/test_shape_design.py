@@ -123,6 +123,8 @@ def test_more_is_a_continuation(comm: MPI.Comm, pattern: Pattern) -> None:
         ({"perimeter_weight": -1.0}, errors.ParameterError, "perimeter_weight = -1"),
         ({"filter": "gauss"}, errors.ParameterError, "filter = 'gauss'"),
         ({"pressure_bounds": (5e3, 9e3)}, errors.ParameterError, "pressure = 4000"),
+        ({"pressure": -1.0}, errors.ParameterError, "pressure = -1"),
+        ({"printed_panels": "tip"}, errors.ParameterError, r"a list of names: \['tip'\]"),
     ],
 )
 def test_bad_arguments(
@@ -134,6 +136,19 @@ def test_bad_arguments(
 ) -> None:
     with pytest.raises(error, match=message):
         design(comm, pattern, **changes)
+
+
+def test_start_leaves_room_for_noise(comm: MPI.Comm, pattern: Pattern) -> None:
+    start = np.linspace(0.0, 0.5, len(pattern.triangles))
+    with pytest.raises(errors.DensityError, match="start holds densities from 0 to 0.5"):
+        design(comm, pattern, start=start)
+
+
+def test_a_lone_stage_or_panel_is_refused(comm: MPI.Comm, pattern: Pattern) -> None:
+    with pytest.raises(errors.ParameterError, match="give a list of stages"):
+        tf.optimize(design(comm, pattern), tf.Stage(1))  # type: ignore[arg-type]
+    with pytest.raises(errors.ParameterError, match=r"a list of names: \['base'\]"):
+        tf.clamp(pattern, "base")
 
 
 def test_metrics_need_names_of_their_own(comm: MPI.Comm, pattern: Pattern) -> None:

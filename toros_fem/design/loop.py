@@ -92,6 +92,8 @@ def optimize(
     """
     if options is None:
         options = DesignOptions()
+    elif isinstance(options, Stage):
+        raise ParameterError("options is one Stage; give a list of stages, [Stage(…)].")
     elif not isinstance(options, DesignOptions):
         options = DesignOptions(tuple(options))
     if problem.length_scale is None and any(stage.constrained for stage in options.stages):

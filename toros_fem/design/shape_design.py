@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem._types import Floats
+from toros_fem._validate import require_names
 from toros_fem.density.filters import make_filter
 from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.density.perimeter import Perimeter
@@ -155,6 +156,7 @@ def _given_density(
     pattern: Pattern, passive: Floats | None, printed_panels: Sequence[str]
 ) -> Floats | None:
     """Return the prescribed density of all triangles, (t,); None if there is none."""
+    require_names("printed_panels", printed_panels)
     count = len(pattern.triangles)
     if passive is not None and np.shape(passive) != (count,):
         raise DensityError(

@@ -65,6 +65,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
 
     def __post_init__(self) -> None:
         for pressure, bounds in zip(self.pressures, self.pressure_ranges, strict=True):
+            require_between(0.0, np.inf, pressure=pressure)
             if bounds is not None:
                 low, high = bounds
                 require_positive(least_pressure=low, largest_pressure=high)
@@ -77,13 +78,24 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         keys = [metric.key for metric in self.metrics]
         if len(set(keys)) < len(keys):
             raise ParameterError(f"metrics are named {', '.join(keys)}; each needs its own name.")
+        self._check_start()
+        self.check()
+
+    def _check_start(self) -> None:
+        if self.start is None:
+            return
         count = len(self.skin.pattern.triangles)
-        if self.start is not None and np.shape(self.start) != (count,):
+        if np.shape(self.start) != (count,):
             raise DensityError(
                 f"start has shape {np.shape(self.start)}; it must be ({count},), one density for "
                 "each triangle of the pattern."
             )
-        self.check()
+        least, largest = float(np.min(self.start)), float(np.max(self.start))
+        if not 0.1 <= least <= largest <= 0.9:
+            raise DensityError(
+                f"start holds densities from {least:g} to {largest:g}; they must lie in "
+                "[0.1, 0.9], since noise of 0.1 is added."
+            )
 
     @property
     def skin(self) -> Skin:

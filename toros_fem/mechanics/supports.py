@@ -9,6 +9,7 @@ from itertools import permutations, product
 import numpy as np
 
 from toros_fem._types import Bools, Floats, Ints
+from toros_fem._validate import require_names
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.mirror import FLAT, plane_border
 from toros_fem.meshes.pattern import Pattern
@@ -181,8 +182,10 @@ def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
 
     Raises:
         PanelError: A panel of that name does not exist.
-        ParameterError: No panel is named, so that the skin could move as a rigid body.
+        ParameterError: `panels` is no list of names, or it is empty, so that the skin could move
+            as a rigid body.
     """
+    require_names("panels", panels)
     if not panels:
         raise ParameterError("panels = () fixes nothing; name a panel to clamp.")
     fixed = np.zeros((len(pattern.points), 3), dtype=bool)
