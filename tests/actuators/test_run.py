@@ -54,6 +54,7 @@ def test_problem_holds_what_the_configuration_says(
     assert full.filter.name == "helmholtz"
 
 
+@pytest.mark.slow
 def test_polishing_removes_islands(
     comm: MPI.Comm, tmp_path: Path, tube_to_bend: ActuatorCase, monkeypatch: pytest.MonkeyPatch
 ) -> None:

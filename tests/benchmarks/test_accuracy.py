@@ -88,6 +88,7 @@ def test_what_hardly_stretches_nears_its_limit_from_below(case: Case) -> None:
 PLATES = [case for case in BENDING if case.name.startswith("plate")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", PLATES, ids=name_of)
 def test_mid_edge_plates_converge_on_every_mesh(case: Case) -> None:
     """With the square of the edge length; the average does not where its triangles do not pair."""
@@ -103,6 +104,7 @@ def test_mid_edge_plates_converge_on_every_mesh(case: Case) -> None:
     assert stuck.relative_error > 0.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("formulation", "meshes", "bound"),
     [
@@ -137,6 +139,7 @@ def test_large_rotations(name: str, mesh: str, bound: float) -> None:
         assert found.value == pytest.approx(case.reference, rel=bound)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", GRADIENTS, ids=name_of)
 def test_gradients(case: Case) -> None:
     bound = 1e-12 if "filter" in case.name else 1e-6 if "differences" in case.name else 0.01

@@ -38,6 +38,7 @@ def written(folder: Path, name: str, *arguments: str) -> tuple[Any, str]:
     return json.loads(file.read_text(encoding="utf-8")), done.stdout
 
 
+@pytest.mark.slow
 @ALONE
 @pytest.mark.parametrize("scene", ["half_tube", "tile_40", "pillow"])
 def test_stability_of_one_scene(tmp_path: Path, scene: str) -> None:
@@ -82,6 +83,7 @@ def test_cost_of_a_newton_step(tmp_path: Path) -> None:
     assert "neither                3 forms" in printed
 
 
+@pytest.mark.slow
 @ALONE
 def test_mma_beside_other_codes(tmp_path: Path) -> None:
     """Ours, mmapy and pyMOTO take the same step to the same point."""
@@ -143,6 +145,7 @@ def test_length_scale_of_lines(tmp_path: Path) -> None:
         assert row["ratio_to_length"] == pytest.approx(1, abs=0.03)
 
 
+@pytest.mark.slow
 @ALONE
 def test_profiles_of_tiles_converge(tmp_path: Path) -> None:
     """Stripes are exact on every mesh; of lines on mesh lines each refinement halves the error."""

@@ -54,6 +54,7 @@ def test_values_out_of_bounds_are_named() -> None:
         demo.UnwrapConfig(method="best")
 
 
+@pytest.mark.slow
 def test_command_line(comm: MPI.Comm, tmp_path: Path) -> None:
     """The file is named without an option; None is written "none"."""
     if comm.size > 1:

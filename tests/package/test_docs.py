@@ -75,6 +75,7 @@ def commands() -> list[tuple[str, tuple[str, ...]]]:
     return [(script, tuple(sorted(options))) for script, options in sorted(found.items())]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreters")
 @pytest.mark.parametrize(("script", "options"), commands(), ids=lambda value: str(value)[:40])
 def test_commands_have_their_options(script: str, options: tuple[str, ...]) -> None:

@@ -18,6 +18,7 @@ from toros_fem.tiles.search import design_tile
 from toros_fem.tiles.stiffness_profile import Profile
 
 
+@pytest.mark.slow
 def test_design(comm: MPI.Comm) -> None:
     """The first trial is a run of the design loop; the chosen print is the best of all."""
     case = small_case(comm)
