@@ -23,6 +23,12 @@ def pytest_configure(config: pytest.Config) -> None:
         config.get_terminal_writer()._file = io.StringIO()
 
 
+def pytest_collection_finish() -> None:
+    """Take modules and tests out of what the garbage collector looks at after each file."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(
     item: pytest.Item,

@@ -64,6 +64,7 @@ def test_stripes_become_fibres_or_fabric() -> None:
     assert plain.shear == pytest.approx(0, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="each rank would simulate the same")
 def test_simulated_tube_is_near_the_model() -> None:
     """Coarse, with ends that do not widen: within a quarter of the model, and under it."""

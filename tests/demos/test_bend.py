@@ -30,6 +30,9 @@ SMALL = demo.BendConfig(
 )
 
 
+pytestmark = pytest.mark.slow  # all of them look at one design
+
+
 @pytest.fixture(scope="module")
 def output(comm: MPI.Comm, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bend") if comm.rank == 0 else None

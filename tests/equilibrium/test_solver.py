@@ -152,6 +152,7 @@ def test_flat_pillow_inflates(comm: MPI.Comm, seams: str) -> None:
     assert np.linalg.eigvalsh(dense_tangent(solver.model, result.state))[0] > 0
 
 
+@pytest.mark.slow
 def test_nothing_remains_of_a_failed_solve(tube: Skin, comm: MPI.Comm) -> None:
     density = fabric(tube)
     solver = EquilibriumSolver(
@@ -178,6 +179,7 @@ def test_nothing_remains_of_a_failed_solve(tube: Skin, comm: MPI.Comm) -> None:
     assert failed.residual < 1e-5  # so near to the stretch bounds rounding allows no better
 
 
+@pytest.mark.slow
 def test_beyond_the_limit_point(comm: MPI.Comm) -> None:
     """Without a barrier in reach the tube has a limit pressure; above it nothing holds.
 

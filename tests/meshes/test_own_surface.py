@@ -22,6 +22,7 @@ def folder(comm: MPI.Comm, tmp_path: Path) -> Path:
     return Path(comm.bcast(tmp_path, root=0))
 
 
+@pytest.mark.slow
 def test_design_from_files(comm: MPI.Comm, folder: Path) -> None:
     tube = cylinder(comm, 0.08, 0.02, 4.5e-3)
     if comm.rank == 0:

@@ -82,6 +82,7 @@ def test_every_room_is_listed_for_the_wheel() -> None:
     assert sorted(listed) == sorted(rooms)
 
 
+@pytest.mark.slow
 def test_wheel(source: Path, site: Path) -> None:
     pip = [sys.executable, "-m", "pip", "-qq"]
     options = ["--no-deps", "--no-build-isolation", "--disable-pip-version-check"]
@@ -103,6 +104,7 @@ def test_wheel(source: Path, site: Path) -> None:
     assert not (target / "forms").exists(), "only one package may be installed"
 
 
+@pytest.mark.slow
 def test_editable(source: Path, site: Path) -> None:
     venv = site / "venv"
     run(sys.executable, "-m", "venv", "--system-site-packages", "--without-pip", venv, cwd=site)

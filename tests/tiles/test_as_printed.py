@@ -52,6 +52,7 @@ def test_measured_print(comm: MPI.Comm) -> None:
     assert measured.buckling.shape == (4,)
 
 
+@pytest.mark.slow
 def test_directions_follow_the_symmetry(comm: MPI.Comm) -> None:
     """Without mirrors the profile covers half a turn."""
     case, result = small_result()

@@ -29,6 +29,7 @@ def test_repeated_regions_are_joined(comm: MPI.Comm) -> None:
     assert region.bounds == pytest.approx((0.0, 0.004, 0.06, 0.016))
 
 
+@pytest.mark.slow
 def test_files(comm: MPI.Comm, tmp_path: Path) -> None:
     folder = shared(comm, tmp_path) / "tile"
     case, result = small_result()
