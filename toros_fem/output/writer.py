@@ -114,8 +114,11 @@ def _title(metrics: Sequence[Metric], summary: Mapping[str, Any]) -> str:
     """Return the title of the picture of the shape: metrics, their targets and the pressure."""
     as_printed = summary["printed_failure"] is None
     values = summary if as_printed else summary["design"]
+    # Of a distance or a gap the target is 0, which says nothing.
     found = ", ".join(
-        f"{m.name} {m.formatted(values[m.key])} of {m.formatted(m.target)}" for m in metrics
+        f"{m.name} {m.formatted(values[m.key])}"
+        + (f" of {m.formatted(m.target)}" if m.target else "")
+        for m in metrics
     )
     shown = "as printed" if as_printed else "as designed, not as printed,"
     return f"{found} {shown} at {summary['pressure_pa'] / 1e3:.3g} kPa"
