@@ -4,10 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from helpers.models import pressurize
+from helpers.models import automatic_tangent, bent_tube, drawn, pressurize
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from toros_fem._mpi import norm
 from toros_fem.equilibrium.linear_solver import TangentFactor
 from toros_fem.materials import Composite
 from toros_fem.mechanics.model import SkinModel
@@ -65,3 +66,29 @@ def test_shift_and_diagonal_are_added(tube: Skin) -> None:
     material = diagonals[2] - diagonals[0]
     assert material.min() >= 0
     assert material[model.free].min() > 0
+
+
+def test_product_and_old_factors(comm: MPI.Comm, tube: Skin) -> None:
+    """K x belongs to the last `assemble`, the solution to the last `factorise`."""
+    model = SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]))
+    model.set_density(np.full(len(tube.owned_cells), 0.5))
+    factor = TangentFactor(model)
+    factor.assemble(model.assembled)
+    assert factor.factorise(1.0)
+    x, count = drawn(model, 5), factor.count
+    old = factor.solve(x)
+    assert norm(comm, old) > 0
+
+    state = bent_tube(model)
+    factor.assemble(state)
+    product = factor.multiply(x + 3.0 * ~model.free)
+    assert np.all(product[~model.free] == 0)
+    exact = automatic_tangent(model, state)
+    vector, expected = exact.createVecs()
+    vector.array[:] = x
+    exact.mult(vector, expected)
+    assert norm(comm, product - expected.array) < 1e-12 * norm(comm, product)
+    assert np.array_equal(factor.solve(x), old)
+    factor.fill(2.0)
+    assert np.array_equal(factor.solve(x), old)
+    assert factor.count == count

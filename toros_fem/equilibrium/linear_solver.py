@@ -141,10 +141,19 @@ class TangentFactor:
             return False
         return self.package != "mumps" or self._mumps_outcome(shift, diagonal)
 
+    def multiply(self, x: Floats) -> Floats:
+        """Return K x with the last assembled K, without shift, zero at fixed components."""
+        return self._tangent.multiply(self._exact, x) * self._model.free
+
     def solve(self, rhs: Floats) -> Floats:
-        """Solve with the last factorisation, zero at fixed components."""
+        """Solve with the last factorisation, whatever has been assembled since.
+
+        Returns:
+            The solution, zero at fixed components.
+        """
         self._rhs.array[:] = rhs
-        self.ksp.solve(self._rhs, self._solution)
+        # The KSP would factorise again after `fill`.
+        self.ksp.getPC().getFactorMatrix().solve(self._rhs, self._solution)
         return self._solution.array * self._model.free
 
     def _update(self) -> None:

@@ -77,6 +77,21 @@ class UpperTangent:
         self.columns = (merged % size).astype(np.int32)
         # Fixed dofs stand last among the model's own and keep their 1; those of F̄ follow.
         self._entries: Floats = np.ones(len(keys))
+        self._set_up_product(merged % size, starts)
+
+    def _set_up_product(self, columns: Ints, starts: Ints) -> None:
+        """Number the columns that this rank meets, owned ones first, and plan their exchange."""
+        comm = self._model.skin.comm
+        begin, end = starts[comm.rank : comm.rank + 2]
+        others = np.unique(columns[(columns < begin) | (columns >= end)])
+        place = end - begin + np.searchsorted(others, columns)
+        own = (columns >= begin) & (columns < end)
+        self._local = np.where(own, columns - begin, place).astype(np.int32)
+        self._needed = np.diff(np.searchsorted(others, starts))
+        self._lent = np.array(comm.alltoall(list(self._needed)), dtype=np.int64)
+        wanted = np.empty(self._lent.sum(), dtype=np.int64)
+        comm.Alltoallv([others, self._needed], [wanted, self._lent])
+        self._wanted = wanted - begin
 
     @property
     def diagonal(self) -> LocalInts:
@@ -102,6 +117,29 @@ class UpperTangent:
             ends = np.cumsum(self._receive)[:-1]
             for places, part in zip(self._places, np.split(incoming, ends), strict=True):
                 out[places] += part  # those of one rank are distinct
+
+    def multiply(self, entries: Floats, x: Floats) -> Floats:
+        """Return K x from the upper triangle of K (collective).
+
+        Args:
+            entries: As `assemble` returns them.
+            x: Owned unknowns.
+        """
+        comm, size = self._model.skin.comm, len(x)
+        shape = (size, size + self._needed.sum())
+        upper = csr_matrix((entries, self._local, self.indptr), shape=shape, copy=False)
+        whole = x
+        if comm.size > 1:
+            whole = np.empty(shape[1])
+            whole[:size] = x
+            comm.Alltoallv([x[self._wanted], self._lent], [whole[size:], self._needed])
+        lower = upper.T @ x
+        result = upper @ whole + lower[:size] - entries[self.diagonal] * x
+        if comm.size > 1:
+            incoming = np.empty(self._lent.sum())
+            comm.Alltoallv([lower[size:], self._needed], [incoming, self._lent])
+            result += np.bincount(self._wanted, incoming, minlength=size)
+        return np.asarray(result)
 
 
 def _contributions(model: SkinModel) -> tuple[Ints, Floats]:
