@@ -11,6 +11,7 @@ from mpi4py import MPI
 from toros_fem.density.field import random_density
 from toros_fem.design.loop import optimize
 from toros_fem.design.options import DesignOptions, Stage
+from toros_fem.design.warm_start import WarmStart
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
 from toros_fem.materials import Composite
 from toros_fem.mechanics.supports import clamp
@@ -63,11 +64,10 @@ def test_a_run_goes_on_on_another_mesh(
     more = optimize(
         problem,
         DesignOptions((Stage(1),)),
-        start=random_density(other, 3),
-        after=first,
-        new_mesh=True,
+        after=WarmStart(random_density(other, 3), first.pressures, history=first.history, level=1),
     )
     assert [row.iteration for row in more.history] == [0, 1, 2, 2, 3]
+    assert [row.level for row in more.history] == [0, 0, 0, 1, 1]
     assert len(more.density) == len(other.owned_cells)
 
 

@@ -104,8 +104,6 @@ def test_more_is_a_continuation(comm: MPI.Comm, pattern: Pattern) -> None:
     first = tf.optimize(problem, [tf.Stage(2)])
     more = tf.optimize(problem, [tf.Stage(1)], after=first)
     assert more.history[3].objective == pytest.approx(first.history[-1].objective, rel=1e-9)
-    with pytest.raises(errors.ParameterError, match="new_mesh = True needs start"):
-        tf.optimize(problem, [tf.Stage(1)], after=first, new_mesh=True)
 
 
 @pytest.mark.parametrize(

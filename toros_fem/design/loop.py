@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from toros_fem.density.projection import Projection
 from toros_fem.design.options import DesignOptions, Iteration, Stage
 from toros_fem.design.problem import DesignProblem, Evaluation
 from toros_fem.design.variables import Scaled, Values, Variables
+from toros_fem.design.warm_start import WarmStart
 from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.mma.optimizer import MMA
 
@@ -67,8 +69,7 @@ def optimize(
     start: Floats | None = None,
     seed: int = 0,
     callback: Callback | None = None,
-    after: DesignResult | None = None,
-    new_mesh: bool = False,
+    after: DesignResult | WarmStart | None = None,
 ) -> DesignResult:
     """Minimise T over densities and pressure by MMA, stage by stage (collective).
 
@@ -79,14 +80,12 @@ def optimize(
             problem's own start with random noise.
         seed: Seed of that noise. The same seed gives the same start on any number of ranks.
         callback: Called after each iteration, on every rank.
-        after: A result to continue: its pressure, shape and history are taken over.
-        new_mesh: Whether `after` belongs to another mesh, so that its shape is no start; `start`
-            is then required.
+        after: A result to continue, or a start that was carried over from another mesh: pressure,
+            shape and history are taken over.
 
     Raises:
         DensityError: The start does not fit or leaves [0, 1].
-        ParameterError: A stage is constrained and the problem has no constraints; or `new_mesh`
-            comes without a start.
+        ParameterError: A stage is constrained and the problem has no constraints.
         NoEquilibriumError: There is no equilibrium for the start. The loop steps back from later
             failures.
     """
@@ -102,13 +101,11 @@ def optimize(
             "a LengthScale, or leave the stage unconstrained."
         )
     if start is None:
-        if new_mesh:
-            raise ParameterError("new_mesh = True needs start, a density on the new mesh.")
         start = problem.start_density(seed) if after is None else after.density
     check_density(problem.skin, start)
     loop = _Loop(problem, start, options, callback)
     if after is not None:
-        loop.take_over(after, start, new_mesh=new_mesh)
+        loop.take_over(after, start)
     first = loop.history[-1].stage + 1 if loop.history else 0
     for number, stage in enumerate(options.stages, first):
         loop.run(number, stage, last=number - first == len(options.stages) - 1)
@@ -142,6 +139,8 @@ class _Loop:
         self.areas = problem.skin.pattern.areas[problem.skin.owned_cells]
         self.areas = self.areas * problem.designed
         self.evaluation: Evaluation | None = None
+        self.state: Any = None  # to start from, as long as there is no evaluation
+        self.level = 0
         self.history: list[Iteration] = []
         self.phases = {"filter": 0.0, "equilibrium": 0.0, "adjoint": 0.0, "mma": 0.0}
         self.steps = self.factorisations = self.rejected = 0
@@ -149,11 +148,18 @@ class _Loop:
         self.begin = self.iteration_begin = time.perf_counter()
         self.over, self.reason = False, ""
 
-    def take_over(self, result: DesignResult, density: Floats, *, new_mesh: bool) -> None:
-        """Take over pressure, shape and history of an earlier result."""
-        self.evaluation, self.history = None if new_mesh else result.final, list(result.history)
-        self.phases, self.steps_done = dict(result.seconds), result.history[-1].iteration
-        self.x = self.variables.vector(self.problem.with_passive(density), result.pressures)
+    def take_over(self, earlier: DesignResult | WarmStart, density: Floats) -> None:
+        """Take over pressure, shape and history of an earlier result, or of another mesh."""
+        if isinstance(earlier, DesignResult):
+            self.evaluation, self.level = earlier.final, earlier.history[-1].level
+        else:
+            self.state, self.level = earlier.state, earlier.level
+        self.history = list(earlier.history)
+        self.steps_done = self.history[-1].iteration if self.history else 0
+        self.phases.update(earlier.seconds)
+        if earlier.pressures:
+            density = self.problem.with_passive(density)
+            self.x = self.variables.vector(density, earlier.pressures)
 
     def run(self, number: int, stage: Stage, *, last: bool) -> None:
         """Run one stage from the current design."""
@@ -162,7 +168,7 @@ class _Loop:
         if stage.beta is not None:
             projection = Projection(stage.beta, projection.eta)
         self.problem = problem = given.with_projection(projection)
-        start = None if self.evaluation is None else self.evaluation.equilibrium.state
+        start = self.state if self.evaluation is None else self.evaluation.equilibrium.state
         try:
             evaluation = self.simulate(start)
         except NoEquilibriumError:
@@ -306,6 +312,7 @@ class _Loop:
         row = Iteration(
             iteration=self.steps_done,
             stage=number,
+            level=self.level,
             objective=e.objective,
             shape=e.shape,
             perimeter=e.perimeter or 0.0,

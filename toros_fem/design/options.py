@@ -103,7 +103,8 @@ class Iteration:
 
     Attributes:
         iteration: Steps taken so far, through all stages; the start of a stage repeats a number.
-        stage: Number of the stage, from 0.
+        stage: Number of the stage, from 0, through all meshes.
+        level: Number of the mesh, from 0, the coarsest.
         objective: T.
         shape: Its part that measures the distance from the target.
         perimeter: Length in m of the print's border; 0 without a perimeter term.
@@ -123,6 +124,7 @@ class Iteration:
 
     iteration: int
     stage: int
+    level: int
     objective: float
     shape: float
     perimeter: float

@@ -182,6 +182,20 @@ class DesignProblem(ABC, Generic[R]):
         """Return the values of all metrics by key, equal on all ranks (collective)."""
         return {}
 
+    def shape_of(self, response: R) -> Floats | None:
+        """Return the positions of all vertices, which a finer mesh starts from (collective).
+
+        None by default: a finer mesh then starts from the assembled shape.
+        """
+        return None
+
+    def state_at(self, positions: Floats) -> Any:
+        """Return a state to start from, from the positions of all vertices (collective).
+
+        None by default, for the assembled shape.
+        """
+        return None
+
     def start_density(self, seed: int) -> Floats:
         """Return the density to start from, at owned triangles: random by default.
 

@@ -138,6 +138,20 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         pattern = self.skin.pattern
         return {m.key: float(m.measure(pattern, positions)) for m in self.metrics}
 
+    def shape_of(self, response: EquilibriumResult) -> Floats:
+        """Return the positions of all assembled vertices, (n, 3), in m (collective)."""
+        return self.skin.gather_vertices(response.positions)
+
+    def state_at(self, positions: Floats) -> Floats | None:
+        """Return positions of the owned nodes, from those of all vertices (collective).
+
+        None if they leave the stretch bounds, so that no energy exists there.
+        """
+        model, state = self.solver.model, self.solver.model.assembled
+        owned = positions[self.skin.owned_vertices]
+        model.positions(state)[:] = owned
+        return owned if model.bounds.worst(model.corners(state)) < 1 else None
+
     def start_density(self, seed: int) -> Floats:
         """Return `start` with noise added, or noise around 0.5, at owned triangles.
 

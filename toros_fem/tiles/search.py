@@ -13,6 +13,7 @@ from toros_fem._types import Floats
 from toros_fem.density.projection import Projection
 from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Stage
+from toros_fem.design.warm_start import WarmStart
 from toros_fem.equilibrium.newton import NewtonStep
 from toros_fem.errors import NoEquilibriumError
 from toros_fem.meshes.tile import Tile
@@ -122,14 +123,8 @@ def _finished(
     last = tuple(
         Stage(c.finish_iterations, k * c.beta, constrained=c.constrained) for k in FINAL_BETAS
     )
-    result = optimize(
-        problem,
-        replace(rules, stages=last),
-        start=density,
-        callback=callback,
-        after=draft,
-        new_mesh=True,
-    )
+    start = WarmStart(density, history=draft.history, seconds=draft.seconds, level=1)
+    result = optimize(problem, replace(rules, stages=last), callback=callback, after=start)
     problem = problem.with_projection(Projection(FINAL_BETAS[-1] * c.beta, c.eta))
     found = simulation.simulate(problem, result)
     if target is None:

@@ -1,0 +1,31 @@
+"""The start of a design that goes on from another mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from toros_fem._types import Floats
+from toros_fem.design.options import Iteration
+
+
+@dataclass(frozen=True, eq=False)
+class WarmStart:
+    """A design that was found on another mesh, carried over to the mesh of a problem.
+
+    Attributes:
+        density: ρ at owned triangles, in [0, 1].
+        pressures: Pressure of each chamber in Pa; empty without any.
+        state: State from which the first simulation starts; None starts from the assembled shape.
+        history: Rows of the design so far; they come first in the history of the result.
+        seconds: Wall time so far by phase.
+        level: Number of the new mesh, from 0, for the rows of its history.
+    """
+
+    density: Floats
+    pressures: tuple[float, ...] = ()
+    state: Any = None
+    history: tuple[Iteration, ...] = ()
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    level: int = 0
