@@ -6,7 +6,8 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
-from toros_fem._types import Bools, Floats, Ints, LocalInts
+from toros_fem._types import Floats, Ints, LocalInts
+from toros_fem.mechanics.block_pairs import BlockPairs
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.periodic_tangent import PeriodicTangent
 from toros_fem.mechanics.periodicity import PeriodicModel
@@ -17,7 +18,7 @@ class UpperTangent:
 
     The tangent is symmetric, so its lower half is neither computed nor kept. Each triangle gives
     the upper triangle of its element matrix. The map from these numbers to the entries never
-    changes, so that assembly is one sparse product and, on several ranks, one exchange. Fixed rows
+    changes, so that assembly is one sum and, on several ranks, one exchange. Fixed rows
     and columns are those of the identity.
 
     Attributes:
@@ -34,59 +35,60 @@ class UpperTangent:
         index_map = model.space.dofmap.index_map
         size = index_map.size_global
         starts = np.array(comm.allgather(index_map.local_range[0]) + [size], dtype=np.int64)
-        keys, weights = _contributions(model)
-        self._own = len(keys)
         self.periodic = PeriodicTangent(model) if isinstance(model, PeriodicModel) else None
+        blocks = BlockPairs(model)
+        walls = model.wall_pairs[0] * size + model.wall_pairs[1]
+        fixed = index_map.local_to_global(np.flatnonzero(~model.free).astype(np.int32))
+        further = [walls, fixed * (size + 1)]
         if self.periodic is not None:
-            keys = np.append(keys, self.periodic.keys)
-            weights = np.append(weights, self.periodic.weights)
+            further.append(self.periodic.keys)
+        keys = np.concatenate(further)
+        self._own = blocks.count + len(walls) + len(fixed)
 
-        order = np.argsort(keys, kind="stable")
-        order = order[np.searchsorted(keys[order], 0) :]
-        first = np.flatnonzero(np.diff(keys[order], prepend=-1))
-        entry = keys[order][first]
-
+        entry, place = _with(blocks.keys, keys)
         # Entries are sorted by row, so those of one owner are neighbours.
         bounds = np.searchsorted(entry, starts * size)
-        mine = np.zeros(len(entry), dtype=bool)
-        mine[bounds[comm.rank] : bounds[comm.rank + 1]] = True
+        begin, end = bounds[comm.rank], bounds[comm.rank + 1]
         send = np.diff(bounds)
         send[comm.rank] = 0
         receive = np.array(comm.alltoall(list(send)), dtype=np.int64)
         incoming = np.empty(receive.sum(), dtype=np.int64)
-        comm.Alltoallv([entry[~mine], send], [incoming, receive])
-        merged = np.union1d(entry[mine], incoming)
+        others = np.append(entry[:begin], entry[end:])
+        comm.Alltoallv([others, send], [incoming, receive])
+        merged, own_place = _with(entry[begin:end], incoming)
         self._send, self._receive = send, receive
-        places = np.searchsorted(merged, incoming)
-        self._places = np.split(places, np.cumsum(receive)[:-1])
+        self._places = np.split(np.searchsorted(merged, incoming), np.cumsum(receive)[:-1])
 
-        counts = np.diff(np.append(first, len(order)))
+        # What a rank sends follows its own entries, and last is one for numbers without an entry.
+        final = np.arange(len(merged), len(merged) + len(entry) + 1)
+        final[end:] -= end - begin
+        final[begin:end] = own_place
+        self._place = np.append(
+            blocks.places(final[np.append(place, -1)]), final[np.searchsorted(entry, keys)]
+        )
+        # Where a patch meets one vertex twice, (i, j) and (j, i) coincide and count 2.
+        self._twice = blocks.twice
+        if self.periodic is not None:
+            periodic = self._own + np.flatnonzero(self.periodic.weights == 2)
+            self._twice = np.append(self._twice, periodic)
 
-        def sums(rows: Ints, chosen: Bools, total: int) -> csr_matrix:
-            used = np.repeat(chosen, counts)
-            lengths: Ints = np.zeros(total, dtype=np.int64)
-            lengths[rows] = counts[chosen]
-            parts = (weights[order[used]], order[used], np.append(0, np.cumsum(lengths)))
-            return csr_matrix(parts, shape=(total, len(keys)))
-
-        self._sum = sums(np.searchsorted(merged, entry[mine]), mine, len(merged))
-        self._sum_out = sums(np.arange((~mine).sum()), ~mine, int((~mine).sum()))
-
-        begin, end = index_map.local_range
-        self.indptr = np.searchsorted(merged, np.arange(begin, end + 1) * size).astype(np.int32)
+        first, last = index_map.local_range
+        self.indptr = np.searchsorted(merged, np.arange(first, last + 1) * size).astype(np.int32)
         self.columns = (merged % size).astype(np.int32)
         # Fixed dofs stand last among the model's own and keep their 1; those of F̄ follow.
-        self._entries: Floats = np.ones(len(keys))
-        self._set_up_product(merged % size, starts)
+        self._entries: Floats = np.ones(len(self._place))
+        self._set_up_product(starts)
 
-    def _set_up_product(self, columns: Ints, starts: Ints) -> None:
+    def _set_up_product(self, starts: Ints) -> None:
         """Number the columns that this rank meets, owned ones first, and plan their exchange."""
-        comm = self._model.skin.comm
+        comm, columns = self._model.skin.comm, self.columns
         begin, end = starts[comm.rank : comm.rank + 2]
-        others = np.unique(columns[(columns < begin) | (columns >= end)])
-        place = end - begin + np.searchsorted(others, columns)
         own = (columns >= begin) & (columns < end)
-        self._local = np.where(own, columns - begin, place).astype(np.int32)
+        others = np.unique(columns[~own]).astype(np.int64)
+        self._local = columns
+        if comm.size > 1:
+            place = end - begin + np.searchsorted(others, columns)
+            self._local = np.where(own, columns - begin, place).astype(np.int32)
         self._needed = np.diff(np.searchsorted(others, starts))
         self._lent = np.array(comm.alltoall(list(self._needed)), dtype=np.int64)
         wanted = np.empty(self._lent.sum(), dtype=np.int64)
@@ -109,11 +111,14 @@ class UpperTangent:
         self._model.tangent_entries(state, self._entries, geometric)
         if self.periodic is not None:
             self._entries[self._own :] = self.periodic.values(self._entries)
-        out[:] = self._sum @ self._entries
+        self._entries[self._twice] *= 2
         comm: MPI.Comm = self._model.skin.comm
+        count = len(out) + int(self._send.sum())
+        sums = np.bincount(self._place, self._entries, minlength=count + 1)[:count]
+        out[:] = sums[: len(out)]
         if comm.size > 1:
             incoming = np.empty(self._receive.sum())
-            comm.Alltoallv([self._sum_out @ self._entries, self._send], [incoming, self._receive])
+            comm.Alltoallv([sums[len(out) :], self._send], [incoming, self._receive])
             ends = np.cumsum(self._receive)[:-1]
             for places, part in zip(self._places, np.split(incoming, ends), strict=True):
                 out[places] += part  # those of one rank are distinct
@@ -142,33 +147,10 @@ class UpperTangent:
         return np.asarray(result)
 
 
-def _contributions(model: SkinModel) -> tuple[Ints, Floats]:
-    """Return the entry row · size + column of each number that is assembled, −1 for none.
-
-    The numbers are those of `SkinModel.tangent_entries`, of triangles and of walls, then a 1 for
-    each fixed dof. The second array holds their weights: where a patch meets one vertex twice,
-    (i, j) and (j, i) coincide and count 2.
-    """
-    index_map = model.space.dofmap.index_map
-    size = index_map.size_global
-    local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
-    number = index_map.local_to_global(local)
-    place, dofs, present = model.tangent_layout
-    row, column = np.triu_indices(dofs.shape[1])
-    shape = (len(place), len(row))
-    keys = np.full(shape, -1, dtype=np.int64)
-    weights = np.ones(shape)
-    counts = ~np.append(model.fixed, True)[np.where(present, dofs, -1)]
-    numbers = number[dofs]
-    for n, (i, j) in enumerate(zip(row, column, strict=True)):
-        a, b = numbers[:, i], numbers[:, j]
-        entry = np.minimum(a, b) * size + np.maximum(a, b)
-        keys[place, n] = np.where(counts[:, i] & counts[:, j], entry, -1)
-        if i != j:
-            weights[place, n] = np.where(a == b, 2.0, 1.0)
-    walls = model.wall_pairs[0] * size + model.wall_pairs[1]
-    fixed = number[np.flatnonzero(~model.free)]
-    return (
-        np.concatenate([keys.ravel(), walls, fixed * (size + 1)]),
-        np.concatenate([weights.ravel(), np.ones(len(walls) + len(fixed))]),
-    )
+def _with(known: Ints, more: Ints) -> tuple[Ints, Ints]:
+    """Return the union of sorted distinct keys with others, and the new places of the known."""
+    more = np.unique(more)
+    place = np.searchsorted(known, more)
+    new = np.append(known, -1)[place] != more
+    ahead = np.cumsum(np.bincount(place[new], minlength=len(known) + 1)[: len(known)])
+    return np.insert(known, place[new], more[new]), np.arange(len(known)) + ahead
