@@ -1,27 +1,26 @@
-"""Factorised tangent, by CHOLMOD on one rank and MUMPS on several; both detect indefiniteness."""
+"""Factorised tangent, its products, and the same for PETSc's solvers."""
 
 from __future__ import annotations
+
+import os
+from collections.abc import Callable
 
 import numpy as np
 from petsc4py import PETSc
 
 from toros_fem._types import Floats
+from toros_fem.equilibrium import cholmod, petsc_factor
+from toros_fem.equilibrium.condensation import CondensedFactor, find_partition
+from toros_fem.equilibrium.petsc_factor import PetscFactor, has_cholmod
 from toros_fem.errors import TorosError
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.tangent import UpperTangent
 
-PREFIX = "toros_"
-# Codes of MUMPS' INFOG(1): a request for more working space, and a singular matrix.
-LARGEST_SPACE = 4000
-MORE_SPACE = (-8, -9, -11, -12, -14, -15, -17, -20)
-SINGULAR = -10
+PREFIX = petsc_factor.PREFIX
 # Fraction of the diagonal that is added to M.
 LEAST = 1e-6
-# PETSc's code for a pivot that is not positive, where CHOLMOD stops.
-NOT_POSITIVE = 81
-# Orderings by MUMPS' INFOG(7), after a sequential and after a parallel analysis.
-ORDERINGS = {0: "AMD", 1: "user", 2: "AMF", 3: "SCOTCH", 4: "PORD", 5: "METIS", 6: "QAMD"}
-PARALLEL_ORDERINGS = {1: "PT-SCOTCH", 2: "ParMETIS"}
+# Unknowns between the parts, above which the dense matrix there would cost more than MUMPS.
+LARGEST_INTERFACE = 4000
 
 
 class TangentFactor:
@@ -32,14 +31,15 @@ class TangentFactor:
     τ of about 1 on, whatever the contrast, except for modes that no strain resists; for these
     M contains the fraction LEAST of the mean diagonal of each vertex. τ is a pure number.
 
-    CHOLMOD (LLᵀ) stops at the first pivot that is not positive; MUMPS (LDLᵀ) counts them.
+    CHOLMOD factorises, in one part for each rank, or for each thread where there is one rank
+    (`CondensedFactor`). MUMPS does where CHOLMOD is missing, where the parts meet at too many
+    unknowns, or where the option -toros_pc_factor_mat_solver_type says so.
 
     Attributes:
-        upper: The upper triangle as a compressed-row matrix.
-        matrix: The matrix that PETSc factorises: `upper` itself, or in CHOLMOD's format.
+        matrix, ksp: Matrix of `fill`, and solver by its factors, for PETSc.
         package: "cholmod" or "mumps".
-        ordering: Fill-reducing ordering that MUMPS used; None with CHOLMOD, which does not report
-            it through PETSc.
+        ordering: Fill-reducing ordering that MUMPS used; None with CHOLMOD, which compares its own.
+        values: Entries of the matrix of `fill`, in the order of `UpperTangent.columns`.
         count: Numeric factorisations so far, failed ones included.
         periodic: Rows of a tile's mean deformation gradient; None for a skin that does not repeat.
         scale: Mean diagonal of each vertex, and diagonal of each rotation, in N/m, zero where
@@ -59,54 +59,50 @@ class TangentFactor:
         self._exact, self._material, self._data = (
             np.zeros(len(self._tangent.columns)) for _ in range(3)
         )
+        self.values: Floats = self._exact
         self._state, self._has_material = model.assembled, False
-        tangent, size = self._tangent, model.size_local
-        sizes = ((size, None), (size, None))
-        self.upper = PETSc.Mat().createAIJWithArrays(
-            sizes, (tangent.indptr, tangent.columns, self._data), comm=comm
-        )
-        self.upper.setOption(PETSc.Mat.Option.SYMMETRIC, True)
-        self.upper.setOption(PETSc.Mat.Option.SYMMETRY_ETERNAL, True)
-        self.matrix = self.upper
-        self._rhs, self._solution = self.upper.createVecRight(), self.upper.createVecLeft()
-        default = "cholmod" if comm.size == 1 and _has_cholmod() else "mumps"
-        options = PETSc.Options(PREFIX)
-        self.package = options.getString("pc_factor_mat_solver_type", default)
-        if self.package == "cholmod":
-            # CHOLMOD reads this format in place; it copies AIJ, and loses the copy when it fails.
-            self.matrix = self.upper.convert("sbaij", PETSc.Mat())
-            # Its other method, for small matrices, accepts negative pivots.
-            options["mat_cholmod_factor"] = "SUPERNODAL"
-            if not options.hasName("mat_cholmod_print"):
-                options["mat_cholmod_print"] = 0  # an indefinite tangent is expected here
+        self._factors: CondensedFactor | PetscFactor = self._choose()
+        self.ordering = getattr(self._factors, "ordering", None)
+
+        size = (model.size_local, model.space.dofmap.index_map.size_global)
+        product = _Matrix(lambda x: self._tangent.multiply(self.values, x))
+        self.matrix = PETSc.Mat().createPython((size, size), product, comm=comm)
+        self.matrix.setUp()
         self.ksp = PETSc.KSP().create(comm)
         self.ksp.setOptionsPrefix(PREFIX)
         self.ksp.setType(PETSc.KSP.Type.PREONLY)
         self.ksp.setOperators(self.matrix)
         pc = self.ksp.getPC()
-        pc.setType(PETSc.PC.Type.CHOLESKY)
-        pc.setFactorSolverType(self.package)
-        pc.setFactorSetUpSolverType()
-        factor = pc.getFactorMatrix()
-        factor.setOptionsPrefix(PREFIX)
-        if self.package == "mumps":
-            factor.setMumpsIcntl(13, 1)  # no ScaLAPACK root, which would hide its negative pivots
-            self._space = 60
-            factor.setMumpsIcntl(14, self._space)  # per cent of room for delayed pivots
-        self.ksp.setFromOptions()
-        # The analysis is done once, on the identity, where it cannot fail.
-        self._data[:] = 0.0
-        self._data[tangent.diagonal] = 1.0
-        self._update()
-        self.ksp.setUp()
-        self.ordering: str | None = None
-        if self.package == "mumps":
-            names = PARALLEL_ORDERINGS if factor.getMumpsInfog(32) == 2 else ORDERINGS
-            code = factor.getMumpsInfog(7)
-            self.ordering = names.get(code, str(code))
+        pc.setType(PETSc.PC.Type.PYTHON)
+        pc.setPythonContext(_Preconditioner(self._factorise_filled, self.solve))
+
+    def _choose(self) -> CondensedFactor | PetscFactor:
+        comm, pattern = self._model.skin.comm, (self._tangent.indptr, self._tangent.columns)
+        wanted = PETSc.Options(PREFIX).getString("pc_factor_mat_solver_type", "")
+        self.package = wanted or "cholmod"
+        module = cholmod.library(comm) if self.package == "cholmod" else None
+        if module is not None:
+            partition = find_partition(comm, module, *pattern, threads=_threads())
+            if len(partition.interface) <= LARGEST_INTERFACE:
+                return CondensedFactor(comm, module, *pattern, partition)
+        if not wanted and (comm.size > 1 or not has_cholmod()):
+            self.package = "mumps"
+        return PetscFactor(comm, self.package, *pattern)
+
+    def describe(self) -> str:
+        """Return what factorises, on which ranks or threads, for reports and logs."""
+        ranks = self._model.skin.comm.size
+        where = f"{ranks} ranks" if ranks > 1 else "one rank"
+        if isinstance(self._factors, PetscFactor):
+            ordering = f", ordering {self.ordering}" if self.ordering else ""
+            return f"{self.package.upper()} through PETSc on {where}{ordering}"
+        parts, met = self._factors.parts, len(self._factors.interface)
+        threads = f" with {parts} threads" if ranks == 1 and parts > 1 else ""
+        joined = f", {parts} parts that meet at {met} unknowns" if parts > 1 else ""
+        return f"CHOLMOD on {where}{threads}{joined}"
 
     def assemble(self, state: Floats) -> None:
-        """Assemble the tangent at a state."""
+        """Assemble the tangent at a state; the factors stay those of the last `factorise`."""
         self._tangent.assemble(state, self._exact)
         self._state, self._has_material = state, False
         # One value per vertex: a flat membrane has no stiffness across its plane.
@@ -116,30 +112,28 @@ class TangentFactor:
         self.scale = diagonal * self._model.free
 
     def fill(self, shift: float = 0.0, diagonal: float = 0.0) -> None:
-        """Put K + shift · M + diagonal · D into the matrix, D the mean diagonal of a vertex."""
-        self._data[:] = self._exact
-        if diagonal:
-            self._data[self._tangent.diagonal] += diagonal * self.scale
+        """Form K + shift · M + diagonal · D, D the mean diagonal of a vertex."""
+        self.values = self._exact
         if shift:
             if not self._has_material:
                 self._tangent.assemble(self._state, self._material, geometric=0.0)
                 self._material[self._tangent.diagonal] += LEAST * self.scale
                 self._has_material = True
-            self._data += shift * self._material
-        self._update()
+            self.values = self._data
+            np.multiply(self._material, shift, out=self.values)
+            self.values += self._exact
+        if diagonal:
+            if not shift:
+                self._data[:] = self._exact
+            self.values = self._data
+            self.values[self._tangent.diagonal] += diagonal * self.scale
+        self.matrix.stateIncrease()
 
     def factorise(self, shift: float = 0.0, diagonal: float = 0.0) -> bool:
         """Factorise the matrix of `fill`; return whether it is positive definite, on all ranks."""
         self.fill(shift, diagonal)
-        self.ksp.setOperators(self.matrix)
         self.count += 1
-        try:
-            self.ksp.setUp()
-        except PETSc.Error as error:
-            if error.ierr != NOT_POSITIVE:
-                raise
-            return False
-        return self.package != "mumps" or self._mumps_outcome(shift, diagonal)
+        return self._factors.factorise(self.values)
 
     def multiply(self, x: Floats) -> Floats:
         """Return K x with the last assembled K, without shift, zero at fixed components."""
@@ -151,46 +145,48 @@ class TangentFactor:
         Returns:
             The solution, zero at fixed components.
         """
-        self._rhs.array[:] = rhs
-        # The KSP would factorise again after `fill`.
-        self.ksp.getPC().getFactorMatrix().solve(self._rhs, self._solution)
-        return self._solution.array * self._model.free
+        return self._factors.solve(rhs) * self._model.free
 
-    def _update(self) -> None:
-        if self._model.skin.comm.size == 1:
-            self.upper.stateIncrease()  # its values are `_data` itself
-        else:
-            self.upper.setValuesCSR(self._tangent.indptr, self._tangent.columns, self._data)
-            self.upper.assemble()
-        if self.matrix is not self.upper:
-            self.upper.convert("sbaij", self.matrix)
-
-    def _mumps_outcome(self, shift: float, diagonal: float) -> bool:
-        factor = self.ksp.getPC().getFactorMatrix()
-        code = factor.getMumpsInfog(1)
-        if code in MORE_SPACE and self._space < LARGEST_SPACE:
-            self._space *= 4
-            factor.setMumpsIcntl(14, self._space)
-            return self.factorise(shift, diagonal)
-        if code < 0 and code != SINGULAR:
+    def _factorise_filled(self) -> None:
+        """Factorise the matrix of `fill`, which only MUMPS does where it is indefinite."""
+        self.count += 1
+        if not self._factors.factorise(self.values) and self.package != "mumps":
             raise TorosError(
-                f"MUMPS could not factorise the tangent of {self.matrix.getSize()[0]} unknowns: "
-                f"INFOG(1) = {code}, INFOG(2) = {factor.getMumpsInfog(2)}. If memory ran out "
-                "(-13), use a coarser mesh or more ranks on other machines."
+                "CHOLMOD stops at an indefinite tangent, and this type of SNES has no shifts. Take "
+                "MUMPS by -toros_pc_factor_mat_solver_type mumps."
             )
-        return code != SINGULAR and factor.getMumpsInfog(12) == 0
 
 
-def _has_cholmod() -> bool:
-    """Return whether PETSc has CHOLMOD; its list of packages is not always complete."""
-    matrix = PETSc.Mat().createSBAIJ((1, 1), 1, nnz=1, comm=PETSc.COMM_SELF)
-    matrix.setUp()
-    pc = PETSc.PC().create(PETSc.COMM_SELF)
-    pc.setOperators(matrix)
-    pc.setType(PETSc.PC.Type.CHOLESKY)
-    pc.setFactorSolverType("cholmod")
-    try:
-        pc.setFactorSetUpSolverType()
-    except PETSc.Error:
-        return False
-    return True
+class _Matrix:
+    """Matrix of PETSc's type "python"."""
+
+    def __init__(self, product: Callable[[Floats], Floats]) -> None:
+        self._product = product
+
+    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Multiply."""
+        y.array_w[:] = self._product(x.array_r)
+
+    # The matrix is symmetric; line searches ask for this.
+    multTranspose = mult  # noqa: N815
+
+
+class _Preconditioner:
+    """Preconditioner of PETSc's type "python"; set up only where the matrix has changed."""
+
+    def __init__(self, factorise: Callable[[], None], solve: Callable[[Floats], Floats]) -> None:
+        self._factorise, self._solve = factorise, solve
+
+    def setUp(self, _: PETSc.PC) -> None:
+        """Factorise."""
+        self._factorise()
+
+    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Solve."""
+        y.array_w[:] = self._solve(x.array_r)
+
+
+def _threads() -> int:
+    """Return the number of threads that the user allows."""
+    text = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
+    return int(text) if text.isdigit() and int(text) > 0 else 1
