@@ -23,7 +23,13 @@ from mpi4py import MPI
 
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.run import design_actuator, summary_sentence
-from toros_fem.actuators.tube import TubeConfig, bend_metric, coarse_tube, tube_case
+from toros_fem.actuators.tube import (
+    SymmetricConfig,
+    TubeConfig,
+    bend_metric,
+    coarse_tube,
+    tube_case,
+)
 from toros_fem.command_line import run_from_command_line
 from toros_fem.config import quantity
 from toros_fem.meshes import bend
@@ -31,7 +37,7 @@ from toros_fem.output.reporter import DesignReporter
 
 
 @dataclass(frozen=True)
-class BendConfig(TubeConfig):
+class BendConfig(SymmetricConfig, TubeConfig):
     """Numbers of the bending tube; SI units."""
 
     angle: float = quantity(180.0, "bend angle of the target", "deg")
@@ -43,9 +49,10 @@ class BendConfig(TubeConfig):
 
 
 def case(comm: MPI.Comm, config: BendConfig) -> ActuatorCase:
-    """Return the tube and its target."""
+    """Return half the tube, or the whole, and its target."""
     target = bend(np.radians(config.angle), config.length, neutral=config.neutral)
-    return tube_case(comm, config, target, [bend_metric(config.angle)])
+    planes = () if config.whole else (1,)
+    return tube_case(comm, config, target, [bend_metric(config.angle)], planes)
 
 
 def run(

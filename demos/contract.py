@@ -23,6 +23,7 @@ from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.run import design_actuator, summary_sentence
 from toros_fem.actuators.tube import (
     CrossSectionTubeConfig,
+    SymmetricConfig,
     coarse_tube,
     cross_section_case,
     shortening_metric,
@@ -34,7 +35,7 @@ from toros_fem.output.reporter import DesignReporter
 
 
 @dataclass(frozen=True)
-class ContractConfig(CrossSectionTubeConfig):
+class ContractConfig(SymmetricConfig, CrossSectionTubeConfig):
     """Numbers of the tube that shortens; SI units."""
 
     contraction: float = quantity(8.0, "shortening of the target", "%", below=100)
@@ -47,9 +48,10 @@ class ContractConfig(CrossSectionTubeConfig):
 
 
 def case(comm: MPI.Comm, config: ContractConfig) -> ActuatorCase:
-    """Return the tube and its target."""
+    """Return half the tube, or the whole, and its target."""
     target = contract(1 - config.contraction / 100)
-    return cross_section_case(comm, config, target, [shortening_metric(config.contraction)])
+    metrics = [shortening_metric(config.contraction)]
+    return cross_section_case(comm, config, target, metrics, () if config.whole else (1,))
 
 
 def coarse(config: ContractConfig) -> ContractConfig:

@@ -20,12 +20,12 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.actuators.config import SkinConfig
-from toros_fem.actuators.tube import TubeSizes, plain_tube
+from toros_fem.actuators.tube import SymmetricConfig, TubeSizes, plain_planes, plain_tube
 from toros_fem.analysis.pressure_path import trace_pressure_path
 from toros_fem.command_line import run_from_command_line
 from toros_fem.config import quantity
 from toros_fem.equilibrium.solver import EquilibriumSolver
-from toros_fem.meshes import sew
+from toros_fem.meshes import mirrored, sew
 from toros_fem.objectives.metrics import Metric, shortening, swelling
 from toros_fem.output.console import print_step
 from toros_fem.output.writer import write_pressure_path
@@ -37,7 +37,7 @@ METRICS = (
 
 
 @dataclass(frozen=True)
-class InflateConfig(TubeSizes, SkinConfig):
+class InflateConfig(SymmetricConfig, TubeSizes, SkinConfig):
     """Numbers of the inflated tube; SI units."""
 
     pressure: float = quantity(10e3, "the tube counts as saturated above", "Pa", above=0)
@@ -64,13 +64,15 @@ def run(
     """
     begin = time.perf_counter()
     config = config or InflateConfig()
-    pattern, supports, density = plain_tube(comm, config)
+    planes = () if config.whole else plain_planes(config.seams)
+    pattern, supports, density = plain_tube(comm, config, planes, seams=config.seams)
     skin = sew(comm, pattern)
     log = print_step(comm) if verbose else None
     solver = EquilibriumSolver(skin, config.composite, supports, log=log)
     levels = np.linspace(0.0, config.highest_pressure, config.levels + 1)
+    metrics = [metric.of_whole(planes) for metric in METRICS]
     points = list(
-        trace_pressure_path(solver, density[skin.owned_cells], [*map(float, levels)], METRICS)
+        trace_pressure_path(solver, density[skin.owned_cells], [*map(float, levels)], metrics)
     )
     radius = np.array([point.metrics["radius_percent"] for point in points])
     half = int(np.argmin(np.abs(levels - config.pressure)))
@@ -84,7 +86,8 @@ def run(
     }
     return write_pressure_path(
         comm, output, pattern, points, density, METRICS,
-        config=config, figures=figures, seconds={"total": time.perf_counter() - begin},
+        whole=mirrored(pattern, planes), config=config,
+        figures=figures, seconds={"total": time.perf_counter() - begin},
     )  # fmt: skip
 
 

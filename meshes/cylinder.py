@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem._mpi import on_first_rank
 from toros_fem._types import Floats, Ints
 from toros_fem._validate import require_choice, require_positive
+from toros_fem.errors import ParameterError
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Panel, Pattern
-from toros_fem.meshes.sheet import circle, ringed_disc
+from toros_fem.meshes.sheet import ringed_disc, sector
 
 WALL, BASE, TIP = "wall", "base", "tip"
+# Rounding of a coordinate, as a fraction of the tube's diameter or perimeter.
+TINY = 1e-9
 
 
 def cylinder(
@@ -23,6 +28,7 @@ def cylinder(
     *,
     mesh: str = "unstructured",
     caps: bool = True,
+    planes: Sequence[int] = (),
 ) -> Pattern:
     """Make a tube along z from z = 0 (panel "base") to z = length (panel "tip") (collective).
 
@@ -32,6 +38,10 @@ def cylinder(
     the structured mesh is therefore an exact isometry. The perimeter is smaller than π diameter by
     the fraction π²/(6 n²).
 
+    Half a tube, or a quarter, is completed by `mirrored(part, (1,))` or `mirrored(part, (0, 1))`:
+    the wall continues across the plane at x > 0 and has its seam where the whole tube has it. Its
+    flat coordinates are those in the whole. n is then the nearest multiple of 2, or of 4.
+
     Args:
         comm: Communicator; gmsh runs on its first rank only.
         length: Length of the tube in m.
@@ -40,43 +50,72 @@ def cylinder(
         mesh: "unstructured" (gmsh, frontal Delaunay) or "structured" (right triangles with one
             diagonal direction, on which the curvature "average" is exact for quadratics).
         caps: Whether the ends are closed. An open tube cannot carry pressure.
+        planes: Symmetry planes that cut the tube: () for the whole, (1,) for the half at y ≥ 0,
+            (0, 1) for the quarter that also has x ≥ 0. The cut is not sewn.
 
     Raises:
-        ParameterError: A size is not positive, or too large for a tube of six sides and two rows.
+        ParameterError: A size is not positive, or too large for a tube of six sides and two rows;
+            or the planes are others.
     """
     require_positive(length=length, diameter=diameter, edge_length=edge_length)
     require_choice("mesh", mesh, ("unstructured", "structured"))
     bound = min(np.pi * diameter / 5.5, length / 1.5)
     require_positive(edge_length=edge_length, at_most=bound)
-    around = round(np.pi * diameter / edge_length)
-    rows = max(2, round(length / edge_length))
+    if set(planes) not in (set(), {1}, {0, 1}) or len(set(planes)) < len(planes):
+        raise ParameterError(
+            f"planes = {tuple(planes)} must be () for the whole tube, (1,) for the half at y ≥ 0, "
+            "or (0, 1) for the quarter with x ≥ 0 as well."
+        )
+    parts = 2 ** len(planes)
+    # Vertices must lie in all planes.
+    around = parts * max(2, round(np.pi * diameter / edge_length / parts))
+    sides, rows = around // parts, max(2, round(length / edge_length))
     radius = diameter / 2
     chord = 2 * radius * np.sin(np.pi / around)
-    width = around * chord
+    begin = around // 2 * chord if planes else 0.0
+    end = begin + sides * chord
 
     def build() -> Pattern:
         if mesh == "structured":
-            wall = _grid(around, rows, width, length)
-            cap = ringed_disc(around, radius) if caps else None
+            wall = _grid(sides, rows, begin, end, length)
+            cap = ringed_disc(around, radius, parts) if caps else None
         else:
-            ring = circle(around, radius)
-            corner = np.array([[0, 0], [width, 0], [width, length], [0, length]])
-            outlines = [(corner, [around, rows, around, rows])]
+            corner = np.array([[begin, 0], [end, 0], [end, length], [begin, length]])
+            outlines = [(corner, [sides, rows, sides, rows])]
             if caps:
-                outlines.append((ring, [1] * around))
+                outlines.append(_cap_outline(around, radius, parts, edge_length))
             meshes = polygon_meshes(outlines, edge_length)
             wall, cap = meshes[0], (meshes[1] if caps else None)
-        panels = [_wall_panel(*wall, radius, width)]
+        panels = [_wall_panel(*wall, radius, around * chord, begin)]
         if cap is not None:
             panels += [_cap_panel(BASE, *cap, 0.0), _cap_panel(TIP, *cap, length)]
+        if planes:  # the cut is exactly in its plane
+            for panel in panels:
+                panel.points[np.abs(panel.points) < TINY * diameter] = 0.0
         return Pattern.from_panels(panels, tolerance=1e-3 * min(chord, length / rows))
 
     return on_first_rank(comm, build)
 
 
-def _wall_panel(flat: Floats, triangles: Ints, radius: float, width: float) -> Panel:
+def _cap_outline(
+    around: int, radius: float, parts: int, edge_length: float
+) -> tuple[Floats, list[int]]:
+    """Return corners of a cap, or of its part, and the number of edges between them."""
+    rim = sector(around, radius, parts)
+    if parts == 1:
+        return rim, [1] * around
+    arc, across = [1] * (len(rim) - 1), max(1, round(radius / edge_length))
+    if parts == 2:
+        return rim, [*arc, 2 * across]
+    return np.concatenate([rim, np.zeros((1, 2))]), [*arc, across, across]
+
+
+def _wall_panel(flat: Floats, triangles: Ints, radius: float, width: float, begin: float) -> Panel:
     angle = np.pi + 2 * np.pi * flat[:, 0] / width
     ring = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    # `mirrored` continues a panel across its first cut edge: it shall be that at x > 0.
+    at_begin = (flat[triangles, 0] - begin < TINY * width).sum(axis=1) == 2
+    triangles = triangles[np.argsort(~at_begin, kind="stable")] if begin else triangles
     return Panel(WALL, flat, triangles, np.column_stack([ring, flat[:, 1]]))
 
 
@@ -87,8 +126,8 @@ def _cap_panel(name: str, flat: Floats, triangles: Ints, height: float) -> Panel
     return Panel(name, flat, triangles, points)
 
 
-def _grid(around: int, rows: int, width: float, length: float) -> tuple[Floats, Ints]:
-    u, v = np.meshgrid(np.linspace(0, width, around + 1), np.linspace(0, length, rows + 1))
+def _grid(around: int, rows: int, begin: float, end: float, length: float) -> tuple[Floats, Ints]:
+    u, v = np.meshgrid(np.linspace(begin, end, around + 1), np.linspace(0, length, rows + 1))
     node = np.arange((rows + 1) * (around + 1)).reshape(rows + 1, around + 1)
     a, b, c, d = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
     lower, upper = np.stack([a, b, c], axis=2), np.stack([b, d, c], axis=2)

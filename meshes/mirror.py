@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -44,6 +45,9 @@ class Mirrored:
         return np.asarray(values[self.cell])
 
 
+_WHOLES: WeakKeyDictionary[Pattern, dict[tuple[int, ...], Mirrored]] = WeakKeyDictionary()
+
+
 def plane_border(pattern: Pattern, axis: int) -> Ints:
     """Return the free half-edges, (k,), in a coordinate plane through the origin.
 
@@ -67,6 +71,8 @@ def plane_border(pattern: Pattern, axis: int) -> Ints:
 def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
     """Complete a part of a skin by its mirror images in coordinate planes through the origin.
 
+    The whole is made once for each pattern and kept as long as the pattern is.
+
     Args:
         pattern: The part. Its free edges in a plane are a cut, where it meets its image.
         axes: Normals of the planes of reflection, in this order: 0 for x = 0, …
@@ -75,6 +81,9 @@ def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
         ParameterError: No free edge lies in a plane.
         PatternError: The part reaches across a plane, so that it overlaps its image.
     """
+    wholes, key = _WHOLES.setdefault(pattern, {}), tuple(axes)
+    if key in wholes:
+        return wholes[key]
     found = Mirrored(
         pattern,
         np.arange(len(pattern.points)),
@@ -82,8 +91,10 @@ def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
         np.arange(len(pattern.flat_points)),
         np.ones_like(pattern.points),
     )
-    for axis in axes:
+    for axis in key:
         found = _doubled(found, axis)
+    if key:  # without axes the value would keep its own key alive
+        wholes[key] = found
     return found
 
 

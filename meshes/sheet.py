@@ -120,28 +120,47 @@ def circle(count: int, radius: float) -> Floats:
     return radius * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def ringed_disc(around: int, radius: float) -> tuple[Floats, Ints]:
-    """Mesh a disc by rings of vertices; neighbouring rings are connected in the order of angles."""
+def sector(count: int, radius: float, parts: int) -> Floats:
+    """Return the corners of `circle`, or of a part of it from the angle 0, both ends included."""
+    if parts == 1:
+        return circle(count, radius)
+    place = (count // 2 + np.arange(count // parts + 1)) % count
+    return circle(count, radius)[place]
+
+
+def ringed_disc(around: int, radius: float, parts: int = 1) -> tuple[Floats, Ints]:
+    """Mesh a disc by rings of vertices; neighbouring rings are connected in the order of angles.
+
+    Args:
+        around: Number of edges around the whole disc.
+        radius: Radius in m.
+        parts: 1 for the whole; 2 or 4 for the part of it between the angles 0 and 2π/parts.
+    """
     rings = max(1, round(around / (2 * np.pi)))
-    counts = [max(3, round(around * k / rings)) for k in range(rings, 0, -1)]
+    least = -(-3 // parts)
+    # Edges of the part on each ring, from the outermost.
+    counts = [max(least, round(around / parts * k / rings)) for k in range(rings, 0, -1)]
     points = np.concatenate(
-        [circle(n, radius * (rings - k) / rings) for k, n in enumerate(counts)] + [np.zeros((1, 2))]
+        [sector(parts * n, radius * (rings - k) / rings, parts) for k, n in enumerate(counts)]
+        + [np.zeros((1, 2))]
     )
-    start = np.cumsum([0, *counts])
+    # A whole ring has as many vertices as edges, a part of it one more.
+    sizes = [n + (parts > 1) for n in counts]
+    start = np.cumsum([0, *sizes])
     triangles = []
     for k in range(rings - 1):  # all rings start at the same angle
         outer, inner = counts[k], counts[k + 1]
         i = j = 0
         while i < outer or j < inner:
-            o, p = start[k] + i % outer, start[k + 1] + j % inner
+            o, p = start[k] + i % sizes[k], start[k + 1] + j % sizes[k + 1]
             if (i + 0.5) / outer <= (j + 0.5) / inner:
-                triangles.append([o, start[k] + (i + 1) % outer, p])
+                triangles.append([o, start[k] + (i + 1) % sizes[k], p])
                 i += 1
             else:
-                triangles.append([o, start[k + 1] + (j + 1) % inner, p])
+                triangles.append([o, start[k + 1] + (j + 1) % sizes[k + 1], p])
                 j += 1
-    last, n = start[rings - 1], counts[-1]
-    triangles += [[last + i, last + (i + 1) % n, start[rings]] for i in range(n)]
+    last, n, size = start[rings - 1], counts[-1], sizes[-1]
+    triangles += [[last + i, last + (i + 1) % size, start[rings]] for i in range(n)]
     return points, np.array(triangles, dtype=np.int64)
 
 

@@ -1,10 +1,14 @@
 """Cases of the tube: weights of the tip, cross-sections, and helical lines."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from toros_fem import errors
+from toros_fem.actuators.run import actuator_problem
 from toros_fem.actuators.tube import (
     CrossSectionTubeConfig,
     TubeConfig,
@@ -12,12 +16,17 @@ from toros_fem.actuators.tube import (
     coarse_tube,
     cross_section_case,
     helices,
+    plain_planes,
     plain_tube,
     shortening_metric,
     tube_case,
     twist_metric,
 )
-from toros_fem.meshes import Pattern, bend, contract, cylinder, twist
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.materials import Bending, Composite
+from toros_fem.mechanics.supports import clamp
+from toros_fem.meshes import Pattern, bend, contract, cylinder, mirrored, sew, twist
+from toros_fem.objectives.metrics import Metric, swelling
 
 SHORT = {"length": 0.06, "edge_length": 3e-3}
 
@@ -131,3 +140,120 @@ def test_coarse_variant_changes_the_mesh_and_the_steps_alone() -> None:
     coarse = coarse_tube(config)
     changed = {k for k, v in coarse.as_dict().items() if v != config.as_dict()[k]}
     assert changed == {"edge_length", "filter_radius", "iterations", "constrained_iterations"}
+
+
+def wavy(part: Pattern) -> np.ndarray:
+    """A density of a part that is neither 0 nor constant at its cuts; its caps are printed."""
+    u, v = part.centroids.T
+    waves = 0.5 + 0.5 * np.sin(300 * u + 1) * np.cos(170 * v)
+    return np.where(part.panel == part.panel_index("wall"), waves, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "crossed"),
+    [
+        ({"bending": None, "mesh": "structured"}, False),
+        ({"bending": "midedge"}, False),
+        ({"bending": "midedge", "seams": "hinged"}, True),
+        ({"bending": "quadratic"}, True),
+    ],
+)
+def test_half_a_tube_is_designed_as_the_whole(
+    comm: MPI.Comm, changes: dict[str, Any], crossed: bool
+) -> None:
+    """Shape, volume, objective, gradients and metrics, by both kinds of objective."""
+    config = CrossSectionTubeConfig(
+        length=0.04, edge_length=4.5e-3, filter_radius=7.5e-3, cross_sections=4,
+        pressure=2e3, constrained_iterations=0, perimeter_weight=1e-3, **changes,
+    )  # fmt: skip
+    metrics = [bend_metric(20.0), shortening_metric(3.0), twist_metric(0.0)]
+    if crossed:
+        case = cross_section_case(comm, config, contract(0.97), metrics, (1,))
+    else:
+        case = tube_case(comm, config, bend(0.4, 0.04), metrics, (1,))
+    images = mirrored(case.pattern, (1,))
+    pattern = images.pattern
+    whole_case = replace(
+        case,
+        pattern=pattern,
+        target=images.at_vertices(case.target),
+        supports=clamp(pattern, ["base"]),
+        metrics=tuple(metrics),
+        passive=np.where(pattern.panel == 0, np.nan, 1.0),
+        symmetry=(),
+    )
+    half = actuator_problem(comm, case, config)
+    whole = actuator_problem(comm, whole_case, config)
+    density = wavy(case.pattern)
+    found = half.evaluate(density[half.skin.owned_cells])
+    expected = whole.evaluate(images.at_cells(density)[whole.skin.owned_cells])
+    shape = half.skin.gather_vertices(found.equilibrium.positions)
+    positions = images.at_vertices(shape)
+    there = whole.skin.gather_vertices(expected.equilibrium.positions)
+    assert positions == pytest.approx(there, abs=1e-9 * pattern.size)
+    volumes = 2 * found.equilibrium.volume, expected.equilibrium.volume
+    assert volumes[0] == pytest.approx(volumes[1], rel=1e-9)
+    assert found.shape == pytest.approx(expected.shape, rel=1e-7)
+    assert found.objective == pytest.approx(expected.objective, rel=1e-7)
+    assert expected.gradient is not None
+    assert found.gradient is not None
+    pulled = np.bincount(images.cell, whole.skin.gather_cells(expected.gradient))
+    gradient = half.skin.gather_cells(found.gradient)
+    assert gradient == pytest.approx(pulled, abs=1e-6 * np.abs(pulled).max())
+    assert found.pressure_gradient == pytest.approx(expected.pressure_gradient, rel=1e-6)
+    values, known = half.metrics_of(found.equilibrium), whole.metrics_of(expected.equilibrium)
+    assert values == pytest.approx(known, abs=1e-6)
+    # At one and the same shape both are equal to rounding.
+    at_half = half.objective.forward(shape[half.skin.owned_vertices])
+    at_whole = whole.objective.forward(positions[whole.skin.owned_vertices])
+    assert at_half == pytest.approx(at_whole, rel=1e-12)
+
+
+@pytest.mark.parametrize("bending", [None, Bending()])
+def test_a_quarter_of_a_tube_swells_as_the_whole(comm: MPI.Comm, bending: Bending | None) -> None:
+    """With lines across both planes; filters would see the seam of the whole."""
+    config = TubeConfig(length=0.04, edge_length=4.5e-3)
+    part, supports, _ = plain_tube(comm, config, (0, 1))
+    images, composite, density = mirrored(part, (0, 1)), Composite(bending=bending), wavy(part)
+    whole = images.pattern
+    shapes, volumes = [], []
+    for pattern, held, here in (
+        (part, supports, density),
+        (whole, clamp(whole, ["base"]), images.at_cells(density)),
+    ):
+        skin = sew(comm, pattern)
+        found = EquilibriumSolver(skin, composite, held).solve(here[skin.owned_cells], 2e3)
+        shapes.append(skin.gather_vertices(found.positions))
+        volumes.append(found.volume)
+    assert images.at_vertices(shapes[0]) == pytest.approx(shapes[1], abs=1e-9 * whole.size)
+    assert 4 * volumes[0] == pytest.approx(volumes[1], rel=1e-9)
+    for metric in (shortening_metric(0.0), Metric("radius", "ratio", 1.0, swelling)):
+        value = metric.of_whole((0, 1)).measure(part, shapes[0])
+        assert value == pytest.approx(metric.measure(whole, shapes[1]), rel=1e-7)
+
+
+def test_start_of_half_a_tube_is_that_of_the_whole(comm: MPI.Comm) -> None:
+    """Crossed lines are symmetric for any number of lines around."""
+    config = CrossSectionTubeConfig(
+        length=0.06, edge_length=3e-3, helices=3, helix_angle=28.0, helix_width=4e-3, crossed=True
+    )
+    metrics = [shortening_metric(10.0)]
+    case = cross_section_case(comm, config, contract(0.9), metrics, (1,))
+    images = mirrored(case.pattern, (1,))
+    lines = [helices(images.pattern, 3, np.radians(a), 4e-3) for a in (28, -28)]
+    assert case.start is not None
+    assert np.array_equal(images.at_cells(case.start), np.where(lines[0] | lines[1], 0.7, 0.3))
+    with pytest.raises(errors.ParameterError, match="of one angle are not symmetric"):
+        cross_section_case(comm, config.updated(crossed=False), contract(0.9), metrics, (1,))
+    with pytest.raises(errors.ParameterError, match="must be even"):
+        cross_section_case(comm, config, contract(0.9), metrics, (0, 1))
+
+
+def test_planes_that_are_none_of_symmetry(comm: MPI.Comm) -> None:
+    config = TubeConfig(**SHORT)  # type: ignore[arg-type]
+    with pytest.raises(errors.TargetError, match=r"not symmetric about the planes \(1,\)"):
+        tube_case(comm, config, twist(1.0, 0.06), [], (1,))
+    with pytest.raises(errors.ParameterError, match="a hinge at x < 0 alone"):
+        plain_tube(comm, config, (0, 1), seams="hinged")
+    assert plain_planes("hinged") == (1,)
+    assert plain_planes("continuous") == (0, 1)

@@ -5,7 +5,12 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.meshes import cylinder
+from toros_fem.meshes import Pattern, cylinder, mirrored
+
+
+def volume(tube: Pattern) -> float:
+    a, b, c = np.moveaxis(tube.points[tube.triangles], 1, 0)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
 @pytest.mark.parametrize("mesh", ["structured", "unstructured"])
@@ -20,10 +25,9 @@ def test_cylinder(comm: MPI.Comm, mesh: str) -> None:
     edges = 3 * len(tube.panel) // 2
     assert len(tube.points) - edges + len(tube.panel) == 2
     assert len(tube.seams) == 2 * sides + round(0.06 / 4e-3)
-    a, b, c = np.moveaxis(tube.points[tube.triangles], 1, 0)
-    volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6
-    assert volume == pytest.approx(np.pi * 0.01**2 * 0.06, rel=0.04)
-    assert volume > 0, "normals point outwards"
+    found = volume(tube)
+    assert found == pytest.approx(np.pi * 0.01**2 * 0.06, rel=0.04)
+    assert found > 0, "normals point outwards"
     flat = tube.corners[wall].reshape(-1, 2)
     assert flat.min(axis=0) == pytest.approx([0, 0], abs=1e-12)
     assert flat.max(axis=0) == pytest.approx([perimeter, 0.06], rel=1e-12)
@@ -45,3 +49,57 @@ def test_structured_cylinder_is_isometric() -> None:
 def test_cylinder_sizes(comm: MPI.Comm, sizes: tuple[float, float, float]) -> None:
     with pytest.raises(errors.ParameterError, match=r"= .* must be a finite number"):
         cylinder(comm, *sizes)
+
+
+@pytest.mark.parametrize("mesh", ["structured", "unstructured"])
+@pytest.mark.parametrize("planes", [(1,), (0, 1)])
+@pytest.mark.parametrize("edge", [2.5e-3, 4.5e-3, 1.1e-2])
+def test_part_of_a_cylinder(
+    comm: MPI.Comm, mesh: str, planes: tuple[int, ...], edge: float
+) -> None:
+    """Its whole is a tube like the one made at once, with the seam at the same place."""
+    length, parts = 0.06, 2 ** len(planes)
+    part = cylinder(comm, length, 0.02, edge, mesh=mesh, planes=planes)
+    found = mirrored(part, planes)
+    whole = found.pattern
+    whole.require_closed()
+    assert whole.panel_names == ("wall", "base", "tip")
+    assert volume(whole) == pytest.approx(parts * volume(part), rel=1e-12)
+    for axis in planes:
+        assert part.points[:, axis].min() == 0, "the cut is exactly in its plane"
+    around = _around(whole)
+    assert around % parts == 0
+    assert abs(around - np.pi * 0.02 / edge) <= parts
+    width = around * 0.02 * np.sin(np.pi / around)
+    wall = whole.corners[whole.cells_of("wall")].reshape(-1, 2)
+    assert wall.min(axis=0) == pytest.approx([0, 0], abs=1e-12)
+    assert wall.max(axis=0) == pytest.approx([width, length], rel=1e-12)
+    assert np.array_equal(part.corners, whole.corners[: len(part.panel)])
+    seam = whole.points[np.unique(whole.sewn[whole.seams])]
+    inner = seam[(seam[:, 2] > 1e-9) & (seam[:, 2] < length - 1e-9)]
+    assert len(inner) == max(2, round(length / edge)) - 1
+    assert inner[:, 0] == pytest.approx(-0.01)
+    assert np.abs(inner[:, 1]).max() == 0
+    # Rolled up as the whole tube: the angle about z follows from the flat place.
+    angle = np.pi + 2 * np.pi * whole.flat_points[:, 0] / width
+    rim = np.unique(whole.flat_triangles[whole.cells_of("wall")])
+    expected = 0.01 * np.stack([np.cos(angle), np.sin(angle)], axis=1)[rim]
+    assert whole.points[whole.sewn[rim], :2] == pytest.approx(expected, abs=1e-12)
+
+
+def _around(tube: Pattern) -> int:
+    """Number of edges around the rim of the tip."""
+    tip = tube.vertices_of("tip")
+    return len(np.intersect1d(tip, tube.vertices_of("wall")))
+
+
+def test_open_half_cylinder_keeps_both_cuts_and_rims() -> None:
+    half = cylinder(MPI.COMM_SELF, 0.06, 0.02, 5e-3, mesh="structured", caps=False, planes=(1,))
+    assert len(half.free_edges) == 2 * 12 + 2 * 6
+    assert len(mirrored(half, (1,)).pattern.free_edges) == 2 * 12
+
+
+@pytest.mark.parametrize("planes", [(0,), (2,), (1, 1), (1, 2)])
+def test_cylinder_planes(comm: MPI.Comm, planes: tuple[int, ...]) -> None:
+    with pytest.raises(errors.ParameterError, match=r"planes = .* must be \(\) for the whole"):
+        cylinder(comm, 0.06, 0.02, 5e-3, planes=planes)

@@ -1,5 +1,8 @@
 """Parts of skins are completed to wholes by their mirror images."""
 
+import gc
+import weakref
+
 import helpers.scenes  # noqa: F401 (makes the benchmarks importable)
 import numpy as np
 import pytest
@@ -36,6 +39,17 @@ def test_mirrored_walker_is_whole(comm: MPI.Comm) -> None:
     half = check_mirrored(quarter, (1,), 2)
     assert (half.points[np.unique(half.free_edges), 0] == 0).all()
     assert mirrored(quarter, ()).pattern is quarter
+
+
+def test_a_whole_is_made_once_and_does_not_outlive_its_part(comm: MPI.Comm) -> None:
+    part = finger(comm, 8e-3, planes=(1,))
+    kept = weakref.ref(mirrored(part, (1,)))
+    assert kept() is mirrored(part, [1])
+    mirrored(part, ())
+    gone = weakref.ref(part)
+    del part
+    gc.collect()
+    assert gone() is kept() is None
 
 
 def test_mirrored_sheet_and_panels_off_the_plane(comm: MPI.Comm) -> None:

@@ -7,13 +7,21 @@ from dataclasses import dataclass
 from toros_fem._types import Floats
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.supports import Supports
+from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 from toros_fem.objectives.alignment import AlignedObjective
 from toros_fem.objectives.cross_sections import CrossSectionObjective, CrossSections
 from toros_fem.objectives.gap import Body, GapObjective
 from toros_fem.objectives.metrics import Metric
-from toros_fem.objectives.shape import Objective, ShapeObjective, SumObjective
+from toros_fem.objectives.mirrored import MirroredObjective
+from toros_fem.objectives.shape import (
+    Nodes,
+    Objective,
+    ShapeObjective,
+    SumObjective,
+    checked_target,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +56,9 @@ class ActuatorCase:
             added. None starts from 0.5.
         symmetry: Axes of the planes that the pattern is cut at, as of `meshes.mirrored`: pictures
             and prints show the whole.
+        objective_of_whole: Whether the objective is that of the whole skin. `weights`,
+            `relative`, `cross_sections` and the weights of `contact` then have an entry for each
+            vertex of `mirrored(pattern, symmetry)`.
         chambers: Pressure chambers; None for one.
         contact: A body to touch; None for none.
         aligned: Whether a rigid motion of the whole skin costs nothing.
@@ -63,19 +74,27 @@ class ActuatorCase:
     cross_sections: CrossSections | None = None
     start: Floats | None = None
     symmetry: tuple[int, ...] = ()
+    objective_of_whole: bool = False
     chambers: Chambers | None = None
     contact: Contact | None = None
     aligned: bool = False
 
     def objective(self, skin: Skin) -> Objective:
         """Return the objective on the sewn skin, the sum of all terms that are given."""
+        if not (self.symmetry and self.objective_of_whole):
+            return self._objective(skin, self.target)
+        whole = mirrored(self.pattern, self.symmetry)
+        target = whole.at_vertices(checked_target(skin, self.target))
+        return MirroredObjective(skin, whole, lambda nodes: self._objective(nodes, target))
+
+    def _objective(self, nodes: Nodes, target: Floats) -> Objective:
         terms: list[Objective] = []
         if self.cross_sections is not None:
-            terms.append(CrossSectionObjective(skin, self.target, self.cross_sections))
+            terms.append(CrossSectionObjective(nodes, target, self.cross_sections))
         if self.contact is not None:
             c = self.contact
-            terms.append(GapObjective(skin, c.body, c.weights, c.factor))
+            terms.append(GapObjective(nodes, c.body, c.weights, c.factor))
         if not terms or self.weights is not None or self.relative is not None:
-            terms.append(ShapeObjective(skin, self.target, self.weights, self.relative))
+            terms.append(ShapeObjective(nodes, target, self.weights, self.relative))
         found = terms[0] if len(terms) == 1 else SumObjective(*terms)
-        return AlignedObjective(skin, self.target, found) if self.aligned else found
+        return AlignedObjective(nodes, target, found) if self.aligned else found

@@ -14,10 +14,14 @@ from toros_fem._validate import require_count, require_positive
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.config import Config, quantity
-from toros_fem.mechanics.supports import Supports, clamp
+from toros_fem.errors import ParameterError, TargetError
+from toros_fem.materials import Bending
+from toros_fem.mechanics.supports import Supports, clamp, symmetry_plane
 from toros_fem.meshes.cylinder import BASE, TIP, WALL, cylinder
+from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
+from toros_fem.meshes.topology import edge_keys
 from toros_fem.objectives.cross_sections import CrossSections, label_cross_sections
 from toros_fem.objectives.metrics import (
     Metric,
@@ -36,6 +40,13 @@ class TubeSizes(Config):
     diameter: float = quantity(0.02, "diameter of the tube", "m", above=0)
     edge_length: float = quantity(1.4e-3, "edge length of the mesh", "m", above=0)
     mesh: str = quantity("unstructured", "mesh of the wall", choices=("unstructured", "structured"))
+
+
+@dataclass(frozen=True)
+class SymmetricConfig(Config):
+    """Choice between a part and the whole, for scenes with a symmetric target."""
+
+    whole: bool = quantity(False, "simulate the whole tube and not its part between the planes")
 
 
 @dataclass(frozen=True)
@@ -79,6 +90,9 @@ class CrossSectionTubeConfig(TubeConfig):
 
 T = TypeVar("T", bound=TubeConfig)
 
+# Largest distance of a target from its mirror image, as a fraction of the tube's size.
+SYMMETRIC = 1e-9
+
 
 def coarse_tube(config: T) -> T:
     """Return the same design on a coarse mesh with few steps; it takes a minute or two."""
@@ -103,7 +117,11 @@ def shortening_metric(target: float) -> Metric:
 
 
 def tube_case(
-    comm: MPI.Comm, config: TubeConfig, target: Deformer, metrics: Sequence[Metric]
+    comm: MPI.Comm,
+    config: TubeConfig,
+    target: Deformer,
+    metrics: Sequence[Metric],
+    planes: tuple[int, ...] = (),
 ) -> ActuatorCase:
     """Return a tube along z whose whole shape counts; its base is clamped, its caps are printed.
 
@@ -113,12 +131,16 @@ def tube_case(
         comm: Communicator.
         config: Sizes and weights.
         target: Maps assembled to target positions.
-        metrics: Numbers that the design is judged by.
+        metrics: Numbers that the design is judged by, as functions of the whole tube.
+        planes: Symmetry planes of the target that the tube is cut at, as of `meshes.cylinder`.
+            Objective and metrics are those of the whole tube.
 
     Raises:
         ParameterError: A size is too large for the tube.
+        TargetError: The target is not symmetric.
     """
-    pattern = _tube(comm, config)
+    case = _clamped(comm, config, target, metrics, planes)
+    pattern = mirrored(case.pattern, planes).pattern
     plate, area = pattern.vertices_of(TIP), pattern.vertex_areas
     weights = np.ones(len(pattern.points))
     weights[plate] += config.tip_weight * area.sum() / area[plate].sum()
@@ -128,11 +150,15 @@ def tube_case(
     relative = np.zeros(len(pattern.points))
     ratio = np.sqrt(2) * config.orientation_length / (config.diameter / 2)
     relative[ring] = ratio**2 * (area @ weights) / area[ring].sum()
-    return replace(_clamped(pattern, target, metrics), weights=weights, relative=relative)
+    return replace(case, weights=weights, relative=relative)
 
 
 def cross_section_case(
-    comm: MPI.Comm, config: CrossSectionTubeConfig, target: Deformer, metrics: Sequence[Metric]
+    comm: MPI.Comm,
+    config: CrossSectionTubeConfig,
+    target: Deformer,
+    metrics: Sequence[Metric],
+    planes: tuple[int, ...] = (),
 ) -> ActuatorCase:
     """Return the tube of `tube_case` with an objective of cross-sections only.
 
@@ -143,19 +169,31 @@ def cross_section_case(
     Args:
         comm: Communicator.
         config: Sizes, weights and start.
-        target: Maps assembled to target positions.
-        metrics: Numbers that the design is judged by.
+        target, metrics, planes: As of `tube_case`.
 
     Raises:
-        ParameterError: A size is too large for the tube.
+        ParameterError: A size is too large for the tube, or the start is not symmetric.
+        TargetError: The target is not symmetric.
     """
-    pattern, count = _tube(comm, config), config.cross_sections
+    if planes and config.helices and not config.crossed:
+        raise ParameterError(
+            f"helices = {config.helices} of one angle are not symmetric. Set crossed = True, or "
+            "helices = 0, or design the whole tube."
+        )
+    if 0 in planes and config.helices % 2:
+        raise ParameterError(
+            f"helices = {config.helices} must be even to be symmetric about x = 0."
+        )
+    case, count = _clamped(comm, config, target, metrics, planes), config.cross_sections
+    pattern = mirrored(case.pattern, planes).pattern
+    start = _helical_start(pattern, config)
     fraction = np.append(np.full(count, 1 / count), config.tip_weight)
     # If each of n sections is off by δ/n from the one before, the tip is off by δ.
     ratio = config.orientation_length / pattern.size
     return replace(
-        _clamped(pattern, target, metrics),
-        start=_helical_start(pattern, config),
+        case,
+        # The part's triangles are the first of the whole.
+        start=None if start is None else start[: len(case.pattern.panel)],
         cross_sections=CrossSections(
             label_cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count),
             np.outer(fraction, [1.0, 1.0, config.axial_weight]),
@@ -164,18 +202,36 @@ def cross_section_case(
     )
 
 
-def plain_tube(comm: MPI.Comm, config: TubeSizes) -> tuple[Pattern, Supports, Floats]:
+def plain_tube(
+    comm: MPI.Comm,
+    config: TubeSizes,
+    planes: tuple[int, ...] = (),
+    *,
+    seams: str = Bending.seams,
+) -> tuple[Pattern, Supports, Floats]:
     """Return the tube without reinforcement of its wall.
 
     Args:
         comm: Communicator.
         config: Sizes.
+        planes: Symmetry planes that it is cut at, as of `meshes.cylinder`.
+        seams: How seams carry moments, as of `materials.Bending`.
 
     Returns:
         Pattern, supports, and the density of all triangles, (t,).
+
+    Raises:
+        ParameterError: A size is too large for the tube; or seams are hinged, so that the plane
+            x = 0 is none of symmetry.
     """
-    pattern = _tube(comm, config)
-    return pattern, clamp(pattern, [BASE]), np.nan_to_num(_printed_caps(pattern), nan=0.0)
+    pattern = _tube(comm, config, planes)
+    density = np.nan_to_num(_printed_caps(pattern), nan=0.0)
+    return pattern, _supports(pattern, planes, seams), density
+
+
+def plain_planes(seams: str) -> tuple[int, ...]:
+    """Return the symmetry planes of a tube without a pattern; seams as of `materials.Bending`."""
+    return (0, 1) if seams == "continuous" else (1,)
 
 
 def helices(pattern: Pattern, count: int, angle: float, width: float) -> Bools:
@@ -212,19 +268,63 @@ def _helical_start(pattern: Pattern, config: CrossSectionTubeConfig) -> Floats |
     return np.where(np.any(lines, axis=0), 0.7, 0.3)
 
 
-def _tube(comm: MPI.Comm, config: TubeSizes) -> Pattern:
-    return cylinder(comm, config.length, config.diameter, config.edge_length, mesh=config.mesh)
+def _tube(comm: MPI.Comm, config: TubeSizes, planes: tuple[int, ...]) -> Pattern:
+    return cylinder(
+        comm,
+        config.length,
+        config.diameter,
+        config.edge_length,
+        mesh=config.mesh,
+        planes=planes,
+    )
 
 
-def _clamped(pattern: Pattern, target: Deformer, metrics: Sequence[Metric]) -> ActuatorCase:
+def _clamped(
+    comm: MPI.Comm,
+    config: TubeConfig,
+    target: Deformer,
+    metrics: Sequence[Metric],
+    planes: tuple[int, ...],
+) -> ActuatorCase:
     """Return a tube clamped at its base, without any weights."""
+    pattern = _tube(comm, config, planes)
+    whole = mirrored(pattern, planes)
+    found, expected = target(whole.pattern.points), whole.at_vertices(target(pattern.points))
+    off = float(np.abs(found - expected).max())
+    if off > SYMMETRIC * pattern.size:
+        raise TargetError(
+            f"the target is not symmetric about the planes {planes} (0 for x = 0, 1 for y = 0): a "
+            f"vertex and its image are {off:.3g} m apart. Give fewer planes."
+        )
     return ActuatorCase(
         pattern=pattern,
         target=target(pattern.points),
-        supports=clamp(pattern, [BASE]),
-        metrics=tuple(metrics),
+        supports=_supports(pattern, planes, config.seams),
+        metrics=tuple(metric.of_whole(planes) for metric in metrics),
         passive=_printed_caps(pattern),
+        symmetry=planes,
+        objective_of_whole=True,
     )
+
+
+def _supports(pattern: Pattern, planes: tuple[int, ...], seams: str) -> Supports:
+    """Return supports at the base and in the planes."""
+    supports = clamp(pattern, [BASE])
+    for axis in planes:
+        supports |= symmetry_plane(pattern, axis)
+    if seams == "continuous" or not planes:
+        return supports
+    if 0 in planes:
+        raise ParameterError(
+            f"seams = {seams!r}: a tube with a hinge at x < 0 alone is not symmetric about x = 0. "
+            "Give planes = (1,), or make the seams continuous."
+        )
+    # A cut where the whole has a hinged seam carries no moment.
+    hinged = mirrored(pattern, planes).pattern.seam_edges[: len(pattern.panel)]
+    triangles, count = pattern.triangles, len(pattern.points)
+    ends = np.stack([np.roll(triangles, -1, axis=1), np.roll(triangles, -2, axis=1)], axis=2)
+    kept = ~np.isin(edge_keys(supports.guided, count), edge_keys(ends[hinged], count))
+    return replace(supports, guided=supports.guided[kept], normals=supports.normals[kept])
 
 
 def _printed_caps(pattern: Pattern) -> Floats:

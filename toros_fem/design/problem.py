@@ -391,7 +391,11 @@ class DesignProblem(ABC, Generic[R]):
     @property
     def _perimeter_price(self) -> float:
         """Increase of T per metre of border."""
-        return (self.perimeter_weight or 0.0) / self.skin.pattern.size
+        whole, pattern = self.whole, self.skin.pattern
+        if whole is None:
+            return (self.perimeter_weight or 0.0) / pattern.size
+        parts = len(whole.cell) // len(pattern.panel)
+        return (self.perimeter_weight or 0.0) * parts / whole.pattern.size
 
     def _pull_back(
         self, evaluation: Evaluation[R], by_filtered: Floats | None, by_projected: Floats

@@ -12,7 +12,8 @@ from toros_fem.objectives.metrics import (
     turn_angle,
     twist_angle,
 )
-from toros_fem.objectives.shape import Objective, ShapeObjective, SumObjective
+from toros_fem.objectives.mirrored import MirroredObjective
+from toros_fem.objectives.shape import Nodes, Objective, ShapeObjective, SumObjective
 
 __all__ = [
     "AlignedObjective",
@@ -21,6 +22,8 @@ __all__ = [
     "CrossSections",
     "GapObjective",
     "Metric",
+    "MirroredObjective",
+    "Nodes",
     "Objective",
     "ShapeObjective",
     "SumObjective",

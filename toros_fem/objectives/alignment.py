@@ -6,9 +6,8 @@ import numpy as np
 
 from toros_fem._mpi import sum_over_ranks
 from toros_fem._types import Floats
-from toros_fem.meshes.skin import Skin
 from toros_fem.objectives.rotation import polar_rotation, require_determined
-from toros_fem.objectives.shape import Objective, checked_target
+from toros_fem.objectives.shape import Nodes, Objective, checked_target
 
 
 class AlignedObjective:
@@ -29,7 +28,7 @@ class AlignedObjective:
     """
 
     def __init__(
-        self, skin: Skin, target: Floats, objective: Objective, weights: Floats | None = None
+        self, skin: Nodes, target: Floats, objective: Objective, weights: Floats | None = None
     ) -> None:
         target = checked_target(skin, target)
         factors = 1.0 if weights is None else np.asarray(weights, dtype=np.float64)

@@ -12,9 +12,8 @@ from toros_fem._types import Floats, Ints
 from toros_fem._validate import require_count
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.skin import Skin
 from toros_fem.objectives.rotation import axial, polar_rotation, require_determined
-from toros_fem.objectives.shape import checked_target
+from toros_fem.objectives.shape import Nodes, checked_target
 
 
 def label_cross_sections(
@@ -114,7 +113,7 @@ class CrossSectionObjective:
         ParameterError: The sections belong to another pattern.
     """
 
-    def __init__(self, skin: Skin, target: Floats, sections: CrossSections) -> None:
+    def __init__(self, skin: Nodes, target: Floats, sections: CrossSections) -> None:
         target = checked_target(skin, target)
         pattern, labels = skin.pattern, sections.labels
         if labels.shape != (len(pattern.points),):

@@ -10,7 +10,7 @@ from toros_fem._mpi import dot
 from toros_fem._types import Floats
 from toros_fem._validate import require_between, require_choice, require_positive
 from toros_fem.errors import ParameterError
-from toros_fem.meshes.skin import Skin
+from toros_fem.objectives.shape import Nodes
 
 SHAPES = ("sphere", "box")
 
@@ -81,7 +81,7 @@ class GapObjective:
         ParameterError: The weights do not fit, are negative, or all zero.
     """
 
-    def __init__(self, skin: Skin, body: Body, weights: Floats, factor: float = 1.0) -> None:
+    def __init__(self, skin: Nodes, body: Body, weights: Floats, factor: float = 1.0) -> None:
         require_between(0.0, np.inf, factor=factor)
         pattern, weights = skin.pattern, np.asarray(weights, dtype=np.float64)
         if weights.shape != (len(pattern.points),) or not (weights.min() >= 0 < weights.max()):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from toros_fem._types import Floats, Ints
 from toros_fem.errors import ParameterError, TargetError
+from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.cross_sections import label_cross_sections, section_vertices
 from toros_fem.objectives.rotation import best_rotation, polar_rotation
@@ -49,6 +50,20 @@ class Metric:
     def key(self) -> str:
         """Name in files, such as "angle_deg"."""
         return f"{self.name}_{self.unit}"
+
+    def of_whole(self, planes: Sequence[int]) -> Metric:
+        """Return the same metric of the whole skin, as a function of its part.
+
+        Args:
+            planes: Axes of the planes that the part is cut at, as of `meshes.mirrored`; () for a
+                skin that is whole.
+        """
+
+        def measure(pattern: Pattern, positions: Floats) -> float:
+            whole = mirrored(pattern, planes)
+            return self.measure(whole.pattern, whole.at_vertices(positions))
+
+        return replace(self, measure=measure) if planes else self
 
     @property
     def label(self) -> str:

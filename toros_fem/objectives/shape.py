@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+from mpi4py import MPI
 
 from toros_fem._mpi import dot, sum_over_ranks
-from toros_fem._types import Floats
+from toros_fem._types import Floats, Ints
 from toros_fem.errors import ParameterError, TargetError
-from toros_fem.meshes.skin import Skin
+from toros_fem.meshes.pattern import Pattern
 
 
 class Objective(Protocol):
@@ -20,6 +21,22 @@ class Objective(Protocol):
 
     def backward(self, positions: Floats) -> Floats:
         """Return ∂T/∂x, (n, 3), in 1/m."""
+
+
+class Nodes(Protocol):
+    """Vertices that an objective sees: those of a `Skin`, or of the whole that it is a part of."""
+
+    @property
+    def pattern(self) -> Pattern:
+        """Pattern with all vertices."""
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """Communicator over which they are distributed."""
+
+    @property
+    def owned_vertices(self) -> Ints:
+        """Vertices on this rank, in the order of its positions."""
 
 
 class SumObjective:
@@ -63,7 +80,7 @@ class ShapeObjective:
 
     def __init__(
         self,
-        skin: Skin,
+        skin: Nodes,
         target: Floats,
         weights: Floats | None = None,
         relative: Floats | None = None,
@@ -106,7 +123,7 @@ class ShapeObjective:
         return np.asarray(self._relative * (gap - mean))
 
 
-def checked_target(skin: Skin, target: Floats) -> Floats:
+def checked_target(skin: Nodes, target: Floats) -> Floats:
     """Return the target positions of all assembled vertices, (n, 3), checked.
 
     Raises:

@@ -19,6 +19,7 @@ from toros_fem.design.loop import DesignResult
 from toros_fem.errors import OutputError
 from toros_fem.fabrication.as_printed import PrintedDesign
 from toros_fem.fabrication.svg import write_svg
+from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.metrics import Metric
 from toros_fem.output.files import (
@@ -169,6 +170,7 @@ def write_pressure_path(
     density: Floats,
     metrics: Sequence[Metric],
     *,
+    whole: Mirrored | None = None,
     config: Config | None = None,
     figures: Mapping[str, Any] | None = None,
     seconds: Mapping[str, float] | None = None,
@@ -182,6 +184,8 @@ def write_pressure_path(
         points: The equilibria.
         density: Density of all triangles, (t,), to colour by.
         metrics: Numbers that were measured, drawn over the pressure.
+        whole: The whole skin that the pattern is a part of, by `meshes.mirrored`: volumes, fields
+            and pictures are its own. None: the pattern is whole.
         config: Configuration of the run, for "inputs" in the summary.
         figures: Further entries of the summary.
         seconds: Wall times in s.
@@ -193,8 +197,12 @@ def write_pressure_path(
         OutputError: A file cannot be written; on all ranks.
     """
     folder = Path(folder)
+    parts, skin, shapes = 1, pattern, [p.positions for p in points]
+    if whole is not None:
+        parts, skin = len(whole.cell) // len(pattern.panel), whole.pattern
+        shapes, density = [whole.at_vertices(x) for x in shapes], whole.at_cells(density)
     rows = [
-        {"pressure_pa": p.result.pressure, "volume_m3": p.result.volume, **p.metrics}
+        {"pressure_pa": p.result.pressure, "volume_m3": parts * p.result.volume, **p.metrics}
         for p in points
     ]
     summary: dict[str, Any] = {
@@ -202,6 +210,7 @@ def write_pressure_path(
         "stretch_use": points[-1].result.stretch_use,
         "newton_steps": sum(point.result.steps for point in points),
         "triangles": len(pattern.panel),
+        "parts_by_symmetry": parts,
         "ranks": comm.size,
         "inputs": None if config is None else config.as_dict(),
         "versions": versions(),
@@ -213,14 +222,14 @@ def write_pressure_path(
         from toros_fem.output.curve_plot import plot_pressure_path
         from toros_fem.output.shape_plot import plot_shapes
 
-        chosen = [points[k] for k in np.linspace(0, len(points) - 1, 4).round().astype(int)]
-        shapes = [(f"{1e-3 * p.result.pressure:.3g} kPa", p.positions) for p in chosen]
+        chosen = np.linspace(0, len(points) - 1, 4).round().astype(int)
+        titled = [(f"{1e-3 * points[k].result.pressure:.3g} kPa", shapes[k]) for k in chosen]
         plot_pressure_path(folder / "curve.png", rows, metrics)
-        plot_shapes(folder / "shapes.png", pattern.triangles, shapes, density)
+        plot_shapes(folder / "shapes.png", skin.triangles, titled, density)
 
     def write() -> None:
         write_table(folder / "curve.csv", rows)
-        write_fields(folder / "skin.vtu", pattern, points[-1].positions, {"density": density})
+        write_fields(folder / "skin.vtu", skin, shapes[-1], {"density": density})
         write_json(folder / "summary.json", summary)
         if_plotting(draw)
 
