@@ -1,0 +1,132 @@
+"""Design from coarse to fine: each mesh goes on from the design of the one before."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from toros_fem._types import Floats
+from toros_fem.design.loop import Callback, DesignResult, optimize
+from toros_fem.design.options import DesignOptions, Iteration
+from toros_fem.design.problem import DesignProblem
+from toros_fem.design.warm_start import WarmStart
+from toros_fem.errors import ParameterError
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.transfer import make_transfer
+
+
+@dataclass(frozen=True, eq=False)
+class GatheredDesign:
+    """A design on its whole mesh, on every rank, without the problem that it came from.
+
+    Attributes:
+        pattern: The pattern.
+        density: ρ̄ of all triangles, (t,).
+        positions: Positions of all vertices, (n, 3), in m; None where a finer mesh starts from the
+            assembled shape.
+        pressures: Pressure of each chamber in Pa; empty without any.
+        history: Rows of the design so far.
+        seconds: Wall time so far by phase.
+    """
+
+    pattern: Pattern
+    density: Floats
+    positions: Floats | None
+    pressures: tuple[float, ...]
+    history: tuple[Iteration, ...]
+    seconds: Mapping[str, float]
+
+    def start(self, problem: DesignProblem) -> WarmStart:
+        """Return the start of the same design on another mesh (collective).
+
+        ρ̄ becomes the density to start from, so that the filter of the new mesh sees the lines of
+        the print with sharp borders.
+
+        Args:
+            problem: The same problem on another mesh of the same panels.
+
+        Raises:
+            PanelError: Its panels are others.
+        """
+        transfer = make_transfer(self.pattern, problem.skin.pattern)
+        state = None
+        if self.positions is not None:
+            state = problem.state_at(transfer.positions(self.positions))
+        return WarmStart(
+            density=transfer.at_cells(self.density)[problem.skin.owned_cells],
+            pressures=self.pressures,
+            state=state,
+            history=self.history,
+            seconds=self.seconds,
+            level=self.history[-1].level + 1,
+        )
+
+
+def gathered(result: DesignResult) -> GatheredDesign:
+    """Gather the design of a result on every rank (collective)."""
+    problem, final = result.problem, result.final
+    return GatheredDesign(
+        pattern=problem.skin.pattern,
+        density=problem.skin.gather_cells(final.projected),
+        positions=problem.shape_of(final.equilibrium),
+        pressures=result.pressures,
+        history=result.history,
+        seconds=result.seconds,
+    )
+
+
+def optimize_levels(
+    problems: Iterable[DesignProblem],
+    options: Sequence[DesignOptions],
+    *,
+    start: Floats | None = None,
+    seed: int = 0,
+    callback: Callback | None = None,
+) -> DesignResult:
+    """Minimise T on one mesh after the other, from coarse to fine (collective).
+
+    Density, pressures and deformed shape are carried over, so that the first solve on a mesh is
+    warm. Only one problem is kept at a time.
+
+    Args:
+        problems: The same problem on each mesh, the coarsest first. Each is asked for when it is
+            reached: a generator makes it then.
+        options: Stages and stop rules on each mesh.
+        start: ρ to start from at owned triangles of the coarsest mesh, in [0, 1]; None takes the
+            problem's own start with random noise.
+        seed: Seed of that noise.
+        callback: Called after each iteration, on every rank; the row says which level it is of.
+
+    Returns:
+        The result on the finest mesh; its history and times are those of all.
+
+    Raises:
+        ParameterError: There are no options, or fewer problems than options.
+        PanelError: Two problems have other panels.
+        DensityError, NoEquilibriumError: As for `optimize`.
+    """
+    if not options:
+        raise ParameterError("options is empty; give DesignOptions for each level.")
+    remaining = iter(problems)
+    result = optimize(
+        _following(remaining, 0, len(options)),
+        options[0],
+        start=start,
+        seed=seed,
+        callback=callback,
+    )
+    for level, rules in enumerate(options[1:], 1):
+        design = gathered(result)
+        del result
+        problem = _following(remaining, level, len(options))
+        result = optimize(problem, rules, callback=callback, after=design.start(problem))
+        del problem
+    return result
+
+
+def _following(problems: Iterable[DesignProblem], level: int, levels: int) -> DesignProblem:
+    for problem in problems:
+        return problem
+    raise ParameterError(
+        f"there are {level} problems for {levels} levels; options needs one entry for each problem."
+    )
