@@ -68,7 +68,7 @@ def run(
     """
     reporter = DesignReporter(comm, output)
     config = config or BendConfig()
-    made = design_actuator(comm, output, case(comm, config), config, reporter, verbose=verbose)
+    made = design_actuator(comm, output, case, config, reporter, verbose=verbose)
     return made.summary
 
 

@@ -85,7 +85,7 @@ def run(
     """
     reporter = DesignReporter(comm, output)
     config = config or BendTwistConfig()
-    made = design_actuator(comm, output, case(comm, config), config, reporter, verbose=verbose)
+    made = design_actuator(comm, output, case, config, reporter, verbose=verbose)
     return made.summary
 
 

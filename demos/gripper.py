@@ -81,6 +81,11 @@ class GripperConfig(ActuatorConfig):
     pressure: float = ActuatorConfig.redefault("pressure", 10e3)
 
     @property
+    def coarsest_edge(self) -> float:
+        """Longest edge length in m of a useful mesh: four edges across half a finger."""
+        return self.finger_width / 8
+
+    @property
     def bend_radius(self) -> float:
         """Radius in m around which the inner panel bends."""
         return Body(self.shape, self.size, (0.0, 0.0, 0.0)).radius
@@ -105,7 +110,11 @@ class GripperConfig(ActuatorConfig):
 def coarse(config: GripperConfig) -> GripperConfig:
     """Return the same design on a coarse mesh with few steps; it takes a minute or two."""
     return config.updated(
-        edge_length=2.4e-3, filter_radius=3.7e-3, iterations=40, constrained_iterations=30
+        edge_length=2.4e-3,
+        filter_radius=3.7e-3,
+        levels=1,
+        iterations=40,
+        constrained_iterations=30,
     )
 
 
@@ -239,9 +248,9 @@ def run(
     """
     reporter = DesignReporter(comm, output)
     config = config or GripperConfig()
-    half = case(comm, config)
-    made = design_actuator(comm, output, half, config, reporter, verbose=verbose)
-    return {**made.summary, "load": lift(comm, Path(output), config, half.pattern, made)}
+    made = design_actuator(comm, output, case, config, reporter, verbose=verbose)
+    half = made.problem.skin.pattern
+    return {**made.summary, "load": lift(comm, Path(output), config, half, made)}
 
 
 def sentence(summary: dict[str, Any]) -> str:

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.run import design_actuator
 from toros_fem.actuators.tube import TubeConfig, bend_metric, coarse_tube, tube_case
 from toros_fem.command_line import run_from_command_line
@@ -40,11 +41,18 @@ class ThreeFieldConfig(TubeConfig):
     neutral: float = quantity(
         0.01, "offset of the line that keeps its length, towards the inner side", "m"
     )
-    # The bare variants are compared.
+    # The bare variants are compared, after the same steps on one mesh.
+    levels: int | None = TubeConfig.redefault("levels", 1)
     polish_iterations: int = TubeConfig.redefault("polish_iterations", 0)
     perimeter_weight: float | None = quantity(
         2e-4, "weight of the perimeter term in the variants that have it", above=0
     )
+
+
+def case(comm: MPI.Comm, config: ThreeFieldConfig) -> ActuatorCase:
+    """Return the tube and its target."""
+    target = bend(np.radians(config.angle), config.length, neutral=config.neutral)
+    return tube_case(comm, config, target, [bend_metric(config.angle)])
 
 
 def variants(config: ThreeFieldConfig) -> dict[str, ThreeFieldConfig]:
@@ -92,16 +100,15 @@ def run(
             print(f"\n{name}", flush=True)
         folder = output / name.replace(" ", "_")
         reporter = DesignReporter(comm, folder)
-        target = bend(np.radians(variant.angle), variant.length, neutral=variant.neutral)
-        tube = tube_case(comm, variant, target, [bend_metric(variant.angle)])
-        made = design_actuator(comm, folder, tube, variant, reporter, verbose=verbose)
+        made = design_actuator(comm, folder, case, variant, reporter, verbose=verbose)
         rows.append(row(name, made.summary))
-        wall = made.printed.contours[tube.pattern.panel_index("wall")]
+        pattern = made.printed.pattern
+        wall = made.printed.contours[pattern.panel_index("wall")]
         pictures.append((name, wall, caption(rows[-1])))
     if comm.rank == 0:
         print("\n" + table(rows))
     content = {"rows": rows, "inputs": config.as_dict()}
-    write_comparison(comm, output, "three_field", content, tube.pattern, "wall", pictures)
+    write_comparison(comm, output, "three_field", content, pattern, "wall", pictures)
     return content
 
 

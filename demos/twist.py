@@ -71,7 +71,7 @@ def run(
     """
     reporter = DesignReporter(comm, output)
     config = config or TwistConfig()
-    made = design_actuator(comm, output, case(comm, config), config, reporter, verbose=verbose)
+    made = design_actuator(comm, output, case, config, reporter, verbose=verbose)
     return made.summary
 
 

@@ -78,6 +78,11 @@ class WalkerConfig(ActuatorConfig):
     pressure_max: float | None = ActuatorConfig.redefault("pressure_max", None)
 
     @property
+    def coarsest_edge(self) -> float:
+        """Longest edge length in m of a useful mesh: four edges across a leg."""
+        return self.leg_width / 4
+
+    @property
     def star(self) -> Star:
         """Outline of the robot."""
         return Star(4, self.leg_length, self.leg_width, self.body_radius, self.fillet, np.pi / 4)
@@ -86,7 +91,11 @@ class WalkerConfig(ActuatorConfig):
 def coarse(config: WalkerConfig) -> WalkerConfig:
     """Return the same design on a coarse mesh with few steps; it takes a minute or two."""
     return config.updated(
-        edge_length=2.8e-3, filter_radius=4.3e-3, iterations=40, constrained_iterations=30
+        edge_length=2.8e-3,
+        filter_radius=4.3e-3,
+        levels=1,
+        iterations=40,
+        constrained_iterations=30,
     )
 
 
@@ -191,7 +200,7 @@ def run(
     """
     reporter = DesignReporter(comm, output)
     config = config or WalkerConfig()
-    made = design_actuator(comm, output, case(comm, config), config, reporter, verbose=verbose)
+    made = design_actuator(comm, output, case, config, reporter, verbose=verbose)
     if config.gait_steps is None:
         return made.summary
     return {**made.summary, "gait": walk(comm, Path(output), config, config.gait_steps, made)}

@@ -71,7 +71,8 @@ class Transfer:
             # The same fraction of the way to the bound: nothing leaves the range.
             bound = high if missing > 0 else low
             way = np.average(bound - part, weights=self.target.areas[here])
-            found[here] = part + (missing / way * (bound - part) if way else 0.0)
+            part = part + (missing / way * (bound - part) if way else 0.0)
+            found[here] = np.clip(part, low, high)  # rounding
         return found
 
     def at_vertices(self, values: Floats) -> Floats:
@@ -158,9 +159,9 @@ def make_transfer(source: Pattern, target: Pattern) -> Transfer:
     shape = (len(target.panel), len(source.panel))
     overlap = csr_array((area[real], (row[real], column[real])), shape=shape)
     _check_cover(source, target, overlap)
-    weight = np.maximum(weight, 0.0)
-    weight /= weight.sum(axis=1, keepdims=True)
-    return Transfer(source, target, _with_nearest(overlap, target, cell), cell, weight)
+    inner = np.maximum(weight, 0.0)
+    inner /= inner.sum(axis=1, keepdims=True)
+    return Transfer(source, target, _with_nearest(overlap, target, cell), cell, inner)
 
 
 def _scaled_points(source: Pattern, target: Pattern) -> Floats:

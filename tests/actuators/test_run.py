@@ -70,10 +70,10 @@ def test_polishing_removes_islands(
 
     monkeypatch.setattr(shape_problem, "random_density", spotted)
     config = SHORT.updated(move_limit=0.01, island_area=0.0)
-    left = design_actuator(comm, folder / "left", tube_to_bend, config).summary
+    left = design_actuator(comm, folder / "left", lambda *_: tube_to_bend, config).summary
     assert left["manufacture"]["islands"] == 1
     polished = config.updated(polish_iterations=2)
-    gone = design_actuator(comm, folder / "gone", tube_to_bend, polished).summary
+    gone = design_actuator(comm, folder / "gone", lambda *_: tube_to_bend, polished).summary
     assert gone["iterations"] == left["iterations"] + 2
     assert gone["dropped"]["before"]["islands"] == 0
     assert gone["manufacture"]["islands"] == 0
@@ -90,7 +90,7 @@ def test_print_without_equilibrium(
     """No figure of the design stands for the print's."""
     monkeypatch.setattr(ShapeProblem, "simulate_binary", fails)
     config = SHORT.updated(estimate_error=True)
-    summary = design_actuator(comm, shared(comm, tmp_path), tube_to_bend, config).summary
+    summary = design_actuator(comm, shared(comm, tmp_path), lambda *_: tube_to_bend, config).summary
     assert summary["printed_failure"] == "made to fail"
     assert summary["angle_deg"] is summary["printed_objective"] is summary["volume_m3"] is None
     assert summary["design"]["angle_deg"] is not None
@@ -104,7 +104,7 @@ def test_a_refined_mesh_without_equilibrium_loses_nothing(
     folder = shared(comm, tmp_path)
     monkeypatch.setattr(run, "estimate_error", fails)
     config = SHORT.updated(estimate_error=True)
-    summary = design_actuator(comm, folder, tube_to_bend, config).summary
+    summary = design_actuator(comm, folder, lambda *_: tube_to_bend, config).summary
     assert summary["refined"] == "made to fail"
     assert summary["angle_error_deg"] is summary["angle_refined_deg"] is None
     assert summary["angle_deg"] is not None
@@ -118,7 +118,7 @@ def test_a_reporter_made_earlier_counts_the_set_up(
 ) -> None:
     folder = shared(comm, tmp_path)
     reporter = DesignReporter(comm, folder)
-    made = design_actuator(comm, folder, tube_to_bend, SHORT, reporter)
+    made = design_actuator(comm, folder, lambda *_: tube_to_bend, SHORT, reporter)
     assert made.summary["seed"] == SHORT.seed
     assert made.summary["inputs"] == SHORT.as_dict()
     assert 0 < made.summary["seconds"]["setup"] < made.summary["seconds"]["total"]

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Self
 
+import numpy as np
+
+from toros_fem._validate import require_between
 from toros_fem.config import quantity
 from toros_fem.density.length_scale import LengthScale
 from toros_fem.design.config import DesignConfig, MaterialConfig
@@ -40,13 +44,18 @@ class SkinConfig(MaterialConfig):
         )
 
 
+# Lengths that follow the mesh.
+MESH_LENGTHS = ("edge_length", "filter_radius", "line_width", "gap_width")
+
+
 @dataclass(frozen=True)
 class ActuatorConfig(SkinConfig, DesignConfig):
-    """Pressure, and the steps of each part of the design; SI units.
+    """Pressure, meshes, and the steps of each part of the design; SI units.
 
     Raises:
-        ParameterError: A value has another type, or is outside its bounds; or only one of the two
-            bounds on the pressure is given.
+        ParameterError: A value has another type, or is outside its bounds; only one of the two
+            bounds on the pressure is given; or there are so many levels that the coarsest mesh is
+            too coarse.
     """
 
     pressure: float = quantity(
@@ -58,9 +67,23 @@ class ActuatorConfig(SkinConfig, DesignConfig):
     pressure_max: float | None = quantity(
         20e3, "largest pressure; none for both bounds prescribes the pressure", "Pa", above=0
     )
-    iterations: int = quantity(60, "steps before the width constraints act", at_least=1)
+    levels: int | None = quantity(
+        None,
+        "number of meshes, from coarse to fine: edges and filter radius halve from each to the "
+        "next; none takes as many as the size allows",
+        at_least=1,
+    )
+    level_iterations: int = quantity(
+        15, "steps on each mesh but the coarsest, with the width constraints", at_least=1
+    )
+    level_move_limit: float = quantity(
+        0.1, "largest change of a density in one step on these meshes", above=0, at_most=1
+    )
+    iterations: int = quantity(
+        60, "steps on the coarsest mesh before the width constraints act", at_least=1
+    )
     constrained_iterations: int = quantity(
-        40, "steps with the width constraints; 0 leaves them out", at_least=0
+        40, "further steps there with the width constraints; 0 leaves them out", at_least=0
     )
     polish_iterations: int = quantity(
         20, "steps after all free islands are removed or connected; 0 leaves them", at_least=0
@@ -76,6 +99,57 @@ class ActuatorConfig(SkinConfig, DesignConfig):
                 f"pressure_min = {self.pressure_min} and pressure_max = {self.pressure_max} (Pa) "
                 "must both be numbers, or both None to prescribe the pressure."
             )
+        most = self._most_levels
+        if self.levels is not None and self.levels > most:
+            bound = self.coarsest_edge
+            reason = (
+                "the mesh is given, and not made from an edge length"
+                if bound is None
+                else f"edges of more than {bound:.3g} m are too long for its size"
+            )
+            raise ParameterError(
+                f"levels = {self.levels} is too many: {reason}. At most {most} are possible; "
+                "levels = None takes them."
+            )
+
+    @property
+    def coarsest_edge(self) -> float | None:
+        """Longest edge length in m of a useful mesh; None: the mesh is given, at one level only."""
+        return None
+
+    @property
+    def level_count(self) -> int:
+        """Number of meshes."""
+        return self._most_levels if self.levels is None else self.levels
+
+    @property
+    def _most_levels(self) -> int:
+        bound = self.coarsest_edge
+        if bound is None:
+            return 1
+        edge: float = self.edge_length  # type: ignore[attr-defined]
+        return 1 + max(0, int(np.floor(np.log2(bound / edge))))
+
+    def at_level(self, level: int) -> Self:
+        """Return the configuration of one mesh alone.
+
+        All lengths of mesh and filter are those of the finest one, doubled for each level before.
+
+        Args:
+            level: Number of the mesh, from 0, the coarsest.
+
+        Raises:
+            ParameterError: There is no such level.
+        """
+        require_between(0, self.level_count - 1, level=level)
+        factor = 2.0 ** (self.level_count - 1 - level)
+        lengths = {name: getattr(self, name) for name in MESH_LENGTHS if name in self._names}
+        scaled = {name: factor * h for name, h in lengths.items() if h is not None}
+        return self.updated(levels=1, **scaled)
+
+    @property
+    def _names(self) -> set[str]:
+        return {field.name for field in fields(self)}
 
     @property
     def pressure_bounds(self) -> tuple[float, float] | None:
@@ -92,12 +166,23 @@ class ActuatorConfig(SkinConfig, DesignConfig):
         return LengthScale(line_width=self.line_width, gap_width=self.gap_width)
 
     @property
-    def options(self) -> DesignOptions:
-        """Options of the design loop: first free, then with constraints on the widths."""
+    def options(self) -> tuple[DesignOptions, ...]:
+        """Options of the design loop on each mesh, the coarsest first.
+
+        The coarsest is first designed freely, then with constraints on the widths. The finer ones
+        begin with constraints and take smaller steps.
+        """
+        constrained = self.constrained_iterations > 0
         stages = [Stage(self.iterations)]
-        if self.constrained_iterations:
+        if constrained:
             stages.append(Stage(self.constrained_iterations, constrained=True))
-        return DesignOptions(tuple(stages), mma=MMAOptions(move=self.move_limit))
+        first = DesignOptions(tuple(stages), mma=MMAOptions(move=self.move_limit))
+        finer = DesignOptions(
+            (Stage(self.level_iterations, constrained=constrained),),
+            pressure_move=first.pressure_move * min(1.0, self.level_move_limit / self.move_limit),
+            mma=MMAOptions(move=self.level_move_limit),
+        )
+        return (first, *[finer] * (self.level_count - 1))
 
     @property
     def print_limits(self) -> PrintLimits:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from mpi4py import MPI
@@ -14,6 +15,7 @@ from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.analysis.error_estimate import estimate_error
 from toros_fem.density.projection import Projection
+from toros_fem.design.levels import optimize_levels
 from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.problem import Evaluation
 from toros_fem.design.shape_design import ShapeDesign
@@ -45,6 +47,11 @@ class ActuatorResult:
     result: DesignResult
     printed: PrintedDesign
     problem: ShapeDesign
+
+
+C = TypeVar("C", bound=ActuatorConfig)
+# Makes the case of a configuration, on the mesh of its edge length.
+CaseMaker = Callable[[MPI.Comm, C], ActuatorCase]
 
 
 def actuator_problem(
@@ -83,21 +90,22 @@ def actuator_problem(
 def design_actuator(
     comm: MPI.Comm,
     output: Path | str,
-    case: ActuatorCase,
-    config: ActuatorConfig,
+    case: CaseMaker[C],
+    config: C,
     reporter: DesignReporter | None = None,
     *,
     verbose: bool = False,
 ) -> ActuatorResult:
     """Design an actuator and write all results (collective).
 
-    Free islands of the printed pattern are removed, or connected to the rest if that gives a lower
-    T, and the design is continued for `config.polish_iterations` steps.
+    The design goes from coarse to fine over the levels of the configuration. Free islands of the
+    printed pattern are removed, or connected to the rest if that gives a lower T, and the design is
+    continued for `config.polish_iterations` steps.
 
     Args:
         comm: Communicator.
         output: Folder for summary, history, pattern, fields and pictures.
-        case: What to design.
+        case: Makes what to design, of the communicator and the configuration of one level.
         config: All numbers.
         reporter: Reports the progress; None makes one for `output`. One that is made earlier also
             counts the time of the set-up.
@@ -108,9 +116,12 @@ def design_actuator(
             cannot be written to.
     """
     reporter = reporter or DesignReporter(comm, output)
-    problem = actuator_problem(comm, case, config, verbose=verbose)
+    levels = (config.at_level(level) for level in range(config.level_count))
+    problems = (actuator_problem(comm, case(comm, c), c, verbose=verbose) for c in levels)
     with reporter:
-        result, printed = _printed_design(problem, config, reporter)
+        result, printed = _printed_design(problems, config, reporter)
+    problem = result.problem
+    assert isinstance(problem, ShapeDesign)
     figures: dict[str, Any] = {"seed": config.seed}
     if config.estimate_error and printed.evaluation is not None:
         figures.update(error_figures(problem, printed.evaluation))
@@ -163,19 +174,22 @@ def error_figures(problem: ShapeDesign, made: Evaluation) -> dict[str, Any]:
 
 
 def _printed_design(
-    problem: ShapeDesign, config: ActuatorConfig, reporter: DesignReporter
+    problems: Iterable[ShapeDesign], config: ActuatorConfig, reporter: DesignReporter
 ) -> tuple[DesignResult, PrintedDesign]:
-    """Run all stages, and the polishing stage if the print has free islands (collective)."""
+    """Run all levels, and the polishing stage if the print has free islands (collective)."""
     options, limits = config.options, config.print_limits
-    reporter.expect(options.iterations)
-    result = optimize(problem, options, seed=config.seed, callback=reporter)
+    steps = sum(level.iterations for level in options)
+    reporter.expect(steps)
+    result = optimize_levels(problems, options, seed=config.seed, callback=reporter)
+    problem = result.problem
+    assert isinstance(problem, ShapeDesign)
     printed = as_printed(problem, result, limits, island_area=config.island_area)
     if not config.polish_iterations or not printed.before.free_islands:
         return result, printed
-    last = replace(options.stages[-1], iterations=config.polish_iterations)
+    last = replace(options[-1].stages[-1], iterations=config.polish_iterations)
     start = _without_free_islands(problem, result, printed)
-    reporter.expect(options.iterations + config.polish_iterations)
-    polishing = replace(options, stages=(last,))
+    reporter.expect(steps + config.polish_iterations)
+    polishing = replace(options[-1], stages=(last,))
     result = optimize(problem, polishing, start=start, callback=reporter, after=result)
     return result, as_printed(problem, result, limits, island_area=config.island_area)
 

@@ -31,6 +31,9 @@ from toros_fem.objectives.metrics import (
     twist_angle,
 )
 
+# Number of edges around the tube on the coarsest of several meshes.
+LEAST_AROUND = 10
+
 
 @dataclass(frozen=True)
 class TubeSizes(Config):
@@ -52,6 +55,11 @@ class SymmetricConfig(Config):
 @dataclass(frozen=True)
 class TubeConfig(TubeSizes, ActuatorConfig):
     """Weights of the tube's tip in the objective; SI units."""
+
+    @property
+    def coarsest_edge(self) -> float:
+        """Longest edge length in m of a useful mesh: ten edges around."""
+        return float(min(np.pi * self.diameter, self.length) / LEAST_AROUND)
 
     tip_weight: float = quantity(
         1.0, "weight of the tip's position over that of all the rest", at_least=0
@@ -97,7 +105,11 @@ SYMMETRIC = 1e-9
 def coarse_tube(config: T) -> T:
     """Return the same design on a coarse mesh with few steps; it takes a minute or two."""
     return config.updated(
-        edge_length=2.85e-3, filter_radius=4.4e-3, iterations=40, constrained_iterations=30
+        edge_length=2.85e-3,
+        filter_radius=4.4e-3,
+        levels=1,
+        iterations=40,
+        constrained_iterations=30,
     )
 
 

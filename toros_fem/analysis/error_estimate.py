@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from dataclasses import dataclass
 
 from toros_fem._types import Floats
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import ParameterError
+from toros_fem.mechanics.refinement import (
+    refined_chambers,
+    refined_supports,
+    require_refinable,
+)
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.refine import Refinement, refine
+from toros_fem.meshes.refine import refine
 from toros_fem.meshes.skin import sew
-from toros_fem.meshes.topology import edge_keys
 from toros_fem.objectives.metrics import MetricFunction
 
 # A refinement removes half of the error at order 1 and three quarters at order 2. On tubes with
@@ -81,11 +83,7 @@ def estimate_error(
         EquilibriumError: The refined skin has no equilibrium.
     """
     skin, composite = solver.skin, solver.model.composite
-    if composite.bending is not None and composite.bending.rest == "assembled":
-        raise ParameterError(
-            "rest = 'assembled': between its vertices the moulded shape is not known. Make the "
-            "finer pattern yourself and compare."
-        )
+    require_refinable(composite)
     if not result.converged:
         raise ParameterError(f"the result is no equilibrium to refine: {result.reason}")
     if solver.model.load.force is not None and force is None:
@@ -98,10 +96,8 @@ def estimate_error(
     positions = skin.gather_vertices(result.positions)
     whole = skin.gather_cells(density)
     fine_skin = sew(skin.comm, finer.pattern)
-    fixed = supports(finer.pattern) if supports else _refined(finer, solver.model.supports)
-    chambers = solver.model.chambers
-    if chambers is not None:
-        chambers = replace(chambers, of_cell=chambers.of_cell[finer.cell])
+    fixed = supports(finer.pattern) if supports else refined_supports(finer, solver.model.supports)
+    chambers = refined_chambers(finer, solver.model.chambers)
     fine = EquilibriumSolver(
         fine_skin, composite, fixed, solver.options, chambers=chambers, weight=solver.model.weight
     )
@@ -119,19 +115,3 @@ def estimate_error(
         refined = quantity(finer.pattern, fine_positions)
         estimates.append(ErrorEstimate(value, refined, CAUTION * abs(refined - value), seconds))
     return estimates
-
-
-def _refined(finer: Refinement, supports: Supports) -> Supports:
-    """Return supports of a refined pattern: a middle is fixed if both its ends are."""
-    fixed = np.asarray(supports.fixed[finer.ends].all(axis=1))
-    displacement = None
-    if supports.displacement is not None:
-        displacement = supports.displacement[finer.ends].mean(axis=1)
-    if not len(supports.guided):
-        return Supports(fixed, displacement=displacement)
-    count = len(supports.fixed)
-    known = edge_keys(finer.ends[count:], count)
-    middle = count + np.searchsorted(known, edge_keys(supports.guided, count))
-    halves = np.stack([supports.guided, np.repeat(middle[:, None], 2, axis=1)], axis=2)
-    normals = np.repeat(supports.normals, 2, axis=0)
-    return Supports(fixed, halves.reshape(-1, 2), normals, displacement)

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from toros_fem._types import Floats
+from toros_fem._validate import require_count
 from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Iteration
 from toros_fem.design.problem import DesignProblem
+from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.warm_start import WarmStart
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import make_transfer
+
+# Key of the wall time for meshes, problems and transfers of all levels but the first.
+SETUP = "next levels"
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,12 +122,35 @@ def optimize_levels(
         callback=callback,
     )
     for level, rules in enumerate(options[1:], 1):
+        begin = time.perf_counter()
         design = gathered(result)
         del result
         problem = _following(remaining, level, len(options))
-        result = optimize(problem, rules, callback=callback, after=design.start(problem))
+        warm = design.start(problem)
+        spent = warm.seconds.get(SETUP, 0.0) + time.perf_counter() - begin
+        warm = replace(warm, seconds={**warm.seconds, SETUP: spent})
+        result = optimize(problem, rules, callback=callback, after=warm)
         del problem
     return result
+
+
+def refinements(design: ShapeDesign, levels: int) -> Iterator[ShapeDesign]:
+    """Yield a design on its own mesh, then on meshes that are refined uniformly (collective).
+
+    The filter radius halves with the edges: give the coarsest. Each is made when it is asked for.
+
+    Args:
+        design: The design on the coarsest mesh.
+        levels: Number of meshes.
+
+    Raises:
+        ParameterError: The number is not whole or less than 1, or as for `ShapeDesign.refined`.
+    """
+    require_count(1, levels=levels)
+    yield design
+    for _ in range(levels - 1):
+        design = design.refined()
+        yield design
 
 
 def _following(problems: Iterable[DesignProblem], level: int, levels: int) -> DesignProblem:

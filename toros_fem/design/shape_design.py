@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -22,9 +24,16 @@ from toros_fem.errors import DensityError
 from toros_fem.materials import Composite
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.dead_loads import Weight
+from toros_fem.mechanics.refinement import (
+    refined_chambers,
+    refined_force,
+    refined_supports,
+    require_refinable,
+)
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.refine import refine
 from toros_fem.meshes.skin import Skin, sew
 from toros_fem.objectives.metrics import Metric, distance
 from toros_fem.objectives.shape import Objective, ShapeObjective, checked_target
@@ -107,6 +116,32 @@ class ShapeDesign(ShapeProblem):
         options: NewtonOptions | None = None,
         log: Callable[[NewtonStep], None] | None = None,
     ) -> None:
+        self._given: dict[str, Any] = {
+            "target": target,
+            "supports": supports,
+            "filter_radius": filter_radius,
+            "pressure": pressure,
+            "composite": composite,
+            "pressure_bounds": pressure_bounds,
+            "printed_panels": printed_panels,
+            "passive": passive,
+            "filter": filter,
+            "length_scale": length_scale,
+            "perimeter_weight": perimeter_weight,
+            "perimeter_window": perimeter_window,
+            "perimeter_sharpness": perimeter_sharpness,
+            "weights": weights,
+            "relative": relative,
+            "objective": objective,
+            "metrics": metrics,
+            "start": start,
+            "symmetry": symmetry,
+            "chambers": chambers,
+            "weight": weight,
+            "force": force,
+            "options": options,
+            "log": log,
+        }
         skin = sew(comm, pattern)
         goal = checked_target(skin, target(pattern.points) if callable(target) else target)
         whole = mirrored(pattern, tuple(symmetry)) if symmetry else None
@@ -150,6 +185,48 @@ class ShapeDesign(ShapeProblem):
             self.length_scale = LengthScaleConstraints(
                 skin, density_filter, length_scale, self.designed, projection
             )
+
+    def refined(self) -> ShapeDesign:
+        """Return the same design on the refined pattern, with half the filter radius (collective).
+
+        Each triangle is divided into four. A target that is a map is evaluated again, one of
+        positions is interpolated, as are weights; supports, chambers, forces and densities are
+        carried over. Widths and the perimeter's window are halved with the radius.
+
+        Raises:
+            ParameterError: The sheet is moulded in its assembled shape.
+            TorosError: An objective of your own does not fit the refined skin.
+        """
+        require_refinable(self.solver.model.composite)
+        pattern, given = self.skin.pattern, dict(self._given)
+        finer = refine(pattern)
+        given["projection"], given["filter_radius"] = self.projection, given["filter_radius"] / 2
+        if given["perimeter_window"] is not None:
+            given["perimeter_window"] /= 2
+        if given["length_scale"] is not None:
+            given["length_scale"] = _halved(given["length_scale"])
+        if not callable(given["target"]):
+            given["target"] = finer.at_vertices(given["target"])
+        for name in ("weights", "relative"):
+            given[name] = None if given[name] is None else finer.at_vertices(given[name])
+        for name in ("passive", "start"):
+            given[name] = None if given[name] is None else given[name][finer.cell]
+        if given["force"] is not None:
+            given["force"] = refined_force(finer, pattern, given["force"])
+        given["supports"] = refined_supports(finer, given["supports"])
+        given["chambers"] = refined_chambers(finer, given["chambers"])
+        return ShapeDesign(self.comm, finer.pattern, **given)
+
+
+def _halved(widths: LengthScale) -> LengthScale:
+    """Return the constraints at half the scale."""
+    line, gap, decay = widths.line_width, widths.gap_width, widths.decay
+    return replace(
+        widths,
+        line_width=None if line is None else line / 2,
+        gap_width=None if gap is None else gap / 2,
+        decay=None if decay is None else decay / 4,
+    )
 
 
 def _given_density(
