@@ -148,6 +148,18 @@ class Composite:
                 )
         _store_floats(self, "c1", "c2")
 
+    def require_refinable(self) -> None:
+        """Check that the rest shape is known between the vertices of a mesh.
+
+        Raises:
+            ParameterError: The sheet is moulded in its assembled shape.
+        """
+        if self.bending is not None and self.bending.rest == "assembled":
+            raise ParameterError(
+                "rest = 'assembled': between its vertices the moulded shape is not known. Make the "
+                "finer pattern yourself and compare."
+            )
+
     @property
     def least_stiffness(self) -> float:
         """E h in N/m of the plain fabric, with the bladder if there is one."""

@@ -6,6 +6,7 @@ import pytest
 
 from toros_fem import errors
 from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.tube import TubeConfig
 from toros_fem.density.length_scale import LengthScale
 from toros_fem.materials import Bending, Bladder
 
@@ -51,11 +52,45 @@ def test_pressure_bounds() -> None:
 
 def test_options_and_widths() -> None:
     both = ActuatorConfig(iterations=7, constrained_iterations=5, move_limit=0.1, line_width=1e-3)
-    assert [(s.iterations, s.constrained) for s in both.options.stages] == [(7, False), (5, True)]
-    assert both.options.mma.move == 0.1
+    (options,) = both.options
+    assert [(s.iterations, s.constrained) for s in options.stages] == [(7, False), (5, True)]
+    assert options.mma.move == 0.1
     assert both.length_scale == LengthScale(line_width=1e-3)
     free = both.updated(constrained_iterations=0)
-    assert [s.iterations for s in free.options.stages] == [7]
+    assert [s.iterations for s in free.options[0].stages] == [7]
     assert free.length_scale is None
     limits = ActuatorConfig(print_width=0.4e-3).print_limits
     assert (limits.width, limits.gap) == (0.4e-3, 0.4e-3)
+
+
+def test_levels_of_a_tube() -> None:
+    config = TubeConfig(
+        edge_length=1.4e-3, filter_radius=2e-3, line_width=1e-3, iterations=9, level_iterations=3,
+        level_move_limit=0.05,
+    )  # fmt: skip
+    assert config.level_count == 3, "with four levels there would be fewer than ten edges around"
+    lengths = [
+        (c.edge_length, c.filter_radius, c.line_width) for c in map(config.at_level, range(3))
+    ]
+    assert lengths == [(5.6e-3, 8e-3, 4e-3), (2.8e-3, 4e-3, 2e-3), (1.4e-3, 2e-3, 1e-3)]
+    assert config.at_level(2).level_count == 1
+    assert config.at_level(2).gap_width is None
+    coarse, *finer = config.updated(levels=2).options
+    assert coarse.iterations == 9 + config.constrained_iterations
+    (fine,) = finer
+    assert [(s.iterations, s.constrained) for s in fine.stages] == [(3, True)]
+    assert fine.mma.move == 0.05
+    assert fine.pressure_move == pytest.approx(coarse.pressure_move / 4)
+    (free,) = config.updated(levels=2, constrained_iterations=0).options[1:]
+    assert not free.stages[0].constrained
+    with pytest.raises(errors.ParameterError, match="level = 3 must"):
+        config.at_level(3)
+
+
+def test_too_many_levels() -> None:
+    with pytest.raises(errors.ParameterError, match="levels = 4 is too many: edges of more than"):
+        TubeConfig(edge_length=1.4e-3, levels=4)
+    with pytest.raises(errors.ParameterError, match="levels = 2 is too many: the mesh is given"):
+        ActuatorConfig(levels=2)
+    assert ActuatorConfig().level_count == 1
+    assert TubeConfig(edge_length=8e-3).level_count == 1

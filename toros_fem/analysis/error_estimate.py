@@ -9,11 +9,6 @@ from dataclasses import dataclass
 from toros_fem._types import Floats
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import ParameterError
-from toros_fem.mechanics.refinement import (
-    refined_chambers,
-    refined_supports,
-    require_refinable,
-)
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import refine
@@ -83,7 +78,7 @@ def estimate_error(
         EquilibriumError: The refined skin has no equilibrium.
     """
     skin, composite = solver.skin, solver.model.composite
-    require_refinable(composite)
+    composite.require_refinable()
     if not result.converged:
         raise ParameterError(f"the result is no equilibrium to refine: {result.reason}")
     if solver.model.load.force is not None and force is None:
@@ -96,8 +91,9 @@ def estimate_error(
     positions = skin.gather_vertices(result.positions)
     whole = skin.gather_cells(density)
     fine_skin = sew(skin.comm, finer.pattern)
-    fixed = supports(finer.pattern) if supports else refined_supports(finer, solver.model.supports)
-    chambers = refined_chambers(finer, solver.model.chambers)
+    fixed = supports(finer.pattern) if supports else solver.model.supports.refined(finer)
+    chambers = solver.model.chambers
+    chambers = chambers and chambers.refined(finer)
     fine = EquilibriumSolver(
         fine_skin, composite, fixed, solver.options, chambers=chambers, weight=solver.model.weight
     )

@@ -6,6 +6,8 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from toros_fem._types import Floats
 from toros_fem._validate import require_count
 from toros_fem.design.loop import Callback, DesignResult, optimize
@@ -73,7 +75,7 @@ def gathered(result: DesignResult) -> GatheredDesign:
     problem, final = result.problem, result.final
     return GatheredDesign(
         pattern=problem.skin.pattern,
-        density=problem.skin.gather_cells(final.projected),
+        density=np.clip(problem.skin.gather_cells(final.projected), 0, 1),  # rounding
         positions=problem.shape_of(final.equilibrium),
         pressures=result.pressures,
         history=result.history,

@@ -23,13 +23,7 @@ from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.errors import DensityError
 from toros_fem.materials import Composite
 from toros_fem.mechanics.chambers import Chambers
-from toros_fem.mechanics.dead_loads import Weight
-from toros_fem.mechanics.refinement import (
-    refined_chambers,
-    refined_force,
-    refined_supports,
-    require_refinable,
-)
+from toros_fem.mechanics.dead_loads import Weight, refined_force
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
@@ -197,7 +191,7 @@ class ShapeDesign(ShapeProblem):
             ParameterError: The sheet is moulded in its assembled shape.
             TorosError: An objective of your own does not fit the refined skin.
         """
-        require_refinable(self.solver.model.composite)
+        self.solver.model.composite.require_refinable()
         pattern, given = self.skin.pattern, dict(self._given)
         finer = refine(pattern)
         given["projection"], given["filter_radius"] = self.projection, given["filter_radius"] / 2
@@ -213,8 +207,8 @@ class ShapeDesign(ShapeProblem):
             given[name] = None if given[name] is None else given[name][finer.cell]
         if given["force"] is not None:
             given["force"] = refined_force(finer, pattern, given["force"])
-        given["supports"] = refined_supports(finer, given["supports"])
-        given["chambers"] = refined_chambers(finer, given["chambers"])
+        given["supports"] = given["supports"].refined(finer)
+        given["chambers"] = given["chambers"] and given["chambers"].refined(finer)
         return ShapeDesign(self.comm, finer.pattern, **given)
 
 

@@ -12,6 +12,7 @@ from toros_fem._types import Floats, Ints
 from toros_fem.errors import ParameterError
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.refine import Refinement
 from toros_fem.meshes.topology import between, half_edges
 
 
@@ -51,6 +52,10 @@ class Chambers:
     def count(self) -> int:
         """Number of chambers."""
         return len(self.names)
+
+    def refined(self, finer: Refinement) -> Chambers:
+        """Return the chambers of a refined pattern."""
+        return Chambers(self.names, self.of_cell[finer.cell])
 
 
 def chambers_of_panels(pattern: Pattern, panels: Mapping[str, Sequence[str]]) -> Chambers:

@@ -11,6 +11,7 @@ from toros_fem._types import Floats
 from toros_fem._validate import require_between
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.refine import Refinement
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,20 @@ class Weight:
             )
         object.__setattr__(self, "fabric", float(self.fabric))  # forms take no integers
         object.__setattr__(self, "reinforcement", float(self.reinforcement))
+
+
+def refined_force(finer: Refinement, pattern: Pattern, force: Floats) -> Floats:
+    """Return dead forces in N on a refined pattern, (n, 3), with the same resultant.
+
+    Force per area is interpolated.
+
+    Args:
+        finer: The refinement.
+        pattern: The coarse pattern.
+        force: Forces on its assembled vertices, (m, 3).
+    """
+    density = finer.at_vertices(force / pattern.vertex_areas[:, None])
+    return np.asarray(density * finer.pattern.vertex_areas[:, None])
 
 
 def spread_force(pattern: Pattern, panel: str, force: Sequence[float] | Floats) -> Floats:

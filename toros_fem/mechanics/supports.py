@@ -13,6 +13,7 @@ from toros_fem._validate import require_names
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.mirror import FLAT, plane_border
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.refine import Refinement
 from toros_fem.meshes.topology import edge_keys, following, half_edges
 
 # Cosine between a guided edge and the normal of its plane.
@@ -79,6 +80,24 @@ class Supports:
             np.concatenate([self.normals, other.normals]),
             displacement,
         )
+
+    def refined(self, finer: Refinement) -> Supports:
+        """Return supports of a refined pattern: a middle is fixed if both its ends are.
+
+        This is right for whole panels and straight borders.
+        """
+        fixed = np.asarray(self.fixed[finer.ends].all(axis=1))
+        displacement = None
+        if self.displacement is not None:
+            displacement = finer.at_vertices(self.displacement)
+        if not len(self.guided):
+            return Supports(fixed, displacement=displacement)
+        count = len(self.fixed)
+        known = edge_keys(finer.ends[count:], count)
+        middle = count + np.searchsorted(known, edge_keys(self.guided, count))
+        halves = np.stack([self.guided, np.repeat(middle[:, None], 2, axis=1)], axis=2)
+        normals = np.repeat(self.normals, 2, axis=0)
+        return Supports(fixed, halves.reshape(-1, 2), normals, displacement)
 
     def close(self, pattern: Pattern) -> bool:
         """Return whether a pressure can act: the skin is closed, or symmetry planes close it.
