@@ -22,6 +22,7 @@ from toros_fem.actuators.tube import (
     tube_case,
     twist_metric,
 )
+from toros_fem.analysis.error_estimate import estimate_error
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.materials import Bending, Composite
 from toros_fem.mechanics.supports import clamp
@@ -232,6 +233,26 @@ def test_a_quarter_of_a_tube_swells_as_the_whole(comm: MPI.Comm, bending: Bendin
     for metric in (shortening_metric(0.0), Metric("radius", "ratio", 1.0, swelling)):
         value = metric.of_whole((0, 1)).measure(part, shapes[0])
         assert value == pytest.approx(metric.measure(whole, shapes[1]), rel=1e-7)
+
+
+def test_error_estimate_of_half_a_tube_is_that_of_the_whole(comm: MPI.Comm) -> None:
+    """The metric measures the whole on the given mesh and on the refined one."""
+    config = TubeConfig(length=0.04, edge_length=6e-3)
+    part, supports, _ = plain_tube(comm, config, (1,))
+    images, density = mirrored(part, (1,)), wavy(part)
+    whole = images.pattern
+    found = []
+    for pattern, held, here, metric in (
+        (part, supports, density, bend_metric(0.0).of_whole((1,))),
+        (whole, clamp(whole, ["base"]), images.at_cells(density), bend_metric(0.0)),
+    ):
+        skin = sew(comm, pattern)
+        solver, owned = EquilibriumSolver(skin, Composite(), held), here[skin.owned_cells]
+        result = solver.solve(owned, 2e3)
+        found += estimate_error(solver, owned, result, [metric.measure])
+    assert found[0].value == pytest.approx(found[1].value, rel=1e-6)
+    assert found[0].refined == pytest.approx(found[1].refined, rel=1e-6)
+    assert found[0].error > 0.01
 
 
 def test_start_of_half_a_tube_is_that_of_the_whole(comm: MPI.Comm) -> None:

@@ -20,7 +20,9 @@ from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.errors import OutputError, ParameterError
 from toros_fem.fabrication.as_printed import PrintedDesign
 from toros_fem.fabrication.contours import panel_outline
-from toros_fem.meshes import Skin
+from toros_fem.materials import Composite
+from toros_fem.mechanics.supports import clamp, symmetry_plane
+from toros_fem.meshes import Skin, cylinder, mirrored, sew
 from toros_fem.objectives.metrics import Metric, swelling
 from toros_fem.output.writer import (
     if_plotting,
@@ -123,7 +125,7 @@ def test_pressure_path(comm: MPI.Comm, tmp_path: Path, tube_solver: EquilibriumS
     assert figures == {"note": 1}
     assert summary == json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert summary["note"] == 1
-    assert summary["triangles"] == len(density)
+    assert (summary["triangles"], summary["parts_by_symmetry"]) == (len(density), 1)
     assert summary["newton_steps"] == sum(point.result.steps for point in points)
     with (folder / "curve.csv").open(encoding="utf-8") as file:
         rows = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
@@ -132,6 +134,28 @@ def test_pressure_path(comm: MPI.Comm, tmp_path: Path, tube_solver: EquilibriumS
     assert meshio.read(folder / "skin.vtu").points == pytest.approx(points[2].positions)
     for name in ("curve.png", "shapes.png"):
         assert (folder / name).stat().st_size > 5000
+
+
+def test_pressure_path_of_half_a_tube_shows_the_whole(comm: MPI.Comm, tmp_path: Path) -> None:
+    half = cylinder(comm, 0.04, 0.02, 6e-3, planes=(1,))
+    images, skin = mirrored(half, (1,)), sew(comm, half)
+    supports = clamp(half, ["base"]) | symmetry_plane(half, 1)
+    solver = EquilibriumSolver(skin, Composite(bending=None), supports)
+    density = np.linspace(0, 1, len(half.panel))
+    points = list(trace_pressure_path(solver, density[skin.owned_cells], [0.0, 500.0]))
+    folder = shared(comm, tmp_path)
+    summary = write_pressure_path(comm, folder, half, points, density, [], whole=images)
+    comm.barrier()
+    assert (summary["triangles"], summary["parts_by_symmetry"]) == (len(half.panel), 2)
+    mesh = meshio.read(folder / "skin.vtu")
+    assert mesh.points == pytest.approx(images.at_vertices(points[1].positions))
+    assert mesh.cell_data["density"][0] == pytest.approx(images.at_cells(density))
+    assert np.array_equal(mesh.cells_dict["triangle"], images.pattern.triangles)
+    with (folder / "curve.csv").open(encoding="utf-8") as file:
+        volumes = [float(row["volume_m3"]) for row in csv.DictReader(file)]
+    a, b, c = np.moveaxis(mesh.points[images.pattern.triangles], 1, 0)
+    assert volumes[1] == pytest.approx(np.einsum("ij,ij->", a, np.cross(b, c)) / 6, rel=1e-6)
+    assert volumes == pytest.approx([2 * p.result.volume for p in points])
 
 
 def test_comparison(comm: MPI.Comm, tmp_path: Path, tube: Skin) -> None:
