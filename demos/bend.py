@@ -2,6 +2,7 @@
 
     python demos/bend.py --coarse
     mpirun -n 2 python demos/bend.py --coarse --output output/bend-2
+    python demos/bend.py --coarse --whole
 
 The tube, 15 cm long and 2 cm wide, lies along z. Its end z = 0 is clamped. Its two end caps are
 printed all over, as end plates are. Its wall and the pressure are designed. The target bends
@@ -9,6 +10,10 @@ towards +x, and the inner side of the bend keeps its length, because a skin unde
 shorten. The end plate at the tip counts as much as all the rest, so that the design reaches the
 angle and not only the shape. Constraints on the widths of lines and gaps act after the first
 stage. The pattern is then thresholded, cleaned of islands, and simulated again as printed.
+
+The target is symmetric about the plane y = 0, so half the tube is designed, in about half the time.
+Files, pictures and figures are those of the whole. A whole tube (`--whole`) may also find patterns
+that are not symmetric.
 """
 
 from __future__ import annotations

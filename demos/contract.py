@@ -7,7 +7,8 @@ pressure on a larger cross-section is what pulls the ends together. The position
 cross-sections and of the end plate along the axis count, and that all of them stay perpendicular to
 it. The design starts from helical lines that cross at 28° to the axis, as in a McKibben muscle.
 From a start without a pattern the design stays a stiff tube. The default materials allow little
-more than 8 %, and only with finer lines than these (docs/limits.md).
+more than 8 %, and only with finer lines than these (docs/limits.md). Half the tube is designed, by
+symmetry; `--whole` designs all of it.
 """
 
 from __future__ import annotations

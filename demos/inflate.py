@@ -5,7 +5,7 @@
 The tube of `bend.py` with plain walls is inflated from 0 to 20 kPa. The curves show the radius of
 its middle third and the distance of its ends, each over its initial value. Up to some kPa the
 fabric stretches more and more; above about 10 kPa it is close to its stretch bounds, and the curve
-bends down.
+bends down. A quarter of the tube is simulated, by symmetry; `--whole` takes all of it.
 """
 
 from __future__ import annotations
