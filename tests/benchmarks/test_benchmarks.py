@@ -85,6 +85,30 @@ def test_cost_of_a_newton_step(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @ALONE
+def test_scale_of_a_design(tmp_path: Path) -> None:
+    """Each phase has its seconds, and the table a column for each size."""
+    rows, printed = written(tmp_path, "scale.py", "--quick")
+    assert [row["triangles"] for row in rows] == pytest.approx([1000, 3000], rel=0.05)
+    phases = (
+        "mesh_s", "setup_s", "analysis_s", "filter_s", "widths_s", "perimeter_s", "objective_s",
+        "metrics_s", "mma_s", "energy_s", "force_s", "assembly_s", "factor_s", "solve_s",
+        "sensitivity_s", "print_s", "files_s",
+    )  # fmt: skip
+    for row in rows:
+        assert set(row) == {
+            "triangles", "unknowns", "radius_mm", *phases, "setup_gib", "step_gib", "peak_gib",
+            "pattern_bytes",
+        }  # fmt: skip
+        assert row["unknowns"] == pytest.approx(3 * row["triangles"], rel=0.05)
+        assert all(row[name] > 0 for name in phases)
+        assert 0 < row["setup_gib"] <= row["step_gib"] <= row["peak_gib"] < 1
+        assert 200 < row["pattern_bytes"] < 1000
+    (fine,) = (line for line in printed.splitlines() if line.startswith("| unknowns |"))
+    assert fine.count("|") == 5
+
+
+@pytest.mark.slow
+@ALONE
 def test_mma_beside_other_codes(tmp_path: Path) -> None:
     """Ours, mmapy and pyMOTO take the same step to the same point."""
     rows, _ = written(tmp_path, "mma.py", "--quick", "--rounds", "1")
