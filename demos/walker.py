@@ -79,8 +79,8 @@ class WalkerConfig(ActuatorConfig):
 
     @property
     def coarsest_edge(self) -> float:
-        """Longest edge length in m of a useful mesh: four edges across a leg."""
-        return self.leg_width / 4
+        """Longest edge length in m of a useful mesh: six edges across a leg."""
+        return self.leg_width / 6
 
     @property
     def star(self) -> Star:

@@ -68,28 +68,28 @@ def test_levels_of_a_tube() -> None:
         edge_length=1.4e-3, filter_radius=2e-3, line_width=1e-3, iterations=9, level_iterations=3,
         level_move_limit=0.05,
     )  # fmt: skip
-    assert config.level_count == 3, "with four levels there would be fewer than ten edges around"
+    assert config.level_count == 2, "with three there would be fewer than eighteen edges around"
     lengths = [
-        (c.edge_length, c.filter_radius, c.line_width) for c in map(config.at_level, range(3))
+        (c.edge_length, c.filter_radius, c.line_width) for c in map(config.at_level, range(2))
     ]
-    assert lengths == [(5.6e-3, 8e-3, 4e-3), (2.8e-3, 4e-3, 2e-3), (1.4e-3, 2e-3, 1e-3)]
-    assert config.at_level(2).level_count == 1
-    assert config.at_level(2).gap_width is None
+    assert lengths == [(2.8e-3, 4e-3, 2e-3), (1.4e-3, 2e-3, 1e-3)]
+    assert config.at_level(1).level_count == 1
+    assert config.at_level(1).gap_width is None
     coarse, *finer = config.updated(levels=2).options
     assert coarse.iterations == 9 + config.constrained_iterations
     (fine,) = finer
     assert [(s.iterations, s.constrained) for s in fine.stages] == [(3, True)]
     assert fine.mma.move == 0.05
-    assert fine.pressure_move == pytest.approx(coarse.pressure_move / 4)
+    assert fine.pressure_move == 0.02
     (free,) = config.updated(levels=2, constrained_iterations=0).options[1:]
     assert not free.stages[0].constrained
-    with pytest.raises(errors.ParameterError, match="level = 3 must"):
-        config.at_level(3)
+    with pytest.raises(errors.ParameterError, match="level = 2 must"):
+        config.at_level(2)
 
 
 def test_too_many_levels() -> None:
-    with pytest.raises(errors.ParameterError, match="levels = 4 is too many: edges of more than"):
-        TubeConfig(edge_length=1.4e-3, levels=4)
+    with pytest.raises(errors.ParameterError, match="levels = 3 is too many: edges of more than"):
+        TubeConfig(edge_length=1.4e-3, levels=3)
     with pytest.raises(errors.ParameterError, match="levels = 2 is too many: the mesh is given"):
         ActuatorConfig(levels=2)
     assert ActuatorConfig().level_count == 1

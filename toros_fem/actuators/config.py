@@ -46,6 +46,9 @@ class SkinConfig(MaterialConfig):
 
 # Lengths that follow the mesh.
 MESH_LENGTHS = ("edge_length", "filter_radius", "line_width", "gap_width")
+# Largest change of a pressure in one step on the finer meshes, as `DesignOptions.pressure_move`:
+# with ten times as much the first step triples T, and the next ones win this back.
+LEVEL_PRESSURE_MOVE = 0.02
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ class ActuatorConfig(SkinConfig, DesignConfig):
         at_least=1,
     )
     level_iterations: int = quantity(
-        15, "steps on each mesh but the coarsest, with the width constraints", at_least=1
+        10, "steps on each mesh but the coarsest, with the width constraints", at_least=1
     )
     level_move_limit: float = quantity(
         0.1, "largest change of a density in one step on these meshes", above=0, at_most=1
@@ -86,7 +89,9 @@ class ActuatorConfig(SkinConfig, DesignConfig):
         40, "further steps there with the width constraints; 0 leaves them out", at_least=0
     )
     polish_iterations: int = quantity(
-        20, "steps after all free islands are removed or connected; 0 leaves them", at_least=0
+        20,
+        "steps on a mesh after all free islands are removed or connected; 0 leaves them",
+        at_least=0,
     )
     estimate_error: bool = quantity(
         False, "also estimate the discretisation error of the metrics on a refined mesh"
@@ -179,7 +184,7 @@ class ActuatorConfig(SkinConfig, DesignConfig):
         first = DesignOptions(tuple(stages), mma=MMAOptions(move=self.move_limit))
         finer = DesignOptions(
             (Stage(self.level_iterations, constrained=constrained),),
-            pressure_move=first.pressure_move * min(1.0, self.level_move_limit / self.move_limit),
+            pressure_move=LEVEL_PRESSURE_MOVE,
             mma=MMAOptions(move=self.level_move_limit),
         )
         return (first, *[finer] * (self.level_count - 1))

@@ -98,9 +98,9 @@ def design_actuator(
 ) -> ActuatorResult:
     """Design an actuator and write all results (collective).
 
-    The design goes from coarse to fine over the levels of the configuration. Free islands of the
-    printed pattern are removed, or connected to the rest if that gives a lower T, and the design is
-    continued for `config.polish_iterations` steps.
+    The design goes from coarse to fine over the levels of the configuration. On each, free islands
+    of the printed pattern are removed, or connected to the rest if that gives a lower T, and the
+    design is continued for `config.polish_iterations` steps.
 
     Args:
         comm: Communicator.
@@ -176,22 +176,35 @@ def error_figures(problem: ShapeDesign, made: Evaluation) -> dict[str, Any]:
 def _printed_design(
     problems: Iterable[ShapeDesign], config: ActuatorConfig, reporter: DesignReporter
 ) -> tuple[DesignResult, PrintedDesign]:
-    """Run all levels, and the polishing stage if the print has free islands (collective)."""
+    """Run all levels, each with a polishing stage if its print has free islands (collective)."""
     options, limits = config.options, config.print_limits
     steps = sum(level.iterations for level in options)
+    printed: PrintedDesign | None = None
+
+    def polished(result: DesignResult) -> DesignResult:
+        nonlocal steps, printed
+        problem = result.problem
+        assert isinstance(problem, ShapeDesign)
+        printed = as_printed(problem, result, limits, island_area=config.island_area)
+        if not config.polish_iterations or not printed.before.free_islands:
+            return result
+        rules = options[result.history[-1].level]
+        last = replace(rules.stages[-1], iterations=config.polish_iterations)
+        start = _without_free_islands(problem, result, printed)
+        steps += last.iterations
+        reporter.expect(steps)
+        result = optimize(
+            problem, replace(rules, stages=(last,)), start=start, callback=reporter, after=result
+        )
+        printed = as_printed(problem, result, limits, island_area=config.island_area)
+        return result
+
     reporter.expect(steps)
-    result = optimize_levels(problems, options, seed=config.seed, callback=reporter)
-    problem = result.problem
-    assert isinstance(problem, ShapeDesign)
-    printed = as_printed(problem, result, limits, island_area=config.island_area)
-    if not config.polish_iterations or not printed.before.free_islands:
-        return result, printed
-    last = replace(options[-1].stages[-1], iterations=config.polish_iterations)
-    start = _without_free_islands(problem, result, printed)
-    reporter.expect(steps + config.polish_iterations)
-    polishing = replace(options[-1], stages=(last,))
-    result = optimize(problem, polishing, start=start, callback=reporter, after=result)
-    return result, as_printed(problem, result, limits, island_area=config.island_area)
+    result = optimize_levels(
+        problems, options, seed=config.seed, callback=reporter, finish=polished
+    )
+    assert printed is not None
+    return result, printed
 
 
 def _without_free_islands(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -90,6 +90,7 @@ def optimize_levels(
     start: Floats | None = None,
     seed: int = 0,
     callback: Callback | None = None,
+    finish: Callable[[DesignResult], DesignResult] | None = None,
 ) -> DesignResult:
     """Minimise T on one mesh after the other, from coarse to fine (collective).
 
@@ -104,6 +105,8 @@ def optimize_levels(
             problem's own start with random noise.
         seed: Seed of that noise.
         callback: Called after each iteration, on every rank; the row says which level it is of.
+        finish: Returns what is carried over, or returned at the end, from the result on each mesh;
+            None leaves it as it is.
 
     Returns:
         The result on the finest mesh; its history and times are those of all.
@@ -115,14 +118,10 @@ def optimize_levels(
     """
     if not options:
         raise ParameterError("options is empty; give DesignOptions for each level.")
-    remaining = iter(problems)
-    result = optimize(
-        _following(remaining, 0, len(options)),
-        options[0],
-        start=start,
-        seed=seed,
-        callback=callback,
-    )
+    remaining, finish = iter(problems), finish or (lambda result: result)
+    problem = _following(remaining, 0, len(options))
+    result = finish(optimize(problem, options[0], start=start, seed=seed, callback=callback))
+    del problem
     for level, rules in enumerate(options[1:], 1):
         begin = time.perf_counter()
         design = gathered(result)
@@ -131,7 +130,7 @@ def optimize_levels(
         warm = design.start(problem)
         spent = warm.seconds.get(SETUP, 0.0) + time.perf_counter() - begin
         warm = replace(warm, seconds={**warm.seconds, SETUP: spent})
-        result = optimize(problem, rules, callback=callback, after=warm)
+        result = finish(optimize(problem, rules, callback=callback, after=warm))
         del problem
     return result
 
