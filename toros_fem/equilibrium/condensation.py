@@ -218,7 +218,7 @@ class _Part:
         self._corner: Floats = np.zeros((count, count))
 
     def factorise(self, values: Floats) -> bool:
-        np.take(values, self._source, out=self._entries)
+        np.take(values, self._source, out=self._entries, mode="clip")
         good = self.factor.factorise(self._entries)
         if good and self._count:
             self._corner = self.factor.corner(self._count)
