@@ -53,6 +53,9 @@ static void begin(cholmod_common *common)
     common->print = 0;
     common->supernodal = CHOLMOD_SUPERNODAL;
     common->quick_return_if_not_posdef = 1;
+#if CHOLMOD_MAIN_VERSION >= 4
+    common->nthreads_max = 1; /* parts have threads of their own */
+#endif
 }
 
 static cholmod_sparse lower(int n, int *pointers, int *rows)

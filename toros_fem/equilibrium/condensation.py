@@ -193,26 +193,29 @@ class _Part:
         self, module: Any, inner: Ints, at: Ints, rows: Ints, columns: Ints, source: Ints,
         zero: int, begin: int,
     ) -> None:  # fmt: skip
-        count = int((at >= 0).sum())
-        number = np.full(len(at), -1, dtype=np.int64)
-        number[inner] = np.arange(len(inner))
-        both = (number[rows] >= 0) & (number[columns] >= 0)
-        pattern = _lower(number[rows[both]], number[columns[both]], len(inner))
-        order = fill_reducing_order(module, *pattern[:2])
-        self._inner, self._count = inner[order] - begin, count
-        number[inner[order]] = np.arange(len(inner))
-        total = len(inner) + count
         edge = np.flatnonzero(at >= 0)
-        number[edge] = total - 1 - at[edge]
-        used = np.flatnonzero((number[rows] >= 0) & (number[columns] >= 0))
-        # The corner fills up anyway; as a dense pattern it is sure to stay last in one piece.
-        i, j = len(inner) + np.array(np.triu_indices(count))
-        all_rows, all_columns = (
-            np.append(number[rows[used]], i),
-            np.append(number[columns[used]], j),
+        count, size = len(edge), len(inner)
+        number: Ints = np.full(len(at), -1, dtype=np.int64)
+        number[inner] = np.arange(size)
+        chosen = np.flatnonzero((number[rows] >= 0) & (number[columns] >= 0))
+        order = fill_reducing_order(
+            module, *_lower(number[rows[chosen]], number[columns[chosen]], size)[:2]
         )
-        pointers, lower, place = _lower(all_rows, all_columns, total)
-        self._source = np.append(source[used], np.full(len(i), zero))[place]
+        self._inner, self._count = inner[order] - begin, count
+        number[inner[order]] = np.arange(size)
+        number[edge] = size + count - 1 - at[edge]
+        i, j = number[rows], number[columns]
+        chosen = np.flatnonzero((i >= 0) & (j >= 0) & ((i < size) | (j < size)))
+        pointers, lower, place = _lower(i[chosen], j[chosen], size)
+        # The corner fills up anyway; as a dense pattern it is sure to stay last in one piece.
+        corner = np.flatnonzero((i >= size) & (j >= size))
+        dense: Ints = np.full((count, count), zero)
+        dense[np.minimum(i, j)[corner] - size, np.maximum(i, j)[corner] - size] = source[corner]
+        upper = np.triu_indices(count)
+        self._source = np.append(source[chosen][place], dense[upper])
+        lower = np.append(lower, (size + upper[1]).astype(np.int32))
+        ends = pointers[-1] + np.cumsum(np.arange(count, 0, -1))
+        pointers = np.append(pointers, ends.astype(np.int32))
         self.factor = Cholesky(module, pointers, lower)
         self._entries: Floats = np.zeros(len(lower))
         self._corner: Floats = np.zeros((count, count))
@@ -245,15 +248,20 @@ class _Part:
 
 
 def _lower(rows: Ints, columns: Ints, size: int) -> tuple[LocalInts, LocalInts, Ints]:
-    """Return the pattern of a lower triangle in compressed columns, from one half of its entries.
+    """Return the first columns of a lower triangle in compressed form, from one half of it.
+
+    Args:
+        rows, columns: Places of its entries or of their mirror images, each once.
+        size: Number of the columns.
 
     Returns:
-        Pointers and rows; and for each of them the first entry that lies there.
+        Pointers and rows; and for each of these the number of its entry.
     """
-    key = np.minimum(rows, columns) * size + np.maximum(rows, columns)
-    key, place = np.unique(key, return_index=True)
-    pointers = np.searchsorted(key, np.arange(size + 1) * size)
-    return pointers.astype(np.int32), (key % max(size, 1)).astype(np.int32), place
+    first, second = np.minimum(rows, columns), np.maximum(rows, columns)
+    shape = (size, int(second.max(initial=-1)) + 1)
+    matrix = csr_matrix((np.arange(len(rows)), (first, second)), shape=shape)
+    matrix.sort_indices()
+    return matrix.indptr.astype(np.int32), matrix.indices.astype(np.int32), matrix.data
 
 
 def _split(module: Any, indptr: LocalInts, columns: LocalInts, threads: int) -> Ints:
