@@ -14,14 +14,13 @@ COLLAPSED = 1e-6
 
 def singular_values(edges: Floats) -> tuple[Floats, Floats]:
     """Return the larger and the smaller singular value of 3×2 matrices, shape (n, 3, 2)."""
-    u, v = edges[:, :, 0], edges[:, :, 1]
-    uu, vv, uv = (np.einsum("ij,ij->i", a, b) for a, b in ((u, u), (v, v), (u, v)))
-    normal = np.cross(u, v)
-    p = np.sqrt(np.einsum("ij,ij->i", normal, normal))
+    (a, b, c), (d, e, f) = edges.T
+    uu, vv, uv = a * a + b * b + c * c, d * d + e * e + f * f, a * d + b * e + c * f
+    p = np.sqrt((b * f - c * e) ** 2 + (c * d - a * f) ** 2 + (a * e - b * d) ** 2)
     s = np.sqrt(uu + vv + 2 * p)
     # λ₁ − λ₂ = (λ₁² − λ₂²)/s: the difference tr C − 2p would cancel.
-    d = np.hypot(uu - vv, 2 * uv) / np.maximum(s, COLLAPSED)
-    return (s + d) / 2, (s - d) / 2
+    difference = np.hypot(uu - vv, 2 * uv) / np.maximum(s, COLLAPSED)
+    return (s + difference) / 2, (s - difference) / 2
 
 
 class StretchBounds:
@@ -37,13 +36,16 @@ class StretchBounds:
 
     def __init__(self, comm: MPI.Comm, inverse_chart: Floats, c1: float, c2: float) -> None:
         self._comm = comm
-        self._inverse_chart = inverse_chart
+        self._inverse_chart = np.ascontiguousarray(inverse_chart.transpose(1, 2, 0))
         self._c1, self._c2 = c1, c2
 
     def gradient(self, corners: Floats) -> Floats:
         """Return deformation gradients (n, 3, 2) from corner positions (n, 3 corners, 3)."""
-        edges = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
-        return np.matmul(edges, self._inverse_chart)
+        # Components first: each is then one array without gaps.
+        first, second, third = np.ascontiguousarray(corners.transpose(1, 2, 0))
+        (a, b), (c, d) = self._inverse_chart
+        u, v = second - first, third - first
+        return np.stack([u * a + v * c, u * b + v * d]).T
 
     def _use(self, F: Floats) -> Floats:
         """Fraction of the admissible range that each triangle uses: < 1 inside, ≥ 1 outside."""

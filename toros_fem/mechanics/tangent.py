@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 
 from toros_fem._types import Floats, Ints, LocalInts
 from toros_fem.mechanics.block_pairs import BlockPairs
@@ -63,9 +63,9 @@ class UpperTangent:
         final = np.arange(len(merged), len(merged) + len(entry) + 1)
         final[end:] -= end - begin
         final[begin:end] = own_place
-        self._place = np.append(
+        places = np.append(
             blocks.places(final[np.append(place, -1)]), final[np.searchsorted(entry, keys)]
-        )
+        ).astype(np.int32)
         # Where a patch meets one vertex twice, (i, j) and (j, i) coincide and count 2.
         self._twice = blocks.twice
         if self.periodic is not None:
@@ -76,7 +76,11 @@ class UpperTangent:
         self.indptr = np.searchsorted(merged, np.arange(first, last + 1) * size).astype(np.int32)
         self.columns = (merged % size).astype(np.int32)
         # Fixed dofs stand last among the model's own and keep their 1; those of F̄ follow.
-        self._entries: Floats = np.ones(len(self._place))
+        self._entries: Floats = np.ones(len(places))
+        # All numbers in one column: its product with 1 sums those of one place.
+        whole = np.array([0, len(places)])
+        shape = (len(merged) + int(send.sum()) + 1, 1)
+        self._sum = csc_matrix((self._entries, places, whole), shape=shape, copy=False)
         self._set_up_product(starts)
 
     def _set_up_product(self, starts: Ints) -> None:
@@ -113,8 +117,7 @@ class UpperTangent:
             self._entries[self._own :] = self.periodic.values(self._entries)
         self._entries[self._twice] *= 2
         comm: MPI.Comm = self._model.skin.comm
-        count = len(out) + int(self._send.sum())
-        sums = np.bincount(self._place, self._entries, minlength=count + 1)[:count]
+        sums = (self._sum @ np.ones(1))[:-1]
         out[:] = sums[: len(out)]
         if comm.size > 1:
             incoming = np.empty(self._receive.sum())
