@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from weakref import WeakKeyDictionary
+
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
@@ -14,11 +16,16 @@ from toros_fem.meshes.pattern import Pattern
 # vertex. Otherwise rounding would merge corners of very thin polygons.
 SNAP = 1e-9
 
+_OUTLINES: WeakKeyDictionary[Pattern, dict[int, BaseGeometry]] = WeakKeyDictionary()
+
 
 def panel_outline(pattern: Pattern, panel: int) -> BaseGeometry:
-    """Return the outline of a panel, a polygon in m."""
-    corners = pattern.corners[pattern.panel == panel]
-    return shapely.coverage_union_all(shapely.polygons(corners))
+    """Return the outline of a panel, a polygon in m; kept as long as the pattern is."""
+    known = _OUTLINES.setdefault(pattern, {})
+    if panel not in known:
+        corners = pattern.corners[pattern.panel == panel]
+        known[panel] = shapely.coverage_union_all(shapely.polygons(corners))
+    return known[panel]
 
 
 def printed_regions(

@@ -154,6 +154,9 @@ def _across_seams(
     fraction = (np.arange(SEAM_POINTS) + 0.5)[:, None] / SEAM_POINTS
     of_point = np.zeros(len(pattern.flat_points), dtype=np.int64)
     of_point[pattern.flat_triangles] = pattern.panel[:, None]
+    reach = TOUCHING * pattern.size
+    shapely.prepare(parts)
+    boxes = shapely.box(*(shapely.bounds(parts) + [-reach, -reach, reach, reach]).T)
     sides = []
     for edge in np.moveaxis(pattern.seams, 1, 0):
         start, end = np.moveaxis(pattern.flat_points[edge], 1, 0)[:, :, None]
@@ -162,10 +165,10 @@ def _across_seams(
         found = np.full(len(points), -1)
         for number in np.unique(panel):
             here, mine = np.flatnonzero(of_edge == number), np.flatnonzero(panel == number)
-            at, which = shapely.STRtree(parts[mine]).query(
-                points[here], predicate="dwithin", distance=TOUCHING * pattern.size
-            )
-            found[here[at]] = mine[which]
+            # A prepared part has an index of its border; the tree alone would prepare the points.
+            which, at = shapely.STRtree(points[here]).query(boxes[mine])
+            near = shapely.dwithin(parts[mine[which]], points[here[at]], reach)
+            found[here[at[near]]] = mine[which[near]]
         sides.append(found)
     pairs = np.stack(sides, axis=1)
     return pairs[(pairs >= 0).all(axis=1)]
