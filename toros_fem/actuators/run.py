@@ -216,7 +216,7 @@ def _without_free_islands(
     for density in starts:
         try:
             near = result.final.equilibrium
-            found = problem.simulate(density, near.state, near.pressures, allow_continuation=False)
+            found = problem.simulate(density, near.state, near.pressures, trial=True)
             objectives.append(found.objective)
         except EquilibriumError:  # raised by all ranks or by none
             objectives.append(np.inf)

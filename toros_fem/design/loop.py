@@ -177,12 +177,14 @@ class _Loop:
             self.over, self.reason = True, f"Stage {number} has no equilibrium to start from."
             self.problem = given
             return
+        evaluation = self.differentiate(evaluation)
+        assert evaluation.residuals is not None
         mma = MMA(
             *self.variables.bounds,
             constraints=2 if constrained else 0,
             options=options.mma,
             move=self.variables.move,
-            residuals=len(evaluation.residuals),
+            residuals=len(evaluation.residuals.gradients),
         )
         scaled = Scaled(
             problem,
@@ -193,9 +195,6 @@ class _Loop:
         )
         kkt = math.inf
         for count in range(stage.iterations + 1):
-            begin = time.perf_counter()
-            self.evaluation = evaluation = problem.differentiate(evaluation)
-            self.phases["adjoint"] += time.perf_counter() - begin
             begin = time.perf_counter()
             mma.rescale(scaled.refer(evaluation))
             here, slopes = scaled.values(evaluation), scaled.gradients(evaluation)
@@ -228,8 +227,15 @@ class _Loop:
                 self.reason = "The last step has no equilibrium; this is the last design with one."
                 break
             self.change = largest(self.comm, np.max(np.abs(self.x.array - before), initial=0.0))
-            evaluation = trial
+            evaluation = self.differentiate(trial)
         self.problem = given
+
+    def differentiate(self, simulated: Evaluation) -> Evaluation:
+        """Add the gradients of the current design."""
+        begin = time.perf_counter()
+        self.evaluation = self.problem.differentiate(simulated)
+        self.phases["adjoint"] += time.perf_counter() - begin
+        return self.evaluation
 
     def descend(
         self, mma: MMA, scaled: Scaled, near: Evaluation, here: Values
@@ -243,16 +249,26 @@ class _Loop:
             return values.objective + float(prices @ np.maximum(values.constraints, 0.0))
 
         bound = merit(here)
-        while True:
-            trial = self.attempt(near)
+
+        def judge(trial: Evaluation | None) -> tuple[Values, bool]:
             there = here.missing if trial is None else scaled.values(trial)
             if trial is None:
-                good = False
-            elif o.descent == "conservative":
-                good = mma.conservative(self.x, there.rest, there.constraints, there.residuals)
-            else:
-                good = merit(there) <= bound
-            exhausted = self.rejected >= (2 * o.retries if trial is None else o.retries)
+                return there, False
+            if o.descent == "conservative":
+                return there, mma.conservative(
+                    self.x, there.rest, there.constraints, there.residuals
+                )
+            return there, merit(there) <= bound
+
+        while True:
+            exhausted = self.rejected >= 2 * o.retries
+            trial = self.attempt(near, trial=not exhausted)
+            there, good = judge(trial)
+            exhausted = exhausted or (trial is not None and self.rejected >= o.retries)
+            if good or (exhausted and trial is not None):
+                trial = self.attempt_finish(trial)
+                there, good = judge(trial)
+                exhausted = exhausted and (trial is not None or self.rejected >= 2 * o.retries)
             if good or exhausted:
                 return trial
             self.rejected += 1
@@ -336,29 +352,44 @@ class _Loop:
         if self.callback is not None:
             self.callback(row, e)
 
-    def simulate(self, start: Floats | None, *, allow_continuation: bool = True) -> Evaluation:
-        """Simulate the design that the variables stand for, and add up its cost."""
-        begin = time.perf_counter()
+    def simulate(self, start: Any, *, trial: bool = False) -> Evaluation:
+        """Simulate the design that the variables stand for (collective)."""
         density, pressures = self.variables.design(self.x)
+        return self.counted(
+            lambda: self.problem.simulate(density, start, pressures, trial=trial)
+        )
+
+    def attempt(self, near: Evaluation, *, trial: bool) -> Evaluation | None:
+        """Simulate a design near another; None if it has no near equilibrium."""
         try:
-            found = self.problem.simulate(
-                density, start, pressures, allow_continuation=allow_continuation
-            )
+            return self.simulate(near.equilibrium.state, trial=trial)
+        except NoEquilibriumError:  # raised by all ranks or by none
+            return None
+
+    def attempt_finish(self, trial: Evaluation | None) -> Evaluation | None:
+        """Complete a trial; None if there is no stable equilibrium near."""
+        if trial is None:
+            return None
+        try:
+            return self.counted(lambda: self.problem.finish(trial), of=trial)
+        except NoEquilibriumError:  # raised by all ranks or by none
+            return None
+
+    def counted(
+        self, action: Callable[[], Evaluation], of: Evaluation | None = None
+    ) -> Evaluation:
+        """Run a simulation and add up its cost, also where it fails."""
+        begin = time.perf_counter()
+        try:
+            found = action()
         except NoEquilibriumError as error:
             self.steps += error.steps
             self.factorisations += error.factorisations
             self.phases["equilibrium"] += time.perf_counter() - begin
             raise
-        self.steps += found.equilibrium.steps
-        self.factorisations += found.equilibrium.factorisations
-        for phase, seconds in found.seconds.items():
-            self.phases[phase] += seconds
+        if found is not of:
+            self.steps += found.equilibrium.steps
+            self.factorisations += found.equilibrium.factorisations
+            for phase, seconds in found.seconds.items():
+                self.phases[phase] += seconds
         return found
-
-    def attempt(self, near: Evaluation) -> Evaluation | None:
-        # A step without a near equilibrium is replaced; only the last try may use continuation.
-        allow_continuation = self.rejected >= 2 * self.options.retries
-        try:
-            return self.simulate(near.equilibrium.state, allow_continuation=allow_continuation)
-        except NoEquilibriumError:  # raised by all ranks or by none
-            return None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Protocol, Self, TypeVar
 
@@ -55,6 +55,24 @@ R = TypeVar("R", bound=Response)
 
 
 @dataclass(frozen=True, eq=False)
+class Residuals(Generic[R]):
+    """Numbers r whose squares are a part of T, around one design.
+
+    MMA approximates each r by itself, and so knows that their changes add up before they are
+    squared. That pays where many variables change the same few numbers.
+
+    Attributes:
+        values: Returns r, (j,), of the response of this design or of one near to it (collective).
+        gradients: dr/dρ at owned triangles, j arrays.
+        pressure_gradients: dr/dP in 1/Pa by the pressure of each chamber, (j, k).
+    """
+
+    values: Callable[[R], Floats]
+    gradients: list[Floats]
+    pressure_gradients: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class Evaluation(Generic[R]):
     """One pass ρ → ρ̃ → ρ̄ → x → T, and its gradients.
 
@@ -68,8 +86,7 @@ class Evaluation(Generic[R]):
         pressure_gradient: dT/dP in 1/Pa by the pressure of each chamber, (k,), zero where the
             pressure is prescribed; None before `differentiate`, or without designed pressures.
         length_scale_gradients: dg_r/dρ and dg_t/dρ, as `gradient`.
-        residuals: Numbers r, (j,), with `shape` = Σ r²; empty if `shape` is no such sum.
-        residual_gradients: dr/dρ, as `gradient`.
+        residuals: Residuals around this design; None before `differentiate`.
         density: ρ at owned triangles.
         filtered, projected: ρ̃ and ρ̄ at owned triangles.
         equilibrium: The response: the simulated shape, or the profile of a tile.
@@ -83,8 +100,7 @@ class Evaluation(Generic[R]):
     gradient: Floats | None
     pressure_gradient: Floats | None
     length_scale_gradients: list[Floats] | None
-    residuals: Floats
-    residual_gradients: list[Floats] | None
+    residuals: Residuals[R] | None
     density: Floats
     filtered: Floats
     projected: Floats
@@ -152,7 +168,7 @@ class DesignProblem(ABC, Generic[R]):
         start: Any,
         pressure: Pressure | None,
         *,
-        allow_continuation: bool,
+        trial: bool,
     ) -> tuple[R, float]:
         """Simulate a projected density; return the response and its objective (collective).
 
@@ -167,16 +183,17 @@ class DesignProblem(ABC, Generic[R]):
         The second is None if no pressure is designed.
         """
 
-    def residuals(self, response: R) -> Floats:
-        """Return numbers whose squares sum to the objective, (j,), for MMA to treat one by one.
+    def residuals_around(
+        self, evaluation: Evaluation[R]
+    ) -> tuple[Callable[[R], Floats], Floats, Floats]:
+        """Return the residuals around the last simulation, and their gradients (collective).
 
-        Empty by default. They pay where they are few and no pressure is designed.
+        Returns:
+            The function of the response, its gradients by ρ̄, (j, cells), and by the pressures,
+            (j, k), as of `Residuals`.
         """
-        return np.zeros(0)
-
-    def residuals_backward(self, evaluation: Evaluation[R]) -> Floats:
-        """Return their gradients by ρ̄, (j, cells) (collective)."""
-        return np.zeros((0, len(evaluation.projected)))
+        none = np.zeros((0, len(evaluation.projected)))
+        return lambda _: np.zeros(0), none, np.zeros((0, len(self.pressures)))
 
     def metrics_of(self, response: R) -> dict[str, float]:
         """Return the values of all metrics by key, equal on all ranks (collective)."""
@@ -264,7 +281,7 @@ class DesignProblem(ABC, Generic[R]):
         start: Any = None,
         pressure: Pressure | None = None,
         *,
-        allow_continuation: bool = True,
+        trial: bool = False,
     ) -> Evaluation[R]:
         """Evaluate T by one simulation, without its gradient, eq. (17) (collective).
 
@@ -272,8 +289,8 @@ class DesignProblem(ABC, Generic[R]):
             density: ρ at owned triangles, in [0, 1].
             start: State to start from, of a neighbouring design for instance.
             pressure: In Pa, of all chambers or of each; None takes the problem's own.
-            allow_continuation: Whether to fall back on continuation where the solver fails at the
-                full load.
+            trial: Whether the result may be rejected, so that few steps and a large tolerance are
+                enough; `finish` completes it.
 
         Raises:
             DensityError: The density does not fit or leaves [0, 1].
@@ -290,7 +307,7 @@ class DesignProblem(ABC, Generic[R]):
             start,
             pressure,
             start_time=start_time,
-            allow_continuation=allow_continuation,
+            trial=trial,
         )
 
     def simulate_binary(self, printed: Bools, like: Evaluation[R]) -> Evaluation[R]:
@@ -312,7 +329,7 @@ class DesignProblem(ABC, Generic[R]):
             near.state,
             near.pressures or None,
             start_time=time.perf_counter(),
-            allow_continuation=True,
+            trial=False,
         )
 
     def _evaluate(
@@ -324,7 +341,7 @@ class DesignProblem(ABC, Generic[R]):
         pressure: Pressure | None,
         *,
         start_time: float,
-        allow_continuation: bool,
+        trial: bool,
     ) -> Evaluation[R]:
         perimeter = None if self.perimeter is None else self.perimeter.forward(projected)
         widths = None
@@ -332,7 +349,7 @@ class DesignProblem(ABC, Generic[R]):
             widths = self.length_scale.forward(density, filtered, projected)
         middle = time.perf_counter()
         response, distance = self.respond(
-            projected, start, pressure, allow_continuation=allow_continuation
+            projected, start, pressure, trial=trial
         )
         end = time.perf_counter()
         return Evaluation(
@@ -343,14 +360,22 @@ class DesignProblem(ABC, Generic[R]):
             gradient=None,
             pressure_gradient=None,
             length_scale_gradients=None,
-            residuals=self.residuals(response),
-            residual_gradients=None,
+            residuals=None,
             density=density,
             filtered=filtered,
             projected=projected,
             equilibrium=response,
             seconds={"filter": middle - start_time, "equilibrium": end - middle},
         )
+
+    def finish(self, evaluation: Evaluation[R]) -> Evaluation[R]:
+        """Complete a trial, so that it can be differentiated (collective).
+
+        Raises:
+            ParameterError: The solver has been used for other designs since.
+            NoEquilibriumError: There is no stable equilibrium near.
+        """
+        return evaluation
 
     def differentiate(self, evaluation: Evaluation[R]) -> Evaluation[R]:
         """Add the gradients to the last simulation, by adjoint solves, eqs. 18, 19 (collective).
@@ -372,13 +397,14 @@ class DesignProblem(ABC, Generic[R]):
                 self._pull_back(e, by_filtered, by_projected) + by_density * self.designed
                 for by_density, by_filtered, by_projected in parts
             ]
-        rows = self.residuals_backward(e) if len(e.residuals) else ()
+        values, rows, row_pressures = self.residuals_around(e)
+        residuals = Residuals(values, [self._pull_back(e, None, row) for row in rows], row_pressures)
         return replace(
             e,
             gradient=gradient,
             pressure_gradient=pressure_gradient,
             length_scale_gradients=widths,
-            residual_gradients=[self._pull_back(e, None, row) for row in rows],
+            residuals=residuals,
             seconds={**e.seconds, "adjoint": time.perf_counter() - begin},
         )
 

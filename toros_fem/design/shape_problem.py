@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
 
-from toros_fem._mpi import dot
+from toros_fem._mpi import dot, largest
 from toros_fem._types import Floats
 from toros_fem._validate import require_between, require_positive
 from toros_fem.density.field import check_density, random_density
@@ -24,6 +25,9 @@ from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 from toros_fem.objectives.metrics import Metric
 from toros_fem.objectives.shape import Objective
+
+
+STEP = 1e-4
 
 
 @dataclass(eq=False)
@@ -172,7 +176,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         start: Any,
         pressure: Pressure | None,
         *,
-        allow_continuation: bool,
+        trial: bool,
     ) -> tuple[EquilibriumResult, float]:
         """Solve for the equilibrium; return it and its distance from the target (collective)."""
         equilibrium = self.solver.solve(
@@ -180,9 +184,24 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
             self.pressure if pressure is None else pressure,
             force=self.force,
             start=start,
-            allow_continuation=allow_continuation,
+            trial=trial,
         )
         return equilibrium, self.objective.forward(equilibrium.positions)
+
+    def finish(self, evaluation: Evaluation[EquilibriumResult]) -> Evaluation[EquilibriumResult]:
+        """Complete a trial: solve to the solver's tolerance and prove stability (collective)."""
+        begin = time.perf_counter()
+        equilibrium = self.solver.finish(evaluation.equilibrium)
+        if equilibrium is evaluation.equilibrium:
+            return evaluation
+        shape = self.objective.forward(equilibrium.positions)
+        return replace(
+            evaluation,
+            objective=evaluation.objective + shape - evaluation.shape,
+            shape=shape,
+            equilibrium=equilibrium,
+            seconds={"equilibrium": time.perf_counter() - begin},
+        )
 
     def respond_backward(
         self, evaluation: Evaluation[EquilibriumResult]
@@ -205,3 +224,53 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
             volume_gradient = model.volume_gradient(equilibrium.state, k)
             by_pressure[k] = dot(self.skin.comm, adjoint, volume_gradient)
         return by_projected, by_pressure
+
+    def residuals_around(
+        self, evaluation: Evaluation[EquilibriumResult]
+    ) -> tuple[Callable[[EquilibriumResult], Floats], Floats, Floats]:
+        """Return the motion along the pressures' responses as residuals (collective)."""
+        designed = [k for k, bounds in enumerate(self.pressure_ranges) if bounds is not None]
+        if not designed:
+            return super().residuals_around(evaluation)
+        comm, model, near = self.skin.comm, self.solver.model, evaluation.equilibrium
+        here = near.positions.copy()
+        responses = []
+        bent = []
+        for k in designed:
+            y = self.solver.solve_tangent(model.volume_gradient(near.state, k), near)
+            responses.append(y)
+            moved = model.positions(y)
+            largest_move = largest(comm, float(np.abs(moved).max(initial=0.0)))
+            step = STEP * self.skin.pattern.size / max(largest_move, 1e-300)
+            ahead, behind = (self.objective.backward(here + s * moved) for s in (step, -step))
+            bent.append((ahead - behind) / (2 * step))
+        slope_here = self.objective.backward(here)
+        count = len(designed)
+        curvature = np.zeros((count, count)); slope = np.zeros(count)
+        for i, y in enumerate(responses):
+            moved = model.positions(y).ravel()
+            slope[i] = dot(comm, moved, slope_here.ravel())
+            for j, b in enumerate(bent):
+                curvature[i, j] = dot(comm, moved, b.ravel())
+        curvature = 0.5 * (curvature + curvature.T)
+        try:
+            inverse = np.linalg.inv(np.linalg.cholesky(curvature)) / np.sqrt(2)
+        except np.linalg.LinAlgError:
+            return super().residuals_around(evaluation)
+        offsets = inverse @ slope
+        functionals = np.tensordot(inverse, np.array(bent), axes=1)
+
+        def values(response: EquilibriumResult) -> Floats:
+            moved = (response.positions - here).ravel()
+            return offsets + np.array([dot(comm, f.ravel(), moved) for f in functionals])
+
+        rows = np.zeros((count, len(evaluation.projected)))
+        by_pressure = np.zeros((count, len(self.pressures)))
+        for j, f in enumerate(functionals):
+            rhs = np.zeros_like(near.state)
+            model.positions(rhs)[:] = f
+            adjoint = self.solver.solve_tangent(rhs, near)
+            rows[j] = -model.density_sensitivity(near.state, adjoint)
+            for k in designed:
+                by_pressure[j, k] = dot(comm, adjoint, model.volume_gradient(near.state, k))
+        return values, rows, by_pressure

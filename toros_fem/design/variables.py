@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -59,16 +60,16 @@ class Variables:
             pressures[self._which] = np.clip(moved, self._low, self._high)
         return density, tuple(float(p) for p in pressures)
 
-    def gradient(self, evaluation: Evaluation, scale: float) -> PETSc.Vec:
-        """Return the gradient of scale · T by the variables."""
-        assert evaluation.gradient is not None
-        out = self.vector(scale * evaluation.gradient)
+    def gradient(
+        self, evaluation: Evaluation, scale: float, by_density: Floats, by_pressure: Floats | None
+    ) -> PETSc.Vec:
+        """Return `scale` times a gradient by the variables, from those by ρ and by pressures."""
+        out = self.vector(scale * by_density)
         if self._carried:
-            assert evaluation.pressure_gradient is not None
-            by_pressure = evaluation.pressure_gradient[self._which]
+            assert by_pressure is not None
             factor = np.array(evaluation.equilibrium.pressures)[self._which]
             factor *= np.log(self._high / self._low)
-            out.array[self._count :] = scale * by_pressure * factor
+            out.array[self._count :] = scale * by_pressure[self._which] * factor
         return out
 
 
@@ -140,6 +141,7 @@ class Scaled:
         self._scale = self._scale_at(start)
         self._constrained = constrained
         self._targets: Floats = np.zeros(0)
+        self._residuals: Callable[[Any], Floats] = lambda _: np.zeros(0)
 
     def refer(self, evaluation: Evaluation) -> float:
         """Take scale and targets from a design; return the factor by which the scale changes.
@@ -148,7 +150,9 @@ class Scaled:
         that keeps MMA's approximations convex. So the scale follows T if there are residuals.
         """
         before = self._scale
-        if len(evaluation.residuals):
+        assert evaluation.residuals is not None
+        self._residuals = evaluation.residuals.values
+        if len(evaluation.residuals.gradients):
             self._scale = self._scale_at(evaluation)
         if self._constrained:
             assert self._limits is not None
@@ -159,7 +163,7 @@ class Scaled:
 
     def values(self, evaluation: Evaluation) -> Values:
         """Return the scaled functions of a design."""
-        residuals = self._scale**0.5 * evaluation.residuals
+        residuals = self._scale**0.5 * self._residuals(evaluation.equilibrium)
         objective = self._scale * evaluation.objective
         constraints: Floats = np.zeros(0)
         if self._constrained:
@@ -169,14 +173,17 @@ class Scaled:
 
     def gradients(self, evaluation: Evaluation) -> Gradients:
         """Return the scaled gradients of a design that was differentiated."""
-        vector, rows = self._variables.vector, evaluation.residual_gradients
+        vector, near = self._variables.vector, evaluation.residuals
         widths = evaluation.length_scale_gradients if self._constrained else []
-        assert rows is not None
+        assert near is not None
         assert widths is not None
-        whole, root = self._variables.gradient(evaluation, self._scale), self._scale**0.5
-        slopes = [vector(root * row) for row in rows]
+        gradient, root = self._variables.gradient, self._scale**0.5
+        assert evaluation.gradient is not None
+        whole = gradient(evaluation, self._scale, evaluation.gradient, evaluation.pressure_gradient)
+        rows = zip(near.gradients, near.pressure_gradients, strict=True)
+        slopes = [gradient(evaluation, root, *row) for row in rows]
         rest = whole.copy()
-        for residual, slope in zip(evaluation.residuals, slopes, strict=True):
+        for residual, slope in zip(near.values(evaluation.equilibrium), slopes, strict=True):
             rest.axpy(-2 * root * residual, slope)
         constraints = [
             vector(np.asarray(part / target))

@@ -11,6 +11,7 @@ from petsc4py import PETSc
 
 from toros_fem._mpi import dot, largest, norm
 from toros_fem._types import Floats
+from toros_fem.equilibrium.conjugate_gradients import conjugate_gradients
 from toros_fem.equilibrium.continuation import Attempt
 from toros_fem.equilibrium.linear_solver import TangentFactor
 from toros_fem.equilibrium.options import NewtonOptions
@@ -32,6 +33,10 @@ MODIFIED_STEPS = 3
 # of the energy that the first one must reach.
 MODIFIED_RATE = 0.2
 MODIFIED_GAIN = 0.2
+# Conjugate gradients with older factors are taken where they leave at most this fraction of the
+# residual after CG_COST √n iterations: one factorisation of n unknowns is worth about 0.05 √n solves.
+INEXACT = 1e-2
+CG_COST = 0.02
 # Number of saddles that a solve leaves before it gives up.
 ESCAPES = 10
 # If rounding keeps every step from lowering the energy, this residual over the load is enough.
@@ -53,7 +58,9 @@ class NewtonStep:
         energy: Energy in J before the step.
         shift: Regularisation added to the tangent, over its material part; 0 for pure Newton.
         step: Fraction of the step that was taken; 0 in the row that ends a level.
-        modified: Whether it is a modified Newton step: with an older factorisation.
+        modified: Whether it is a modified Newton step: an older factorisation alone.
+        inexact: Whether conjugate gradients found it with an older factorisation.
+        iterations: Number of conjugate gradient iterations, also of those that were not enough.
         seconds: Wall time of the step on this rank.
     """
 
@@ -63,10 +70,14 @@ class NewtonStep:
     shift: float
     step: float
     modified: bool
+    inexact: bool
+    iterations: int
     seconds: float
 
     def __str__(self) -> str:
-        kind = "modified" if self.modified else "newton" if self.step else "end"
+        kind = "newton" if self.step else "end"
+        if self.modified or self.inexact:
+            kind = "modified" if self.modified else f"cg {self.iterations}"
         return (
             f"{self.pressure:10.4g} Pa  {kind:8s}  residual {self.residual:8.2e}  "
             f"energy {self.energy:+.9e} J  shift {self.shift:7.1e}  step {self.step:7.1e}  "
@@ -125,12 +136,15 @@ class RegularisedNewton:
         self.model, self.factor, self.options = model, factor, options
         self.comm = model.skin.comm
         self._log = log
+        self._has_factors = False
+        self._max_iterations = round(CG_COST * model.space.dofmap.index_map.size_global**0.5)
         self._reset()
 
     def _reset(self) -> None:
         """Reset all data of the previous solve, which may have failed far away."""
         self._history: list[NewtonStep] = []
         self._shift, self._stiffness, self._refused = 0.0, 0.0, False
+        self._iterations = 0
         self._clock = time.perf_counter()
 
     def minimise(
@@ -139,6 +153,7 @@ class RegularisedNewton:
         tolerance: float,
         max_steps: int,
         reuse_factors: bool,
+        finish: bool = True,
         monitor: Callable[[int, float], None] = lambda step, size: None,
     ) -> NewtonResult:
         """Find a stable equilibrium near a start (collective).
@@ -148,13 +163,21 @@ class RegularisedNewton:
             tolerance: Residual over the applied load at which a state is an equilibrium.
             max_steps: Largest number of factorised steps.
             reuse_factors: Whether the factorised tangent is that of an equilibrium near the start.
+            finish: Whether to factorise the tangent at the end, to prove that the state is stable.
             monitor: Called before each step with its number and the norm of the residual.
 
         Returns:
-            If it converged, the tangent at its state is factorised.
+            If it converged and is finished, the tangent at its state is factorised.
         """
         self._reset()
-        point, outcome = self._iterate(start, tolerance, max_steps, reuse_factors, monitor)
+        point, outcome = self._iterate(
+            start,
+            tolerance,
+            max_steps,
+            reuse_factors and self._has_factors,
+            monitor,
+            finish=finish,
+        )
         return NewtonResult(point.state, outcome, len(self._history), tuple(self._history))
 
     def _iterate(
@@ -164,6 +187,8 @@ class RegularisedNewton:
         max_steps: int,
         predict: bool,
         monitor: Callable[[int, float], None],
+        *,
+        finish: bool,
     ) -> tuple[_Point, int]:
         outcomes = PETSc.SNES.ConvergedReason
         model = self.model
@@ -180,7 +205,7 @@ class RegularisedNewton:
             monitor(steps, point.size)
             residual = point.size / reference
             done = residual <= tolerance or point.size <= self._floor(reference)
-            if done and self.stable(point.state):
+            if done and (not finish or self.stable(point.state)):
                 self._record(point, residual, 0.0)
                 return point, int(outcomes.CONVERGED_FNORM_RELATIVE)
             if predict or residual * rate**MODIFIED_STEPS <= tolerance:
@@ -196,19 +221,23 @@ class RegularisedNewton:
             if escapes == ESCAPES:
                 return point, int(outcomes.DIVERGED_INNER)
             steps += 1
+            inexact = False
             if done:
                 escapes += 1
                 direction = self._softest(point.residual, escapes)
             else:
-                self._factorise(point.state)
-                direction = -self.factor.solve(point.residual)
+                direction, inexact = self._direction(point)
             fraction, new = self._search(point, direction, rounding, escaping=done)
-            full = fraction == 1.0 and self._shift == 0.0
-            stuck = not done and self._stuck(point, new, direction, full=full)
+            full = fraction == 1.0 and self._shift == 0.0 and not inexact
+            exact = not (done or inexact)
+            stuck = exact and self._stuck(point, new, direction, full=full)
             if stuck and residual <= UNRESOLVED:
                 self._record(point, residual, 0.0)
                 return point, int(outcomes.CONVERGED_SNORM_RELATIVE)  # K is factorised, unshifted
-            self._record(point, residual, fraction)
+            self._record(point, residual, fraction, inexact=inexact)
+            if new is None and inexact:  # rounding, or a barrier that needs the exact direction
+                self._has_factors = False
+                continue
             if new is None:
                 if residual <= STAGNATED and self.stable(point.state):
                     return point, int(outcomes.CONVERGED_SNORM_RELATIVE)
@@ -221,6 +250,24 @@ class RegularisedNewton:
             # Newton's residual falls quadratically; that of a modified step by twice this factor.
             rate = 2 * new.size / point.size if full else np.inf
             point = new
+
+    def _direction(self, point: _Point) -> tuple[Floats, bool]:
+        """Return Newton's direction, and whether it is inexact: found with older factors."""
+        self._assemble(point.state)
+        if self._has_factors and self._max_iterations >= 2:
+            found = conjugate_gradients(
+                self.comm,
+                self.factor.multiply,
+                self.factor.solve,
+                -point.residual,
+                INEXACT,
+                self._max_iterations,
+            )
+            self._iterations = found.iterations
+            if found.positive and found.residual <= INEXACT:
+                return found.solution, True
+        self._factorise()
+        return -self.factor.solve(point.residual), False
 
     def reference(self, state: Floats) -> float:
         """Return the norm of the applied load in N, by which residuals are measured (collective).
@@ -240,17 +287,18 @@ class RegularisedNewton:
     def stable(self, state: Floats) -> bool:
         """Return whether the tangent at a state is positive definite; leaves it factorised."""
         self._assemble(state)
-        return self.factor.factorise(0.0)
+        self._has_factors = self.factor.factorise(0.0)
+        return self._has_factors
 
     def _at(self, state: Floats, energy: float) -> _Point:
         residual = self.model.residual(state)
         return _Point(state, energy, residual, norm(self.comm, residual))
 
     def _record(
-        self, point: _Point, residual: float, step: float, *, modified: bool = False
+        self, point: _Point, residual: float, step: float, *, modified: bool = False, inexact: bool = False
     ) -> None:
         now = time.perf_counter()
-        shift = 0.0 if modified or not step else self._shift
+        shift = 0.0 if modified or inexact or not step else self._shift
         row = NewtonStep(
             self.model.load.largest,
             residual,
@@ -258,8 +306,11 @@ class RegularisedNewton:
             shift,
             step,
             modified,
+            inexact,
+            self._iterations,
             now - self._clock,
         )
+        self._iterations = 0
         self._clock = now
         self._history.append(row)
         if self._log is not None:
@@ -295,9 +346,8 @@ class RegularisedNewton:
         self.factor.assemble(state)
         self._stiffness = norm(self.comm, self.factor.scale)
 
-    def _factorise(self, state: Floats) -> None:
+    def _factorise(self) -> None:
         """Factorise with the smallest shift of the ladder that leaves no negative pivot."""
-        self._assemble(state)
         # A smaller shift is worth a factorisation only if the last try of one succeeded.
         shift = self._shift if self._refused else self._shift / 8
         shift = shift if shift >= SMALLEST_SHIFT else 0.0
@@ -305,6 +355,7 @@ class RegularisedNewton:
         while not self.factor.factorise(shift) and shift < LARGEST_SHIFT:
             shift = max(FIRST_SHIFT, 4 * shift) if shift else max(FIRST_SHIFT, self._shift)
             refused = True
+        self._has_factors = True
         self._refused = refused and not self._refused
         self._shift = shift
 
@@ -313,7 +364,7 @@ class RegularisedNewton:
 
         The curvature is measured by the diagonal: the material part would hide the buckling mode.
         """
-        self._shift, diagonal = 0.0, FIRST_DIAGONAL
+        self._shift, diagonal, self._has_factors = 0.0, FIRST_DIAGONAL, False
         while not self.factor.factorise(diagonal=diagonal) and diagonal < LARGEST_SHIFT:
             diagonal *= 4
         # A start that is the same on any number of ranks: drawn by assembled vertex.

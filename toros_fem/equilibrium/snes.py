@@ -15,6 +15,10 @@ from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.model import SkinModel
 
 
+# Residual over the applied load at which a trial's objective is known well enough.
+TRIAL_TOLERANCE = 1e-6
+
+
 class SnesSolver:
     """A SNES that finds stable equilibria of a model near a start; its options' prefix is "toros_".
 
@@ -51,10 +55,16 @@ class SnesSolver:
         snes.setPythonContext(self._context)
         snes.setFromOptions()
         self._snes = snes
+        self._tolerance: float = snes.getTolerances()[0]
         self.max_steps: int = snes.getTolerances()[3]
 
     def __call__(
-        self, start: Floats, *, reuse_factors: bool = False, max_steps: int | None = None
+        self,
+        start: Floats,
+        *,
+        reuse_factors: bool = False,
+        max_steps: int | None = None,
+        trial: bool = False,
     ) -> NewtonResult:
         """Solve once from a start (collective).
 
@@ -62,10 +72,13 @@ class SnesSolver:
             start: Owned unknowns.
             reuse_factors: Whether the factorised tangent is that of an equilibrium near the start.
             max_steps: Largest number of Newton steps; None takes that of the options.
+            trial: Whether TRIAL_TOLERANCE is enough, without proof that the state is stable.
         """
-        self._snes.setTolerances(max_it=max_steps or self.max_steps)
+        tolerance = max(self._tolerance, TRIAL_TOLERANCE) if trial else self._tolerance
+        self._snes.setTolerances(rtol=tolerance, max_it=max_steps or self.max_steps)
         self._x.array[:] = start
-        self._context.reuse_factors, self._context.result = reuse_factors, None
+        self._context.reuse_factors, self._context.finish = reuse_factors, not trial
+        self._context.result = None
         self._snes.solve(None, self._x)
         found = self._context.result
         if found is not None:
@@ -90,7 +103,7 @@ class _NewtonContext:
 
     def __init__(self, newton: RegularisedNewton) -> None:
         self._newton = newton
-        self.reuse_factors = False
+        self.reuse_factors, self.finish = False, True
         self.result: NewtonResult | None = None
 
     def solve(self, snes: PETSc.SNES, _: PETSc.Vec | None, x: PETSc.Vec) -> None:
@@ -103,7 +116,7 @@ class _NewtonContext:
             snes.monitor(step, size)
 
         self.result = self._newton.minimise(
-            x.array.copy(), tolerance, max_steps, self.reuse_factors, monitor
+            x.array.copy(), tolerance, max_steps, self.reuse_factors, self.finish, monitor
         )
         x.array[:] = self.result.state
         snes.setConvergedReason(self.result.outcome)
@@ -128,9 +141,13 @@ class Attempts:
         self.history: list[NewtonStep] = []
         self.last: Floats | None = None
 
-    def __call__(self, start: Floats, max_steps: int | None = None) -> NewtonResult:
-        """Solve once more (collective)."""
-        found = self._solver(start, reuse_factors=self._reuse_factors, max_steps=max_steps)
+    def __call__(
+        self, start: Floats, max_steps: int | None = None, *, trial: bool = False
+    ) -> NewtonResult:
+        """Solve once more; the arguments are those of `SnesSolver` (collective)."""
+        found = self._solver(
+            start, reuse_factors=self._reuse_factors, max_steps=max_steps, trial=trial
+        )
         self._reuse_factors = found.converged
         self.history.extend(found.history)
         self.last = found.state
@@ -138,12 +155,12 @@ class Attempts:
 
     @property
     def steps(self) -> int:
-        """Number of Newton steps, each with a new factorisation."""
+        """Number of Newton steps, each with the tangent at its state."""
         return sum(row.step > 0 and not row.modified for row in self.history)
 
     @property
     def modified_steps(self) -> int:
-        """Number of modified Newton steps, with an older factorisation."""
+        """Number of modified Newton steps, with an older tangent."""
         return sum(row.modified for row in self.history)
 
     @property

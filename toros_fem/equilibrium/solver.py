@@ -28,8 +28,8 @@ from toros_fem.meshes.skin import Skin
 
 # First increment of a continuation from one design to another, as a fraction of the whole.
 FIRST_INCREMENT = 1 / 16
-# Largest number of steps of a solve without continuation.
-FEW_STEPS = 60
+# Largest number of steps of a trial.
+FEW_STEPS = 40
 # Factor on `max_steps` for the last attempt, which starts where the first cold one stopped.
 MORE_STEPS = 6
 
@@ -51,8 +51,8 @@ class EquilibriumResult:
         volumes: Volume of each chamber in m³.
         stretch_use: Largest fraction of the stretch bounds that a triangle uses, < 1.
         residual: Norm of the first variation over the applied load.
-        steps: Number of Newton steps, each with a new factorisation.
-        modified_steps: Number of modified Newton steps, with an older factorisation.
+        steps: Number of Newton steps, each with the tangent at its state.
+        modified_steps: Number of modified Newton steps, with an older tangent.
         factorisations: Number of factorisations of the tangent, retries with a shift included.
         history: One row for each step of either kind, and one that ends each solve.
     """
@@ -97,6 +97,22 @@ class EquilibriumError(NoEquilibriumError):
         return self.result.factorisations
 
 
+@dataclass(frozen=True, eq=False)
+class _Request:
+    """Density and load of a solve."""
+
+    density: Floats
+    load: LoadCase
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """An equilibrium that later solves may start from."""
+
+    request: _Request
+    result: EquilibriumResult
+
+
 class EquilibriumSolver:
     """Solver for stable equilibria of a skin, and for linear systems with the tangent there.
 
@@ -128,8 +144,7 @@ class EquilibriumSolver:
         self._factor = self._snes.factor
         self._prescribed = PrescribedDisplacement(self.model)
         self._factorised_at: EquilibriumResult | None = None
-        self._density: Floats = np.zeros(0)  # of that equilibrium
-        self._load = self.model.load  # of that equilibrium
+        self._known: list[_Known] = []  # the last solves
 
     def solve(
         self,
@@ -140,7 +155,7 @@ class EquilibriumSolver:
         displacement: Floats | None = None,
         start: Floats | None = None,
         raise_on_failure: bool = True,
-        allow_continuation: bool = True,
+        trial: bool = False,
     ) -> EquilibriumResult:
         """Solve for the stable equilibrium at a density and a load (collective).
 
@@ -159,8 +174,9 @@ class EquilibriumSolver:
                 from the assembled positions.
             raise_on_failure: Whether to raise if no equilibrium is found, or to return the last
                 good state with `converged` False.
-            allow_continuation: Whether to fall back on continuation. False tries the full load
-                once, with at most 60 steps: for trials that a more cautious one can replace.
+            trial: Whether the result may be rejected: the full load is tried once, with few steps
+                and a large tolerance, and without proof that the state is stable. `finish`
+                completes it.
 
         Raises:
             ParameterError: The pressure is negative or not finite, an array does not fit, or the
@@ -181,25 +197,39 @@ class EquilibriumSolver:
         )
         check_density(self.skin, density)
         state = self._start(start)
-        last, self._factorised_at = self._factorised_at, None
-        near = last if last is not None and start is last.state else None
-        # The factors of the start's own equilibrium predict how it changes.
-        attempts = Attempts(self._snes, reuse_factors=near is not None)
-        end = self._continue(
-            attempts,
-            state,
-            density,
-            load,
-            near,
-            cold=start is None,
-            allow_continuation=allow_continuation,
+        known = next((k for k in self._known if start is k.result.state), None)
+        result = self._solve(
+            _Request(density.copy(), load), state, known, cold=start is None, trial=trial
         )
-        result = self._result(attempts, end, load)
-        if result.converged:
-            self._factorised_at, self._density, self._load = result, density.copy(), load
-        elif raise_on_failure:
+        if raise_on_failure and not result.converged:
             raise EquilibriumError(result.reason, result)
         return result
+
+    def finish(self, trial: EquilibriumResult) -> EquilibriumResult:
+        """Complete a trial: the tolerance of the options, and a stable state (collective).
+
+        Args:
+            trial: A recent result of this solver; one that is complete is returned as it is.
+
+        Returns:
+            The equilibrium; steps and factorisations are those of the completion alone.
+
+        Raises:
+            ParameterError: The solver has been used for other designs since.
+            EquilibriumError: There is no stable equilibrium near.
+        """
+        if trial is self._factorised_at:
+            return trial
+        known = next((k for k in self._known if k.result is trial), None)
+        if known is None:
+            raise ParameterError(
+                "the trial's design is not known any more: the solver has been used since. Solve "
+                "for it again."
+            )
+        found = self._solve(known.request, trial.state.copy(), known, cold=False, trial=False)
+        if not found.converged:
+            raise EquilibriumError(found.reason, found)
+        return found
 
     def solve_tangent(self, rhs: Floats, at: EquilibriumResult) -> Floats:
         """Solve K y = rhs with the tangent at an equilibrium, zero at fixed components.
@@ -231,6 +261,21 @@ class EquilibriumSolver:
         """
         self._require_last(at)
         return self.skin.gather_vertices(self.model.positions(self.model.reaction(at.state)))
+
+    def _solve(
+        self, request: _Request, state: Floats, near: _Known | None, *, cold: bool, trial: bool
+    ) -> EquilibriumResult:
+        """Solve for a request from a state (collective)."""
+        self._factorised_at = None
+        # The factors of the start's own equilibrium predict how it changes.
+        attempts = Attempts(self._snes, reuse_factors=near is not None)
+        end = self._continue(attempts, state, request, near, cold=cold, trial=trial)
+        result = self._result(attempts, end, request.load)
+        if result.converged:
+            self._factorised_at = None if trial else result
+            kept = [near] if near is not None else self._known[-1:]
+            self._known = [*kept, _Known(request, result)]
+        return result
 
     def _require_last(self, at: EquilibriumResult) -> None:
         if at is not self._factorised_at:
@@ -266,12 +311,11 @@ class EquilibriumSolver:
         self,
         attempts: Attempts,
         state: Floats,
-        density: Floats,
-        load: LoadCase,
-        near: EquilibriumResult | None,
+        request: _Request,
+        near: _Known | None,
         *,
         cold: bool,
-        allow_continuation: bool,
+        trial: bool,
     ) -> ContinuationResult:
         """Solve at once, else by continuation from the near equilibrium, in load, in stiffness.
 
@@ -279,22 +323,24 @@ class EquilibriumSolver:
             The last equilibrium at the requested density, and its fraction of the load.
         """
 
+        density, load = request.density, request.load
+
         def attempt(
             start: Floats, at: Floats, under: LoadCase, max_steps: int | None = None
         ) -> Attempt:
             self.model.set_density(at)
             self.model.set_load(under)
-            return attempts(self._prescribed(start, under.displacement), max_steps)
+            return attempts(self._prescribed(start, under.displacement), max_steps, trial=trial)
 
         most = self._snes.max_steps
-        first = attempt(state, density, load, most if allow_continuation else min(FEW_STEPS, most))
+        first = attempt(state, density, load, min(FEW_STEPS, most) if trial else most)
         if first.converged:
             return ContinuationResult(first.state, 1.0, first.outcome)
-        if not allow_continuation:
+        if trial:
             return ContinuationResult(state, None, first.outcome)
         least = self.options.min_increment
         if near is not None:
-            there, load_there = self._density, self._load
+            there, load_there = near.request.density, near.request.load
             walked = run_continuation(
                 lambda x, f: attempt(
                     x, there + f * (density - there), load_there.towards(load, f)

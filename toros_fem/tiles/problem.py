@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -86,10 +87,10 @@ class TileProblem(DesignProblem[Profile]):
         return np.asarray(waves[self.skin.owned_cells])
 
     def respond(
-        self, projected: Floats, start: Any, pressure: Pressure | None, *, allow_continuation: bool
+        self, projected: Floats, start: Any, pressure: Pressure | None, *, trial: bool
     ) -> tuple[Profile, float]:
         """Solve for the profile and its gradients; return it with its objective (collective)."""
-        profile = self.solver.solve(projected, start, allow_continuation=allow_continuation)
+        profile = self.solver.solve(projected, start, allow_continuation=not trial)
         return profile, self.objective.forward(profile)
 
     def respond_backward(self, evaluation: Evaluation[Profile]) -> tuple[Floats, None]:
@@ -98,14 +99,13 @@ class TileProblem(DesignProblem[Profile]):
         by_stress, by_contraction = self.objective.backward(profile)
         return self.solver.backward(profile, by_stress, by_contraction), None
 
-    def residuals(self, response: Profile) -> Floats:
-        """Return the objective's residuals."""
-        return self.objective.residuals(response)
-
-    def residuals_backward(self, evaluation: Evaluation[Profile]) -> Floats:
-        """Return the gradients of the objective's residuals by ρ̄ (collective)."""
+    def residuals_around(
+        self, evaluation: Evaluation[Profile]
+    ) -> tuple[Callable[[Profile], Floats], Floats, Floats]:
+        """Return the objective's residuals and their gradients by ρ̄ (collective)."""
         profile = evaluation.equilibrium
-        return self.solver.backward(profile, *self.objective.residuals_backward(profile))
+        rows = self.solver.backward(profile, *self.objective.residuals_backward(profile))
+        return self.objective.residuals, rows, np.zeros((len(rows), 0))
 
     def metrics_of(self, response: Profile) -> dict[str, float]:
         """Return the largest deviation from the target in %; nothing without a target."""
