@@ -355,9 +355,7 @@ class _Loop:
     def simulate(self, start: Any, *, trial: bool = False) -> Evaluation:
         """Simulate the design that the variables stand for (collective)."""
         density, pressures = self.variables.design(self.x)
-        return self.counted(
-            lambda: self.problem.simulate(density, start, pressures, trial=trial)
-        )
+        return self.counted(lambda: self.problem.simulate(density, start, pressures, trial=trial))
 
     def attempt(self, near: Evaluation, *, trial: bool) -> Evaluation | None:
         """Simulate a design near another; None if it has no near equilibrium."""
@@ -375,9 +373,7 @@ class _Loop:
         except NoEquilibriumError:  # raised by all ranks or by none
             return None
 
-    def counted(
-        self, action: Callable[[], Evaluation], of: Evaluation | None = None
-    ) -> Evaluation:
+    def counted(self, action: Callable[[], Evaluation], of: Evaluation | None = None) -> Evaluation:
         """Run a simulation and add up its cost, also where it fails."""
         begin = time.perf_counter()
         try:

@@ -348,9 +348,7 @@ class DesignProblem(ABC, Generic[R]):
         if self.length_scale is not None:
             widths = self.length_scale.forward(density, filtered, projected)
         middle = time.perf_counter()
-        response, distance = self.respond(
-            projected, start, pressure, trial=trial
-        )
+        response, distance = self.respond(projected, start, pressure, trial=trial)
         end = time.perf_counter()
         return Evaluation(
             objective=distance + self._perimeter_price * (perimeter or 0.0),
@@ -398,7 +396,9 @@ class DesignProblem(ABC, Generic[R]):
                 for by_density, by_filtered, by_projected in parts
             ]
         values, rows, row_pressures = self.residuals_around(e)
-        residuals = Residuals(values, [self._pull_back(e, None, row) for row in rows], row_pressures)
+        residuals = Residuals(
+            values, [self._pull_back(e, None, row) for row in rows], row_pressures
+        )
         return replace(
             e,
             gradient=gradient,

@@ -10,7 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from toros_fem._mpi import dot, largest
+from toros_fem._mpi import dot
 from toros_fem._types import Floats
 from toros_fem._validate import require_between, require_positive
 from toros_fem.density.field import check_density, random_density
@@ -18,6 +18,7 @@ from toros_fem.density.filters import Filter
 from toros_fem.density.length_scale import LengthScaleConstraints
 from toros_fem.density.perimeter import Perimeter
 from toros_fem.density.projection import Projection
+from toros_fem.design.motion import motion_along
 from toros_fem.design.problem import Bounds, DesignProblem, Evaluation, Pressure
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import DensityError, ParameterError
@@ -25,9 +26,6 @@ from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 from toros_fem.objectives.metrics import Metric
 from toros_fem.objectives.shape import Objective
-
-
-STEP = 1e-4
 
 
 @dataclass(eq=False)
@@ -230,47 +228,20 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
     ) -> tuple[Callable[[EquilibriumResult], Floats], Floats, Floats]:
         """Return the motion along the pressures' responses as residuals (collective)."""
         designed = [k for k, bounds in enumerate(self.pressure_ranges) if bounds is not None]
-        if not designed:
+        near, model = evaluation.equilibrium, self.solver.model
+        by_pressure = [model.volume_gradient(near.state, k) for k in designed]
+        responses = [self.solver.solve_tangent(v, near) for v in by_pressure]
+        moves = [model.positions(y) for y in responses]
+        motion = motion_along(self.skin, self.objective, near.positions, moves)
+        if motion is None:
             return super().residuals_around(evaluation)
-        comm, model, near = self.skin.comm, self.solver.model, evaluation.equilibrium
-        here = near.positions.copy()
-        responses = []
-        bent = []
-        for k in designed:
-            y = self.solver.solve_tangent(model.volume_gradient(near.state, k), near)
-            responses.append(y)
-            moved = model.positions(y)
-            largest_move = largest(comm, float(np.abs(moved).max(initial=0.0)))
-            step = STEP * self.skin.pattern.size / max(largest_move, 1e-300)
-            ahead, behind = (self.objective.backward(here + s * moved) for s in (step, -step))
-            bent.append((ahead - behind) / (2 * step))
-        slope_here = self.objective.backward(here)
-        count = len(designed)
-        curvature = np.zeros((count, count)); slope = np.zeros(count)
-        for i, y in enumerate(responses):
-            moved = model.positions(y).ravel()
-            slope[i] = dot(comm, moved, slope_here.ravel())
-            for j, b in enumerate(bent):
-                curvature[i, j] = dot(comm, moved, b.ravel())
-        curvature = 0.5 * (curvature + curvature.T)
-        try:
-            inverse = np.linalg.inv(np.linalg.cholesky(curvature)) / np.sqrt(2)
-        except np.linalg.LinAlgError:
-            return super().residuals_around(evaluation)
-        offsets = inverse @ slope
-        functionals = np.tensordot(inverse, np.array(bent), axes=1)
-
-        def values(response: EquilibriumResult) -> Floats:
-            moved = (response.positions - here).ravel()
-            return offsets + np.array([dot(comm, f.ravel(), moved) for f in functionals])
-
-        rows = np.zeros((count, len(evaluation.projected)))
-        by_pressure = np.zeros((count, len(self.pressures)))
-        for j, f in enumerate(functionals):
+        rows = np.zeros((len(designed), len(evaluation.projected)))
+        row_pressures = np.zeros((len(designed), len(self.pressures)))
+        for j, direction in enumerate(motion.directions):
             rhs = np.zeros_like(near.state)
-            model.positions(rhs)[:] = f
+            model.positions(rhs)[:] = direction
             adjoint = self.solver.solve_tangent(rhs, near)
             rows[j] = -model.density_sensitivity(near.state, adjoint)
-            for k in designed:
-                by_pressure[j, k] = dot(comm, adjoint, model.volume_gradient(near.state, k))
-        return values, rows, by_pressure
+            for k, v in zip(designed, by_pressure, strict=True):
+                row_pressures[j, k] = dot(self.skin.comm, adjoint, v)
+        return lambda response: motion.along(response.positions), rows, row_pressures

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mpi4py import MPI
-
 import numpy as np
+from mpi4py import MPI
 
 from toros_fem._mpi import sum_over_ranks
 from toros_fem._types import Floats

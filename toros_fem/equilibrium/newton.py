@@ -20,6 +20,8 @@ from toros_fem.mechanics.model import SkinModel
 ARMIJO = 1e-4
 SMALLEST_STEP = 1e-10
 FIRST_SHIFT = 0.03
+# Factor by which the shift falls after a success.
+DECAY = 32.0
 SMALLEST_SHIFT = 2e-3
 FIRST_DIAGONAL = 1e-8
 LARGEST_SHIFT = 1e6
@@ -34,9 +36,9 @@ MODIFIED_STEPS = 3
 MODIFIED_RATE = 0.2
 MODIFIED_GAIN = 0.2
 # Conjugate gradients with older factors are taken where they leave at most this fraction of the
-# residual after CG_COST √n iterations: one factorisation of n unknowns is worth about 0.05 √n solves.
+# residual after CG_COST √n iterations: a factorisation of n unknowns costs some 0.05 √n solves.
 INEXACT = 1e-2
-CG_COST = 0.02
+CG_COST = 0.03
 # Number of saddles that a solve leaves before it gives up.
 ESCAPES = 10
 # If rounding keeps every step from lowering the energy, this residual over the load is enough.
@@ -136,14 +138,17 @@ class RegularisedNewton:
         self.model, self.factor, self.options = model, factor, options
         self.comm = model.skin.comm
         self._log = log
-        self._has_factors = False
+        self._has_factors, self._first_shift = False, 0.0
         self._max_iterations = round(CG_COST * model.space.dofmap.index_map.size_global**0.5)
         self._reset()
 
-    def _reset(self) -> None:
+    def _reset(self, *, near: bool = False) -> None:
         """Reset all data of the previous solve, which may have failed far away."""
+        first = self._first_shift if near else 0.0
         self._history: list[NewtonStep] = []
-        self._shift, self._stiffness, self._refused = 0.0, 0.0, False
+        # Neighbouring designs need like shifts in their first steps.
+        self._shift, self._stiffness, self._refused = first, 0.0, first > 0
+        self._first = True
         self._iterations = 0
         self._clock = time.perf_counter()
 
@@ -152,7 +157,7 @@ class RegularisedNewton:
         start: Floats,
         tolerance: float,
         max_steps: int,
-        reuse_factors: bool,
+        near: bool,
         finish: bool = True,
         monitor: Callable[[int, float], None] = lambda step, size: None,
     ) -> NewtonResult:
@@ -162,19 +167,19 @@ class RegularisedNewton:
             start: Owned unknowns.
             tolerance: Residual over the applied load at which a state is an equilibrium.
             max_steps: Largest number of factorised steps.
-            reuse_factors: Whether the factorised tangent is that of an equilibrium near the start.
+            near: Whether the start is the equilibrium of a neighbouring design or load.
             finish: Whether to factorise the tangent at the end, to prove that the state is stable.
             monitor: Called before each step with its number and the norm of the residual.
 
         Returns:
             If it converged and is finished, the tangent at its state is factorised.
         """
-        self._reset()
+        self._reset(near=near)
         point, outcome = self._iterate(
             start,
             tolerance,
             max_steps,
-            reuse_factors and self._has_factors,
+            near,
             monitor,
             finish=finish,
         )
@@ -185,7 +190,7 @@ class RegularisedNewton:
         start: Floats,
         tolerance: float,
         max_steps: int,
-        predict: bool,
+        near: bool,
         monitor: Callable[[int, float], None],
         *,
         finish: bool,
@@ -199,6 +204,7 @@ class RegularisedNewton:
         reference = self.reference(start)
         steps = escapes = 0
         rate = np.inf  # fraction of the residual that the next modified step would leave
+        predict = near and self._has_factors
         while True:
             if point.size <= 10 * max(tolerance, STAGNATED) * reference:
                 reference = self.reference(point.state)
@@ -295,7 +301,13 @@ class RegularisedNewton:
         return _Point(state, energy, residual, norm(self.comm, residual))
 
     def _record(
-        self, point: _Point, residual: float, step: float, *, modified: bool = False, inexact: bool = False
+        self,
+        point: _Point,
+        residual: float,
+        step: float,
+        *,
+        modified: bool = False,
+        inexact: bool = False,
     ) -> None:
         now = time.perf_counter()
         shift = 0.0 if modified or inexact or not step else self._shift
@@ -349,13 +361,16 @@ class RegularisedNewton:
     def _factorise(self) -> None:
         """Factorise with the smallest shift of the ladder that leaves no negative pivot."""
         # A smaller shift is worth a factorisation only if the last try of one succeeded.
-        shift = self._shift if self._refused else self._shift / 8
+        shift = self._shift if self._refused else self._shift / DECAY
         shift = shift if shift >= SMALLEST_SHIFT else 0.0
         refused = False
         while not self.factor.factorise(shift) and shift < LARGEST_SHIFT:
             shift = max(FIRST_SHIFT, 4 * shift) if shift else max(FIRST_SHIFT, self._shift)
             refused = True
         self._has_factors = True
+        if self._first:
+            lower = shift / 4 if shift >= 4 * SMALLEST_SHIFT else 0.0
+            self._first, self._first_shift = False, shift if refused else lower
         self._refused = refused and not self._refused
         self._shift = shift
 

@@ -14,7 +14,6 @@ from toros_fem.equilibrium.newton import NewtonResult, NewtonStep, RegularisedNe
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.model import SkinModel
 
-
 # Residual over the applied load at which a trial's objective is known well enough.
 TRIAL_TOLERANCE = 1e-6
 
@@ -62,7 +61,7 @@ class SnesSolver:
         self,
         start: Floats,
         *,
-        reuse_factors: bool = False,
+        near: bool = False,
         max_steps: int | None = None,
         trial: bool = False,
     ) -> NewtonResult:
@@ -70,14 +69,14 @@ class SnesSolver:
 
         Args:
             start: Owned unknowns.
-            reuse_factors: Whether the factorised tangent is that of an equilibrium near the start.
+            near: Whether the start is the equilibrium of a neighbouring design or load.
             max_steps: Largest number of Newton steps; None takes that of the options.
             trial: Whether TRIAL_TOLERANCE is enough, without proof that the state is stable.
         """
         tolerance = max(self._tolerance, TRIAL_TOLERANCE) if trial else self._tolerance
         self._snes.setTolerances(rtol=tolerance, max_it=max_steps or self.max_steps)
         self._x.array[:] = start
-        self._context.reuse_factors, self._context.finish = reuse_factors, not trial
+        self._context.near, self._context.finish = near, not trial
         self._context.result = None
         self._snes.solve(None, self._x)
         found = self._context.result
@@ -103,7 +102,7 @@ class _NewtonContext:
 
     def __init__(self, newton: RegularisedNewton) -> None:
         self._newton = newton
-        self.reuse_factors, self.finish = False, True
+        self.near, self.finish = False, True
         self.result: NewtonResult | None = None
 
     def solve(self, snes: PETSc.SNES, _: PETSc.Vec | None, x: PETSc.Vec) -> None:
@@ -116,7 +115,7 @@ class _NewtonContext:
             snes.monitor(step, size)
 
         self.result = self._newton.minimise(
-            x.array.copy(), tolerance, max_steps, self.reuse_factors, self.finish, monitor
+            x.array.copy(), tolerance, max_steps, self.near, self.finish, monitor
         )
         x.array[:] = self.result.state
         snes.setConvergedReason(self.result.outcome)
@@ -131,12 +130,11 @@ class Attempts:
 
     Args:
         solver: The SNES.
-        reuse_factors: Whether the factorised tangent is that of an equilibrium near the first
-            start.
+        near: Whether the first start is the equilibrium of a neighbouring design or load.
     """
 
-    def __init__(self, solver: SnesSolver, *, reuse_factors: bool = False) -> None:
-        self._solver, self._reuse_factors = solver, reuse_factors
+    def __init__(self, solver: SnesSolver, *, near: bool = False) -> None:
+        self._solver, self._near = solver, near
         self._factorisations = solver.factor.count
         self.history: list[NewtonStep] = []
         self.last: Floats | None = None
@@ -145,10 +143,8 @@ class Attempts:
         self, start: Floats, max_steps: int | None = None, *, trial: bool = False
     ) -> NewtonResult:
         """Solve once more; the arguments are those of `SnesSolver` (collective)."""
-        found = self._solver(
-            start, reuse_factors=self._reuse_factors, max_steps=max_steps, trial=trial
-        )
-        self._reuse_factors = found.converged
+        found = self._solver(start, near=self._near, max_steps=max_steps, trial=trial)
+        self._near = found.converged
         self.history.extend(found.history)
         self.last = found.state
         return found

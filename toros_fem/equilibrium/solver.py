@@ -267,8 +267,7 @@ class EquilibriumSolver:
     ) -> EquilibriumResult:
         """Solve for a request from a state (collective)."""
         self._factorised_at = None
-        # The factors of the start's own equilibrium predict how it changes.
-        attempts = Attempts(self._snes, reuse_factors=near is not None)
+        attempts = Attempts(self._snes, near=near is not None)
         end = self._continue(attempts, state, request, near, cold=cold, trial=trial)
         result = self._result(attempts, end, request.load)
         if result.converged:
@@ -322,7 +321,6 @@ class EquilibriumSolver:
         Returns:
             The last equilibrium at the requested density, and its fraction of the load.
         """
-
         density, load = request.density, request.load
 
         def attempt(

@@ -1,0 +1,84 @@
+"""Motion of a skin along a few directions, as residuals whose squares are a part of T.
+
+A pressure changes the amplitude of a whole deformation, a bend for instance, and so does every
+density. In MMA's separable approximation each of them alone takes the amplitude to its target, and
+all together go far beyond. As a residual of its own the amplitude is approximated first and squared
+afterwards: the sum of all changes counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem._mpi import dot, largest, sum_over_ranks
+from toros_fem._types import Floats
+from toros_fem.meshes.skin import Skin
+from toros_fem.objectives.shape import Objective
+
+# Length of the differences that give the objective's curvature, over the skin's size.
+DIFFERENCE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Residuals r, (j,), linear in the positions around a shape.
+
+    With directions Y, the objective's slope g = Yᵀ∂T/∂x and its curvature H = Yᵀ(∂²T/∂x²)Y = L Lᵀ,
+    r = L⁻¹ (g + Yᵀ ∂²T/∂x² (x − x₀)) / √2. Along Y the squares of r are then the quadratic part of
+    T, up to a constant.
+
+    Attributes:
+        skin: The skin.
+        here: Positions x₀ of the owned nodes, (n, 3), in m.
+        offsets: r at x₀, (j,).
+        directions: ∂r/∂x at the owned nodes in 1/m, (j, n, 3).
+    """
+
+    skin: Skin
+    here: Floats
+    offsets: Floats
+    directions: Floats
+
+    def along(self, positions: Floats) -> Floats:
+        """Return r, (j,), at positions of the owned nodes, (n, 3) (collective)."""
+        local = np.tensordot(self.directions, positions - self.here, axes=2)
+        return np.asarray(self.offsets + sum_over_ranks(self.skin.comm, local))
+
+
+def motion_along(
+    skin: Skin, objective: Objective, positions: Floats, moves: Sequence[Floats]
+) -> Motion | None:
+    """Return the residuals along some directions (collective).
+
+    Args:
+        skin: The sewn skin.
+        objective: T.
+        positions: x₀ at the owned nodes, (n, 3), in m.
+        moves: Directions Y at the owned nodes, each (n, 3), in any unit.
+
+    Returns:
+        None if there are no directions, or if T is not convex along them.
+    """
+    if not moves:
+        return None
+    comm, here = skin.comm, np.array(positions)
+    bent = []
+    for move in moves:
+        longest = largest(comm, float(np.abs(move).max(initial=0.0)))
+        if not longest > 0:
+            return None
+        step = DIFFERENCE * skin.pattern.size / longest
+        ahead, behind = (objective.backward(here + sign * step * move) for sign in (1, -1))
+        bent.append((ahead - behind) / (2 * step))
+    slope = objective.backward(here)
+    slopes = np.array([dot(comm, move.ravel(), slope.ravel()) for move in moves])
+    curvature = np.array([[dot(comm, a.ravel(), b.ravel()) for b in bent] for a in moves])
+    try:
+        factor = np.linalg.cholesky((curvature + curvature.T) / 2)
+    except np.linalg.LinAlgError:  # on all ranks, since the curvature is reduced
+        return None
+    inverse = np.linalg.inv(factor) / np.sqrt(2)
+    return Motion(skin, here, inverse @ slopes, np.tensordot(inverse, np.array(bent), axes=1))
