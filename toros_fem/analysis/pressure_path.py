@@ -82,9 +82,9 @@ def _continue(
     def attempt(state: Floats, fraction: float) -> Attempt:
         nonlocal last
         level = (begin + fraction * change).tolist()
-        last = solver.solve(
-            density, level, start=state, raise_on_failure=False, allow_continuation=False
-        )  # fmt: skip
+        last = solver.solve(density, level, start=state, raise_on_failure=False, trial=True)
+        if last.converged:
+            last = solver.finish(last)
         return Attempt(last.state, 1 if last.converged else -1, last.steps)
 
     done = run_continuation(
