@@ -9,6 +9,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from toros_fem._mpi import norm
+from toros_fem.equilibrium.condensation import Partition, find_partition
 from toros_fem.equilibrium.linear_solver import TangentFactor
 from toros_fem.materials import Composite
 from toros_fem.mechanics.model import SkinModel
@@ -94,3 +95,46 @@ def test_product_and_old_factors(comm: MPI.Comm, tube: Skin) -> None:
     factor.fill(2.0)
     assert np.array_equal(factor.solve(x), old)
     assert factor.count == count
+
+
+def test_without_the_direct_calls_petsc_factorises(
+    comm: MPI.Comm, tube: Skin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where CHOLMOD's header is missing, or too many unknowns lie between the parts."""
+    model = SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]))
+    model.set_density(np.full(len(tube.owned_cells), 0.5))
+    own = TangentFactor(model)
+    monkeypatch.setattr("toros_fem.equilibrium.cholmod.library", lambda comm: None)
+    other = TangentFactor(model)
+    monkeypatch.undo()
+    monkeypatch.setattr("toros_fem.equilibrium.linear_solver.LARGEST_INTERFACE", -1)
+    third = TangentFactor(model)
+    where = "one rank" if comm.size == 1 else f"{comm.size} ranks"
+    assert own.describe().startswith(f"CHOLMOD on {where}")
+    package = "CHOLMOD" if comm.size == 1 else "MUMPS"
+    assert other.describe().startswith(f"{package} through PETSc on {where}")
+    assert third.describe() == other.describe()
+    solutions = []
+    for factor in (own, other):
+        factor.assemble(model.assembled)
+        assert factor.factorise(1.0)
+        solutions.append(factor.solve(drawn(model, 2)))
+    assert norm(comm, solutions[1] - solutions[0]) < 1e-9 * norm(comm, solutions[0])
+
+
+@pytest.mark.parametrize(("text", "threads"), [("", 1), ("2", 2), ("4,2", 4), ("0", 1), ("x", 1)])
+def test_threads_are_those_that_the_user_allows(
+    text: str, threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    pattern = cylinder(MPI.COMM_SELF, 0.05, 0.02, 6e-3)
+    model = SkinModel(sew(MPI.COMM_SELF, pattern), Composite(), clamp(pattern, ["base"]))
+
+    def find(*arguments: object, threads: int) -> Partition:
+        asked.append(threads)
+        return find_partition(*arguments, threads=threads)
+
+    monkeypatch.setattr("toros_fem.equilibrium.linear_solver.find_partition", find)
+    monkeypatch.setenv("OMP_NUM_THREADS", text)
+    TangentFactor(model)
+    assert asked == [threads]

@@ -22,7 +22,7 @@ from toros_fem._types import Bools, Floats, Ints, LocalInts
 from toros_fem.equilibrium.cholmod import Cholesky, bisection, fill_reducing_order
 
 # Fewer unknowns than these are not worth a thread of their own.
-LEAST_PART = 2000
+LEAST_PART = 5000
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,10 +65,11 @@ def find_partition(
 class CondensedFactor:
     """Factors of a symmetric matrix whose rows are distributed.
 
-    With I the inner unknowns of part p and B the interface, part p factorises the principal
-    submatrix of I and B; the interface comes last, so that its corner of L holds the part's share
-    S_p = K_BB − K_BI K_II⁻¹ K_IB = L_BB L_BBᵀ. The Schur complement is ∑ S_p − (P − 1) K_BB, which
-    each rank factorises. A matrix is positive definite if and only if all of these are.
+    With I the inner unknowns of a part and B those of the interface that it touches, the part
+    factorises the principal submatrix of I and B. B comes last, so that its corner of L holds
+    L_BB L_BBᵀ = K_BB − K_BI K_II⁻¹ K_IB. The Schur complement is the interface's own matrix less
+    K_BI K_II⁻¹ K_IB of all parts; each rank factorises it. The whole matrix is positive definite
+    if and only if all of these are.
 
     Attributes:
         parts: Number of parts on all ranks.
@@ -142,26 +143,27 @@ class CondensedFactor:
         total[-1] = float(not good)
         if good and count:
             for part in self._parts:
-                square += part.schur()
+                square[np.ix_(part.place, part.place)] += part.schur()
         comm.Allreduce(MPI.IN_PLACE, total)
         if total[-1]:
             return False
         if not count:
             return True
         (row, column), source = self._corner[0].T, self._corner[1]
-        square[row, column] -= (self.parts - 1) * shared[source]
+        square[row, column] += shared[source]
         self._schur, info = lapack.dpotrf(square.T, lower=1, clean=0, overwrite_a=1)
         return bool(comm.bcast(info == 0))
 
     def solve(self, rhs: Floats) -> Floats:
         """Solve with the last factors, for and at the owned unknowns."""
         comm, count = self._comm, len(self.interface)
-        parts = self._each(lambda part: part.condense(rhs))
+        forces = self._each(lambda part: part.condense(rhs))
         at_interface: Floats = np.zeros(count)
         if count:
             local, place = self._own
             at_interface[place] = rhs[local]
-            at_interface += np.sum(parts, axis=0)
+            for part, share in zip(self._parts, forces, strict=True):
+                at_interface[part.place] += share
             at_interface = sum_over_ranks(comm, at_interface)
             at_interface = lapack.dpotrs(self._schur, at_interface, lower=1)[0]
         out = np.empty(len(rhs))
@@ -177,7 +179,10 @@ class CondensedFactor:
 
 
 class _Part:
-    """Inner unknowns of one part, with the interface behind them in reversed order.
+    """Inner unknowns of one part, with its interface behind them in reversed order.
+
+    Attributes:
+        place: Places in the interface that the part touches.
 
     Args:
         module: The compiled calls of CHOLMOD.
@@ -193,17 +198,20 @@ class _Part:
         self, module: Any, inner: Ints, at: Ints, rows: Ints, columns: Ints, source: Ints,
         zero: int, begin: int,
     ) -> None:  # fmt: skip
-        edge = np.flatnonzero(at >= 0)
-        count, size = len(edge), len(inner)
+        size = len(inner)
         number: Ints = np.full(len(at), -1, dtype=np.int64)
         number[inner] = np.arange(size)
+        # Only what the part touches of the interface.
+        touched = np.append(columns[number[rows] >= 0], rows[number[columns] >= 0])
+        edge = np.unique(touched[at[touched] >= 0])
+        self.place, count = at[edge], len(edge)
         chosen = np.flatnonzero((number[rows] >= 0) & (number[columns] >= 0))
         order = fill_reducing_order(
             module, *_lower(number[rows[chosen]], number[columns[chosen]], size)[:2]
         )
         self._inner, self._count = inner[order] - begin, count
         number[inner[order]] = np.arange(size)
-        number[edge] = size + count - 1 - at[edge]
+        number[edge] = size + np.arange(count)[::-1]
         i, j = number[rows], number[columns]
         chosen = np.flatnonzero((i >= 0) & (j >= 0) & ((i < size) | (j < size)))
         pointers, lower, place = _lower(i[chosen], j[chosen], size)
@@ -228,9 +236,15 @@ class _Part:
         return good
 
     def schur(self) -> Floats:
-        """Return the upper triangle of the part's Schur complement."""
+        """Return −K_BI K_II⁻¹ K_IB of the part, the upper triangle at its `place`."""
         product, _ = lapack.dlauum(self._corner.T, lower=1)
-        return np.asarray(product.T)
+        square = np.asarray(product.T)
+        # In the part K_BB comes last, column by column, in reversed order.
+        begin = len(self._entries) - self._count * (self._count + 1) // 2
+        for last in range(self._count - 1, -1, -1):
+            square[last::-1, last] -= self._entries[begin : begin + last + 1]
+            begin += last + 1
+        return square
 
     def condense(self, rhs: Floats) -> Floats:
         """Eliminate the inner unknowns; return the forces that this leaves on the interface."""
@@ -242,7 +256,7 @@ class _Part:
     def expand(self, at_interface: Floats, out: Floats) -> None:
         """Write the inner unknowns that follow from those of the interface."""
         x = self._x
-        x[: -self._count - 1 : -1] = self._corner.T @ at_interface
+        x[: -self._count - 1 : -1] = self._corner.T @ at_interface[self.place]
         self.factor.backward(x)
         out[self._inner] = x[: len(self._inner)]
 
@@ -271,7 +285,7 @@ def _split(module: Any, indptr: LocalInts, columns: LocalInts, threads: int) -> 
     for count in 2 ** np.arange(int(np.log2(threads))):
         for p in range(count):
             members = np.flatnonzero(part == p)
-            if len(members) < LEAST_PART:
+            if len(members) < 2 * LEAST_PART:
                 continue
             block = whole[members][:, members]
             block.sort_indices()

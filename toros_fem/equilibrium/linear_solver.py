@@ -82,7 +82,11 @@ class TangentFactor:
         self.package = wanted or "cholmod"
         module = cholmod.library(comm) if self.package == "cholmod" else None
         if module is not None:
-            partition = find_partition(comm, module, *pattern, threads=_threads())
+            threads = _threads() if comm.size == 1 else 1
+            partition = find_partition(comm, module, *pattern, threads=threads)
+            while len(partition.interface) > LARGEST_INTERFACE and threads > 1:
+                threads //= 2
+                partition = find_partition(comm, module, *pattern, threads=threads)
             if len(partition.interface) <= LARGEST_INTERFACE:
                 return CondensedFactor(comm, module, *pattern, partition)
         if not wanted and (comm.size > 1 or not has_cholmod()):
