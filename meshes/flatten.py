@@ -27,18 +27,42 @@ def unrolled(points: Floats, triangles: Ints) -> Floats:
     dual = csr_array((np.ones(len(one)), (one, two)), shape=(size, size))
     order, before = breadth_first_order(dual, 0, directed=False)
     a, b, c = np.moveaxis(points[triangles], 1, 0)
-    # Place of corner i + 2, as a complex number, if corner i is at 0 and corner i + 1 at 1.
-    ratio = np.stack([_third(a, b, c), _third(b, c, a), _third(c, a, b)], axis=1)
+    base = np.linalg.norm(b - a, axis=1)
+    # Corners of each triangle as complex numbers, the first at 0 and the second on the real axis.
+    local = np.stack([np.zeros(size), base, base * _third(a, b, c)], axis=1)
+    # Triangles are turned as rigid pieces: scaled onto the edge before, rounding would grow
+    # exponentially on fine meshes.
+    turn = np.ones(size, dtype=complex)
     place = np.full(len(points), np.nan, dtype=complex)
-    first = triangles[order[0]]
-    place[first[0]], place[first[1]] = 0, np.linalg.norm(b[order[0]] - a[order[0]])
-    place[first[2]] = place[first[1]] * ratio[order[0], 0]
-    for t in order[1:]:
-        side = int(np.argmax(np.isin(edges.of_triangle[t], edges.of_triangle[before[t]])))
-        i, j, k = (triangles[t, (side + shift) % 3] for shift in range(3))
-        if np.isnan(place[k]):
-            place[k] = place[i] + (place[j] - place[i]) * ratio[t, side]
+    place[triangles[order[0]]] = local[order[0]]
+    for level in _levels(order, before):
+        parent = before[level]
+        shared = edges.of_triangle[level][:, :, None] == edges.of_triangle[parent][:, None]
+        side, other = np.argmax(shared.any(axis=2), axis=1), np.argmax(shared.any(axis=1), axis=1)
+        i, j, k = ((side + shift) % 3 for shift in range(3))
+        along = local[parent, other] - local[parent, (other + 1) % 3]
+        angle = np.angle(turn[parent] * along / (local[level, j] - local[level, i]))
+        turn[level] = np.exp(1j * angle)
+        # The first triangle that reaches a vertex places it.
+        vertex, new = np.unique(triangles[level, k], return_index=True)
+        vertex, new = vertex[np.isnan(place[vertex])], new[np.isnan(place[vertex])]
+        t, i, j, k = level[new], i[new], j[new], k[new]
+        middle = (place[triangles[t, i]] + place[triangles[t, j]]) / 2
+        place[vertex] = middle + turn[t] * (local[t, k] - (local[t, i] + local[t, j]) / 2)
     return np.column_stack([place.real, place.imag])
+
+
+def _levels(order: Ints, before: Ints) -> list[Ints]:
+    """Return the triangles of a breadth-first order by their distance from the first, from 1."""
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    # Ranks of the triangles before ascend, so each level ends where its own triangles are before.
+    parent = rank[before[order[1:]]]
+    levels, begin, end = [], 0, 1
+    while end < len(order):
+        begin, end = end, 1 + int(np.searchsorted(parent, end))
+        levels.append(order[begin:end])
+    return levels
 
 
 def _third(a: Floats, b: Floats, c: Floats) -> np.ndarray:

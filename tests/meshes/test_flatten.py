@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from helpers import surfaces
 
-from toros_fem.meshes.flatten import abf_angles, conformal
-from toros_fem.meshes.topology import corner_angles
+from toros_fem.meshes.cut import cut_open
+from toros_fem.meshes.flatten import abf_angles, closure_error, conformal, unrolled
+from toros_fem.meshes.topology import corner_angles, edges_of
 
 
 @pytest.mark.parametrize("method", ["abf", "lscm"])
@@ -41,3 +42,15 @@ def test_abf_meets_its_constraints() -> None:
     assert around == pytest.approx(2 * np.pi, abs=1e-11)
     laid = corner_angles(conformal(triangles, found), triangles)
     assert laid == pytest.approx(found, abs=1e-9), "wheels close, so that it can be laid out"
+
+
+def test_fine_tube_unrolls_to_rounding() -> None:
+    """Rounding must not grow from triangle to triangle: here it would by 16 orders."""
+    surface = surfaces.prism(around=80, rows=60, radius=0.01, length=0.1)
+    edges = edges_of(surface.triangles)
+    seam = np.abs(surface.points[:, 1]) + np.maximum(0, -surface.points[:, 0]) < 1e-9
+    cut = cut_open(surface.triangles, edges, seam[edges.ends].all(axis=1))
+    points = surface.points[cut.sewn]
+    flat = unrolled(points, cut.triangles)
+    assert closure_error(points, flat, cut.triangles) < 1e-12
+    assert np.ptp(flat, axis=0).max() > 0.1
