@@ -65,7 +65,8 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="file for the rows")
     options = parser.parse_args()
     require_count(1, seeds=options.seeds)
-    config = coarse_tube(bend.BendConfig()) if options.coarse else bend.BendConfig()
+    whole = bend.BendConfig(whole=True)
+    config = coarse_tube(whole) if options.coarse else whole
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(options.seeds):
