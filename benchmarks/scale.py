@@ -141,6 +141,7 @@ def _design_step(problem: Any, config: Any) -> dict[str, float]:
     """Return the seconds of each phase, the fastest of some rounds."""
     from petsc4py import PETSc
 
+    from toros_fem.design.options import DesignOptions
     from toros_fem.design.variables import Variables
     from toros_fem.mechanics.load_case import LoadCase
     from toros_fem.mma.optimizer import MMA
@@ -157,8 +158,9 @@ def _design_step(problem: Any, config: Any) -> dict[str, float]:
     gradient = rng.standard_normal(len(density))
     right = rng.standard_normal(model.size_local) * model.free
 
-    variables = Variables(problem, config.options)
-    mma = MMA(*variables.bounds, constraints=2, options=config.options.mma, move=variables.move)
+    options = DesignOptions()
+    variables = Variables(problem, options)
+    mma = MMA(*variables.bounds, constraints=2, options=options.mma, move=variables.move)
     x = variables.vector(density, problem.pressures)
     slopes: list[PETSc.Vec] = [variables.vector(rng.standard_normal(len(density))) for _ in "fgh"]
 

@@ -45,7 +45,7 @@ def test_abf_meets_its_constraints() -> None:
 
 
 def test_fine_tube_unrolls_to_rounding() -> None:
-    """Rounding must not grow from triangle to triangle: here it would by 16 orders."""
+    """Rounding must not grow from triangle to triangle: here it grew by 12 orders."""
     surface = surfaces.prism(around=80, rows=60, radius=0.01, length=0.1)
     edges = edges_of(surface.triangles)
     seam = np.abs(surface.points[:, 1]) + np.maximum(0, -surface.points[:, 0]) < 1e-9

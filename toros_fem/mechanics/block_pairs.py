@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
 from toros_fem._types import Bools, Ints, LocalInts
@@ -42,7 +44,7 @@ class BlockPairs:
         # Blocks are numbered in the order of their global unknowns.
         begin = np.unique(dofs[:, first])
         begin = begin[np.argsort(number[begin])]
-        block_of = np.zeros(len(local), dtype=np.int64)
+        block_of = np.zeros(len(local), dtype=np.int32)
         block_of[begin] = np.arange(len(begin))
         blocks = block_of[dofs[:, first]]
         free = np.zeros((len(begin), 3), dtype=bool)
@@ -52,7 +54,7 @@ class BlockPairs:
         one, two = blocks[:, u], blocks[:, v]
         seen = present[:, first]
         seen_both = seen[:, u] & seen[:, v]
-        pairs = np.minimum(one, two) * len(begin) + np.maximum(one, two)
+        pairs = np.minimum(one, two) * np.int64(len(begin)) + np.maximum(one, two)
         pairs[~seen_both] = len(begin) ** 2  # after all others
         known, pair = np.unique(pairs, return_inverse=True)
         known = known[: np.searchsorted(known, len(begin) ** 2)]
@@ -66,10 +68,10 @@ class BlockPairs:
         used[diagonal] &= np.triu(np.ones((3, 3), dtype=bool))
         slots, count = _ranks(used, low, len(begin))
         slots[~used] = count
-        rows = number[begin[low]][:, None, None] + np.arange(3)[:, None]
-        columns = number[begin[high]][:, None, None] + np.arange(3)
         keys: Ints = np.empty(count + 1, dtype=np.int64)
-        keys[slots] = rows * index_map.size_global + columns
+        corner = number[begin[low]] * index_map.size_global + number[begin[high]]
+        for k, m in product(range(3), repeat=2):
+            keys[slots[:, k, m]] = corner + k * index_map.size_global + m
         self.keys = keys[:count]
         # Both halves of a block on the diagonal lead to its upper one.
         upper = slots[diagonal]
@@ -90,7 +92,7 @@ class BlockPairs:
         meeting, entry = np.nonzero(again)
         self.twice: Ints = self._row[met[meeting]].astype(np.int64) * len(i) + entry
 
-    def places(self, of_key: Ints) -> Ints:
+    def places(self, of_key: Ints) -> LocalInts:
         """Return the place of each number of the triangles, (count,).
 
         Args:
@@ -101,7 +103,7 @@ class BlockPairs:
         table[: len(slots)] = of_key[slots]
         table[len(slots) : -1] = table[: len(slots)].transpose(0, 2, 1)
         table[-1] = of_key[-1]
-        out = np.empty((len(self._row), len(self._slot_of)), dtype=np.int64)
+        out = np.empty((len(self._row), len(self._slot_of)), dtype=np.int32)
         for begin in range(0, len(out), CHUNK):
             part = slice(begin, begin + CHUNK)
             seen = table[self._pair[part]].reshape(-1, 9 * self._pair.shape[1])

@@ -64,8 +64,9 @@ class UpperTangent:
         final[end:] -= end - begin
         final[begin:end] = own_place
         places = np.append(
-            blocks.places(final[np.append(place, -1)]), final[np.searchsorted(entry, keys)]
-        ).astype(np.int32)
+            blocks.places(final[np.append(place, -1)]),
+            final[np.searchsorted(entry, keys)].astype(np.int32),
+        )
         # Where a patch meets one vertex twice, (i, j) and (j, i) coincide and count 2.
         self._twice = blocks.twice
         if self.periodic is not None:
