@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
 
 from toros_fem._types import Floats
 from toros_fem._validate import require_count
@@ -124,8 +127,9 @@ def optimize_levels(
     del problem
     for level, rules in enumerate(options[1:], 1):
         begin = time.perf_counter()
-        design = gathered(result)
+        design, comm = gathered(result), result.problem.comm
         del result
+        _free(comm)
         problem = _following(remaining, level, len(options))
         warm = design.start(problem)
         spent = warm.seconds.get(SETUP, 0.0) + time.perf_counter() - begin
@@ -152,6 +156,15 @@ def refinements(design: ShapeDesign, levels: int) -> Iterator[ShapeDesign]:
     for _ in range(levels - 1):
         design = design.refined()
         yield design
+
+
+def _free(comm: MPI.Comm) -> None:
+    """Free a problem that is used no more (collective).
+
+    PETSc keeps distributed objects until all ranks have dropped them and meet here.
+    """
+    gc.collect()
+    PETSc.garbage_cleanup(comm)
 
 
 def _following(problems: Iterable[DesignProblem], level: int, levels: int) -> DesignProblem:

@@ -42,7 +42,7 @@ class Weight:
 
 
 def refined_force(finer: Refinement, pattern: Pattern, force: Floats) -> Floats:
-    """Return dead forces in N on a refined pattern, (n, 3), with the same resultant.
+    """Return dead forces in N on a refined pattern, (n, 3), with the same total.
 
     Force per area is interpolated.
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._types import Floats
 from toros_fem.density.projection import Projection
+from toros_fem.design.levels import gathered
 from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Stage
 from toros_fem.design.warm_start import WarmStart
@@ -77,16 +77,15 @@ def design_tile(
     options = replace(rules, stages=(longer,))
     drafts = [optimize(problem, options, callback=callback, after=one) for one in finalists]
     drafts.sort(key=lambda one: _rated(problem, coarse.tile, rules, one)[0])
-    densities = [problem.skin.gather_cells(one.density) for one in drafts]
-    nearest, _ = coarse.tile.nearest(case.tile.pattern.centroids)
+    designs = [gathered(draft) for draft in drafts]
+    del drafts, finalists
     problem = tile_problem(batch, case, c, log)
-    owned = nearest[problem.skin.owned_cells]
     simulation = PrintSimulation(batch, case, c)
     found: list[TileResult] = []
     failure: NoEquilibriumError | None = None
-    for draft, density in zip(drafts, densities, strict=True):
+    for design in designs:
         try:
-            result = _finished(problem, draft, density[owned], c, rules, simulation, callback)
+            result = _finished(problem, design.start(problem), c, rules, simulation, callback)
         except NoEquilibriumError as caught:  # raised by all ranks or by none
             failure = caught
             continue
@@ -111,8 +110,7 @@ def _rules(case: TileCase, config: TileConfig) -> DesignOptions:
 
 def _finished(
     problem: TileProblem,
-    draft: DesignResult,
-    density: Floats,
+    draft: WarmStart,
     config: TileConfig,
     rules: DesignOptions,
     simulation: PrintSimulation,
@@ -123,8 +121,7 @@ def _finished(
     last = tuple(
         Stage(c.finish_iterations, k * c.beta, constrained=c.constrained) for k in FINAL_BETAS
     )
-    start = WarmStart(density, history=draft.history, seconds=draft.seconds, level=1)
-    result = optimize(problem, replace(rules, stages=last), callback=callback, after=start)
+    result = optimize(problem, replace(rules, stages=last), callback=callback, after=draft)
     problem = problem.with_projection(Projection(FINAL_BETAS[-1] * c.beta, c.eta))
     found = simulation.simulate(problem, result)
     if target is None:
