@@ -14,7 +14,7 @@ from toros_fem.output.console import ProgressBar, header, line, print_line, prin
 
 def row(metrics: dict[str, float]) -> Iteration:
     values: dict[str, Any] = {name: 0 for name in Iteration.__dataclass_fields__}
-    values |= {"iteration": 7, "stage": 1, "objective": 1.5e-3, "pressure": 5e3}
+    values |= {"iteration": 7, "level": 2, "stage": 1, "objective": 1.5e-3, "pressure": 5e3}
     values |= {"g_r": 1e-5, "rejected": 2, "newton_steps": 31, "seconds": 1.25}
     return Iteration(**{**values, "metrics": metrics})
 
@@ -31,9 +31,10 @@ class Terminal(io.StringIO):
 )
 def test_line_has_a_value_for_each_title(metrics: dict[str, float]) -> None:
     titles, values = header(row(metrics)), line(row(metrics))
-    assert len(titles.split()) == len(values.split()) == 11 + len(metrics)
+    assert len(titles.split()) == len(values.split()) == 12 + len(metrics)
     found = dict(zip(titles.split(), values.split(), strict=True))
     assert found["it"] == "7"
+    assert found["level"] == "2"
     assert found["stage"] == "1"
     assert found["kPa"] == "5.000"
     assert found["rejected"] == "2"

@@ -1,6 +1,7 @@
 """Each picture is made, and shows what it is given at the right place."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -169,13 +170,15 @@ def test_curves(tmp_path: Path) -> None:
     metric = Metric("angle", "deg", 90.0, lambda _, __: 0.0)
     numbers = {name: 1.0 for name in Iteration.__dataclass_fields__}
     history = [
-        Iteration(**{**numbers, "iteration": k, "metrics": {"angle_deg": 9.0 * k}})  # type: ignore[arg-type]
+        Iteration(**{**numbers, "iteration": k, "level": 0, "metrics": {"angle_deg": 9.0 * k}})  # type: ignore[arg-type]
         for k in range(5)
     ]
+    finer = [replace(row, level=row.iteration // 3) for row in history]
     rows = [{"pressure_pa": 1e3 * k, "angle_deg": 8.0 * k} for k in range(5)]
     feet = np.random.default_rng(0).random((7, 4, 3))
     makers: dict[str, Callable[[Path], None]] = {
         "convergence": lambda path: plot_convergence(path, history, [metric]),
+        "two levels": lambda path: plot_convergence(path, finer, [metric]),
         "path": lambda path: plot_pressure_path(path, rows, [metric]),
         "tracks": lambda path: plot_tracks(path, feet, 3),
     }
@@ -184,6 +187,8 @@ def test_curves(tmp_path: Path) -> None:
         image = pixels(tmp_path / f"{name}.png")
         assert 0.005 < (image < 0.9).any(axis=2).mean() < 0.5, name
         assert image.var() > 1e-3
+    one, two = (pixels(tmp_path / f"{name}.png") for name in ("convergence", "two levels"))
+    assert (two < 0.5).sum() > (one < 0.5).sum(), "the finer mesh is marked"
 
 
 def test_unwrapped_surface(comm: MPI.Comm, tmp_path: Path) -> None:

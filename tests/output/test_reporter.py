@@ -15,7 +15,14 @@ from toros_fem.errors import OutputError
 from toros_fem.output.reporter import DesignReporter
 
 NUMBERS: dict[str, Any] = {name: 1.0 for name in Iteration.__dataclass_fields__}
-NUMBERS |= {"iteration": 0, "stage": 0, "rejected": 0, "newton_steps": 3, "seconds": 0.0}
+NUMBERS |= {
+    "iteration": 0,
+    "level": 0,
+    "stage": 0,
+    "rejected": 0,
+    "newton_steps": 3,
+    "seconds": 0.0,
+}
 ROW = Iteration(**{**NUMBERS, "metrics": {"a_mm": 2.0}})
 EVALUATION: Any = None  # the reporter needs the row alone
 

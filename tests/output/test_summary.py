@@ -9,7 +9,7 @@ from mpi4py import MPI
 from toros_fem.design.config import DesignConfig
 from toros_fem.design.loop import DesignResult
 from toros_fem.fabrication.as_printed import PrintedDesign
-from toros_fem.output.summary import design_summary, shape_problem
+from toros_fem.output.summary import design_summary, level_figures, shape_problem
 
 
 def test_figures_are_those_of_the_print(
@@ -34,6 +34,20 @@ def test_figures_are_those_of_the_print(
     assert summary["dropped"]["islands"] == len(printed.cleaned.dropped)
     assert summary["ranks"] == comm.size
     assert summary["parts_by_symmetry"] == 1
+
+
+def test_levels_have_figures_of_their_own(result: DesignResult) -> None:
+    first, *rest = result.history
+    history = [first, *(dataclasses.replace(row, level=1) for row in rest)]
+    coarse, fine = level_figures(history)
+    assert coarse["iterations"] == 0
+    assert fine["iterations"] == rest[-1].iteration - rest[0].iteration
+    assert coarse["objective_last"] == coarse["objective_first"] == first.objective
+    assert fine["objective_last"] == rest[-1].objective
+    for name in ("newton_steps", "factorisations", "rejected", "seconds"):
+        whole = sum(getattr(row, name) for row in history)
+        assert coarse[name] + fine[name] == pytest.approx(whole, rel=1e-12)
+    assert len(level_figures(result.history)) == 1
 
 
 def test_summary_is_equal_on_all_ranks_and_changes_nothing(

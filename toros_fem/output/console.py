@@ -36,8 +36,8 @@ def header(row: Iteration) -> str:
     titles = [_title(key) for key in row.metrics]
     metrics = "".join(f"  {t:>{_width(t) - 2}}" for t in titles)
     return (
-        f"  it  stage   objective{metrics}  kPa     volume   grey   g_r      g_t     rejected"
-        "  newton  seconds"
+        f"  it  level  stage   objective{metrics}  kPa     volume   grey   g_r"
+        "      g_t     rejected  newton  seconds"
     )
 
 
@@ -45,7 +45,7 @@ def line(row: Iteration) -> str:
     """Return a row of the history as a line of text."""
     metrics = "".join(f"{value:{_width(_title(key))}.2f}" for key, value in row.metrics.items())
     return (
-        f"{row.iteration:4d}  {row.stage:5d}  {row.objective:10.4e}{metrics}"
+        f"{row.iteration:4d}  {row.level:5d}  {row.stage:5d}  {row.objective:10.4e}{metrics}"
         f"  {row.pressure / 1e3:6.3f}  {row.volume_fraction:6.3f}  {row.grey_level:5.3f}"
         f"  {row.g_r:7.1e}  {row.g_t:7.1e}  {row.rejected:8d}  {row.newton_steps:6d}"
         f"  {row.seconds:7.2f}"

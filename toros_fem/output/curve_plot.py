@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -15,6 +16,8 @@ from toros_fem.output.drawing import DPI, PRINTED
 
 def plot_convergence(path: Path, history: Sequence[Iteration], metrics: Sequence[Metric]) -> None:
     """Write a picture of objective, metrics and grey level over the iterations.
+
+    A line marks where the next mesh begins.
 
     Args:
         path: PNG file to write.
@@ -39,8 +42,20 @@ def plot_convergence(path: Path, history: Sequence[Iteration], metrics: Sequence
     bottom.legend(frameon=False)
     bottom.set_xlabel("iteration")
     bottom.xaxis.get_major_locator().set_params(integer=True)
+    meshes = [b.iteration for a, b in pairwise(history) if b.level != a.level]
     for axis in (top, *middle, bottom):
         axis.grid(alpha=0.3)
+        for begin in meshes:
+            axis.axvline(begin, color="0.3", linestyle=":")
+    for begin in meshes:
+        top.annotate(
+            "finer mesh",
+            (begin, 1),
+            (3, -12),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            fontsize=8,
+        )
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
 

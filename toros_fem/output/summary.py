@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from toros_fem.config import Config
 from toros_fem.design.loop import DesignResult
+from toros_fem.design.options import Iteration
 from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.errors import ParameterError
 from toros_fem.fabrication.as_printed import PrintedDesign
@@ -27,6 +28,25 @@ def shape_problem(result: DesignResult) -> ShapeProblem:
             "has these files. For a tile use toros_fem.tiles."
         )
     return result.problem
+
+
+def level_figures(history: Sequence[Iteration]) -> list[dict[str, float]]:
+    """Return steps, cost and last objective on each mesh, the coarsest first."""
+    figures = []
+    for level in sorted({row.level for row in history}):
+        rows = [row for row in history if row.level == level]
+        figures.append(
+            {
+                "iterations": rows[-1].iteration - rows[0].iteration,
+                "objective_first": rows[0].objective,
+                "objective_last": rows[-1].objective,
+                "rejected": sum(row.rejected for row in rows),
+                "newton_steps": sum(row.newton_steps for row in rows),
+                "factorisations": sum(row.factorisations for row in rows),
+                "seconds": sum(row.seconds for row in rows),
+            }
+        )
+    return figures
 
 
 def design_summary(
@@ -91,6 +111,7 @@ def design_summary(
             "before": printed.before.summary(),
         },
         "iterations": last.iteration,
+        "levels": level_figures(result.history),
         "rejected": sum(row.rejected for row in result.history),
         "newton_steps": sum(row.newton_steps for row in result.history),
         "factorisations": sum(row.factorisations for row in result.history),
