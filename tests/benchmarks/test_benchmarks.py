@@ -65,13 +65,14 @@ def test_stability_of_one_scene(tmp_path: Path, scene: str) -> None:
 @ALONE
 def test_cost_of_a_newton_step(tmp_path: Path) -> None:
     rows, printed = written(tmp_path, "newton_cost.py", "--triangles", "1000", "--rounds", "1")
-    assert [(row["bending"], row["ranks"]) for row in rows] == [
-        (True, 1), (True, 2), (False, 1), (False, 2),
-    ]  # fmt: skip
+    cases = [(1, 1), (1, 2), (2, 1)]
+    assert [(row["bending"], row["ranks"], row["threads"]) for row in rows] == [
+        (bending, *case) for bending in (True, False) for case in cases
+    ]
     for row in rows:
         assert set(row) == {
-            "triangles", "dofs", "ranks", "bending", "assembly_s", "force_s", "factor_s",
-            "solve_s", "step_s", "bare_factor_solve_s", "step_ratio", "assembly_ratio",
+            "triangles", "dofs", "ranks", "threads", "bending", "assembly_s", "force_s",
+            "factor_s", "solve_s", "step_s", "bare_factor_solve_s", "step_ratio", "assembly_ratio",
         }  # fmt: skip
         assert 800 < row["triangles"] < 1200
         # Positions of the vertices; with bending a rotation of each edge too.
