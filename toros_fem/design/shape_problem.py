@@ -22,6 +22,7 @@ from toros_fem.design.motion import motion_along
 from toros_fem.design.problem import Bounds, DesignProblem, Evaluation, Pressure
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import DensityError, ParameterError
+from toros_fem.mechanics.feasible import relaxed_into_bounds
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 from toros_fem.objectives.metrics import Metric
@@ -145,14 +146,14 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         return self.skin.gather_vertices(response.positions)
 
     def state_at(self, positions: Floats) -> Floats | None:
-        """Return positions of the owned nodes, from those of all vertices (collective).
+        """Return positions of the owned nodes, from those of all vertices.
 
-        None if they leave the stretch bounds, so that no energy exists there.
+        Where they leave the stretch bounds they are relaxed; None if that does not help.
         """
-        model, state = self.solver.model, self.solver.model.assembled
-        owned = positions[self.skin.owned_vertices]
-        model.positions(state)[:] = owned
-        return owned if model.bounds.worst(model.corners(state)) < 1 else None
+        model, pattern = self.solver.model, self.skin.pattern
+        fixed = model.supports.fixed
+        found = relaxed_into_bounds(pattern, model.composite, fixed, positions)
+        return None if found is None else found[self.skin.owned_vertices]
 
     def start_density(self, seed: int) -> Floats:
         """Return `start` with noise added, or noise around 0.5, at owned triangles.

@@ -56,9 +56,13 @@ class StretchBounds:
 
     def worst(self, corners: Floats) -> float:
         """Return the largest fraction of the bounds that any triangle uses: < 1 means feasible."""
-        use = self._use(self.gradient(corners))
+        use = self.use(corners)
         # A NaN must count as outside, and `max` would let it through on some ranks only.
         return largest(self._comm, np.max(np.where(np.isfinite(use), use, np.inf), initial=0.0))
+
+    def use(self, corners: Floats) -> Floats:
+        """Return the fraction of the bounds that each triangle uses."""
+        return self._use(self.gradient(corners))
 
     def largest_step(self, corners: Floats, direction: Floats, fraction: float) -> float:
         """Return a factor ≤ 1 on a step that keeps every triangle inside the bounds, 1 if possible.
