@@ -1,11 +1,12 @@
 """Your own mesh from an STL file to a print: fixed region, target, design, results.
 
     python demos/own_design.py
-    python demos/own_design.py --file my.stl --scale 1e-3 --angle 60
+    python demos/own_design.py --file my.stl --scale 1e-3 --angle 60 --levels 2
 
 The default file is a finger with an elliptic section, 90 mm high, in millimetres. The script reads
 it, cuts it into flat panels, fixes the part below a height, prints the flat end caps all over, and
-designs the rest so that the finger bends towards +x. The results lie in `output/own_design/`. Copy
+designs the rest so that the finger bends towards +x. With `--levels 2` the design goes on for a few
+steps on a mesh of half the edge length. The results lie in `output/own_design/`. Copy
 this script and change what differs in your case: every step is one call.
 """
 
@@ -35,9 +36,15 @@ class OwnDesignConfig(Config):
     fixed_height: float = quantity(4e-3, "the skin is fixed below this height", "m", at_least=0)
     pressure: float = quantity(8e3, "first guess of the pressure", "Pa", above=0)
     pressure_max: float = quantity(20e3, "largest pressure", "Pa", above=0)
-    filter_radius: float = quantity(3.9e-3, "radius R of the filter", "m", above=0)
+    filter_radius: float = quantity(
+        3.9e-3, "radius R of the filter on the file's mesh", "m", above=0
+    )
+    levels: int = quantity(
+        1, "number of meshes: the file's own, then each triangle divided into four", at_least=1
+    )
     iterations: int = quantity(30, "design steps before the width constraints act", at_least=1)
     constrained_iterations: int = quantity(20, "design steps with them", at_least=1)
+    level_iterations: int = quantity(10, "design steps on each further mesh", at_least=1)
     island_area: float = quantity(
         50e-6, "free islands smaller than this are not printed", "m²", at_least=0
     )
@@ -74,7 +81,7 @@ def run(
         for name in pattern.panel_names
         if np.ptp(pattern.points[pattern.vertices_of(name), 2]) < 1e-3 * (high - low)
     ]
-    problem = tf.ShapeDesign(
+    design = tf.ShapeDesign(
         comm,
         pattern,
         target=lambda x: bend(x - [0, 0, low]) + [0, 0, low],
@@ -85,12 +92,15 @@ def run(
         filter_radius=c.filter_radius,
         log=(lambda step: print(step, flush=True)) if verbose and comm.rank == 0 else None,
     )
-    stages = [tf.Stage(c.iterations), tf.Stage(c.constrained_iterations, constrained=True)]
-    reporter.expect(c.iterations + c.constrained_iterations)
+    stages = (tf.Stage(c.iterations), tf.Stage(c.constrained_iterations, constrained=True))
+    finer = tf.DesignOptions((tf.Stage(c.level_iterations, constrained=True),), pressure_move=0.02)
+    options = [tf.DesignOptions(stages), *[finer] * (c.levels - 1)]
+    reporter.expect(sum(level.iterations for level in options))
     with reporter:
-        result = tf.optimize(problem, stages, seed=c.seed, callback=reporter)
+        problems = tf.refinements(design, c.levels)
+        result = tf.optimize_levels(problems, options, seed=c.seed, callback=reporter)
     limits = tf.PrintLimits(width=0.6e-3, gap=0.6e-3)
-    printed = tf.as_printed(problem, result, limits, island_area=c.island_area)
+    printed = tf.as_printed(result.problem, result, limits, island_area=c.island_area)
     return tf.write_results(output, result, printed, config=c, seconds=reporter.seconds)
 
 

@@ -20,6 +20,7 @@ from toros_fem.density.filters import make_filter
 from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.density.perimeter import Perimeter
 from toros_fem.density.projection import Projection
+from toros_fem.design.levels import optimize_levels, refinements
 from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Stage
 from toros_fem.design.shape_design import ShapeDesign
@@ -97,8 +98,10 @@ __all__ = [
     "make_filter",
     "meshes",
     "optimize",
+    "optimize_levels",
     "pin",
     "random_density",
+    "refinements",
     "sew",
     "shortening",
     "spread_force",

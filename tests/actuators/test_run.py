@@ -1,5 +1,6 @@
 """A design run: polishing, prints and refined meshes without equilibrium, the closing sentence."""
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -123,6 +124,37 @@ def test_a_reporter_made_earlier_counts_the_set_up(
     assert made.summary["inputs"] == SHORT.as_dict()
     assert 0 < made.summary["seconds"]["setup"] < made.summary["seconds"]["total"]
     assert made.result.history[-1].metrics["angle_deg"] == made.summary["design"]["angle_deg"]
+
+
+@pytest.mark.slow
+def test_levels(comm: MPI.Comm, tmp_path: Path) -> None:
+    """The scene is built anew on each mesh; files and figures are those of the finest."""
+    folder, seen = shared(comm, tmp_path), []
+
+    def case(comm: MPI.Comm, config: TubeConfig) -> ActuatorCase:
+        seen.append((config.edge_length, config.filter_radius, config.levels))
+        target = bend(np.radians(45), 0.08, neutral=0.01)
+        return tube_case(comm, config, target, [bend_metric(45.0)])
+
+    config = SHORT.updated(
+        edge_length=3.4e-3, filter_radius=5.2e-3, diameter=0.04, levels=2, iterations=4,
+        constrained_iterations=2, level_iterations=2,
+    )  # fmt: skip
+    made = design_actuator(comm, folder, case, config)
+    assert seen == [(6.8e-3, 10.4e-3, 1), (3.4e-3, 5.2e-3, 1)]
+    summary, history = made.summary, made.result.history
+    assert [level["iterations"] for level in summary["levels"]] == [6, 2]
+    assert summary["iterations"] == 8
+    assert summary["triangles"] == len(made.problem.skin.pattern.panel)
+    assert made.problem.filter.radius == 5.2e-3
+    assert summary["inputs"] == config.as_dict()
+    assert [row.stage for row in history if row.level == 1] == [2, 2, 2]
+    coarse = [row.objective for row in history if row.level == 0]
+    assert history[-1].objective < 0.1 * coarse[0]
+    comm.barrier()
+    with (folder / "history.csv").open(encoding="utf-8") as file:
+        levels = [row["level"] for row in csv.DictReader(file)]
+    assert levels == [str(row.level) for row in history]
 
 
 def test_sentence() -> None:

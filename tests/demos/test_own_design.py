@@ -51,5 +51,10 @@ def test_another_file_in_another_place(comm: MPI.Comm, tmp_path: Path) -> None:
     config = replace(SHORT, scale=1.0, filter_radius=7.5e-3, iterations=2, constrained_iterations=1)
     summary = run(comm, folder / "out", config, file=folder / "tube.stl")
     assert summary["objective_last"] < summary["objective_first"]
+    two = replace(config, levels=2, level_iterations=1)
+    finer = run(comm, folder / "finer", two, file=folder / "tube.stl")
+    assert finer["triangles"] == 4 * summary["triangles"]
+    assert [level["iterations"] for level in finer["levels"]] == [3, 1]
+    assert finer["levels"][0]["objective_last"] == pytest.approx(summary["objective_last"])
     with pytest.raises(errors.SurfaceError, match="nothing.stl"):
         run(comm, folder / "out", config, file=folder / "nothing.stl")

@@ -60,7 +60,7 @@ class TubeConfig(TubeSizes, ActuatorConfig):
     @property
     def coarsest_edge(self) -> float:
         """Longest edge length in m of a useful mesh: eighteen edges around."""
-        return float(min(np.pi * self.diameter, self.length) / LEAST_AROUND)
+        return float(np.pi * self.diameter / LEAST_AROUND)
 
     tip_weight: float = quantity(
         1.0, "weight of the tip's position over that of all the rest", at_least=0

@@ -1,6 +1,7 @@
 """The design problem, its gradient and the loop that solves it, eqs. (11-19)."""
 
 from toros_fem.design.config import DesignConfig
+from toros_fem.design.levels import optimize_levels, refinements
 from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Iteration, Stage
 from toros_fem.design.problem import DesignProblem, Evaluation
@@ -18,4 +19,6 @@ __all__ = [
     "ShapeProblem",
     "Stage",
     "optimize",
+    "optimize_levels",
+    "refinements",
 ]
