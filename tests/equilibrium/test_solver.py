@@ -152,6 +152,43 @@ def test_flat_pillow_inflates(comm: MPI.Comm, seams: str) -> None:
     assert np.linalg.eigvalsh(dense_tangent(solver.model, result.state))[0] > 0
 
 
+def test_a_trial_is_completed(tube: Skin, comm: MPI.Comm) -> None:
+    """A trial costs no factorisation at its end; completed, it is the equilibrium."""
+    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    density = fabric(tube) + 0.3
+    base = solver.solve(density, 2e3)
+    changed = density + np.where(tube.owned_cells % 2, 0.02, -0.02)
+    trial = solver.solve(changed, 2.02e3, start=base.state, trial=True)
+    assert trial.converged
+    assert trial.residual <= 1e-6
+    with pytest.raises(errors.ParameterError, match="tangent is that of another state"):
+        solver.solve_tangent(trial.state, trial)
+    found = solver.finish(trial)
+    assert found.residual <= 1e-10
+    assert found.factorisations >= 1
+    assert solver.finish(found) is found
+    solver.solve_tangent(found.state, found)
+    direct = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    exact = direct.solve(changed, 2.02e3).state
+    assert norm(comm, found.state - exact) < 1e-8 * norm(comm, exact)
+    # Rejected trials do not take away the design that the next one starts from.
+    again = solver.solve(density, 2e3, start=base.state, trial=True)
+    assert again.converged
+    assert again.history[0].residual < 1e-9, "the start is that design's own equilibrium"
+    for _ in range(2):
+        solver.solve(density + 0.01, 2e3)
+    with pytest.raises(errors.ParameterError, match=r"not known any more.* Solve for it again"):
+        solver.finish(trial)
+
+
+def test_a_trial_that_fails_is_not_continued(tube: Skin) -> None:
+    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    with pytest.raises(EquilibriumError) as caught:
+        solver.solve(fabric(tube), 1e9, trial=True)
+    assert caught.value.result.load_factor == 0
+    assert len(caught.value.result.history) <= 60
+
+
 @pytest.mark.slow
 def test_nothing_remains_of_a_failed_solve(tube: Skin, comm: MPI.Comm) -> None:
     density = fabric(tube)

@@ -44,7 +44,7 @@ class Motion:
 
     def along(self, positions: Floats) -> Floats:
         """Return r, (j,), at positions of the owned nodes, (n, 3) (collective)."""
-        local = np.tensordot(self.directions, positions - self.here, axes=2)
+        local: Floats = np.einsum("jnk,nk->j", self.directions, positions - self.here)
         return np.asarray(self.offsets + sum_over_ranks(self.skin.comm, local))
 
 
@@ -64,7 +64,8 @@ def motion_along(
     """
     if not moves:
         return None
-    comm, here = skin.comm, np.array(positions)
+    comm = skin.comm
+    here: Floats = np.array(positions)
     bent = []
     for move in moves:
         longest = largest(comm, float(np.abs(move).max(initial=0.0)))
@@ -72,7 +73,7 @@ def motion_along(
             return None
         step = DIFFERENCE * skin.pattern.size / longest
         ahead, behind = (objective.backward(here + sign * step * move) for sign in (1, -1))
-        bent.append((ahead - behind) / (2 * step))
+        bent.append(np.asarray((ahead - behind) / (2 * step)))
     slope = objective.backward(here)
     slopes = np.array([dot(comm, move.ravel(), slope.ravel()) for move in moves])
     curvature = np.array([[dot(comm, a.ravel(), b.ravel()) for b in bent] for a in moves])

@@ -37,7 +37,8 @@ def relaxed_into_bounds(
     """
     triangles, points = pattern.triangles, pattern.corners
     chart = np.stack([points[:, 1] - points[:, 0], points[:, 2] - points[:, 0]], axis=2)
-    bounds = StretchBounds(MPI.COMM_SELF, np.linalg.inv(chart), composite.c1, composite.c2)
+    inverse = np.asarray(np.linalg.inv(chart), dtype=np.float64)
+    bounds = StretchBounds(MPI.COMM_SELF, inverse, composite.c1, composite.c2)
     found, laplacian = np.array(positions), None
     for rings in range(1, ROUNDS + 1):
         use = bounds.use(found[triangles])
