@@ -179,15 +179,20 @@ def library(comm: MPI.Comm) -> Any | None:
 @cache
 def _build() -> Path | None:
     """Return the path of the compiled module, made if it is not there; None if that fails."""
-    key = hashlib.sha1((SOURCE + DECLARATIONS + sys.version).encode()).hexdigest()[:12]
-    name = f"toros_cholmod_{key}"
+    prefixes = [Path(sys.prefix), Path(sys.base_prefix), Path("/usr"), Path("/usr/local")]
+    places = [root / place for root in prefixes for place in ("include/suitesparse", "include")]
+    header = next((place for place in places if (place / "cholmod.h").exists()), None)
+    if header is None:
+        return None
+    # Another version of the library is another module.
+    texts = [path.read_bytes() for path in sorted(header.glob("cholmod*.h"))]
+    texts += [text.encode() for text in (SOURCE, DECLARATIONS, sys.version)]
+    name = f"toros_cholmod_{hashlib.sha1(b''.join(texts)).hexdigest()[:12]}"
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     folder = home / "toros_fem"
     known = sorted(folder.glob(f"{name}.*so"))
     if known:
         return known[0]
-    prefixes = [Path(sys.prefix), Path(sys.base_prefix), Path("/usr"), Path("/usr/local")]
-    places = [root / place for root in prefixes for place in ("include/suitesparse", "include")]
     builder = FFI()
     builder.cdef(DECLARATIONS)
     builder.set_source(
@@ -195,7 +200,7 @@ def _build() -> Path | None:
         SOURCE,
         libraries=["cholmod"],
         library_dirs=[str(root / "lib") for root in prefixes[:2]],
-        include_dirs=[str(place) for place in places if (place / "cholmod.h").exists()],
+        include_dirs=[str(header)],
         extra_compile_args=["-O2"],
     )
     try:
