@@ -33,6 +33,7 @@ def test_figures_are_those_of_the_print(
     assert summary["manufacture"] == printed.after.summary()
     assert summary["dropped"]["islands"] == len(printed.cleaned.dropped)
     assert summary["ranks"] == comm.size
+    assert summary["linear_solver"].startswith("CHOLMOD on ")
     assert summary["parts_by_symmetry"] == 1
 
 

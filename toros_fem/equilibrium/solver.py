@@ -231,6 +231,11 @@ class EquilibriumSolver:
             raise EquilibriumError(found.reason, found)
         return found
 
+    @property
+    def linear_solver(self) -> str:
+        """What factorises the tangent, on which ranks or threads."""
+        return self._factor.describe()
+
     def solve_tangent(self, rhs: Floats, at: EquilibriumResult) -> Floats:
         """Solve K y = rhs with the tangent at an equilibrium, zero at fixed components.
 

@@ -119,6 +119,7 @@ def design_summary(
         "vertices": len(skin.pattern.points),
         "parts_by_symmetry": parts,
         "ranks": skin.comm.size,
+        "linear_solver": problem.solver.linear_solver,
         "reason": result.reason,
         "seconds": {**result.seconds, **(seconds or {})},
         "versions": versions(),
