@@ -31,7 +31,6 @@ def shapes(tube: Skin) -> tuple[ShapeObjective, np.ndarray, list[np.ndarray]]:
 def test_squares_are_the_quadratic_part_along_the_directions(tube: Skin) -> None:
     objective, owned, moves = shapes(tube)
     motion = motion_along(tube, objective, owned, moves)
-    assert motion is not None
     base = objective.forward(owned) - (motion.offsets**2).sum()
     for a, b in ((2e-3, 0.0), (-1e-3, 0.1), (0.0, -0.2)):
         there = owned + a * moves[0] + b * moves[1]
@@ -44,11 +43,36 @@ def test_squares_are_the_quadratic_part_along_the_directions(tube: Skin) -> None
     np.testing.assert_allclose(motion.along(owned + across) - motion.offsets, local)
 
 
-def test_directions_that_do_nothing_have_no_residuals(tube: Skin) -> None:
+def test_directions_that_do_nothing(tube: Skin) -> None:
+    """Or the same as another one: the residuals stay finite."""
     objective, owned, moves = shapes(tube)
-    assert motion_along(tube, objective, owned, []) is None
-    assert motion_along(tube, objective, owned, [0 * owned]) is None
-    assert motion_along(tube, objective, owned, [moves[0], moves[0]]) is None, "the same twice"
+    assert motion_along(tube, objective, owned, []).offsets.size == 0
+    none = motion_along(tube, objective, owned, [0 * owned])
+    assert none.along(owned + moves[0]) == [0.0]
+    (once,) = motion_along(tube, objective, owned, moves[:1]).offsets
+    twice = motion_along(tube, objective, owned, [moves[0], moves[0]])
+    assert (twice.offsets**2).sum() == pytest.approx(once**2, rel=1e-3)
+    mixed = motion_along(tube, objective, owned, [moves[0], 0 * owned])
+    np.testing.assert_allclose(mixed.offsets, [once, 0.0], rtol=1e-12)
+
+
+class Saddle:
+    """T = ½ Σ (y² − x²)."""
+
+    def forward(self, positions: np.ndarray) -> float:
+        raise NotImplementedError
+
+    def backward(self, positions: np.ndarray) -> np.ndarray:
+        return positions * [-1.0, 1.0, 0.0]
+
+
+def test_a_concave_direction_has_a_finite_residual(tube: Skin) -> None:
+    owned = tube.pattern.points[tube.owned_vertices]
+    moves = [np.tile(row, (len(owned), 1)) for row in np.eye(3)[:2]]
+    found = motion_along(tube, Saddle(), owned, moves)
+    assert np.isfinite(found.offsets).all()
+    assert np.isfinite(found.directions).all()
+    assert np.abs(found.directions).max(axis=(1, 2)).min() > 0
 
 
 def test_taylor_of_the_residual(tube: Skin, tube_solver: EquilibriumSolver) -> None:

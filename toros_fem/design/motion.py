@@ -20,6 +20,8 @@ from toros_fem.objectives.shape import Objective
 
 # Length of the differences that give the objective's curvature, over the skin's size.
 DIFFERENCE = 1e-4
+# Least eigenvalue of H after its diagonal is scaled to 1.
+LEAST = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +30,8 @@ class Motion:
 
     With directions Y, the objective's slope g = Yᵀ∂T/∂x and its curvature H = Yᵀ(∂²T/∂x²)Y = L Lᵀ,
     r = L⁻¹ (g + Yᵀ ∂²T/∂x² (x − x₀)) / √2. Along Y the squares of r are then the quadratic part of
-    T, up to a constant.
+    T, up to a constant. Where T is not convex along Y, or where two directions are nearly alike,
+    H is replaced by a matrix that is safely positive definite.
 
     Attributes:
         skin: The skin.
@@ -50,7 +53,7 @@ class Motion:
 
 def motion_along(
     skin: Skin, objective: Objective, positions: Floats, moves: Sequence[Floats]
-) -> Motion | None:
+) -> Motion:
     """Return the residuals along some directions (collective).
 
     Args:
@@ -60,26 +63,30 @@ def motion_along(
         moves: Directions Y at the owned nodes, each (n, 3), in any unit.
 
     Returns:
-        None if there are no directions, or if T is not convex along them.
+        One residual for each direction; a direction without any motion has a residual of 0.
     """
-    if not moves:
-        return None
     comm = skin.comm
     here: Floats = np.array(positions)
-    bent = []
-    for move in moves:
+    bent: Floats = np.zeros((len(moves), *here.shape))
+    for k, move in enumerate(moves):
         longest = largest(comm, float(np.abs(move).max(initial=0.0)))
-        if not longest > 0:
-            return None
-        step = DIFFERENCE * skin.pattern.size / longest
-        ahead, behind = (objective.backward(here + sign * step * move) for sign in (1, -1))
-        bent.append(np.asarray((ahead - behind) / (2 * step)))
+        if longest > 0:
+            step = DIFFERENCE * skin.pattern.size / longest
+            ahead, behind = (objective.backward(here + sign * step * move) for sign in (1, -1))
+            bent[k] = (ahead - behind) / (2 * step)
     slope = objective.backward(here)
     slopes = np.array([dot(comm, move.ravel(), slope.ravel()) for move in moves])
     curvature = np.array([[dot(comm, a.ravel(), b.ravel()) for b in bent] for a in moves])
-    try:
-        factor = np.linalg.cholesky((curvature + curvature.T) / 2)
-    except np.linalg.LinAlgError:  # on all ranks, since the curvature is reduced
-        return None
-    inverse = np.linalg.inv(factor) / np.sqrt(2)
-    return Motion(skin, here, inverse @ slopes, np.tensordot(inverse, np.array(bent), axes=1))
+    inverse = _inverse_root(curvature.reshape(len(moves), len(moves))) / np.sqrt(2)
+    return Motion(skin, here, inverse @ slopes, np.einsum("ij,jnk->ink", inverse, bent))
+
+
+def _inverse_root(curvature: Floats) -> Floats:
+    """Return L⁻¹ with L Lᵀ a positive definite matrix near H; rows of zeros where H has them."""
+    size = np.sqrt(np.abs(np.diag(curvature)))
+    inverse_size = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0)
+    scaled = inverse_size[:, None] * (curvature + curvature.T) / 2 * inverse_size
+    value, vector = np.linalg.eigh(scaled)
+    value = np.maximum(np.abs(value), LEAST)
+    root = np.linalg.cholesky((vector * value) @ vector.T)
+    return np.asarray(np.linalg.inv(root) * inverse_size)
