@@ -20,9 +20,9 @@ from toros_fem.density.perimeter import Perimeter
 from toros_fem.density.projection import Projection
 from toros_fem.design.motion import motion_along
 from toros_fem.design.problem import Bounds, DesignProblem, Evaluation, Pressure
+from toros_fem.equilibrium.feasible_start import relaxed_into_bounds
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import DensityError, ParameterError
-from toros_fem.mechanics.feasible import relaxed_into_bounds
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 from toros_fem.objectives.metrics import Metric

@@ -3,8 +3,8 @@
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem.equilibrium.feasible_start import relaxed_into_bounds
 from toros_fem.materials import Composite
-from toros_fem.mechanics.feasible import relaxed_into_bounds
 from toros_fem.mechanics.stretch_bounds import StretchBounds
 from toros_fem.mechanics.supports import clamp
 from toros_fem.meshes import Pattern, Skin
