@@ -166,6 +166,8 @@ def test_length_scale_parameters(tube: Skin) -> None:
     assert default.solid_threshold == pytest.approx(0.7799, abs=1e-3)
     assert default.void_threshold == pytest.approx(1 - 0.7799, abs=1e-3)
     assert default.decay == pytest.approx(25 * 8e-3**2)
+    half = LengthScaleConstraints(tube, flat, LengthScale(), designed, parts=2)
+    np.testing.assert_allclose(half.epsilon, default.epsilon / 2)
     paper = LengthScaleConstraints(tube, flat, LengthScale.paper(tube), designed)
     assert (paper.solid_threshold, paper.void_threshold) == pytest.approx((0.7, 0.3))
     assert np.all(paper.epsilon == 1e-3)

@@ -90,6 +90,8 @@ class LengthScaleConstraints:
         parameters: Widths, thresholds and bounds.
         designed: Whether each owned triangle is designed.
         projection: The projection of the final design; None: β = 20, η = 0.5.
+        parts: Number of mirror images that the skin is one of. The default ε allows as small a
+            violation in all of them together as in a whole skin.
 
     Attributes:
         solid_threshold, void_threshold, decay: η_r, η_t and c as used.
@@ -106,6 +108,8 @@ class LengthScaleConstraints:
         parameters: LengthScale,
         designed: npt.NDArray[np.bool_],
         projection: Projection | None = None,
+        *,
+        parts: int = 1,
     ) -> None:
         projection = projection or Projection()
         p, radius = parameters, filter.radius
@@ -134,7 +138,7 @@ class LengthScaleConstraints:
                 width = THIN * width_for_threshold(name, threshold, level)
                 step = Projection(projection.beta, level)
                 violation = bar_violation(name, width, threshold, self.decay / radius**2, step)
-                self.epsilon[k] = violation * ALLOWED * radius**2 / whole
+                self.epsilon[k] = violation * ALLOWED * radius**2 / (parts * whole)
 
     def forward(self, density: Floats, filtered: Floats, projected: Floats) -> Floats:
         """Return (g_r, g_t) of owned ρ, ρ̃, ρ̄, the same on all ranks (collective)."""

@@ -177,7 +177,12 @@ class ShapeDesign(ShapeProblem):
         )
         if length_scale is not None:
             self.length_scale = LengthScaleConstraints(
-                skin, density_filter, length_scale, self.designed, projection
+                skin,
+                density_filter,
+                length_scale,
+                self.designed,
+                projection,
+                parts=1 if whole is None else len(whole.cell) // len(pattern.triangles),
             )
 
     def refined(self) -> ShapeDesign:
