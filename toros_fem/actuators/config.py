@@ -80,13 +80,20 @@ class ActuatorConfig(SkinConfig, DesignConfig):
         10, "steps on each mesh but the coarsest, with the width constraints", at_least=1
     )
     level_move_limit: float = quantity(
-        0.1, "largest change of a density in one step on these meshes", above=0, at_most=1
+        0.05, "largest change of a density in one step on these meshes", above=0, at_most=1
     )
     iterations: int = quantity(
         60, "steps on the coarsest mesh before the width constraints act", at_least=1
     )
     constrained_iterations: int = quantity(
         40, "further steps there with the width constraints; 0 leaves them out", at_least=0
+    )
+    min_decrease: float | None = quantity(
+        0.05,
+        "a stage ends when the objective falls by a smaller fraction in ten steps; none leaves "
+        "this rule out",
+        above=0,
+        at_most=1,
     )
     polish_iterations: int = quantity(
         20,
@@ -181,9 +188,14 @@ class ActuatorConfig(SkinConfig, DesignConfig):
         stages = [Stage(self.iterations)]
         if constrained:
             stages.append(Stage(self.constrained_iterations, constrained=True))
-        first = DesignOptions(tuple(stages), mma=MMAOptions(move=self.move_limit))
+        first = DesignOptions(
+            tuple(stages),
+            min_relative_decrease=self.min_decrease,
+            mma=MMAOptions(move=self.move_limit),
+        )
         finer = DesignOptions(
             (Stage(self.level_iterations, constrained=constrained),),
+            min_relative_decrease=self.min_decrease,
             pressure_move=LEVEL_PRESSURE_MOVE,
             mma=MMAOptions(move=self.level_move_limit),
         )

@@ -104,7 +104,7 @@ SYMMETRIC = 1e-9
 
 
 def coarse_tube(config: T) -> T:
-    """Return the same design on a coarse mesh with few steps; it takes a minute or two."""
+    """Return the same design on a coarse mesh with few steps; it takes less than a minute."""
     return config.updated(
         edge_length=2.85e-3,
         filter_radius=4.4e-3,
