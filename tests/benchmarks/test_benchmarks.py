@@ -110,6 +110,43 @@ def test_scale_of_a_design(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @ALONE
+def test_whole_designs(tmp_path: Path) -> None:
+    """Both ways end in a printed pattern; the documentation is written from their rows."""
+    found, printed = written(tmp_path, "design_loop.py", "--quick")
+    rows = found["rows"]
+    assert [(row["way"], row["levels"]) for row in rows] == [("levels", 2), ("before", 1)]
+    for row in rows:
+        assert set(row) >= {
+            "case", "scene", "triangles", "radius_mm", "ranks", "threads", "levels", "seconds",
+            "steps", "rejected", "factorisations", "median_factorisations", "mean_factorisations",
+            "newton_steps", "gradient_over_forward", "peak_gib", "printed", "asked",
+            "printed_objective", "history",
+        }  # fmt: skip
+        assert (row["scene"], row["ranks"], row["threads"]) == ("bend", 1, 1)
+        assert row["triangles"] == pytest.approx(4400, rel=0.05)
+        assert row["asked"] == {"angle_deg": 90.0}
+        assert row["printed"]["angle_deg"] > 45
+        assert row["factorisations"] >= row["finest_steps"] * row["mean_factorisations"] > 0
+        assert 0 < row["gradient_over_forward"] < 1
+        assert 0.1 < row["peak_gib"] < 2
+        seconds, _, level = zip(*row["history"], strict=True)
+        assert sorted(seconds) == list(seconds)
+        assert seconds[-1] <= row["seconds"]
+        assert sorted(set(level)) == list(range(row["levels"]))
+    assert [row["parts_by_symmetry"] for row in rows] == [2, 1]
+    assert rows[0]["finest_steps"] < rows[0]["steps"]
+    assert rows[1]["finest_steps"] == rows[1]["steps"]
+    assert "bend_quick, before" in printed
+    # --quick has a case of its own.
+    assert run("design_loop.py", "--quick", "--only", "twist").returncode == 2
+    done = run("design_loop.py", "--report", str(tmp_path / "rows.json"), "--docs", str(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "performance.png").stat().st_size > 10_000
+    assert "bend, R = 2.6 mm" in (tmp_path / "performance.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+@ALONE
 def test_mma_beside_other_codes(tmp_path: Path) -> None:
     """Ours, mmapy and pyMOTO take the same step to the same point."""
     rows, _ = written(tmp_path, "mma.py", "--quick", "--rounds", "1")
