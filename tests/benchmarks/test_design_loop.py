@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import design_loop
 import design_loop_report as report
@@ -45,16 +46,16 @@ def test_every_design_is_in_both_tables() -> None:
 
 
 def test_ways_stand_beside_each_other() -> None:
-    """Both ways on the same cores follow one another, and no case but `bend_paper` lacks a core."""
+    """Both ways on the same cores follow one another; every published case has several meshes."""
     assert {case.scene for case in design_loop.CASES.values()} <= set(DEMOS)
     assert set(design_loop.SCENES) <= set(DEMOS)
     assert design_loop.CASES["bend"].designs == [
         ("levels", (1, 1)), ("before", (1, 1)), ("levels", (1, 2)), ("levels", (2, 1)),
         ("before", (2, 1)),
     ]  # fmt: skip
-    for case in {**design_loop.CASES, **design_loop.FURTHER, **design_loop.QUICK}.values():
-        config = DEMOS[case.scene].config.updated(**case.changes)
-        assert config.level_count > 1 or case.scene == "gripper"
+    for case in (*design_loop.CASES.values(), *design_loop.QUICK.values()):
+        config: Any = DEMOS[case.scene].config.updated(**case.changes)
+        assert config.level_count > 1
 
 
 def test_rows_of_other_cases_stay(tmp_path: Path) -> None:
