@@ -170,27 +170,31 @@ def design(scene: str, way: str, changes: Mapping[str, Any]) -> dict[str, Any]:
 def finest(history: Any) -> dict[str, float]:
     """Return the cost of a step on the finest mesh.
 
-    The median is over the steps. The mean and the seconds also contain what the start of each
-    stage on this mesh costs, a solve that belongs to no step.
+    Medians and mean are over its steps. What the start of each stage on this mesh costs, a solve
+    that belongs to no step, is in the total numbers and seconds alone.
     """
     import numpy as np
 
     level = history[-1].level
     rows = [row for row in history if row.level == level]
-    first = [True, *(b.iteration == a.iteration for a, b in itertools.pairwise(rows))]
-    steps = [row for row, start in zip(rows, first, strict=True) if not start]
-    factorisations = sum(row.factorisations for row in rows)
-    seconds = sum(row.seconds for row in rows)
+    steps = [b for a, b in itertools.pairwise(rows) if b.iteration > a.iteration]
+    factorisations, newton_steps, seconds = (
+        sum(getattr(row, name) for row in rows)
+        for name in ("factorisations", "newton_steps", "seconds")
+    )
+    costs = [row.factorisations for row in steps]
     return {
         "finest_steps": len(steps),
-        "median_factorisations": float(np.median([row.factorisations for row in steps])),
-        "mean_factorisations": factorisations / len(steps),
-        "median_newton_steps": float(np.median([row.newton_steps for row in steps])),
         "finest_rejected": sum(row.rejected for row in rows),
+        "finest_factorisations": factorisations,
+        "finest_newton_steps": newton_steps,
         "finest_seconds": seconds,
+        "median_factorisations": float(np.median(costs)),
+        "mean_factorisations": float(np.mean(costs)),
+        "median_newton_steps": float(np.median([row.newton_steps for row in steps])),
         "median_step_seconds": float(np.median([row.seconds for row in steps])),
-        "seconds_per_factorisation": seconds / max(factorisations, 1),
-        "seconds_per_newton_step": seconds / max(sum(row.newton_steps for row in rows), 1),
+        "seconds_per_factorisation": seconds / factorisations,
+        "seconds_per_newton_step": seconds / newton_steps,
     }
 
 
@@ -294,7 +298,12 @@ def main() -> None:
 
         write_docs(options.docs, options.report, options.scale)
         return
-    cases = chosen(options)
+    sys.exit(measure(parser, options))
+
+
+def measure(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
+    """Run the designs that the command line names; return the exit code."""
+    cases, failed = chosen(options), 0
     if not cases:
         parser.error("no case has this name or scene; --quick has bend_quick alone.")
     # Compile the forms and load all libraries once, of parts and whole.
@@ -306,11 +315,17 @@ def main() -> None:
     for name, case in cases.items():
         for way, (ranks, threads) in case.designs:
             print(f"{name}, {way}, ranks × threads: {ranks} × {threads} …", flush=True)
-            row = run(case.scene, way, (ranks, threads), case.changes, verbose=options.verbose)
+            try:
+                row = run(case.scene, way, (ranks, threads), case.changes, verbose=options.verbose)
+            except subprocess.CalledProcessError as error:
+                print(f"    FAILED: {error}", flush=True)  # its own message is above
+                failed = 1
+                continue
             rows.append({"case": name, **row})
             print(line(rows[-1]), flush=True)
             if options.json:
                 write(options.json, rows)
+    return failed
 
 
 if __name__ == "__main__":

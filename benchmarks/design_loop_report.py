@@ -167,7 +167,7 @@ def cost_table(rows: Sequence[Row]) -> str:
     """Return what the steps of each design cost."""
     head = (
         "design", "way", "cores", "steps", "rejected", "Newton steps", "factorisations",
-        "steps, finest", "factorisations a step, finest: median", "mean", "s a step, finest",
+        "finest mesh: steps", "its factorisations", "a step: median", "mean", "s a step",
         "gradient / forward",
     )  # fmt: skip
     return table(
@@ -182,6 +182,7 @@ def cost_table(rows: Sequence[Row]) -> str:
                 f"{row['newton_steps']}",
                 f"{row['factorisations']}",
                 f"{row['finest_steps']}",
+                f"{row['finest_factorisations']}",
                 f"{row['median_factorisations']:g}",
                 f"{row['mean_factorisations']:.1f}",
                 f"{row['median_step_seconds']:.2f}",

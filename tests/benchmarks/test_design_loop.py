@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import design_loop
@@ -31,7 +32,17 @@ def test_every_design_is_in_both_tables() -> None:
     _, designs, cost = PAGE.split("\n| design | ")[:3]
     for part, keys in (
         (designs, {"levels": 4, "islands": 11}),
-        (cost, {"steps": 3, "rejected": 4, "newton_steps": 5, "factorisations": 6}),
+        (
+            cost,
+            {
+                "steps": 3,
+                "rejected": 4,
+                "newton_steps": 5,
+                "factorisations": 6,
+                "finest_steps": 7,
+                "finest_factorisations": 8,
+            },
+        ),
     ):
         lines = [line for line in part.splitlines() if line.startswith("| ") and "mm |" in line]
         assert len(lines) == len(ROWS)
@@ -41,8 +52,8 @@ def test_every_design_is_in_both_tables() -> None:
             }
             assert f"R = {row['radius_mm']:.3g} mm" in cells(line)[0]
     for line, row in zip(cost.splitlines()[2:], ROWS, strict=False):
-        assert float(cells(line)[8]) == row["median_factorisations"]
-        assert float(cells(line)[9]) == pytest.approx(row["mean_factorisations"], abs=0.051)
+        assert float(cells(line)[9]) == row["median_factorisations"]
+        assert float(cells(line)[10]) == pytest.approx(row["mean_factorisations"], abs=0.051)
 
 
 def test_ways_stand_beside_each_other() -> None:
@@ -56,6 +67,26 @@ def test_ways_stand_beside_each_other() -> None:
     for case in (*design_loop.CASES.values(), *design_loop.QUICK.values()):
         config: Any = DEMOS[case.scene].config.updated(**case.changes)
         assert config.level_count > 1
+
+
+def test_cost_of_a_step_is_that_of_the_finest_mesh() -> None:
+    """The start of a stage repeats the number of the last step, and belongs to no step."""
+    history = [
+        SimpleNamespace(
+            level=level, iteration=iteration, factorisations=cost, newton_steps=2 * cost,
+            rejected=1, seconds=0.5 * cost,
+        )
+        for level, iteration, cost in (
+            (0, 0, 90), (0, 1, 70), (1, 1, 20), (1, 2, 3), (1, 3, 7), (1, 3, 10), (1, 4, 2),
+        )
+    ]  # fmt: skip
+    found = design_loop.finest(history)
+    assert (found["finest_steps"], found["finest_factorisations"]) == (3, 42)
+    assert (found["median_factorisations"], found["mean_factorisations"]) == (3.0, 4.0)
+    assert found["median_newton_steps"] == 6.0
+    assert found["median_step_seconds"] == 1.5
+    assert found["seconds_per_factorisation"] == 0.5
+    assert found["seconds_per_newton_step"] == 0.25
 
 
 def test_rows_of_other_cases_stay(tmp_path: Path) -> None:
