@@ -26,7 +26,7 @@ SMALL = demo.BendConfig(
     angle=45.0,
     iterations=8,
     constrained_iterations=6,
-    seed=4,
+    seed=7,
     estimate_error=True,
 )
 
@@ -60,7 +60,7 @@ def test_summary(comm: MPI.Comm, output: Path) -> None:
     assert summary["pressure_pa"] != 5e3, "the pressure is designed"
     assert summary["iterations"] == 14
     assert summary["ranks"] == comm.size
-    assert summary["seed"] == 4
+    assert summary["seed"] == 7
     assert summary["gradient_norm_first"] > 0
     assert 0 < summary["volume_fraction"] < 1
     assert 0 <= summary["grey_level"] <= 1
@@ -186,18 +186,18 @@ def command(*arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.slow
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreter")
 def test_command_line_designs_a_bend(tmp_path: Path) -> None:
-    """32 steps on 800 triangles reach 167.7° of 180° (seed 2; seeds 3 and 4: 170.2° and 173.6°)."""
-    fewer = ("--iterations", "16", "--constrained-iterations", "16")
+    """32 steps on 800 triangles print 176.2° of 180° (seed 4; seeds 2 and 3: 180.4° and 173.9°)."""
+    fewer = ("--iterations", "16", "--constrained-iterations", "16", "--seed", "4")
     coarser = ("--edge-length", "5.5e-3", "--filter-radius", "8.25e-3")
     done = command("--coarse", "--whole", *fewer, *coarser, "--output", str(tmp_path / "out"))
     assert done.returncode == 0, done.stderr
     summary = read(tmp_path / "out")
     assert summary["parts_by_symmetry"] == 1
     assert 700 < summary["triangles"] < 900
-    assert summary["objective_first"] / summary["objective_last"] > 300
-    assert summary["angle_deg"] == pytest.approx(167.7, abs=2)
+    assert summary["objective_first"] / summary["objective_last"] > 1000
+    assert summary["angle_deg"] == pytest.approx(176.2, abs=2)
     assert summary["design"]["angle_deg"] == pytest.approx(summary["angle_deg"], abs=2)
-    assert summary["pressure_pa"] == pytest.approx(8.04e3, rel=0.02)
+    assert summary["pressure_pa"] == pytest.approx(7.17e3, rel=0.02)
     assert summary["grey_level"] < 0.08
     assert summary["length_scale"]["satisfied"]
     made = summary["manufacture"]

@@ -60,7 +60,8 @@ def test_printed_design(tube: Skin, tube_solver: EquilibriumSolver, result: Desi
     assert printed.evaluation is not None
     mine = printed.cells[tube.owned_cells]
     assert np.array_equal(printed.evaluation.projected > 0.5, mine)
-    whole = as_printed(problem, result, PrintLimits(), hole_area=math.inf)
+    holed = optimize(problem, DesignOptions((Stage(3),)), start=random_density(tube, 5))
+    whole = as_printed(problem, holed, PrintLimits(), hole_area=math.inf)
     assert len(whole.cleaned.filled) == len(whole.before.holes) > 0
     assert not whole.after.holes
     # Without islands to drop the binary pattern is the projected density rounded.
