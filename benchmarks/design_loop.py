@@ -74,7 +74,7 @@ CASES = {
     ),
     # The way before would take days here.
     "bend_paper": Case(
-        "bend", (TWO_THREADS,), (), {"edge_length": 0.4e-3, "filter_radius": 0.6e-3}
+        "bend", (ONE_CORE, TWO_RANKS), (), {"edge_length": 0.4e-3, "filter_radius": 0.6e-3}
     ),
     "contract": Case("contract"),
     "twist": Case("twist"),
