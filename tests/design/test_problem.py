@@ -71,6 +71,41 @@ def test_taylor_of_everything_by_density_and_pressure(
     assert rates[-3:] == pytest.approx(2, abs=0.1)
 
 
+def test_taylor_on_the_way_of_the_loop(
+    tube: Skin, comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Trials with inexact Newton steps, completed, then differentiated: the gradient is exact."""
+    monkeypatch.setattr("toros_fem.equilibrium.newton.CG_COST", 0.3)
+    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    problem = dataclasses.replace(full(tube, solver), perimeter=None, perimeter_weight=None)
+    density = random_density(tube, 2, spread=0.3)
+    start = problem.evaluate(random_density(tube, 2, spread=0.25)).equilibrium.state
+    trial = problem.simulate(density, start, 4e3, trial=True)
+    assert any(row.inexact for row in trial.equilibrium.history)
+    base = problem.differentiate(problem.finish(trial))
+    exact = make_problem(tube, EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"])))
+    direct = exact.evaluate(density, pressure=4e3)
+    assert base.objective == pytest.approx(direct.objective, rel=1e-9)
+    assert base.gradient is not None
+    assert direct.gradient is not None
+    gap = norm(comm, base.gradient - direct.gradient)
+    assert gap < 1e-7 * norm(comm, direct.gradient)
+    assert base.pressure_gradient is not None
+    drawn = np.random.default_rng(9).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
+    direction = drawn * problem.designed
+    slope = comm.allreduce(float(base.gradient @ direction)) + base.pressure_gradient[0] * 4e3
+    gaps = []
+    for step in 1e-2 * 0.5 ** np.arange(6):
+        there = problem.finish(
+            problem.simulate(
+                density + step * direction, base.equilibrium.state, 4e3 * (1 + step), trial=True
+            )
+        )
+        gaps.append(abs(there.objective - base.objective - step * slope))
+    rates = np.log2(np.array(gaps[:-1]) / gaps[1:])
+    assert rates[-3:] == pytest.approx(2, abs=0.1)
+
+
 def test_what_is_not_asked_for_is_not_there(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     plain = make_problem(tube, tube_solver).evaluate(random_density(tube, 0))
     assert plain.perimeter is None

@@ -29,6 +29,28 @@ def test_neighbouring_design_takes_few_steps(tube: Skin, tube_solver: Equilibriu
     assert norm(tube.comm, warm.state - cold.state) < 1e-8 * norm(tube.comm, cold.state)
 
 
+def test_older_factors_take_the_place_of_factorisations(
+    tube: Skin, tube_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On large skins; here as many iterations are allowed as there."""
+    monkeypatch.setattr("toros_fem.equilibrium.newton.CG_COST", 0.3)
+    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    rng = np.random.default_rng(1)
+    base = (0.5 + 0.3 * rng.random(len(tube.pattern.panel)))[tube.owned_cells]
+    near = base + 0.1 * rng.random(len(tube.pattern.panel))[tube.owned_cells]
+    first = solver.solve(base, 2e3)
+    warm = solver.solve(near, 2e3, start=first.state)
+    inexact = [row for row in warm.history if row.inexact]
+    assert inexact
+    assert all(0 < row.iterations < 20 and row.shift == 0 for row in inexact)
+    assert any(f"cg {row.iterations}" in str(row) for row in inexact)
+    assert warm.factorisations < warm.steps + 1
+    direct = tube_solver.solve(near, 2e3, start=tube_solver.solve(base, 2e3).state)
+    assert not any(row.inexact for row in direct.history), "few unknowns are factorised"
+    assert norm(tube.comm, warm.state - direct.state) < 1e-8 * norm(tube.comm, direct.state)
+    assert warm.residual <= 1e-10
+
+
 def test_swelling_at_once(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     """From the assembled tube to where the fabric saturates: by the diagonal it took 130 steps."""
     result = tube_solver.solve(np.zeros(len(tube.owned_cells)), 20e3)

@@ -118,7 +118,8 @@ class RegularisedNewton:
     energy. A long step stretches the triangles that it turns; a second solve with the same factors
     corrects that (the second-order correction of constrained optimisation). Near the end, and at
     the start with the factors of a neighbouring equilibrium, modified Newton steps reuse the
-    factorisation.
+    factorisation. Elsewhere these factors precondition conjugate gradients; K is factorised only
+    where few iterations are not enough.
 
     Where energies differ by less than their rounding the slope decides (Hager & Zhang 2005,
     eq. 2.4, approximate Wolfe). A stationary point that is no minimum is left along its softest
@@ -149,7 +150,7 @@ class RegularisedNewton:
         # Neighbouring designs need like shifts in their first steps.
         self._shift, self._stiffness, self._refused = first, 0.0, first > 0
         self._first = True
-        self._iterations = 0
+        self._cg_iterations = 0
         self._clock = time.perf_counter()
 
     def minimise(
@@ -269,7 +270,7 @@ class RegularisedNewton:
                 INEXACT,
                 self._max_iterations,
             )
-            self._iterations = found.iterations
+            self._cg_iterations = found.iterations
             if found.positive and found.residual <= INEXACT:
                 return found.solution, True
         self._factorise()
@@ -319,10 +320,10 @@ class RegularisedNewton:
             step,
             modified,
             inexact,
-            self._iterations,
+            self._cg_iterations,
             now - self._clock,
         )
-        self._iterations = 0
+        self._cg_iterations = 0
         self._clock = now
         self._history.append(row)
         if self._log is not None:
