@@ -116,4 +116,4 @@ def test_repeated_runs_agree_to_the_last_digit(
         factor, rows, upper = make(strip(2), comm, 2)
         assert factor.factorise(upper.data)
         results.append(factor.solve(np.ones(rows.stop - rows.start)))
-    assert np.array_equal(*results)
+    assert np.array_equal(results[0], results[1])

@@ -14,7 +14,8 @@ def use_of(pattern: Pattern, positions: np.ndarray) -> np.ndarray:
     corners = pattern.corners
     chart = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
     composite = Composite()
-    bounds = StretchBounds(MPI.COMM_SELF, np.linalg.inv(chart), composite.c1, composite.c2)
+    inverse = np.asarray(np.linalg.inv(chart), dtype=np.float64)
+    bounds = StretchBounds(MPI.COMM_SELF, inverse, composite.c1, composite.c2)
     return bounds.use(positions[pattern.triangles])
 
 

@@ -1,6 +1,7 @@
 """Factorised tangent: both packages agree, and say what they do."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -130,7 +131,7 @@ def test_threads_are_those_that_the_user_allows(
     pattern = cylinder(MPI.COMM_SELF, 0.05, 0.02, 6e-3)
     model = SkinModel(sew(MPI.COMM_SELF, pattern), Composite(), clamp(pattern, ["base"]))
 
-    def find(*arguments: object, threads: int) -> Partition:
+    def find(*arguments: Any, threads: int) -> Partition:
         asked.append(threads)
         return find_partition(*arguments, threads=threads)
 

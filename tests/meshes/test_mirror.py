@@ -49,7 +49,8 @@ def test_a_whole_is_made_once_and_does_not_outlive_its_part(comm: MPI.Comm) -> N
     gone = weakref.ref(part)
     del part
     gc.collect()
-    assert gone() is kept() is None
+    assert gone() is None
+    assert kept() is None
 
 
 def test_mirrored_sheet_and_panels_off_the_plane(comm: MPI.Comm) -> None:

@@ -34,7 +34,8 @@ def all_terms(nodes: Nodes) -> Objective:
     target = BENT(pattern.points)
     rising = 1.0 + pattern.points[:, 2] / LENGTH
     labels = label_cross_sections(pattern, pattern.vertices_of("wall"), (0, 0, 1), 4)
-    sections = CrossSections(labels, np.tile([1.0, 2.0, 3.0], (5, 1)), np.arange(1.0, 6.0))
+    orientation: np.ndarray = np.arange(1.0, 6.0)
+    sections = CrossSections(labels, np.tile([1.0, 2.0, 3.0], (5, 1)), orientation)
     return SumObjective(
         ShapeObjective(nodes, target, rising, rising),
         CrossSectionObjective(nodes, target, sections),
