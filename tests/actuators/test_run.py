@@ -126,21 +126,25 @@ def test_a_reporter_made_earlier_counts_the_set_up(
     assert made.result.history[-1].metrics["angle_deg"] == made.summary["design"]["angle_deg"]
 
 
+def case(comm: MPI.Comm, config: TubeConfig) -> ActuatorCase:
+    target = bend(np.radians(45), 0.08, neutral=0.01)
+    return tube_case(comm, config, target, [bend_metric(45.0)])
+
+
 @pytest.mark.slow
 def test_levels(comm: MPI.Comm, tmp_path: Path) -> None:
     """The scene is built anew on each mesh; files and figures are those of the finest."""
     folder, seen = shared(comm, tmp_path), []
 
-    def case(comm: MPI.Comm, config: TubeConfig) -> ActuatorCase:
+    def watched(comm: MPI.Comm, config: TubeConfig) -> ActuatorCase:
         seen.append((config.edge_length, config.filter_radius, config.levels))
-        target = bend(np.radians(45), 0.08, neutral=0.01)
-        return tube_case(comm, config, target, [bend_metric(45.0)])
+        return case(comm, config)
 
     config = SHORT.updated(
         edge_length=3.4e-3, filter_radius=5.2e-3, diameter=0.04, levels=2, iterations=4,
         constrained_iterations=2, level_iterations=2,
     )  # fmt: skip
-    made = design_actuator(comm, folder, case, config)
+    made = design_actuator(comm, folder, watched, config)
     assert seen == [(6.8e-3, 10.4e-3, 1), (3.4e-3, 5.2e-3, 1)]
     summary, history = made.summary, made.result.history
     assert [level["iterations"] for level in summary["levels"]] == [6, 2]
@@ -155,6 +159,30 @@ def test_levels(comm: MPI.Comm, tmp_path: Path) -> None:
     with (folder / "history.csv").open(encoding="utf-8") as file:
         levels = [row["level"] for row in csv.DictReader(file)]
     assert levels == [str(row.level) for row in history]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("levels", [1, 2])
+def test_several_starts(comm: MPI.Comm, tmp_path: Path, levels: int) -> None:
+    """The best one goes on, with one mesh alone on that; the history begins with its rows."""
+    folder = shared(comm, tmp_path)
+    config = SHORT.updated(
+        edge_length=3.4e-3 * 2 / levels, filter_radius=5.2e-3 * 2 / levels, diameter=0.04,
+        levels=levels, starts=2, seed=3, iterations=4, constrained_iterations=2,
+        level_iterations=2,
+    )  # fmt: skip
+    made = design_actuator(comm, folder, case, config)
+    summary, history = made.summary, made.result.history
+    assert set(summary["starts"]) == {"3", "4"}
+    assert str(summary["seed"]) == min(summary["starts"], key=summary["starts"].__getitem__)
+    assert [row.level for row in history] == [0] * 8 + [1] * 3
+    assert history[7].objective == summary["starts"][str(summary["seed"])]
+    assert made.problem.skin.comm.size == comm.size
+    comm.barrier()
+    with (folder / "history.csv").open(encoding="utf-8") as file:
+        assert [float(row["objective"]) for row in csv.DictReader(file)] == [
+            row.objective for row in history
+        ]
 
 
 def test_sentence() -> None:

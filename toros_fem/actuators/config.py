@@ -76,6 +76,11 @@ class ActuatorConfig(SkinConfig, DesignConfig):
         "next; none takes as many as the size allows",
         at_least=1,
     )
+    starts: int = quantity(
+        1,
+        "number of random starts on the coarsest mesh, shared out over the ranks; the best goes on",
+        at_least=1,
+    )
     level_iterations: int = quantity(
         10, "steps on each mesh but the coarsest, with the width constraints", at_least=1
     )
@@ -193,13 +198,17 @@ class ActuatorConfig(SkinConfig, DesignConfig):
             min_relative_decrease=self.min_decrease,
             mma=MMAOptions(move=self.move_limit),
         )
-        finer = DesignOptions(
-            (Stage(self.level_iterations, constrained=constrained),),
+        return (first, *[self.finer_options] * (self.level_count - 1))
+
+    @property
+    def finer_options(self) -> DesignOptions:
+        """Options of the design loop on each mesh but the coarsest."""
+        return DesignOptions(
+            (Stage(self.level_iterations, constrained=self.constrained_iterations > 0),),
             min_relative_decrease=self.min_decrease,
             pressure_move=LEVEL_PRESSURE_MOVE,
             mma=MMAOptions(move=self.level_move_limit),
         )
-        return (first, *[finer] * (self.level_count - 1))
 
     @property
     def print_limits(self) -> PrintLimits:

@@ -19,6 +19,7 @@ from toros_fem.design.levels import optimize_levels
 from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.problem import Evaluation
 from toros_fem.design.shape_design import ShapeDesign
+from toros_fem.design.starts import BestStart, best_start
 from toros_fem.equilibrium.solver import EquilibriumError
 from toros_fem.fabrication.as_printed import (
     PrintedDesign,
@@ -116,13 +117,28 @@ def design_actuator(
             cannot be written to.
     """
     reporter = reporter or DesignReporter(comm, output)
-    levels = (config.at_level(level) for level in range(config.level_count))
+    levels = [config.at_level(level) for level in range(config.level_count)]
+    best: BestStart | None = None
+    if config.starts > 1:
+        coarsest, seeds = levels[0], range(config.seed, config.seed + config.starts)
+        best = best_start(
+            comm,
+            lambda alone: actuator_problem(alone, case(alone, coarsest), coarsest),
+            config.options[0],
+            seeds,
+        )
+        for row in best.design.history:
+            reporter.report(row)
+        # With one mesh alone all ranks finish the best design on it.
+        levels = levels[1:] or levels
     problems = (actuator_problem(comm, case(comm, c), c, verbose=verbose) for c in levels)
     with reporter:
-        result, printed = _printed_design(problems, config, reporter)
+        result, printed = _printed_design(problems, config, reporter, best)
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
-    figures: dict[str, Any] = {"seed": config.seed}
+    figures: dict[str, Any] = {"seed": config.seed if best is None else best.seed}
+    if best is not None:
+        figures["starts"] = {str(seed): value for seed, value in best.objectives.items()}
     if config.estimate_error and printed.evaluation is not None:
         figures.update(error_figures(problem, printed.evaluation))
     summary = write_results(
@@ -174,10 +190,19 @@ def error_figures(problem: ShapeDesign, made: Evaluation) -> dict[str, Any]:
 
 
 def _printed_design(
-    problems: Iterable[ShapeDesign], config: ActuatorConfig, reporter: DesignReporter
+    problems: Iterable[ShapeDesign],
+    config: ActuatorConfig,
+    reporter: DesignReporter,
+    best: BestStart | None,
 ) -> tuple[DesignResult, PrintedDesign]:
-    """Run all levels, each with a polishing stage if its print has free islands (collective)."""
-    options, limits = config.options, config.print_limits
+    """Run all levels, after the best start if there are several (collective).
+
+    Each has a polishing stage if its print has free islands.
+    """
+    limits, options = config.print_limits, config.options
+    if best is not None:
+        options = options[1:] or (config.finer_options,)
+    rules_of = dict(enumerate(options, 0 if best is None else 1))
     steps = sum(level.iterations for level in options)
     printed: PrintedDesign | None = None
 
@@ -188,7 +213,7 @@ def _printed_design(
         printed = as_printed(problem, result, limits, island_area=config.island_area)
         if not config.polish_iterations or not printed.before.free_islands:
             return result
-        rules = options[result.history[-1].level]
+        rules = rules_of[result.history[-1].level]
         last = replace(rules.stages[-1], iterations=config.polish_iterations)
         start = _without_free_islands(problem, result, printed)
         steps += last.iterations
@@ -201,7 +226,12 @@ def _printed_design(
 
     reporter.expect(steps)
     result = optimize_levels(
-        problems, options, seed=config.seed, callback=reporter, finish=polished
+        problems,
+        options,
+        seed=config.seed,
+        callback=reporter,
+        finish=polished,
+        after=None if best is None else best.design,
     )
     assert printed is not None
     return result, printed

@@ -94,6 +94,7 @@ def optimize_levels(
     seed: int = 0,
     callback: Callback | None = None,
     finish: Callable[[DesignResult], DesignResult] | None = None,
+    after: GatheredDesign | None = None,
 ) -> DesignResult:
     """Minimise T on one mesh after the other, from coarse to fine (collective).
 
@@ -110,6 +111,8 @@ def optimize_levels(
         callback: Called after each iteration, on every rank; the row says which level it is of.
         finish: Returns what is carried over, or returned at the end, from the result on each mesh;
             None leaves it as it is.
+        after: A design that goes before the first mesh, of `best_start` for instance; it takes the
+            place of `start` and `seed`.
 
     Returns:
         The result on the finest mesh; its history and times are those of all.
@@ -123,7 +126,10 @@ def optimize_levels(
         raise ParameterError("options is empty; give DesignOptions for each level.")
     remaining, finish = iter(problems), finish or (lambda result: result)
     problem = _following(remaining, 0, len(options))
-    result = finish(optimize(problem, options[0], start=start, seed=seed, callback=callback))
+    warm = None if after is None else after.start(problem)
+    result = finish(
+        optimize(problem, options[0], start=start, seed=seed, callback=callback, after=warm)
+    )
     del problem
     for level, rules in enumerate(options[1:], 1):
         begin = time.perf_counter()

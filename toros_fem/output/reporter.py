@@ -50,6 +50,10 @@ class DesignReporter:
 
     def __call__(self, row: Iteration, evaluation: Evaluation[Any]) -> None:
         """Report one iteration (collective)."""
+        self.report(row)
+
+    def report(self, row: Iteration) -> None:
+        """Report a row of the history, also one of an earlier part of the design (collective)."""
         first = self._setup is None
         if first:
             self._setup = time.perf_counter() - self._begin - row.seconds
