@@ -1,12 +1,14 @@
 """A skin through a sequence of pressures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from helpers.scenes import TABLE_A
 from mpi4py import MPI
 
 from toros_fem.analysis.pressure_path import trace_pressure_path
-from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
 from toros_fem.materials import Composite
 from toros_fem.mechanics.supports import clamp
 from toros_fem.meshes import Skin, cylinder, sew
@@ -20,6 +22,26 @@ def test_a_path_is_followed(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     assert [point.result.pressure for point in points] == [500.0, 1e3, 2e3]
     begun = list(trace_pressure_path(tube_solver, density, [2e3], start=alone.positions))
     assert begun[0].result.steps <= 1
+
+
+def test_increments_shrink_where_no_stable_state_is_near(
+    tube: Skin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    finish = solver.finish
+    tried: list[float] = []
+
+    def unstable_at_first(trial: EquilibriumResult) -> EquilibriumResult:
+        tried.append(trial.pressure)
+        if len(tried) == 1:
+            raise EquilibriumError("no stable equilibrium", replace(trial, converged=False))
+        return finish(trial)
+
+    monkeypatch.setattr(solver, "finish", unstable_at_first)
+    density = np.full(len(tube.owned_cells), 0.3)
+    points = list(trace_pressure_path(solver, density, [1e3, 2e3]))
+    assert tried[:2] == [2e3, 1250.0]
+    assert points[-1].result.pressure == 2e3
 
 
 @pytest.mark.slow

@@ -168,10 +168,15 @@ def test_a_trial_is_completed(tube: Skin, comm: MPI.Comm) -> None:
     assert found.factorisations >= 1
     assert solver.finish(found) is found
     solver.solve_tangent(found.state, found)
+    assert "stable" in found.reason
+    assert "stable" not in trial.reason
     direct = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
     exact = direct.solve(changed, 2.02e3).state
     assert norm(comm, found.state - exact) < 1e-8 * norm(comm, exact)
-    # Rejected trials do not take away the design that the next one starts from.
+    # Rejected trials, completed or not, do not take away the design that the next one starts from.
+    for pressure in (2.01e3, 2.02e3):
+        near = solver.solve(changed, pressure, start=base.state, trial=True)
+        assert near.history[0].modified, "the tangent predictor"
     again = solver.solve(density, 2e3, start=base.state, trial=True)
     assert again.converged
     assert again.history[0].residual < 1e-9, "the start is that design's own equilibrium"

@@ -83,9 +83,14 @@ def _continue(
         nonlocal last
         level = (begin + fraction * change).tolist()
         last = solver.solve(density, level, start=state, raise_on_failure=False, trial=True)
+        steps = last.steps
         if last.converged:
-            last = solver.finish(last)
-        return Attempt(last.state, 1 if last.converged else -1, last.steps)
+            try:
+                last = solver.finish(last)
+            except EquilibriumError as error:  # raised by all ranks or by none
+                last = error.result
+            steps += last.steps
+        return Attempt(last.state, 1 if last.converged else -1, steps)
 
     done = run_continuation(
         attempt, ContinuationResult(before.state, 0.0, 1), 1.0, 1.0, LEAST_INCREMENT

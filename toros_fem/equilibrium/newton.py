@@ -167,7 +167,7 @@ class RegularisedNewton:
         Args:
             start: Owned unknowns.
             tolerance: Residual over the applied load at which a state is an equilibrium.
-            max_steps: Largest number of factorised steps.
+            max_steps: Largest number of steps that are not modified ones.
             near: Whether the start is the equilibrium of a neighbouring design or load.
             finish: Whether to factorise the tangent at the end, to prove that the state is stable.
             monitor: Called before each step with its number and the norm of the residual.
@@ -215,7 +215,8 @@ class RegularisedNewton:
             if done and (not finish or self.stable(point.state)):
                 self._record(point, residual, 0.0)
                 return point, int(outcomes.CONVERGED_FNORM_RELATIVE)
-            if predict or residual * rate**MODIFIED_STEPS <= tolerance:
+            # At a saddle there are no factors: its tangent is not positive definite.
+            if not done and (predict or residual * rate**MODIFIED_STEPS <= tolerance):
                 modified = self._modified_step(point, rounding, first=predict)
                 predict, rate = False, np.inf
                 if modified is not None:

@@ -39,7 +39,8 @@ class EquilibriumResult:
     """Result of a solve.
 
     Attributes:
-        converged: Whether `state` is a stable equilibrium under the requested load.
+        converged: Whether `state` is a stable equilibrium under the requested load; of a trial,
+            whether it is near to one.
         load_factor: Fraction of the requested load that acts on `state`.
         reason: Why the solve ended, as a sentence.
         pressure: Pressure of `state` in Pa, the largest of all chambers.
@@ -199,7 +200,12 @@ class EquilibriumSolver:
         state = self._start(start)
         known = next((k for k in self._known if start is k.result.state), None)
         result = self._solve(
-            _Request(density.copy(), load), state, known, cold=start is None, trial=trial
+            _Request(density.copy(), load),
+            state,
+            known,
+            cold=start is None,
+            trial=trial,
+            direct=trial,
         )
         if raise_on_failure and not result.converged:
             raise EquilibriumError(result.reason, result)
@@ -226,9 +232,14 @@ class EquilibriumSolver:
                 "the trial's design is not known any more: the solver has been used since. Solve "
                 "for it again."
             )
-        found = self._solve(known.request, trial.state.copy(), known, cold=False, trial=False)
+        recent = self._known
+        found = self._solve(
+            known.request, trial.state.copy(), known, cold=False, trial=False, direct=True
+        )
         if not found.converged:
             raise EquilibriumError(found.reason, found)
+        # It may be rejected yet: the design before stays known.
+        self._known = [*recent, self._known[-1]]
         return found
 
     @property
@@ -268,13 +279,20 @@ class EquilibriumSolver:
         return self.skin.gather_vertices(self.model.positions(self.model.reaction(at.state)))
 
     def _solve(
-        self, request: _Request, state: Floats, near: _Known | None, *, cold: bool, trial: bool
+        self,
+        request: _Request,
+        state: Floats,
+        near: _Known | None,
+        *,
+        cold: bool,
+        trial: bool,
+        direct: bool,
     ) -> EquilibriumResult:
-        """Solve for a request from a state (collective)."""
+        """Solve for a request from a state, if `direct` without continuation (collective)."""
         self._factorised_at = None
         attempts = Attempts(self._snes, near=near is not None)
-        end = self._continue(attempts, state, request, near, cold=cold, trial=trial)
-        result = self._result(attempts, end, request.load)
+        end = self._continue(attempts, state, request, near, cold=cold, trial=trial, direct=direct)
+        result = self._result(attempts, end, request.load, trial=trial)
         if result.converged:
             self._factorised_at = None if trial else result
             kept = [near] if near is not None else self._known[-1:]
@@ -320,6 +338,7 @@ class EquilibriumSolver:
         *,
         cold: bool,
         trial: bool,
+        direct: bool,
     ) -> ContinuationResult:
         """Solve at once, else by continuation from the near equilibrium, in load, in stiffness.
 
@@ -339,7 +358,7 @@ class EquilibriumSolver:
         first = attempt(state, density, load, min(FEW_STEPS, most) if trial else most)
         if first.converged:
             return ContinuationResult(first.state, 1.0, first.outcome)
-        if trial:
+        if direct:
             return ContinuationResult(state, None, first.outcome)
         least = self.options.min_increment
         if near is not None:
@@ -391,7 +410,7 @@ class EquilibriumSolver:
         return by_load
 
     def _result(
-        self, attempts: Attempts, end: ContinuationResult, load: LoadCase
+        self, attempts: Attempts, end: ContinuationResult, load: LoadCase, *, trial: bool
     ) -> EquilibriumResult:
         """Return the result at the last state, under its fraction of the load (collective)."""
         model, state = self.model, end.state
@@ -400,7 +419,9 @@ class EquilibriumSolver:
         state.setflags(write=False)
         volumes = tuple(float(v) for v in model.volumes(state))
         residual = norm(self.skin.comm, model.residual(state)) / self._snes.newton.reference(state)
-        if load_factor == 1.0:
+        if load_factor == 1.0 and trial:
+            reason = f"A state near an equilibrium was found at {load}; `finish` completes it."
+        elif load_factor == 1.0:
             reason = success(model, load, residual, volumes)
         else:
             assert attempts.last is not None
