@@ -138,7 +138,10 @@ def design_actuator(
     assert isinstance(problem, ShapeDesign)
     figures: dict[str, Any] = {"seed": config.seed if best is None else best.seed}
     if best is not None:
-        figures["starts"] = {str(seed): value for seed, value in best.objectives.items()}
+        figures["starts"] = {
+            str(seed): value if np.isfinite(value) else None
+            for seed, value in best.objectives.items()
+        }
     if config.estimate_error and printed.evaluation is not None:
         figures.update(error_figures(problem, printed.evaluation))
     summary = write_results(

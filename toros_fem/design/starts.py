@@ -69,10 +69,10 @@ def best_start(
             except NoEquilibriumError as caught:
                 failure = caught
                 continue
-            rank = _rank(result, options)
-            if not found or rank < min(found.values()):
+            score = _score(result, options)
+            if not found or score < min(found.values()):
                 best = gathered(result)
-            found[seed] = rank
+            found[seed] = score
     except Exception as caught:  # raised on all ranks, so that none waits
         error = caught
     raise_together(comm, error)
@@ -88,7 +88,7 @@ def best_start(
     return BestStart(design, seed, {s: every[s][1] if s in every else np.inf for s in seeds})
 
 
-def _rank(result: DesignResult, options: DesignOptions) -> tuple[bool, float]:
+def _score(result: DesignResult, options: DesignOptions) -> tuple[bool, float]:
     """Return whether the widths are violated, and T: smaller is better."""
     limits, widths = result.problem.length_scale, result.final.length_scale
     violated = False
