@@ -7,6 +7,7 @@ from scipy.sparse import csr_matrix, diags, identity, kron, triu
 
 from toros_fem.equilibrium import cholmod
 from toros_fem.equilibrium.condensation import CondensedFactor, find_partition
+from toros_fem.errors import TorosError
 
 LENGTH, WIDTH = 60, 16
 
@@ -117,3 +118,20 @@ def test_repeated_runs_agree_to_the_last_digit(
         assert factor.factorise(upper.data)
         results.append(factor.solve(np.ones(rows.stop - rows.start)))
     assert np.array_equal(results[0], results[1])
+
+
+def test_an_error_in_one_part_is_raised_on_all_ranks(
+    comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    factor, rows, upper = make(strip(), comm, 1)
+    if comm.rank == comm.size - 1:
+
+        def fail(*_: object) -> bool:
+            raise TorosError("too little memory for the factors")
+
+        monkeypatch.setattr(cholmod.Cholesky, "factorise", fail)
+    with pytest.raises(TorosError, match="too little memory"):
+        factor.factorise(upper.data)
+    monkeypatch.undo()
+    assert factor.factorise(upper.data)
+    assert np.all(np.isfinite(factor.solve(np.ones(rows.stop - rows.start))))

@@ -47,7 +47,7 @@ class SkinConfig(MaterialConfig):
 # Lengths that follow the mesh.
 MESH_LENGTHS = ("edge_length", "filter_radius", "line_width", "gap_width")
 # Largest change of a pressure in one step on the finer meshes, as `DesignOptions.pressure_move`:
-# with ten times as much the first step triples T, and the next ones win this back.
+# with five times as much the first step triples T, and the next ones win this back.
 LEVEL_PRESSURE_MOVE = 0.02
 
 

@@ -17,9 +17,10 @@ from scipy.linalg import lapack
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
-from toros_fem._mpi import sum_over_ranks
+from toros_fem._mpi import raise_together, sum_over_ranks
 from toros_fem._types import Bools, Floats, Ints, LocalInts
 from toros_fem.equilibrium.cholmod import Cholesky, bisection, fill_reducing_order
+from toros_fem.errors import TorosError
 
 # Fewer unknowns than these are not worth a thread of their own.
 LEAST_PART = 5000
@@ -119,23 +120,37 @@ class CondensedFactor:
         source = np.concatenate([keep, len(rows) + np.arange(len(shared))])
         # The last number stands for the zeros of the dense corner.
         self._values = np.zeros(len(rows) + len(shared) + 1)
-        self._parts = [
-            _Part(module, np.flatnonzero((part == p) & (at < 0)), at, all_rows, all_columns,
-                  source, len(self._values) - 1, begin)
-            for p in numbers
-        ]  # fmt: skip
+        error: TorosError | None = None
+        try:
+            self._parts = [
+                _Part(module, np.flatnonzero((part == p) & (at < 0)), at, all_rows, all_columns,
+                      source, len(self._values) - 1, begin)
+                for p in numbers
+            ]  # fmt: skip
+        except TorosError as caught:  # raised on all ranks, so that none waits
+            error = caught
+        raise_together(comm, error)
         self._pool = ThreadPoolExecutor(len(self._parts)) if len(self._parts) > 1 else None
         self._schur: Floats = np.zeros((count, count))
         self.entries = int(comm.allreduce(sum(p.factor.entries for p in self._parts)))
 
     def factorise(self, values: Floats) -> bool:
-        """Factorise for the entries of the owned rows; return whether all is positive definite."""
+        """Factorise for the entries of the owned rows; return whether all is positive definite.
+
+        Raises:
+            TorosError: Too little memory, on any rank.
+        """
         comm, count = self._comm, len(self.interface)
         self._values[: len(values)] = values
         shared = self._values[len(values) : -1]
         comm.Allgatherv(values[self._shared], [shared, self._counts])
-        good = all(self._each(lambda part: part.factorise(self._values)))
+        good, error = False, None
+        try:
+            good = all(self._each(lambda part: part.factorise(self._values)))
+        except TorosError as caught:
+            error = caught
         if self.parts == 1:
+            raise_together(comm, error)
             return good
         # One sum over the ranks tells whether all succeeded, and adds what remains.
         total: Floats = np.zeros(count * count + 1)
@@ -146,6 +161,7 @@ class CondensedFactor:
                 square[np.ix_(part.place, part.place)] += part.schur()
         comm.Allreduce(MPI.IN_PLACE, total)
         if total[-1]:
+            raise_together(comm, error)
             return False
         if not count:
             return True
