@@ -8,7 +8,6 @@ from petsc4py import PETSc
 
 from toros_fem.equilibrium.continuation import ContinuationResult
 from toros_fem.equilibrium.diagnostics import failure, success
-from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.materials import Composite
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.load_case import LoadCase
@@ -27,7 +26,7 @@ def model(tube: Skin) -> SkinModel:
 
 def said(model: SkinModel, outcome: int, load_factor: float | None) -> str:
     end = ContinuationResult(model.assembled, load_factor, outcome)
-    return failure(model, NewtonOptions(max_steps=7), end, LOAD, model.assembled)
+    return failure(model, end, LOAD, model.assembled, max_steps=7, once=False)
 
 
 def test_success_and_its_warnings(tube: Skin, model: SkinModel) -> None:
@@ -73,5 +72,13 @@ def test_folded_edges_are_counted_once(comm: MPI.Comm) -> None:
     nodes[over, 2] += 1e-3 * (nodes[over, 0] - middle)
     nodes[over, 0] = 2 * middle - nodes[over, 0]
     end = ContinuationResult(model.assembled, None, -6)
-    said = failure(model, NewtonOptions(), end, LOAD, state)
+    said = failure(model, end, LOAD, state, max_steps=7, once=False)
     assert "4 edges are folded by more than 170 degrees" in said
+
+
+def test_a_single_attempt_tells_of_no_continuation(model: SkinModel) -> None:
+    end = ContinuationResult(model.assembled, None, int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT))
+    said = failure(model, end, LOAD, model.assembled, max_steps=7, once=True)
+    assert "at once: Newton's method took 7 steps without converging." in said
+    assert "by raising the load" not in said
+    assert said.endswith("Solve without trial = True, which also tries continuation.")

@@ -101,7 +101,8 @@ def design_actuator(
 
     The design goes from coarse to fine over the levels of the configuration. On each, free islands
     of the printed pattern are removed, or connected to the rest if that gives a lower T, and the
-    design is continued for `config.polish_iterations` steps.
+    design is continued for `config.polish_iterations` steps. With several starts the best one takes
+    the place of the first level; its islands are left to the next.
 
     Args:
         comm: Communicator.

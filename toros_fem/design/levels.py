@@ -32,7 +32,8 @@ class GatheredDesign:
 
     Attributes:
         pattern: The pattern.
-        density: ρ̄ of all triangles, (t,).
+        density: ρ of all triangles, (t,).
+        projected: ρ̄ of all triangles, (t,).
         positions: Positions of all vertices, (n, 3), in m; None where a finer mesh starts from the
             assembled shape.
         pressures: Pressure of each chamber in Pa; empty without any.
@@ -42,6 +43,7 @@ class GatheredDesign:
 
     pattern: Pattern
     density: Floats
+    projected: Floats
     positions: Floats | None
     pressures: tuple[float, ...]
     history: tuple[Iteration, ...]
@@ -51,7 +53,7 @@ class GatheredDesign:
         """Return the start of the same design on another mesh (collective).
 
         ρ̄ becomes the density to start from, so that the filter of the new mesh sees the lines of
-        the print with sharp borders.
+        the print with sharp borders. On the same mesh ρ stays.
 
         Args:
             problem: The same problem on another mesh of the same panels.
@@ -59,12 +61,17 @@ class GatheredDesign:
         Raises:
             PanelError: Its panels are others.
         """
-        transfer = make_transfer(self.pattern, problem.skin.pattern)
+        target = problem.skin.pattern
+        transfer = make_transfer(self.pattern, target)
+        same = np.array_equal(self.pattern.flat_triangles, target.flat_triangles) and (
+            np.array_equal(self.pattern.flat_points, target.flat_points)
+        )
+        carried = self.density if same else self.projected
         state = None
         if self.positions is not None:
             state = problem.state_at(transfer.positions(self.positions))
         return WarmStart(
-            density=transfer.at_cells(self.density)[problem.skin.owned_cells],
+            density=transfer.at_cells(carried)[problem.skin.owned_cells],
             pressures=self.pressures,
             state=state,
             history=self.history,
@@ -78,7 +85,8 @@ def gathered(result: DesignResult) -> GatheredDesign:
     problem, final = result.problem, result.final
     return GatheredDesign(
         pattern=problem.skin.pattern,
-        density=np.clip(problem.skin.gather_cells(final.projected), 0, 1),  # rounding
+        density=np.clip(problem.skin.gather_cells(final.density), 0, 1),  # rounding
+        projected=np.clip(problem.skin.gather_cells(final.projected), 0, 1),
         positions=problem.shape_of(final.equilibrium),
         pressures=result.pressures,
         history=result.history,
@@ -148,7 +156,8 @@ def optimize_levels(
 def refinements(design: ShapeDesign, levels: int) -> Iterator[ShapeDesign]:
     """Yield a design on its own mesh, then on meshes that are refined uniformly (collective).
 
-    The filter radius halves with the edges: give the coarsest. Each is made when it is asked for.
+    The filter radius halves with the edges: give the coarsest. Each is made from the one before
+    when it is asked for, so that two are kept at that moment.
 
     Args:
         design: The design on the coarsest mesh.

@@ -41,7 +41,7 @@ def best_start(
 
     The ranks share out the seeds. A design whose widths are satisfied is better than one whose are
     not; of these the one with the lower T is, and of equals the one that comes first. The result
-    does not depend on the number of ranks.
+    does not depend on the number of ranks, where each has as many threads.
 
     Args:
         comm: Communicator.

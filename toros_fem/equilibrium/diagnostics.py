@@ -11,7 +11,6 @@ from petsc4py import PETSc
 from toros_fem._types import Floats
 from toros_fem.equilibrium.continuation import ContinuationResult
 from toros_fem.equilibrium.newton import STAGNATED
-from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
 
@@ -36,29 +35,33 @@ def success(model: SkinModel, load: LoadCase, residual: float, volumes: Sequence
 
 def failure(
     model: SkinModel,
-    options: NewtonOptions,
     end: ContinuationResult,
     load: LoadCase,
     tried: Floats,
+    *,
+    max_steps: int,
+    once: bool,
 ) -> str:
     """Return the sentence for a failure: why, how far the load came, the remedy (collective).
 
     Args:
         model: The skin's model.
-        options: Options of the solver.
         end: Last equilibrium, its load factor, and outcome of the last attempt.
         load: The requested load.
         tried: State where the last attempt ended.
+        max_steps: Largest number of steps of an attempt.
+        once: Whether there was one attempt at the full load and no continuation.
     """
     why = {
         int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT): (
-            f"Newton's method took {options.max_steps} steps without converging"
+            f"Newton's method took {max_steps} steps without converging"
         ),
         int(PETSc.SNES.ConvergedReason.DIVERGED_INNER): "the stationary state is not stable",
     }.get(end.outcome, "no step lowered the energy any more")
     bounds = f"c1 = {model.composite.c1:g}, c2 = {model.composite.c2:g}"
     begin = f"No equilibrium inside the stretch bounds ({bounds}) was found at {load}, at "
-    begin += f"once, by raising the load, or by stiffening the plain fabric: {why}."
+    begin += "once" if once else "once, by raising the load, or by stiffening the plain fabric"
+    begin += f": {why}."
     folds = model.count_folds(tried, FOLDED)
     if folds:  # each edge is seen from both sides
         begin += (
@@ -66,6 +69,8 @@ def failure(
             f"{math.degrees(FOLDED):.0f} degrees: the skin collapses onto itself there, and "
             "contact is not modelled. A skin sewn from flat layers needs hinged seams."
         )
+    if once:
+        return f"{begin} Solve without trial = True, which also tries continuation."
     if end.load_factor is None:
         return (
             f"{begin} There was none under a lower load either; the state is the start. "

@@ -366,10 +366,11 @@ class RegularisedNewton:
         shift = self._shift if self._refused else self._shift / DECAY
         shift = shift if shift >= SMALLEST_SHIFT else 0.0
         refused = False
-        while not self.factor.factorise(shift) and shift < LARGEST_SHIFT:
+        self._has_factors = self.factor.factorise(shift)
+        while not self._has_factors and shift < LARGEST_SHIFT:
             shift = max(FIRST_SHIFT, 4 * shift) if shift else max(FIRST_SHIFT, self._shift)
             refused = True
-        self._has_factors = True
+            self._has_factors = self.factor.factorise(shift)
         if self._first:
             lower = shift / 4 if shift >= 4 * SMALLEST_SHIFT else 0.0
             self._first, self._first_shift = False, shift if refused else lower

@@ -292,12 +292,17 @@ class EquilibriumSolver:
         self._factorised_at = None
         attempts = Attempts(self._snes, near=near is not None)
         end = self._continue(attempts, state, request, near, cold=cold, trial=trial, direct=direct)
-        result = self._result(attempts, end, request.load, trial=trial)
+        result = self._result(attempts, end, request.load, trial=trial, direct=direct)
         if result.converged:
             self._factorised_at = None if trial else result
             kept = [near] if near is not None else self._known[-1:]
             self._known = [*kept, _Known(request, result)]
         return result
+
+    def _max_steps(self, *, trial: bool) -> int:
+        """Return the largest number of steps of one attempt."""
+        most = self._snes.max_steps
+        return min(FEW_STEPS, most) if trial else most
 
     def _require_last(self, at: EquilibriumResult) -> None:
         if at is not self._factorised_at:
@@ -355,7 +360,7 @@ class EquilibriumSolver:
             return attempts(self._prescribed(start, under.displacement), max_steps, trial=trial)
 
         most = self._snes.max_steps
-        first = attempt(state, density, load, min(FEW_STEPS, most) if trial else most)
+        first = attempt(state, density, load, self._max_steps(trial=trial))
         if first.converged:
             return ContinuationResult(first.state, 1.0, first.outcome)
         if direct:
@@ -410,7 +415,13 @@ class EquilibriumSolver:
         return by_load
 
     def _result(
-        self, attempts: Attempts, end: ContinuationResult, load: LoadCase, *, trial: bool
+        self,
+        attempts: Attempts,
+        end: ContinuationResult,
+        load: LoadCase,
+        *,
+        trial: bool,
+        direct: bool,
     ) -> EquilibriumResult:
         """Return the result at the last state, under its fraction of the load (collective)."""
         model, state = self.model, end.state
@@ -425,7 +436,8 @@ class EquilibriumSolver:
             reason = success(model, load, residual, volumes)
         else:
             assert attempts.last is not None
-            reason = failure(model, self.options, end, load, attempts.last)
+            steps = self._max_steps(trial=trial)
+            reason = failure(model, end, load, attempts.last, max_steps=steps, once=direct)
         return EquilibriumResult(
             converged=load_factor == 1.0,
             load_factor=load_factor,
