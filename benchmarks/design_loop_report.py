@@ -59,6 +59,11 @@ def text(rows: Sequence[Row], sizes: Sequence[Row]) -> str:
     return prose
 
 
+def way(row: Row) -> str:
+    """Return the way of a design in words."""
+    return "one mesh, half" if row["way"] == "levels" and row["levels"] == 1 else WAYS[row["way"]]
+
+
 def title(row: Row) -> str:
     """Return scene and filter radius."""
     return TITLES[row["scene"]].format(radius=row["radius_mm"])
@@ -147,7 +152,7 @@ def designs_table(rows: Sequence[Row]) -> str:
             (
                 title(row),
                 number(row["triangles"]),
-                WAYS[row["way"]],
+                way(row),
                 cores(row),
                 f"{row['levels']}",
                 duration(row["seconds"]),
@@ -175,7 +180,7 @@ def cost_table(rows: Sequence[Row]) -> str:
         (
             (
                 title(row),
-                WAYS[row["way"]],
+                way(row),
                 cores(row),
                 f"{row['steps']}",
                 f"{row['rejected']}",
@@ -208,7 +213,7 @@ def cores_table(rows: Sequence[Row]) -> str:
         rates = ("seconds", "seconds_per_factorisation", "seconds_per_newton_step")
         ratios = ["1"] * 3 if row is one else [f"{one[key] / row[key]:.2f}" for key in rates]
         lines.append((
-            title(row), WAYS[row["way"]], cores(row), duration(row["seconds"]),
+            title(row), way(row), cores(row), duration(row["seconds"]),
             *(f"{row[key]:.3f}" for key in rates[1:]), *ratios,
         ))  # fmt: skip
     return table(head, lines)
@@ -260,7 +265,7 @@ def _curve(panel: Any, row: Row) -> None:
     """Draw one design; a dot marks the start of each level, a cross its end."""
     seconds, objective, level = zip(*row["history"], strict=True)
     colour = COLOURS[row["way"]]
-    panel.plot(seconds, objective, color=colour, lw=1, label=WAYS[row["way"]])
+    panel.plot(seconds, objective, color=colour, lw=1, label=way(row))
     starts = [k for k in range(len(level)) if k == 0 or level[k] != level[k - 1]]
     panel.plot(
         [seconds[k] for k in starts], [objective[k] for k in starts], "o", color=colour, ms=4

@@ -66,7 +66,7 @@ def test_ways_stand_beside_each_other() -> None:
     ]  # fmt: skip
     for case in (*design_loop.CASES.values(), *design_loop.QUICK.values()):
         config: Any = DEMOS[case.scene].config.updated(**case.changes)
-        assert config.level_count > 1
+        assert config.level_count > 1 or not case.before, "both ways would be one"
 
 
 def test_cost_of_a_step_is_that_of_the_finest_mesh() -> None:

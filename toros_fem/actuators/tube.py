@@ -77,6 +77,8 @@ class TubeConfig(TubeSizes, ActuatorConfig):
 class CrossSectionTubeConfig(TubeConfig):
     """A tube that may swell freely: cross-sections that count, and helical lines to start from."""
 
+    # Coarse meshes cannot hold the drawn lines, and fine ones do not divide the wide lines of these.
+    levels: int | None = TubeConfig.redefault("levels", 1)
     cross_sections: int = quantity(
         12, "number of cross-sections along the wall; the tip is one more", at_least=1
     )
