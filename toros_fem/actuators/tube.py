@@ -77,7 +77,7 @@ class TubeConfig(TubeSizes, ActuatorConfig):
 class CrossSectionTubeConfig(TubeConfig):
     """A tube that may swell freely: cross-sections that count, and helical lines to start from."""
 
-    # Coarse meshes cannot hold the drawn lines, and fine ones do not divide the wide lines of these.
+    # Coarse meshes do not hold the drawn lines, and fine ones do not divide the wide lines there.
     levels: int | None = TubeConfig.redefault("levels", 1)
     cross_sections: int = quantity(
         12, "number of cross-sections along the wall; the tip is one more", at_least=1
