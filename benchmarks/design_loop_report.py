@@ -14,7 +14,7 @@ from matplotlib.ticker import NullFormatter
 Row = Mapping[str, Any]
 
 FOLDER = Path(__file__).parent
-COLOURS = {"levels": "#0a7fc2", "before": "#b8860b"}
+COLOURS = {"coarse to fine": "#0a7fc2", "one mesh, whole": "#b8860b", "one mesh, half": "#4c9a4c"}
 WAYS = {"levels": "coarse to fine", "before": "one mesh, whole"}
 TITLES = {
     "bend": "bend, R = {radius:.3g} mm", "contract": "contract, R = {radius:.3g} mm",
@@ -239,24 +239,29 @@ def ours_table(rows: Sequence[Row]) -> str:
 
 
 def draw(path: Path, rows: Sequence[Row]) -> None:
-    """Draw the objective over seconds, a panel for each case, both ways on one core."""
-    cases = list(dict.fromkeys(row["case"] for row in rows))
+    """Draw the objective over seconds, a panel for each scene and size, all ways on one core."""
+    titles = list(dict.fromkeys(title(row) for row in rows))
+    across = min(len(titles), 3)
+    down = -(-len(titles) // across)
     figure, axes = plt.subplots(
-        1, len(cases), figsize=(1 + 2.9 * len(cases), 3.4), squeeze=False, layout="constrained"
+        down, across, figsize=(1 + 3.4 * across, 3.2 * down), squeeze=False, layout="constrained"
     )
-    for panel, case in zip(axes[0], cases, strict=True):
-        own = [row for row in rows if row["case"] == case]
+    for panel in axes.ravel()[len(titles) :]:
+        panel.set_axis_off()
+    for panel, name in zip(axes.ravel(), titles, strict=False):
+        own = [row for row in rows if title(row) == name]
         one = [row for row in own if (row["ranks"], row["threads"]) == (1, 1)] or own[:1]
         for row in one:
             _curve(panel, row)
         panel.set_xscale("log")
         panel.set_yscale("log")
-        panel.yaxis.set_minor_formatter(NullFormatter())
-        panel.set_title(f"{title(one[0])}, {cores(one[0])}", fontsize=9)
+        for axis in (panel.xaxis, panel.yaxis):
+            axis.set_minor_formatter(NullFormatter())
+        panel.set_title(f"{name}, {cores(one[0])}", fontsize=9)
         panel.set_xlabel("seconds")
+        panel.set_ylabel("objective T")
         panel.grid(alpha=0.3)
-    axes[0, 0].set_ylabel("objective T")
-    axes[0, 0].legend(fontsize=8)
+        panel.legend(fontsize=8)
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
 
@@ -264,7 +269,7 @@ def draw(path: Path, rows: Sequence[Row]) -> None:
 def _curve(panel: Any, row: Row) -> None:
     """Draw one design; a dot marks the start of each level, a cross its end."""
     seconds, objective, level = zip(*row["history"], strict=True)
-    colour = COLOURS[row["way"]]
+    colour = COLOURS[way(row)]
     panel.plot(seconds, objective, color=colour, lw=1, label=way(row))
     starts = [k for k in range(len(level)) if k == 0 or level[k] != level[k - 1]]
     panel.plot(
