@@ -78,6 +78,7 @@ class GripperConfig(ActuatorConfig):
     )
     mass: float = quantity(0.03, "mass of the object", "kg", at_least=0)
     seams: str = ActuatorConfig.redefault("seams", "hinged")
+    levels: int | None = ActuatorConfig.redefault("levels", 1)
     pressure: float = ActuatorConfig.redefault("pressure", 10e3)
 
     @property

@@ -72,6 +72,7 @@ class WalkerConfig(ActuatorConfig):
         0.86, "pressure of a released chamber over that of the design", at_least=0, at_most=1
     )
     seams: str = ActuatorConfig.redefault("seams", "hinged")
+    levels: int | None = ActuatorConfig.redefault("levels", 1)
     filter_radius: float = ActuatorConfig.redefault("filter_radius", 2.75e-3)
     pressure: float = ActuatorConfig.redefault("pressure", 20e3)
     pressure_min: float | None = ActuatorConfig.redefault("pressure_min", None)
