@@ -261,16 +261,16 @@ class _Loop:
             return there, merit(there) <= bound
 
         while True:
-            exhausted = self.rejected >= 2 * o.retries
-            trial = self.attempt(near, trial=not exhausted)
+            enough, last = self.rejected >= o.retries, self.rejected >= 2 * o.retries
+            trial = self.attempt(near, trial=not last)
             there, good = judge(trial)
-            exhausted = exhausted or (trial is not None and self.rejected >= o.retries)
-            if good or (exhausted and trial is not None):
-                trial = self.attempt_finish(trial)
+            if trial is not None and (good or enough):
+                trial = self.completed(trial)
                 there, good = judge(trial)
-                exhausted = exhausted and (trial is not None or self.rejected >= 2 * o.retries)
-            if good or exhausted:
+            if trial is not None and (good or enough):
                 return trial
+            if last:
+                return None
             self.rejected += 1
             mma.retry(self.x, there.rest, there.constraints, there.residuals)
 
@@ -364,10 +364,8 @@ class _Loop:
         except NoEquilibriumError:  # raised by all ranks or by none
             return None
 
-    def attempt_finish(self, trial: Evaluation | None) -> Evaluation | None:
+    def completed(self, trial: Evaluation) -> Evaluation | None:
         """Complete a trial; None if there is no stable equilibrium near."""
-        if trial is None:
-            return None
         try:
             return self.counted(lambda: self.problem.finish(trial), of=trial)
         except NoEquilibriumError:  # raised by all ranks or by none
