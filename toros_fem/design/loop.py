@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from toros_fem._mpi import dot, largest, norm, total
+from toros_fem._mpi import largest, norm
 from toros_fem._types import Floats
-from toros_fem.density.field import check_density
 from toros_fem.density.projection import Projection
 from toros_fem.design.options import DesignOptions, Iteration, Stage
 from toros_fem.design.problem import DesignProblem, Evaluation
@@ -102,7 +101,7 @@ def optimize(
         )
     if start is None:
         start = problem.start_density(seed) if after is None else after.density
-    check_density(problem.skin, start)
+    problem.check_variables(start)
     loop = _Loop(problem, start, options, callback)
     if after is not None:
         loop.take_over(after, start)
@@ -136,8 +135,6 @@ class _Loop:
         self.comm = problem.skin.comm
         self.variables = Variables(problem, options)
         self.x = self.variables.vector(problem.with_passive(density), problem.pressures)
-        self.areas = problem.skin.pattern.areas[problem.skin.owned_cells]
-        self.areas = self.areas * problem.designed
         self.evaluation: Evaluation | None = None
         self.state: Any = None  # to start from, as long as there is no evaluation
         self.level = 0
@@ -322,8 +319,9 @@ class _Loop:
         return now.objective > before.objective - fraction * abs(before.objective)
 
     def record(self, number: int, evaluation: Evaluation, kkt: float) -> None:
-        e, whole = evaluation, total(self.comm, self.areas.sum())
+        e = evaluation
         assert e.gradient is not None
+        volume_fraction, grey_level = self.problem.reinforcement(e)
         g_r, g_t = (0.0, 0.0) if e.length_scale is None else map(float, e.length_scale)
         row = Iteration(
             iteration=self.steps_done,
@@ -337,8 +335,8 @@ class _Loop:
             pressure=e.equilibrium.pressure,
             gradient_norm=norm(self.comm, e.gradient),
             kkt=kkt,
-            volume_fraction=dot(self.comm, self.areas, e.projected) / whole,
-            grey_level=dot(self.comm, self.areas, 4 * e.projected * (1 - e.projected)) / whole,
+            volume_fraction=volume_fraction,
+            grey_level=grey_level,
             change=self.change,
             beta=self.problem.projection.beta,
             rejected=self.rejected,

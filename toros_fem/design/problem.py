@@ -11,7 +11,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._mpi import raise_together, total
+from toros_fem._mpi import dot, raise_together, total
 from toros_fem._types import Bools, Floats
 from toros_fem._validate import require_positive
 from toros_fem.density.field import check_density, random_density
@@ -264,6 +264,28 @@ class DesignProblem(ABC, Generic[R]):
             return np.ones(len(self.skin.owned_cells), dtype=bool)
         return np.isnan(self.passive)
 
+    @property
+    def variable_bounds(self) -> tuple[Floats, Floats]:
+        """Least and largest value of each variable of this rank; equal where it is prescribed."""
+        passive = np.zeros(len(self.designed)) if self.passive is None else self.passive
+        low = np.where(self.designed, 0.0, passive)
+        return low, np.where(self.designed, 1.0, low)
+
+    def check_variables(self, density: Floats) -> None:
+        """Check shape and range of the variables of this rank (collective).
+
+        Raises:
+            DensityError: The shape is wrong, or a value is outside [0, 1].
+        """
+        check_density(self.skin, density)
+
+    def reinforcement(self, evaluation: Evaluation[R]) -> tuple[float, float]:
+        """Return volume fraction and grey level of a design, as of `Iteration` (collective)."""
+        comm, projected = self.comm, evaluation.projected
+        areas = self.skin.pattern.areas[self.skin.owned_cells] * self.designed
+        whole, grey = total(comm, areas.sum()), 4 * projected * (1 - projected)
+        return dot(comm, areas, projected) / whole, dot(comm, areas, grey) / whole
+
     def with_passive(self, density: Floats) -> Floats:
         """Return a density with the prescribed values put in, so that filters see them."""
         if self.passive is None:
@@ -296,7 +318,7 @@ class DesignProblem(ABC, Generic[R]):
             DensityError: The density does not fit or leaves [0, 1].
             NoEquilibriumError: There is no equilibrium for this design.
         """
-        check_density(self.skin, density)
+        self.check_variables(density)
         start_time = time.perf_counter()
         density = self.with_passive(density)
         filtered, projected = self.fields(density)

@@ -234,7 +234,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         responses = [self.solver.solve_tangent(v, near) for v in by_pressure]
         moves = [model.positions(y) for y in responses]
         motion = motion_along(self.skin, self.objective, near.positions, moves)
-        rows = np.zeros((len(designed), len(evaluation.projected)))
+        rows = np.zeros((len(designed), *evaluation.projected.shape))
         row_pressures = np.zeros((len(designed), len(self.pressures)))
         for j, direction in enumerate(motion.directions):
             rhs = np.zeros_like(near.state)

@@ -15,7 +15,7 @@ from toros_fem.design.problem import DesignProblem, Evaluation
 
 
 class Variables:
-    """Densities, and on the first rank those pressures that are designed, as one vector.
+    """Densities or shares, and on the first rank the designed pressures, as one vector.
 
     A pressure enters as the fraction of the way between the logarithms of its bounds, so that a
     step changes it by a factor.
@@ -23,7 +23,8 @@ class Variables:
 
     def __init__(self, problem: DesignProblem, options: DesignOptions) -> None:
         skin = problem.skin
-        self._comm, self._count = skin.comm, len(skin.owned_cells)
+        least, most = problem.variable_bounds
+        self._comm, self._count = skin.comm, len(least)
         self._pressures = np.array(problem.pressures, dtype=np.float64)
         ranges = problem.pressure_ranges
         self._which = [k for k, bounds in enumerate(ranges) if bounds is not None]
@@ -31,17 +32,14 @@ class Variables:
             np.array([bounds for bounds in ranges if bounds is not None]).reshape(-1, 2).T
         )
         self._carried = len(self._which) if skin.comm.rank == 0 else 0
-        designed = problem.designed
-        passive = np.ones(self._count) if problem.passive is None else problem.passive
-        fixed = np.where(designed, 0.0, passive)
-        low, high = self.vector(fixed), self.vector(np.where(designed, 1.0, fixed))
+        low, high = self.vector(least), self.vector(most)
         high.array[self._count :] = 1.0
         self.bounds = (low, high)
         self.move = self.vector(np.full(self._count, options.mma.move))
         self.move.array[self._count :] = options.pressure_move
 
     def vector(self, cells: Floats, pressures: Sequence[float] | None = None) -> PETSc.Vec:
-        """Return a vector of values at owned triangles and of all pressures in Pa (0 if None)."""
+        """Return a vector of own variables and of all pressures in Pa (0 if None)."""
         size = self._count + self._carried
         out = PETSc.Vec().createMPI((size, PETSc.DECIDE), comm=self._comm)
         out.array[: self._count] = cells
