@@ -19,6 +19,7 @@ ROOMS = [
     ["mechanics"],
     ["equilibrium"],
     ["analysis", "design"],
+    ["relaxed"],
     ["fabrication"],
     ["output"],
     ["actuators", "tiles"],

@@ -1,0 +1,47 @@
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from toros_fem.errors import ParameterError
+from toros_fem.meshes.sheet import rectangle
+from toros_fem.relaxed.line_field import LineField
+
+SHEET = rectangle(MPI.COMM_SELF, 0.02, 0.01, 5e-3)
+COUNT = len(SHEET.panel)
+
+
+def test_holds_copies_that_do_not_change() -> None:
+    shares = np.full((COUNT, 2), 0.1)
+    field = LineField(SHEET, shares, np.zeros((COUNT, 2)))
+    shares[:] = 0.5
+    assert field.families == 2
+    assert field.shares.max() == 0.1
+    with pytest.raises(ValueError, match="read-only"):
+        field.angles[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("shares", "angles", "message"),
+    [
+        (np.zeros((COUNT - 1, 1)), np.zeros((COUNT, 1)), "shares has shape"),
+        (np.zeros(COUNT), np.zeros((COUNT, 1)), "shares has shape"),
+        (np.zeros((COUNT, 0)), np.zeros((COUNT, 0)), "shares has shape"),
+        (np.zeros((COUNT, 1)), np.zeros((COUNT, 2)), "same number"),
+        (np.full((COUNT, 1), -0.1), np.zeros((COUNT, 1)), "negative share"),
+        (np.zeros((COUNT, 1)), np.full((COUNT, 1), np.nan), r"angles\[0\]"),
+    ],
+)
+def test_what_does_not_fit_is_refused(shares, angles, message) -> None:
+    with pytest.raises(ParameterError, match=message):
+        LineField(SHEET, shares, angles)
+
+
+def test_shares_are_scaled_family_by_family() -> None:
+    field = LineField(SHEET, np.full((COUNT, 2), 0.2), np.ones((COUNT, 2)))
+    scaled = field.scaled((0.5, 1.0))
+    assert np.allclose(scaled.shares, [0.1, 0.2], atol=1e-15)
+    assert np.array_equal(scaled.angles, field.angles)
+    with pytest.raises(ParameterError, match="2 finite numbers"):
+        field.scaled((0.5,))
+    with pytest.raises(ParameterError, match="2 finite numbers"):
+        field.scaled((0.5, -1.0))
