@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from toros_fem._types import Floats, Ints
 from toros_fem.errors import PanelError, PatternError
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.topology import flat_areas
 
 # Largest relative difference in size of a panel on two meshes; a round outline that is a polygon
 # of six sides on one of them is smaller by 17 % in its area and by 13 % in its width.
@@ -154,7 +155,7 @@ def make_transfer(source: Pattern, target: Pattern) -> Transfer:
             columns.append(there[two])
             areas.append(_clipped(inside[kept]) * source.areas[there[two]])
     row, column, area = (np.concatenate(parts) for parts in (rows, columns, areas))
-    own = _flat_areas(flat[target.flat_triangles])
+    own = flat_areas(flat[target.flat_triangles])
     real = area > ROUNDING * own[row]
     shape = (len(target.panel), len(source.panel))
     overlap = csr_array((area[real], (row[real], column[real])), shape=shape)
@@ -277,12 +278,6 @@ def _polygon_area(polygon: Floats) -> Floats:
     away = polygon[:, 1:, 1:] - polygon[:, :1, 1:]
     one, two = away[:, :-1], away[:, 1:]
     return np.asarray((one[..., 0] * two[..., 1] - one[..., 1] * two[..., 0]).sum(axis=1))
-
-
-def _flat_areas(corners: Floats) -> Floats:
-    a, b, c = np.moveaxis(corners, 1, 0)
-    u, v = b - a, c - a
-    return 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
 
 
 def _check_cover(source: Pattern, target: Pattern, overlap: csr_array) -> None:

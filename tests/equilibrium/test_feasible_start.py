@@ -11,11 +11,8 @@ from toros_fem.meshes import Pattern, Skin
 
 
 def use_of(pattern: Pattern, positions: np.ndarray) -> np.ndarray:
-    corners = pattern.corners
-    chart = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
     composite = Composite()
-    inverse = np.asarray(np.linalg.inv(chart), dtype=np.float64)
-    bounds = StretchBounds(MPI.COMM_SELF, inverse, composite.c1, composite.c2)
+    bounds = StretchBounds(MPI.COMM_SELF, pattern.corners, composite.c1, composite.c2)
     return bounds.use(positions[pattern.triangles])
 
 

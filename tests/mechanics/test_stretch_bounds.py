@@ -16,8 +16,8 @@ def test_stretches_against_singular_values() -> None:
 
 
 def test_feasibility_is_tested_by_the_stretches() -> None:
-    bounds = StretchBounds(MPI.COMM_SELF, np.eye(2)[None], 1.8, 10.0)
     flat = np.array([[[0, 0, 0], [1, 0, 0], [0, 1, 0]]], dtype=float)
+    bounds = StretchBounds(MPI.COMM_SELF, flat[..., :2], 1.8, 10.0)
     assert bounds.worst(2.5 * flat) > 1
     assert bounds.worst(1.5 * flat) == pytest.approx(0.5 / 0.8)
     assert bounds.worst(flat * [1, 0, 0]) == np.inf, "a collapsed triangle"

@@ -170,8 +170,7 @@ class SkinModel:
         owned = domain.topology.index_map(2).size_local
         self._dofs = self.space.dofmap.list[:owned, :size].reshape(owned, size // 3, 3)
         flat = domain.geometry.x[: 3 * owned].reshape(owned, 3, 3)[:, :, :2]
-        chart = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
-        self.bounds = StretchBounds(skin.comm, np.linalg.inv(chart), composite.c1, composite.c2)
+        self.bounds = StretchBounds(skin.comm, flat, composite.c1, composite.c2)
         self._areas = skin.pattern.areas[skin.owned_cells]
 
     def _without_rotation(self) -> Bools:

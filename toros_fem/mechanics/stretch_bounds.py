@@ -30,13 +30,14 @@ class StretchBounds:
 
     Args:
         comm: Communicator; all methods are collective.
-        inverse_chart: Inverse Jacobians of the flat charts of the owned triangles, (n, 2, 2).
+        flat: Flat corners of the owned triangles, (n, 3 corners, 2), in m.
         c1, c2: Bounds of eq. (1).
     """
 
-    def __init__(self, comm: MPI.Comm, inverse_chart: Floats, c1: float, c2: float) -> None:
+    def __init__(self, comm: MPI.Comm, flat: Floats, c1: float, c2: float) -> None:
         self._comm = comm
-        self._inverse_chart = np.ascontiguousarray(inverse_chart.transpose(1, 2, 0))
+        chart = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
+        self._inverse_chart = np.ascontiguousarray(np.linalg.inv(chart).transpose(1, 2, 0))
         self._c1, self._c2 = c1, c2
 
     def gradient(self, corners: Floats) -> Floats:
