@@ -21,13 +21,12 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.run import design_actuator, summary_sentence
+from toros_fem.actuators.run import design_run, summary_sentence
 from toros_fem.actuators.tube import (
     SymmetricConfig,
     TubeConfig,
@@ -38,7 +37,6 @@ from toros_fem.actuators.tube import (
 from toros_fem.command_line import run_from_command_line
 from toros_fem.config import quantity
 from toros_fem.meshes import bend
-from toros_fem.output.reporter import DesignReporter
 
 
 @dataclass(frozen=True)
@@ -60,21 +58,7 @@ def case(comm: MPI.Comm, config: BendConfig) -> ActuatorCase:
     return tube_case(comm, config, target, [bend_metric(config.angle)], planes)
 
 
-def run(
-    comm: MPI.Comm, output: Path | str, config: BendConfig | None = None, *, verbose: bool = False
-) -> dict[str, Any]:
-    """Design the tube and write all results; return the summary.
-
-    Args:
-        comm: Communicator.
-        output: Folder for summary, history, pattern, fields and pictures.
-        config: Numbers of this design; None takes the defaults.
-        verbose: Whether to print every Newton step.
-    """
-    reporter = DesignReporter(comm, output)
-    config = config or BendConfig()
-    made = design_actuator(comm, output, case, config, reporter, verbose=verbose)
-    return made.summary
+run = design_run(case, BendConfig())
 
 
 if __name__ == "__main__":

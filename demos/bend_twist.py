@@ -13,13 +13,12 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.run import design_actuator, summary_sentence
+from toros_fem.actuators.run import design_run, summary_sentence
 from toros_fem.actuators.tube import (
     CrossSectionTubeConfig,
     bend_metric,
@@ -30,7 +29,6 @@ from toros_fem.actuators.tube import (
 from toros_fem.command_line import run_from_command_line
 from toros_fem.config import quantity
 from toros_fem.meshes import bend, compose, twist
-from toros_fem.output.reporter import DesignReporter
 
 
 @dataclass(frozen=True)
@@ -68,25 +66,7 @@ def coarse(config: BendTwistConfig) -> BendTwistConfig:
     return coarse_tube(config).updated(helix_width=4e-3)
 
 
-def run(
-    comm: MPI.Comm,
-    output: Path | str,
-    config: BendTwistConfig | None = None,
-    *,
-    verbose: bool = False,
-) -> dict[str, Any]:
-    """Design the tube and write all results; return the summary.
-
-    Args:
-        comm: Communicator.
-        output: Folder for summary, history, pattern, fields and pictures.
-        config: Numbers of this design; None takes the defaults.
-        verbose: Whether to print every Newton step.
-    """
-    reporter = DesignReporter(comm, output)
-    config = config or BendTwistConfig()
-    made = design_actuator(comm, output, case, config, reporter, verbose=verbose)
-    return made.summary
+run = design_run(case, BendTwistConfig())
 
 
 if __name__ == "__main__":

@@ -16,12 +16,11 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
 from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.run import design_actuator, summary_sentence
+from toros_fem.actuators.run import design_run, summary_sentence
 from toros_fem.actuators.tube import (
     CrossSectionTubeConfig,
     SymmetricConfig,
@@ -32,7 +31,6 @@ from toros_fem.actuators.tube import (
 from toros_fem.command_line import run_from_command_line
 from toros_fem.config import quantity
 from toros_fem.meshes import contract
-from toros_fem.output.reporter import DesignReporter
 
 
 @dataclass(frozen=True)
@@ -60,25 +58,7 @@ def coarse(config: ContractConfig) -> ContractConfig:
     return coarse_tube(config).updated(helix_width=3e-3)
 
 
-def run(
-    comm: MPI.Comm,
-    output: Path | str,
-    config: ContractConfig | None = None,
-    *,
-    verbose: bool = False,
-) -> dict[str, Any]:
-    """Design the tube and write all results; return the summary.
-
-    Args:
-        comm: Communicator.
-        output: Folder for summary, history, pattern, fields and pictures.
-        config: Numbers of this design; None takes the defaults.
-        verbose: Whether to print every Newton step.
-    """
-    reporter = DesignReporter(comm, output)
-    config = config or ContractConfig()
-    made = design_actuator(comm, output, case, config, reporter, verbose=verbose)
-    return made.summary
+run = design_run(case, ContractConfig())
 
 
 if __name__ == "__main__":

@@ -34,7 +34,6 @@ from toros_fem.mechanics.supports import Supports, symmetry_plane
 from toros_fem.meshes import Pattern, curl, finger, plane_centroids
 from toros_fem.objectives.gap import SHAPES, Body
 from toros_fem.objectives.metrics import Metric
-from toros_fem.output.reporter import DesignReporter
 
 ALONG, TOWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 TOUCHING_WIDTH = 1 / 3  # of the finger's width, which is to lie on the object
@@ -247,9 +246,8 @@ def run(
         config: Numbers of this design; None takes the defaults.
         verbose: Whether to print every Newton step.
     """
-    reporter = DesignReporter(comm, output)
     config = config or GripperConfig()
-    made = design_actuator(comm, output, case, config, reporter, verbose=verbose)
+    made = design_actuator(comm, output, case, config, verbose=verbose)
     half = made.problem.skin.pattern
     return {**made.summary, "load": lift(comm, Path(output), config, half, made)}
 

@@ -26,7 +26,6 @@ from toros_fem.command_line import run_from_command_line
 from toros_fem.config import quantity
 from toros_fem.errors import ParameterError
 from toros_fem.meshes import bend
-from toros_fem.output.reporter import DesignReporter
 from toros_fem.output.writer import write_comparison
 
 # β of almost 0 makes the projection the identity.
@@ -99,8 +98,7 @@ def run(
         if comm.rank == 0:
             print(f"\n{name}", flush=True)
         folder = output / name.replace(" ", "_")
-        reporter = DesignReporter(comm, folder)
-        made = design_actuator(comm, folder, case, variant, reporter, verbose=verbose)
+        made = design_actuator(comm, folder, case, variant, verbose=verbose)
         rows.append(row(name, made.summary))
         pattern = made.printed.pattern
         wall = made.printed.contours[pattern.panel_index("wall")]

@@ -30,7 +30,6 @@ from toros_fem.config import quantity
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.meshes import Pattern, Star, compose, plane_centroids, sew, stand, walker
-from toros_fem.output.reporter import DesignReporter
 
 ANGLE = {"stand": 90.0, "crawl": 60.0}  # of the legs, in degrees
 CHAMBERS = ("body", "front", "rear")
@@ -199,9 +198,8 @@ def run(
         config: Numbers of this design; None takes the defaults.
         verbose: Whether to print every Newton step.
     """
-    reporter = DesignReporter(comm, output)
     config = config or WalkerConfig()
-    made = design_actuator(comm, output, case, config, reporter, verbose=verbose)
+    made = design_actuator(comm, output, case, config, verbose=verbose)
     if config.gait_steps is None:
         return made.summary
     return {**made.summary, "gait": walk(comm, Path(output), config, config.gait_steps, made)}

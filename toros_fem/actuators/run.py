@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -17,6 +17,7 @@ from toros_fem.analysis.error_estimate import estimate_error
 from toros_fem.density.projection import Projection
 from toros_fem.design.levels import optimize_levels
 from toros_fem.design.loop import DesignResult, optimize
+from toros_fem.design.options import DesignOptions
 from toros_fem.design.problem import Evaluation
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.starts import BestStart, best_start
@@ -119,22 +120,23 @@ def design_actuator(
     """
     reporter = reporter or DesignReporter(comm, output)
     levels = [config.at_level(level) for level in range(config.level_count)]
+    options = config.options
     best: BestStart | None = None
     if config.starts > 1:
         coarsest, seeds = levels[0], range(config.seed, config.seed + config.starts)
         best = best_start(
             comm,
             lambda alone: actuator_problem(alone, case(alone, coarsest), coarsest),
-            config.options[0],
+            options[0],
             seeds,
         )
         for row in best.design.history:
             reporter.report(row)
         # With one mesh alone all ranks finish the best design on it.
-        levels = levels[1:] or levels
+        levels, options = levels[1:] or levels, options[1:] or (config.finer_options,)
     problems = (actuator_problem(comm, case(comm, c), c, verbose=verbose) for c in levels)
     with reporter:
-        result, printed = _printed_design(problems, config, reporter, best)
+        result, printed = _printed_design(problems, options, config, reporter, best)
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
     figures: dict[str, Any] = {"seed": config.seed if best is None else best.seed}
@@ -149,6 +151,25 @@ def design_actuator(
         output, result, printed, config=config, figures=figures, seconds=reporter.seconds
     )
     return ActuatorResult(summary, result, printed, problem)
+
+
+def design_run(case: CaseMaker[C], default: C) -> Callable[..., dict[str, Any]]:
+    """Return a demo's run, which designs an actuator, writes all results and returns the summary.
+
+    It is called as `run(comm, output, config, verbose=…)`, with the arguments of `design_actuator`;
+    without a configuration it takes the default.
+
+    Args:
+        case: Makes what to design, as of `design_actuator`.
+        default: The configuration with its defaults.
+    """
+
+    def run(
+        comm: MPI.Comm, output: Path | str, config: C | None = None, *, verbose: bool = False
+    ) -> dict[str, Any]:
+        return design_actuator(comm, output, case, config or default, verbose=verbose).summary
+
+    return run
 
 
 def summary_sentence(summary: dict[str, Any]) -> str:
@@ -195,17 +216,16 @@ def error_figures(problem: ShapeDesign, made: Evaluation) -> dict[str, Any]:
 
 def _printed_design(
     problems: Iterable[ShapeDesign],
+    options: Sequence[DesignOptions],
     config: ActuatorConfig,
     reporter: DesignReporter,
     best: BestStart | None,
 ) -> tuple[DesignResult, PrintedDesign]:
-    """Run all levels, after the best start if there are several (collective).
+    """Run a level for each of the options, after the best start if there are several (collective).
 
     Each has a polishing stage if its print has free islands.
     """
-    limits, options = config.print_limits, config.options
-    if best is not None:
-        options = options[1:] or (config.finer_options,)
+    limits = config.print_limits
     rules_of = dict(enumerate(options, 0 if best is None else 1))
     steps = sum(level.iterations for level in options)
     printed: PrintedDesign | None = None
