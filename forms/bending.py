@@ -12,6 +12,8 @@ from toros_fem.forms.blocks import Blocks, Vector, components, cross, dot, minus
 from toros_fem.forms.hinge import HalfHinge, Mirror, hinge, reflected
 
 NOTHING: Vector = (0, 0, 0)
+# Rows of a symmetric 3×3 matrix over (xx, yy, xy).
+Symmetric = Sequence[Vector]
 
 
 @dataclass(frozen=True)
@@ -74,22 +76,32 @@ def curvature(patch: Sequence[Any], direction: Sequence[Any], edges: Edges) -> t
     return value, variation
 
 
-def moment(Lambda: Any, mu: Any, lam: Any) -> Any:
+def moment(Lambda: Any, mu: Any, lam: Any, lines: Symmetric | None = None) -> Any:
     """Return the bending moment D:Λ, plane-stress Hooke, eqs. (5, 6), in N.
 
     Args:
         Lambda: Curvature, in 1/m.
         mu, lam: Plane-stress Lamé parameters times h³/12, in N m.
+        lines: Stiffness of lines on the sheet, `bending_stiffness`; None for none.
     """
-    return lam * ufl.tr(Lambda) * ufl.Identity(2) + 2 * mu * Lambda
+    sheet = lam * ufl.tr(Lambda) * ufl.Identity(2) + 2 * mu * Lambda
+    if lines is None:
+        return sheet
+    xx, yy, xy = _product(lines, (Lambda[0, 0], Lambda[1, 1], Lambda[0, 1]))
+    return sheet + ufl.as_matrix([[xx, xy / 2], [xy / 2, yy]])
 
 
-def bending_energy(Lambda: Any, mu: Any, lam: Any) -> Any:
+def bending_energy(Lambda: Any, mu: Any, lam: Any, lines: Symmetric | None = None) -> Any:
     """Return ½ Λ:D:Λ per flat area, eqs. (5, 6), in J/m².
 
     With mu and lam times h³/12 it is the integral of ½ ε·D·ε over the thickness, ε = −z Λ.
     """
-    return ufl.inner(moment(Lambda, mu, lam), Lambda) / 2
+    return ufl.inner(moment(Lambda, mu, lam, lines), Lambda) / 2
+
+
+def _product(D: Symmetric, Lambda: Vector) -> Vector:
+    """Return D Λ over (xx, yy, xy)."""
+    return dot(D[0], Lambda), dot(D[1], Lambda), dot(D[2], Lambda)
 
 
 def bending_blocks(
@@ -98,6 +110,7 @@ def bending_blocks(
     edges: Edges,
     stiffness: tuple[Any, Any],
     geometric: Any,
+    lines: Symmetric | None = None,
 ) -> None:
     """Add the second variation of ½ Λ:D:Λ, eqs. (4-6), per flat area.
 
@@ -110,6 +123,7 @@ def bending_blocks(
         edges: Constants of the edges.
         stiffness: Plane-stress Lamé parameters times h³/12.
         geometric: 1 for both sums, 0 for the first sum alone.
+        lines: As in `moment`.
     """
     mu, lam = stiffness
     x = [components(node) for node in patch]
@@ -136,12 +150,15 @@ def bending_blocks(
         nodes.append((j, k, i, 3 + i))
 
     K = {}
+    by_lines = [] if lines is None else [_product(lines, components(t)) for t in edges.tensors]
     for i, one in enumerate(edges.tensors):
         for j, two in enumerate(edges.tensors):
             if i <= j:
                 traces = (one[0] + one[1]) * (two[0] + two[1])
                 double = one[0] * two[0] + one[1] * two[1] + 2 * one[2] * two[2]
                 K[i, j] = K[j, i] = lam * traces + 2 * mu * double
+                if lines is not None:
+                    K[i, j] = K[j, i] = K[i, j] + dot(components(one), by_lines[j])
 
     gradient: list[dict[int, Vector]] = []
     for i, (first, second) in enumerate(halves):

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from typing import Any
 
 Vector = tuple[Any, Any, Any]
+# 3×3 blocks of a triangle's edges from its first corner: (0, 0), (0, 1) and (1, 1).
+EdgePairs = dict[tuple[int, int], list[list[Any]]]
 
 
 class Blocks:
@@ -31,10 +33,30 @@ class Blocks:
                 old = self._entries.get(key)
                 self._entries[key] = block[k][m] if old is None else old + block[k][m]
 
+    def add_edges(self, H: EdgePairs) -> None:
+        """Add what is given by the edges e₁, e₂ of corners 0 to 2 from the first one."""
+        self.add(1, 1, H[0, 0])
+        self.add(1, 2, H[0, 1])
+        self.add(2, 2, H[1, 1])
+        # Shifting the whole triangle costs nothing: the first corner's blocks follow.
+        first = [[-(H[0, 0][k][m] + H[0, 1][m][k]) for m in range(3)] for k in range(3)]
+        second = [[-(H[0, 1][k][m] + H[1, 1][k][m]) for m in range(3)] for k in range(3)]
+        self.add(0, 1, first)
+        self.add(0, 2, second)
+        self.add(0, 0, [[-(first[k][m] + second[k][m]) for m in range(3)] for k in range(3)])
+
     def upper(self) -> list[Any]:
         """Return the entries (i, j), i ≤ j, row by row."""
         size = 3 * self.nodes
         return [self._entries.get((i, j), 0) for i in range(size) for j in range(i, size)]
+
+
+def sum_of_pairs(one: EdgePairs, two: EdgePairs) -> EdgePairs:
+    """Return the sum of two sets of edge pairs."""
+    return {
+        pair: [[block[k][m] + two[pair][k][m] for m in range(3)] for k in range(3)]
+        for pair, block in one.items()
+    }
 
 
 def balanced_sum(terms: Sequence[Any]) -> Any:

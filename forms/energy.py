@@ -9,7 +9,7 @@ from typing import Any
 import ufl
 
 from toros_fem.forms.bending import Edges, bending_blocks, bending_energy, curvature, moment
-from toros_fem.forms.blocks import Blocks, balanced_sum, components
+from toros_fem.forms.blocks import Blocks, balanced_sum, components, sum_of_pairs
 from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.kinematics import (
     CELL,
@@ -18,10 +18,16 @@ from toros_fem.forms.kinematics import (
     right_cauchy_green,
     stretch_invariants,
 )
+from toros_fem.forms.lines import (
+    Lines,
+    bending_stiffness,
+    stretching_energy,
+    stretching_pairs,
+)
 from toros_fem.forms.membrane import (
     barrier_membrane,
     barrier_value,
-    membrane_blocks,
+    membrane_pairs,
     neo_hooke,
 )
 from toros_fem.forms.periodic import placed
@@ -71,6 +77,7 @@ class SkinForms:
         tangent: Entries of the second variation of E, in N/m: for each triangle the upper
             triangle of its element matrix, row by row, as a linear form on piecewise constants.
         sensitivity: ∂(residual · adjoint)/∂ρ̄ as a linear form on the density space, in J.
+        lines_sensitivity: The same by the state of the lines, on its space.
     """
 
     energy: Any
@@ -80,6 +87,7 @@ class SkinForms:
     weight: Any | None
     tangent: Any
     sensitivity: Any
+    lines_sensitivity: Any | None
 
 
 def skin_forms(
@@ -97,12 +105,14 @@ def skin_forms(
     bladder: Any | None,
     masses: Masses | None,
     shifts: Sequence[Any] | None = None,
+    lines: Lines | None = None,
 ) -> SkinForms:
     """Return energy, first variation, tangent and density sensitivity of a skin, eqs. (8-10, 19).
 
     UFL derives the first variations of membrane, pressure and weight, and the sensitivity. Written
-    by hand are the bending's first variation (`curvature`) and the tangent (`membrane_blocks`,
-    `bending_blocks`, `pressure_blocks`); tests/forms ties both to `ufl.derivative`.
+    by hand are the bending's first variation (`curvature`) and the tangent (`membrane_pairs`,
+    `stretching_pairs`, `bending_blocks`, `pressure_blocks`); tests/forms ties both to
+    `ufl.derivative`.
 
     Args:
         q: Patch positions: a function of three corners; with bending of three flaps too, and of
@@ -121,6 +131,8 @@ def skin_forms(
         masses: Masses of the materials; None for a skin without weight.
         shifts: Lattice shifts of the corners and flaps of a tile that repeats, as for `placed`;
             then F̄n and F̄t are the patch's last two vectors. None otherwise.
+        lines: Line families of a relaxed design; they stiffen the fabric between them, in
+            stretching and in bending. None for a skin without.
     """
     space = q.ufl_function_space()
     mesh = space.ufl_domain()
@@ -132,8 +144,12 @@ def skin_forms(
         patch, variations = placed(patch, shifts), placed(variations, shifts)
     corners = patch[:3]
 
+    families = [] if lines is None else lines.families
+    factor = None if lines is None else lines.fabric_factor
+
     def mixed(name: str) -> Any:
-        return interpolate(density, getattr(fabric, name), getattr(reinforcement, name))
+        value = interpolate(density, getattr(fabric, name), getattr(reinforcement, name))
+        return value if factor is None else factor * value
 
     C = right_cauchy_green(deformation_gradient(corners, jacobian))
     s, p = stretch_invariants(C)
@@ -143,21 +159,29 @@ def skin_forms(
     if bladder is not None:
         energy += neo_hooke(s, p, bladder) * dx
         stretching += neo_hooke(s, p, bladder)
-    residual = ufl.derivative(stretching * dx, q, test)
     nodes = [components(node) for node in patch]
     blocks = Blocks(len(nodes))
-    membrane_blocks(blocks, nodes[:3], jacobian, sheet, bounds, bladder, geometric)
+    pairs = membrane_pairs(nodes[:3], jacobian, sheet, bounds, bladder, geometric)
+    if families:
+        energy += stretching_energy(families, C) * dx
+        stretching += stretching_energy(families, C)
+        more = stretching_pairs(families, nodes[:3], jacobian, geometric)
+        pairs = sum_of_pairs(pairs, more)
+    residual = ufl.derivative(stretching * dx, q, test)
+    blocks.add_edges(pairs)
 
     if edges is not None:
         Lambda, variation = curvature(patch, variations, edges)
         stiffness = mixed("mu_bend"), mixed("lam_bend")
-        energy += bending_energy(Lambda, *stiffness) * dx
-        residual += ufl.inner(moment(Lambda, *stiffness), variation) * dx
-        bending_blocks(blocks, patch, edges, stiffness, geometric)
+        D = bending_stiffness(families) if families else None
+        energy += bending_energy(Lambda, *stiffness, D) * dx
+        residual += ufl.inner(moment(Lambda, *stiffness, D), variation) * dx
+        bending_blocks(blocks, patch, edges, stiffness, geometric, D)
 
     weight = None
     if masses is not None:
-        mass = interpolate(density, masses.fabric, masses.reinforcement)
+        printed = density if lines is None else density + lines.cover
+        mass = interpolate(printed, masses.fabric, masses.reinforcement)
         potential = weight_potential(nodes[:3], mass, masses.gravity) * dx
         weight = ufl.derivative(potential, q, test)
         energy += potential
@@ -165,7 +189,12 @@ def skin_forms(
 
     # Only stiffness and weight depend on the density: the pressure is left out.
     parts = ufl.replace(residual, {test: adjoint})
-    sensitivity = ufl.derivative(parts, density, ufl.TestFunction(density.ufl_function_space()))
+    sensitivity, lines_sensitivity = (
+        ufl.derivative(parts, by, ufl.TestFunction(by.ufl_function_space()))
+        if by is not None
+        else None
+        for by in (density, None if lines is None else lines.state)
+    )
 
     volume = volume_variation = None
     if pressure is not None:
@@ -177,4 +206,13 @@ def skin_forms(
         pressure_blocks(blocks, nodes[:3], jacobian, geometric * pressure)
 
     tangent = balanced_sum([value * entries[n] for n, value in enumerate(blocks.upper())]) * dx
-    return SkinForms(energy, volume, residual, volume_variation, weight, tangent, sensitivity)
+    return SkinForms(
+        energy,
+        volume,
+        residual,
+        volume_variation,
+        weight,
+        tangent,
+        sensitivity,
+        lines_sensitivity,
+    )

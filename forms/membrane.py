@@ -7,7 +7,7 @@ from typing import Any
 
 import ufl
 
-from toros_fem.forms.blocks import Blocks, Vector, cross, dot, minus, skew, times
+from toros_fem.forms.blocks import EdgePairs, Vector, cross, dot, minus, skew, times
 from toros_fem.forms.kinematics import (
     deformation_gradient,
     right_cauchy_green,
@@ -96,23 +96,21 @@ def neo_hooke(s: Any, p: Any, mu: Any) -> Any:
     return mu / 2 * (s * s - 2 * p + 1 / (p * p) - 3)
 
 
-def membrane_blocks(
-    blocks: Blocks,
+def membrane_pairs(
     corners: Sequence[Vector],
     jacobian: Any,
     stiffness: tuple[Any, Any],
     bounds: tuple[Any, Any],
     bladder: Any | None,
     geometric: Any,
-) -> None:
-    """Add the second variation of ψ(s, p), eq. (1), per flat area.
+) -> EdgePairs:
+    """Return the second variation of ψ(s, p), eq. (1), per flat area, by the edges e₁ and e₂.
 
     With e₁, e₂ the deformed edges from the first corner and Gᵃᵇ the inverse metric of the flat
     triangle, s² = Gᵃᵇ eₐ·e_b + 2p and p = |e₁ × e₂| / |det J|. The second derivative of p lies
     along the normal but for the rotation of e₁ against e₂.
 
     Args:
-        blocks: Receives the blocks of corners 0 to 2.
         corners: Deformed corners.
         jacobian: Jacobian of the flat chart.
         stiffness: Plane-stress Lamé parameters times thickness.
@@ -163,7 +161,7 @@ def membrane_blocks(
         along[a, b] = geometric * along[a, b] + across * G[a, b] - (1 - geometric) * bare
     rotation = skew(times(-curved, normal))
     ss, sp, pp = d_ss - isotropic, d_sp, d_pp
-    H: dict[tuple[int, int], list[list[Any]]] = {}
+    H: EdgePairs = {}
     for a, b in ((0, 0), (0, 1), (1, 1)):
         by_s = [ss * s_e[b][k] + sp * p_e[b][k] for k in range(3)]
         by_p = [sp * s_e[b][k] + pp * p_e[b][k] for k in range(3)]
@@ -181,12 +179,4 @@ def membrane_blocks(
             ]
             for k in range(3)
         ]
-    blocks.add(1, 1, H[0, 0])
-    blocks.add(1, 2, H[0, 1])
-    blocks.add(2, 2, H[1, 1])
-    # Shifting the whole triangle costs nothing: the first corner's blocks follow.
-    first = [[-(H[0, 0][k][m] + H[0, 1][m][k]) for m in range(3)] for k in range(3)]
-    second = [[-(H[0, 1][k][m] + H[1, 1][k][m]) for m in range(3)] for k in range(3)]
-    blocks.add(0, 1, first)
-    blocks.add(0, 2, second)
-    blocks.add(0, 0, [[-(first[k][m] + second[k][m]) for m in range(3)] for k in range(3)])
+    return H

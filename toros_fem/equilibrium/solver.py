@@ -10,7 +10,6 @@ import numpy as np
 
 from toros_fem._mpi import norm, raise_together
 from toros_fem._types import Floats
-from toros_fem.density.field import check_density
 from toros_fem.equilibrium.continuation import Attempt, ContinuationResult, run_continuation
 from toros_fem.equilibrium.diagnostics import failure, success
 from toros_fem.equilibrium.newton import NewtonStep
@@ -23,6 +22,7 @@ from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.dead_loads import Weight
 from toros_fem.mechanics.load_case import LoadCase, make_load_case
 from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.relaxed_model import RelaxedModel
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.skin import Skin
 
@@ -125,6 +125,8 @@ class EquilibriumSolver:
         log: Called with every row of a solve's history as it comes, on every rank.
         chambers: Pressure chambers; None for one.
         weight: The skin's own weight; None for none.
+        families: Number of line families of relaxed designs, which then take the place of
+            densities (`RelaxedModel`); None for none.
     """
 
     def __init__(
@@ -137,9 +139,14 @@ class EquilibriumSolver:
         *,
         chambers: Chambers | None = None,
         weight: Weight | None = None,
+        families: int | None = None,
     ) -> None:
         self.skin = skin
-        self.model = SkinModel(skin, composite, supports, chambers, weight)
+        self.model: SkinModel
+        if families is None:
+            self.model = SkinModel(skin, composite, supports, chambers, weight)
+        else:
+            self.model = RelaxedModel(skin, composite, supports, families, chambers, weight)
         self.options = options or NewtonOptions()
         self._snes = SnesSolver(self.model, self.options, log)
         self._factor = self._snes.factor
@@ -164,7 +171,8 @@ class EquilibriumSolver:
         Where that fails too, the plain fabric is solved for and then stiffened.
 
         Args:
-            density: Projected density of the owned triangles, in [0, 1].
+            density: Projected density of the owned triangles, in [0, 1]; with line families the
+                rows of a relaxed design.
             pressure: Pressure in Pa, ≥ 0, one for all chambers or one for each.
             force: Dead forces in N on all assembled vertices, (n, 3).
             displacement: Displacement of the fixed components in m, (n, 3); None takes that of the
@@ -196,7 +204,7 @@ class EquilibriumSolver:
             displacement=displacement,
             weight_fraction=0.0 if model.weight is None else 1.0,
         )
-        check_density(self.skin, density)
+        model.check(density)
         state = self._start(start)
         known = next((k for k in self._known if start is k.result.state), None)
         result = self._solve(

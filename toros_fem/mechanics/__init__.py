@@ -4,6 +4,7 @@ from toros_fem.mechanics.chambers import Chambers, chambers_of_panels
 from toros_fem.mechanics.dead_loads import Weight, spread_force
 from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.relaxed_model import RelaxedModel
 from toros_fem.mechanics.supports import (
     Supports,
     build_in,
@@ -17,6 +18,7 @@ from toros_fem.mechanics.supports import (
 __all__ = [
     "Chambers",
     "LoadCase",
+    "RelaxedModel",
     "SkinModel",
     "Supports",
     "Weight",

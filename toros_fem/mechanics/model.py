@@ -12,9 +12,11 @@ from dolfinx import fem, la
 
 from toros_fem._mpi import dot, total
 from toros_fem._types import Bools, Floats, Ints, LocalInts
+from toros_fem.density.field import check_density
 from toros_fem.errors import ParameterError
 from toros_fem.forms.energy import SkinForms, skin_forms
 from toros_fem.forms.interpolation import interpolate
+from toros_fem.forms.lines import Lines
 from toros_fem.materials import Composite
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.coefficients import (
@@ -96,6 +98,7 @@ class SkinModel:
         *,
         closed: bool,
         lattice_shifts: Sequence[Any] | None = None,
+        lines: Lines | None = None,
     ) -> None:
         """Make space and forms.
 
@@ -104,6 +107,7 @@ class SkinModel:
             closed: Whether a pressure can act.
             lattice_shifts: Coefficients of `forms.periodic.placed`; None for a skin that does not
                 repeat.
+            lines: Coefficients of line families; None for a skin without.
         """
         self.skin, self.composite, self.supports = skin, composite, supports
         self.chambers, self.weight, self.closed = chambers, weight, closed
@@ -146,6 +150,7 @@ class SkinModel:
             None if bladder is None else fem.Constant(domain, bladder.membrane_stiffness / 3),
             None if weight is None else masses(domain, weight, self._gravity),
             lattice_shifts,
+            lines,
         )
         self._energy = fem.form(self.ufl_forms.energy)
         self._residual = fem.form(self.ufl_forms.residual)
@@ -213,6 +218,14 @@ class SkinModel:
             self.positions(self._force)[:] = load.force[self.skin.owned_vertices]
         if self.weight is not None:
             self._gravity.value[:] = load.weight_fraction * np.asarray(self.weight.gravity)
+
+    def check(self, density: Floats) -> None:
+        """Check owned densities, with one result on all ranks.
+
+        Raises:
+            DensityError: The density does not fit, or leaves [0, 1].
+        """
+        check_density(self.skin, density)
 
     def set_density(self, density: Floats) -> None:
         """Set the projected density from owned values."""
@@ -386,14 +399,15 @@ class SkinModel:
 
     def mean_modulus(self) -> float:
         """Return the mean over the flat area of h (2μ + λ), the bladder's included, in N/m."""
-        mixed = _membrane_modulus(self.composite, self.density.x.array[: len(self._areas)])
         area = float(self.skin.pattern.areas.sum())
         bladder = self.composite.bladder  # μ = E/3, λ = 2 μ
         rubber = 0.0 if bladder is None else 4 / 3 * bladder.membrane_stiffness
-        return dot(self.skin.comm, mixed, self._areas) / area + rubber
+        return dot(self.skin.comm, self._moduli(), self._areas) / area + rubber
 
-
-def _membrane_modulus(composite: Composite, density: Floats) -> Floats:
-    fabric, reinforcement = composite.fabric, composite.reinforcement
-    values = [m.thickness * (2 * m.mu + m.lam) for m in (fabric, reinforcement)]
-    return np.asarray(interpolate(density, *values))
+    def _moduli(self) -> Floats:
+        """Return h (2μ + λ) of the owned triangles in N/m, without the bladder's."""
+        values = [
+            m.thickness * (2 * m.mu + m.lam)
+            for m in (self.composite.fabric, self.composite.reinforcement)
+        ]
+        return np.asarray(interpolate(self.density.x.array[: len(self._areas)], *values))

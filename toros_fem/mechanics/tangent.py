@@ -9,8 +9,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from toros_fem._types import Floats, Ints, LocalInts
 from toros_fem.mechanics.block_pairs import BlockPairs
 from toros_fem.mechanics.model import SkinModel
-from toros_fem.mechanics.periodic_tangent import PeriodicTangent
-from toros_fem.mechanics.periodicity import PeriodicModel
+from toros_fem.mechanics.periodicity import PeriodicModel, PeriodicTangent
 
 
 class UpperTangent:
