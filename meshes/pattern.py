@@ -198,13 +198,13 @@ class Pattern:
 
         `seams[k, 0, e]` and `seams[k, 1, e]` are sewn to the same vertex.
         """
-        flat = self._flat_sides
+        flat = self.flat_sides
         return flat[np.any(flat[:, 0] != flat[:, 1], axis=1)]
 
     @cached_property
     def seam_edges(self) -> Bools:
         """Whether each triangle has a seam at edge i, opposite corner i, shape (t, 3)."""
-        flat = self._flat_sides
+        flat = self.flat_sides
         seam = np.zeros(len(self.edges.ends), dtype=bool)
         seam[self.edges.inner] = np.any(flat[:, 0] != flat[:, 1], axis=1)
         # The edge from corner i + 1 to i + 2 is the one opposite corner i.
@@ -231,7 +231,21 @@ class Pattern:
         return edges_of(self.triangles)
 
     @cached_property
-    def _flat_sides(self) -> Ints:
+    def chart_turns(self) -> Floats:
+        """Angle in rad, (−π, π], by which a direction turns across each edge with two triangles.
+
+        A direction at angle t in the chart of the first of `edges.sides` is at t plus this in that
+        of the second, for the edges `edges.inner`. It is exactly 0 inside a panel.
+        """
+        sides = self.flat_sides
+        ends = self.flat_points[sides]
+        along = ends[:, :, 1] - ends[:, :, 0]
+        angle = np.arctan2(along[:, :, 1], along[:, :, 0])
+        turn = np.pi - (np.pi - angle[:, 1] + angle[:, 0]) % (2 * np.pi)
+        return np.where(np.all(sides[:, 0] == sides[:, 1], axis=1), 0.0, turn)
+
+    @cached_property
+    def flat_sides(self) -> Ints:
         """Flat ends of both sides of each inner edge, sewn ones at the same index."""
         sides = half_edges(self.flat_triangles)[self.edges.twins[self.edges.inner]]
         sides[:, 1] = sides[:, 1, ::-1]
