@@ -13,6 +13,16 @@ from toros_fem._validate import require_between, require_count, require_positive
 LIMIT_POWER = 4.0
 
 
+def columns(shares: Floats, angles: Floats) -> Floats:
+    """Return the relaxed material, (n, 1 + 3 K), of shares and angles in rad, both (n, K).
+
+    Its columns are ρ̄, here 0, the shares, cos 2t and sin 2t of all families, as
+    `mechanics.relaxed_model` takes them.
+    """
+    none = np.zeros((len(shares), 1))
+    return np.hstack([none, shares, np.cos(2 * angles), np.sin(2 * angles)])
+
+
 @dataclass(frozen=True)
 class FixedDirections:
     """Variables of the first stage: the shares of several directions, evenly over half a turn.
@@ -48,6 +58,11 @@ class FixedDirections:
         return self.directions
 
     @property
+    def centre(self) -> Floats:
+        """Variables of no lines, which no turn of a chart changes, (N,)."""
+        return np.zeros(self.directions)
+
+    @property
     def angles(self) -> Floats:
         """Angles of the directions in rad, (N,)."""
         return np.pi * np.arange(self.directions) / self.directions
@@ -66,14 +81,15 @@ class FixedDirections:
         np.add.at(matrix, ((low + 1) % n, np.arange(n)), high)
         return matrix
 
-    def forward(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return shares and angles, both (n, N), of variables, (n, N)."""
+    def forward(self, x: Floats) -> Floats:
+        """Return the relaxed material, (n, 1 + 3 N), of variables, (n, N)."""
         total = x.sum(axis=1, keepdims=True)
         shares = self.limit * x * (1 + total**LIMIT_POWER) ** (-1 / LIMIT_POWER)
-        return shares, np.broadcast_to(self.angles, x.shape)
+        return columns(shares, np.broadcast_to(self.angles, x.shape))
 
-    def backward(self, x: Floats, by_shares: Floats, by_angles: Floats) -> Floats:
-        """Return the gradient by the variables, (n, N), from those by shares and angles."""
+    def backward(self, x: Floats, by_material: Floats) -> Floats:
+        """Return the gradient by the variables, (n, N), from that by the material."""
+        by_shares = by_material[:, 1 : 1 + self.count]
         p, total = LIMIT_POWER, x.sum(axis=1, keepdims=True)
         slope = (1 + total**p) ** (-1 / p)
         bend = -(total ** (p - 1)) * (1 + total**p) ** (-1 / p - 1)
@@ -112,12 +128,13 @@ class FreeDirections:
         """Number of families."""
         return 2
 
-    def transport(self, turn: float) -> Floats:
-        """Return the matrix that takes z − z₀ to a chart turned by an angle in rad, (6, 6).
+    @property
+    def centre(self) -> Floats:
+        """Variables of no lines, which no turn of a chart changes, (6,)."""
+        return np.array([0.0, 0.0, 0.5, 0.5, 0.5, 0.5])
 
-        Variables of directions count from z₀ = 1/2, where the double-angle vector is 0; see
-        `centre`.
-        """
+    def transport(self, turn: float) -> Floats:
+        """Return the matrix that takes x − `centre` to a chart turned by an angle, (6, 6)."""
         c, s = np.cos(2 * turn), np.sin(2 * turn)
         matrix = np.eye(6)
         for k in (2, 4):
@@ -129,16 +146,12 @@ class FreeDirections:
         double = np.stack([np.cos(2 * angles), np.sin(2 * angles)], axis=2).reshape(-1, 4)
         return np.hstack([np.clip(shares / np.array(self.limits), 0, 1), (1 + double) / 2])
 
-    def forward(self, x: Floats) -> tuple[Floats, Floats]:
-        """Return shares and angles, both (n, 2), of variables, (n, 6)."""
-        double = 2 * x[:, 2:] - 1
-        return x[:, :2] * np.array(self.limits), np.arctan2(double[:, 1::2], double[:, ::2]) / 2
+    def forward(self, x: Floats) -> Floats:
+        """Return the relaxed material, (n, 7), of variables, (n, 6)."""
+        shares, double = x[:, :2] * np.array(self.limits), 2 * x[:, 2:] - 1
+        return np.hstack([np.zeros((len(x), 1)), shares, double[:, ::2], double[:, 1::2]])
 
-    def backward(self, x: Floats, by_shares: Floats, by_angles: Floats) -> Floats:
-        """Return the gradient by the variables, (n, 6), from those by shares and angles."""
-        double = 2 * x[:, 2:] - 1
-        c, s = double[:, ::2], double[:, 1::2]
-        square = np.maximum(c * c + s * s, 1e-12)
-        by_double = np.stack([-s * by_angles, c * by_angles], axis=2) / square[:, :, None]
-        # t = atan2(s, c)/2 and c = 2 x − 1: the halves cancel.
-        return np.hstack([by_shares * np.array(self.limits), by_double.reshape(len(x), 4)])
+    def backward(self, x: Floats, by_material: Floats) -> Floats:
+        """Return the gradient by the variables, (n, 6), from that by the material."""
+        by_shares, by_double = by_material[:, 1:3], 2 * by_material[:, 3:]
+        return np.hstack([by_shares * np.array(self.limits), by_double[:, [0, 2, 1, 3]]])

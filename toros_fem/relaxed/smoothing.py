@@ -36,7 +36,8 @@ class Smoothing:
         skin: The sewn skin.
         radius: R in m.
         fields: Number k of fields.
-        transport: How fields turn from chart to chart; None: they do not.
+        transport: How fields less their centre turn from chart to chart; None: they do not.
+        centre: Centre of the fields, (k,); None for zero.
         designed: Whether each triangle of the pattern has fields, (t,); others are left at zero.
 
     Raises:
@@ -49,11 +50,13 @@ class Smoothing:
         radius: float,
         fields: int,
         transport: Transport | None = None,
+        centre: Floats | None = None,
         designed: Bools | None = None,
     ) -> None:
         require_positive(radius=radius)
         self.radius = float(radius)
         pattern, self._skin, self._fields = skin.pattern, skin, fields
+        self._centre: Floats = np.zeros(fields) if centre is None else centre
         count = len(pattern.panel)
         self._cells = np.arange(count) if designed is None else np.flatnonzero(designed)
         number = np.full(count, -1)
@@ -82,7 +85,7 @@ class Smoothing:
 
     def forward(self, values: Floats) -> Floats:
         """Return x̃ at owned triangles from x there, both flat, (own · k,) (collective)."""
-        return self._apply(values, lambda x: self._solve(self._mass[:, None] * x))
+        return self._apply(values, self._smoothed)
 
     def backward(self, gradient: Floats) -> Floats:
         """Return the gradient by x from that by x̃, both flat, (own · k,) (collective)."""
@@ -91,7 +94,7 @@ class Smoothing:
     def on_pattern(self, values: Floats) -> Floats:
         """Return x̃ of all triangles, (t, k), from x there; not collective."""
         out = np.zeros_like(values)
-        out[self._cells] = self._solve(self._mass[:, None] * values[self._cells])
+        out[self._cells] = self._smoothed(values[self._cells])
         return out
 
     def _apply(self, owned: Floats, action: Callable[[Floats], Floats]) -> Floats:
@@ -100,6 +103,9 @@ class Smoothing:
         out = np.zeros_like(whole)
         out[self._cells] = action(whole[self._cells])
         return out[skin.owned_cells].ravel()
+
+    def _smoothed(self, values: Floats) -> Floats:
+        return self._centre + self._solve(self._mass[:, None] * (values - self._centre))
 
     def _solve(self, right: Floats) -> Floats:
         if not self._coupled:

@@ -1,0 +1,173 @@
+"""The relaxed design in two stages: which families of lines a skin needs, from a random start."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem._types import Floats
+from toros_fem._validate import require_count, require_positive
+from toros_fem.design.loop import Callback, DesignResult, optimize
+from toros_fem.design.options import DesignOptions, Iteration, Stage
+from toros_fem.design.shape_problem import ShapeProblem
+from toros_fem.design.warm_start import WarmStart
+from toros_fem.mma.optimizer import MMAOptions
+from toros_fem.relaxed.families import FixedDirections, FreeDirections
+from toros_fem.relaxed.fit import fitted_pair
+from toros_fem.relaxed.line_field import LineField
+from toros_fem.relaxed.problem import RelaxedProblem, relaxed_problem
+
+
+@dataclass(frozen=True)
+class RelaxedOptions:
+    """Numbers of the relaxed design.
+
+    Attributes:
+        directions: Number of fixed directions of the first stage.
+        share_limit: Limit on the sum of their shares.
+        family_limits: Limits on the shares of the two families of the second stage.
+        radius: Radius of the smoothing in m; None takes a tenth of the skin's size.
+        iterations: Largest number of steps of either stage.
+        move: Largest change of a variable in one step, in either stage.
+        min_decrease: A stage ends when T falls by a smaller fraction in ten steps; None leaves
+            this rule out.
+        target_objective: A stage ends when T is at most this; None leaves this rule out.
+
+    Raises:
+        ParameterError: A value is out of its bounds.
+    """
+
+    directions: int = 12
+    share_limit: float = 0.35
+    family_limits: tuple[float, float] = (0.3, 0.3)
+    radius: float | None = None
+    iterations: tuple[int, int] = (40, 40)
+    move: tuple[float, float] = (0.1, 0.1)
+    min_decrease: float | None = 0.05
+    target_objective: float | None = None
+
+    def __post_init__(self) -> None:
+        for count in self.iterations:
+            require_count(1, iterations=count)
+        for move in self.move:
+            require_positive(move=move, at_most=1.0)
+        if self.radius is not None:
+            require_positive(radius=self.radius)
+        FixedDirections(self.directions, self.share_limit)
+        FreeDirections(self.family_limits)
+
+    def stage(self, number: int) -> DesignOptions:
+        """Return the options of the design loop in one of the two stages."""
+        return DesignOptions(
+            (Stage(self.iterations[number]),),
+            min_relative_decrease=self.min_decrease,
+            target_objective=self.target_objective,
+            mma=MMAOptions(move=self.move[number]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class RelaxedResult:
+    """The result of a relaxed design, equal on all ranks.
+
+    Attributes:
+        field: Share and direction of the two families in each triangle.
+        variables: The variables that they come from, before smoothing, (t, 6).
+        positions: Positions of all vertices at the pressure, (n, 3), in m.
+        pressures: Pressure of each chamber in Pa.
+        objective: T.
+        metrics: Values of the metrics, by key.
+        history: Rows of both stages.
+        newton_steps: Number of Newton steps of both stages.
+        seconds: Wall time of both stages, set-up included.
+        reason: Why the second stage ended, as a sentence.
+    """
+
+    field: LineField
+    variables: Floats
+    positions: Floats
+    pressures: tuple[float, ...]
+    objective: float
+    metrics: Mapping[str, float]
+    history: tuple[Iteration, ...]
+    newton_steps: int
+    seconds: float
+    reason: str
+
+
+def find_lines(
+    design: ShapeProblem,
+    options: RelaxedOptions | None = None,
+    *,
+    seed: int = 0,
+    callback: Callback | None = None,
+    after: RelaxedResult | None = None,
+) -> RelaxedResult:
+    """Find line families that take a skin to its target, from random ones (collective).
+
+    First the shares of fixed directions are designed: the problem is then nearly convex, and
+    coherent families appear from noise. Two families are fitted to them, whose shares and
+    continuous directions are designed on.
+
+    Args:
+        design: What is to be designed, on a coarse mesh: target, supports, loads and prescribed
+            densities. Its filter and its width constraints play no part.
+        options: Numbers of the relaxed design; None takes the defaults.
+        seed: Seed of the random start; the same on any number of ranks.
+        callback: Called after each iteration, on every rank.
+        after: A result on the same mesh, of another target for instance, whose second stage is
+            continued; `seed` then plays no part.
+
+    Raises:
+        ParameterError: The seed is negative.
+        NoEquilibriumError: There is no equilibrium for the start.
+    """
+    begin = time.perf_counter()
+    options = options or RelaxedOptions()
+    skin = design.skin
+    radius = options.radius or skin.pattern.size / 10
+    free = FreeDirections(options.family_limits)
+    if after is None:
+        fixed = FixedDirections(options.directions, options.share_limit)
+        first = relaxed_problem(design, fixed, radius)
+        found = optimize(first, options.stage(0), seed=seed, callback=callback)
+        field = fitted_pair(first.line_field(found.final))
+        variables = free.variables(field.shares, field.angles)
+        positions = first.shape_of(found.final.equilibrium)
+        pressures, history = found.pressures, found.history
+    else:
+        variables, positions = after.variables, after.positions
+        pressures, history = after.pressures, after.history
+    second = relaxed_problem(design, free, radius)
+    own = second.with_passive(variables[skin.owned_cells].ravel())
+    warm = WarmStart(
+        density=own,
+        pressures=pressures,
+        state=second.state_at(positions),
+        history=history,
+        seconds={},
+        level=0,
+    )
+    result = optimize(second, options.stage(1), callback=callback, after=warm)
+    return _gathered(second, result, time.perf_counter() - begin)
+
+
+def _gathered(problem: RelaxedProblem, result: DesignResult, seconds: float) -> RelaxedResult:
+    """Return a result on every rank (collective)."""
+    final, history = result.final, result.history
+    variables = result.density.reshape(-1, problem.families.fields)
+    return RelaxedResult(
+        field=problem.line_field(final),
+        variables=np.asarray(problem.skin.gather_cells(variables)),
+        positions=problem.shape_of(final.equilibrium),
+        pressures=result.pressures,
+        objective=final.objective,
+        metrics=dict(history[-1].metrics),
+        history=history,
+        newton_steps=sum(row.newton_steps for row in history),
+        seconds=seconds,
+        reason=result.reason,
+    )
