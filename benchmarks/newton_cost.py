@@ -2,6 +2,7 @@
 
     scripts/fenicsx python3 benchmarks/newton_cost.py
     scripts/fenicsx python3 benchmarks/newton_cost.py --triangles 45000 --json cost.json
+    scripts/fenicsx python3 benchmarks/newton_cost.py --quick
 
 The capped tube at about 3, 11, 45 and 180 thousand triangles, with and without bending, on one
 rank with one thread, on one rank with two, and on two ranks. Each phase of a step is timed in turn
@@ -38,6 +39,10 @@ ROW = (
 # Ranks, and threads of each.
 CASES = ((1, 1), (1, 2), (2, 1))
 SCENES = ("bending and pressure", "no bending", "no pressure", "neither")
+# Triangles; bending, ranks and threads of each case; scenes. Those without bending compile fast.
+QUICK_SIZE = 1000
+QUICK = ((True, 2, 1), (False, 1, 1), (False, 1, 2))
+QUICK_SCENES = ("no bending", "neither")
 
 
 def _composite(bending: bool) -> Any:
@@ -257,6 +262,7 @@ def main() -> None:
     parser.add_argument("--triangles", type=int, help="about so many only")
     parser.add_argument("--json", type=Path, help="file for the rows")
     parser.add_argument("--rounds", type=int, default=5, help="of which the fastest counts")
+    parser.add_argument("--quick", action="store_true", help="a few cases of a small size")
     parser.add_argument("--worker", nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--compile", help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -268,20 +274,21 @@ def main() -> None:
     if options.compile:
         print(json.dumps(compiled(options.compile)), flush=True)
         return
+    sizes, cases, scenes = SIZES, [(b, *case) for b in (True, False) for case in CASES], SCENES
+    if options.quick:
+        sizes, cases, scenes = (QUICK_SIZE,), list(QUICK), QUICK_SCENES
     rows = []
     print(HEAD)
-    for triangles in [options.triangles] if options.triangles else SIZES:
-        for bending in (True, False):
-            for ranks, threads in CASES:
-                worker = ["--worker", str(triangles), str(bending), "--rounds", str(options.rounds)]
-                rows.append(run(worker, ranks, OMP_NUM_THREADS=str(threads)))
-                print(line(rows[-1]), flush=True)
+    for triangles in [options.triangles] if options.triangles else sizes:
+        for bending, ranks, threads in cases:
+            worker = ["--worker", str(triangles), str(bending), "--rounds", str(options.rounds)]
+            rows.append(run(worker, ranks, OMP_NUM_THREADS=str(threads)))
+            print(line(rows[-1]), flush=True)
     compare(rows)
-    scenes = []
-    for scene in SCENES:
+    for scene in scenes:
         with tempfile.TemporaryDirectory() as folder:
-            scenes.append(run(["--compile", scene], XDG_CACHE_HOME=folder))
-            print("{scene:22s} {forms} forms, first solve {first_s:.1f} s".format(**scenes[-1]))
+            found = run(["--compile", scene], XDG_CACHE_HOME=folder)
+            print("{scene:22s} {forms} forms, first solve {first_s:.1f} s".format(**found))
     if options.json:
         kept = [{key: row[key] for key in ROW} for row in rows]
         options.json.write_text(json.dumps(kept, indent=2) + "\n", encoding="utf-8")

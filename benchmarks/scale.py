@@ -84,21 +84,25 @@ def edge_for(triangles: int) -> float:
     return float(np.sqrt(4 / np.sqrt(3) * area / triangles))
 
 
+def _config(edge: float) -> Any:
+    """Return the configuration of the tube with edges of this length in m."""
+    from toros_fem.actuators.tube import TubeConfig
+
+    radius = REACH * edge
+    return TubeConfig().updated(
+        edge_length=edge, filter_radius=radius, perimeter_weight=0.1, print_width=radius
+    )
+
+
 def measure(triangles: int) -> dict[str, Any]:
     """Measure one size in this process."""
     from mpi4py import MPI
 
     from toros_fem.actuators.run import actuator_problem
-    from toros_fem.actuators.tube import TubeConfig, bend_metric, tube_case
+    from toros_fem.actuators.tube import bend_metric, tube_case
     from toros_fem.meshes import bend
 
-    comm = MPI.COMM_SELF
-    edge = edge_for(triangles)
-    radius = REACH * edge
-    config = TubeConfig().updated(
-        edge_length=edge, filter_radius=radius, perimeter_weight=0.1, print_width=radius
-    )
-    _warm_up(config.updated(edge_length=6e-3, filter_radius=9e-3))
+    comm, config = MPI.COMM_SELF, _config(edge_for(triangles))
     row: dict[str, Any] = {}
     row["mesh_s"], case = timed(
         lambda: tube_case(comm, config, bend(np.pi, config.length), [bend_metric(180.0)])
@@ -115,7 +119,7 @@ def measure(triangles: int) -> dict[str, Any]:
     return {
         "triangles": len(case.pattern.triangles),
         "unknowns": problem.solver.model.space.dofmap.index_map.size_global,
-        "radius_mm": 1e3 * radius,
+        "radius_mm": 1e3 * config.filter_radius,
         **{name: row[name] for name in PHASES},
         "setup_gib": row["setup_gib"],
         "step_gib": row["step_gib"],
@@ -124,7 +128,7 @@ def measure(triangles: int) -> dict[str, Any]:
     }
 
 
-def _warm_up(config: Any) -> None:
+def _warm_up() -> None:
     """Import and compile everything on a tiny tube: neither grows with the mesh."""
     from mpi4py import MPI
 
@@ -132,7 +136,7 @@ def _warm_up(config: Any) -> None:
     from toros_fem.actuators.tube import bend_metric, tube_case
     from toros_fem.meshes import bend
 
-    comm = MPI.COMM_SELF
+    comm, config = MPI.COMM_SELF, _config(6e-3)
     case = tube_case(comm, config, bend(np.pi, config.length), [bend_metric(180.0)])
     problem = actuator_problem(comm, case, config)
     _design_step(problem, config)
@@ -321,13 +325,13 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join([*lines, f"| bytes a triangle that every rank holds | {whole} | |"])
 
 
-def run(triangles: int) -> dict[str, Any]:
-    """Measure one size in a process of its own."""
-    command = [sys.executable, __file__, "--worker", str(triangles)]
+def run(*sizes: int) -> list[dict[str, Any]]:
+    """Measure some sizes in a process of their own."""
+    command = [sys.executable, __file__, "--worker", *map(str, sizes)]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, env=environment, stdout=subprocess.PIPE, check=True, text=True)
-    row: dict[str, Any] = json.loads(done.stdout.strip().splitlines()[-1])
-    return row
+    rows: list[dict[str, Any]] = json.loads(done.stdout.strip().splitlines()[-1])
+    return rows
 
 
 def main() -> None:
@@ -335,17 +339,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--quick", action="store_true", help="two small sizes")
+    parser.add_argument("--quick", action="store_true", help="two small sizes in one process")
     parser.add_argument("--triangles", type=int, nargs="+", help="about so many only")
     parser.add_argument("--json", type=Path, help="file for the rows")
-    parser.add_argument("--worker", type=int, help=argparse.SUPPRESS)
+    parser.add_argument("--worker", type=int, nargs="+", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.worker:
-        print(json.dumps(measure(options.worker)), flush=True)
+        _warm_up()
+        print(json.dumps([measure(size) for size in options.worker]), flush=True)
         return
     rows = []
-    for triangles in options.triangles or (QUICK if options.quick else SIZES):
-        rows.append(run(triangles))
+    single = [(size,) for size in options.triangles or SIZES]
+    for sizes in [QUICK] if options.quick else single:
+        rows += run(*sizes)
         print(f"{rows[-1]['triangles']} triangles: done", file=sys.stderr, flush=True)
         if options.json:
             options.json.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
