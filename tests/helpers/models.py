@@ -14,7 +14,7 @@ from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.supports import Supports
 from toros_fem.mechanics.tangent import UpperTangent
-from toros_fem.meshes import sew
+from toros_fem.meshes import Skin, sew
 
 SIZE = 0.02
 
@@ -90,3 +90,15 @@ def dense_tangent(model: SkinModel, state: np.ndarray, geometric: float = 1.0) -
     rows = csr_matrix((values, tangent.columns, tangent.indptr), shape=shape).toarray()
     upper = np.concatenate(model.skin.comm.allgather(rows))
     return upper + np.triu(upper, 1).T
+
+
+def line_design(skin: Skin, families: int, seed: int, cover: float = 0.5) -> np.ndarray:
+    """Owned rows of a random relaxed design, the same on any number of ranks."""
+    rng = np.random.default_rng(seed)
+    count = len(skin.pattern.panel)
+    shares = cover / families * rng.uniform(0.4, 1, (count, families))
+    angles = rng.uniform(-np.pi / 2, np.pi / 2, (count, families))
+    vectors = rng.uniform(0.5, 2, (count, families))
+    density = rng.uniform(0.02, 0.2, count)
+    rows = [density, shares, vectors * np.cos(2 * angles), vectors * np.sin(2 * angles)]
+    return np.asarray(np.column_stack(rows)[skin.owned_cells])

@@ -1,0 +1,203 @@
+"""Line families: energy by hand, closed forms against `ufl.derivative` and differences."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, la
+from helpers.expressions import matrix, number
+from helpers.models import SIZE, affine, automatic_tangent, bent_tube, line_design, pressurize
+from helpers.models import upper_rows as closed_rows
+from helpers.scenes import square
+from mpi4py import MPI
+from scipy.sparse import csr_matrix, triu
+
+from toros_fem._mpi import norm
+from toros_fem.forms.blocks import Blocks
+from toros_fem.forms.lines import (
+    Family,
+    bending_stiffness,
+    fabric_factor,
+    stretching_energy,
+    stretching_pairs,
+)
+from toros_fem.materials import Bending, Composite, Material
+from toros_fem.mechanics.relaxed_model import CROSSING, RelaxedModel
+from toros_fem.mechanics.supports import Supports, clamp
+from toros_fem.meshes import Skin, cylinder, sew
+
+FLAT = np.array([[0.0, 0.0], [2.0, 0.1], [0.5, 1.5]])
+JACOBIAN = np.column_stack([FLAT[1] - FLAT[0], FLAT[2] - FLAT[0]])
+SHARES, ANGLES = np.array([0.1, 0.3, 0.2]), np.array([0.3, -1.1, 2.0])
+
+
+def family(angle: float, stretching: float, bending: float = 0, twisting: float = 0) -> Family:
+    return Family(np.cos(2 * angle), np.sin(2 * angle), stretching, bending, twisting)
+
+
+def length(F: np.ndarray, angle: float) -> float:
+    return float(np.linalg.norm(F @ [np.cos(angle), np.sin(angle)]))
+
+
+def hessian(families: list[Family], corners: np.ndarray, geometric: float) -> np.ndarray:
+    """The closed second variation by the corners, (9, 9)."""
+    blocks = Blocks(3)
+    points = [tuple(map(float, p)) for p in corners]
+    blocks.add_edges(stretching_pairs(families, points, matrix(JACOBIAN), geometric))
+    upper = np.zeros((9, 9))
+    upper[np.triu_indices(9)] = [number(entry) for entry in blocks.upper()]
+    return upper + np.triu(upper, 1).T
+
+
+def test_factor_of_the_fabric_by_the_double_sum() -> None:
+    cover, crossings = SHARES.sum(), 0.0
+    for s_j, t_j in zip(SHARES, ANGLES, strict=True):
+        for s_k, t_k in zip(SHARES, ANGLES, strict=True):
+            crossings += s_j**2 * s_k * np.sin(t_j - t_k) ** 2
+    found = fabric_factor(SHARES, np.cos(2 * ANGLES), np.sin(2 * ANGLES), 260.0)
+    assert found == pytest.approx(1 / (1 - cover) + 260 * crossings, rel=1e-14)
+    parallel = np.full(3, 0.7)
+    found = fabric_factor(SHARES, np.cos(2 * parallel), np.sin(2 * parallel), 260.0)
+    assert found == pytest.approx(1 / (1 - cover), rel=1e-13), "parallel lines do not cross"
+
+
+def test_energy_in_tension_and_compression() -> None:
+    F = np.array([[1.3, 0.2], [-0.1, 0.7], [0.2, 0.1]])
+    families = [family(t, k) for t, k in zip(ANGLES, (2.0, 3.0, 5.0), strict=True)]
+    expected = sum(
+        k / 2 * (length(F, t) - 1) ** 2 for t, k in zip(ANGLES, (2.0, 3.0, 5.0), strict=True)
+    )
+    assert min(length(F, t) for t in ANGLES) < 1 < max(length(F, t) for t in ANGLES)
+    found = stretching_energy(families, matrix(F.T @ F))
+    assert number(found) == pytest.approx(expected, rel=1e-13)
+
+
+@pytest.mark.parametrize("squeeze", [1.25, 0.8])
+def test_second_variation_and_its_material_part(squeeze: float) -> None:
+    """By differences of the energy; without rotations of stress it is positive, or the same."""
+    rng = np.random.default_rng(4)
+    corners = squeeze * np.column_stack([FLAT, np.zeros(3)]) + 0.1 * rng.standard_normal((3, 3))
+    stiffness = (2.0, 3.0, 5.0)
+
+    def energy(x: np.ndarray) -> float:
+        a, b, c = x.reshape(3, 3)
+        F = np.column_stack([b - a, c - a]) @ np.linalg.inv(JACOBIAN)
+        parts = [k / 2 * (length(F, t) - 1) ** 2 for t, k in zip(ANGLES, stiffness, strict=True)]
+        return float(sum(parts))
+
+    families = [family(t, k) for t, k in zip(ANGLES, stiffness, strict=True)]
+    whole, step, unit = hessian(families, corners, 1.0), 1e-4, np.eye(9)
+    for i in range(9):
+        for j in range(9):
+            signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
+            ends = [energy(corners.ravel() + step * (p * unit[i] + q * unit[j])) for p, q in signs]
+            by_difference = (ends[0] - ends[1] - ends[2] + ends[3]) / (4 * step**2)
+            assert whole[i, j] == pytest.approx(by_difference, abs=1e-6)
+    material = hessian(families, corners, 0.0)
+    lowest = np.linalg.eigvalsh(material)
+    assert lowest[0] > -1e-14 * lowest[-1]
+    if squeeze > 1:
+        assert material == pytest.approx(whole, abs=1e-13), "nothing is compressed"
+    else:
+        assert np.linalg.eigvalsh(whole)[0] < -0.1
+        assert np.linalg.eigvalsh(material - whole)[0] > -1e-13
+
+
+def test_stiffness_of_lines_that_bend_and_twist() -> None:
+    Lambda = np.array([[3.0, 0.5], [0.5, -2.0]])
+    families = [family(t, 0.0, 7.0, 2.0 + t) for t in ANGLES]
+    expected = 0.0
+    for t in ANGLES:
+        d, n = np.array([np.cos(t), np.sin(t)]), np.array([-np.sin(t), np.cos(t)])
+        expected += 7.0 * (d @ Lambda @ d) ** 2 + (2.0 + t) * (d @ Lambda @ n) ** 2
+    D, parts = np.array(bending_stiffness(families), dtype=float), np.array([3.0, -2.0, 0.5])
+    assert parts @ D @ parts == pytest.approx(expected, rel=1e-13)
+    assert pytest.approx(D.T) == D
+
+
+# As in test_energy, so thick that stretching does not hide what bending adds.
+THICK = Composite(Material(1e5, 0.3, 5e-3), Material(26e5, 0.3, 5e-3))
+
+
+@pytest.mark.parametrize("curvature", ["midedge", None])
+def test_closed_forms_equal_the_automatic_ones(
+    tube: Skin, comm: MPI.Comm, curvature: str | None
+) -> None:
+    bending = None if curvature is None else Bending(curvature)
+    composite = dataclasses.replace(THICK, bending=bending)
+    model = RelaxedModel(tube, composite, clamp(tube.pattern, ["base"]), 2)
+    model.set_density(line_design(tube, 2, 6))
+    pressurize(model, 2e3)
+    state = bent_tube(model)
+    model.set_state(state)
+    energy = fem.form(
+        ufl.derivative(model.ufl_forms.energy, model.q, ufl.TestFunction(model.space))
+    )
+    vector = fem.assemble_vector(energy)
+    vector.scatter_reverse(la.InsertMode.add)
+    automatic = vector.array[: model.size_local] * model.free
+    assert norm(comm, model.residual(state) - automatic) <= 1e-13 * norm(comm, automatic)
+    closed = closed_rows(model, state)
+    rows, columns, values = automatic_tangent(model, state).getValuesCSR()
+    begin = model.space.dofmap.index_map.local_range[0]
+    expected = triu(csr_matrix((values, columns, rows), shape=closed.shape), k=begin)
+    assert norm(comm, (closed - expected).tocsr().data) <= 1e-12 * norm(comm, closed.data)
+
+
+def test_energy_of_a_sheet_by_hand(comm: MPI.Comm) -> None:
+    """Any design and any affine deformation: eq. (1) with its factor, and the lines."""
+    pattern = square(size=SIZE)
+    fixed = np.zeros(pattern.points.shape, dtype=bool)
+    fixed[[0, 1, 10]] = True
+    skin = sew(comm, pattern)
+    composite = Composite(bending=None)
+    model = RelaxedModel(skin, composite, Supports(fixed), 3)
+    F = np.array([[1.2, 0.15], [-0.1, 0.8], [0.2, 0.1]])
+    design = line_design(skin, 3, 2)
+    model.set_density(design)
+    strains = np.linalg.svd(F, compute_uv=False) - 1
+    a, b = (composite.c1 - 1) ** 2, (composite.c2 - 1) ** 2
+    fabric, printed = composite.fabric, composite.reinforcement
+    expected = 0.0
+    for row, area in zip(design, pattern.areas[skin.owned_cells], strict=True):
+        shares, t = row[1:4], np.arctan2(row[7:], row[4:7]) / 2
+        crossings = sum(
+            shares[j] ** 2 * shares[k] * np.sin(t[j] - t[k]) ** 2
+            for j in range(3)
+            for k in range(3)
+        )
+        factor = 1 / (1 - shares.sum()) + CROSSING * 260 * crossings
+        mu, lam = (fabric.mu * (1 - row[0]) + row[0] * printed.mu,
+                   fabric.lam * (1 - row[0]) + row[0] * printed.lam)  # fmt: skip
+        psi = -mu * a * np.log(1 - strains**2 / a).sum()
+        psi -= lam / 2 * b * np.log(1 - strains.sum() ** 2 / b)
+        lines = sum(s / 2 * (length(F, angle) - 1) ** 2 for s, angle in zip(shares, t, strict=True))
+        expected += area * (fabric.thickness * factor * psi + printed.membrane_stiffness * lines)
+    expected = comm.allreduce(expected)
+    assert model.energy(affine(model, F)) == pytest.approx(expected, rel=1e-11)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.6, np.pi / 2])
+def test_bending_of_lines_on_a_rolled_sheet(comm: MPI.Comm, angle: float) -> None:
+    """One hinge of 2π/n a triangle: lines bend with cos² of their angle to the hoop, and twist."""
+    pattern = cylinder(comm, 0.06, 0.02, 4e-3, mesh="structured", caps=False)
+    # Without Poisson's ratio the free ends of the prism want no other angle than they have.
+    cloth, strip = Material(0.1e6, 0.0, 0.5e-3), Material(26e6, 0.0, 0.4e-3)
+    skin = sew(comm, pattern)
+    composite = Composite(fabric=cloth, reinforcement=strip, bending=Bending("average"))
+    supports = clamp(pattern, ["wall"])
+    sides = round(np.pi * 0.02 / 4e-3)
+    bend = 2 * np.pi / (sides * 0.02 * np.sin(np.pi / sides))
+    values = []
+    for share in (0.0, 0.4):
+        model = RelaxedModel(skin, composite, supports, 1)
+        row = [0.0, share, np.cos(2 * angle), np.sin(2 * angle)]
+        model.set_density(np.tile(row, (len(skin.owned_cells), 1)))
+        values.append(model.energy(model.assembled))
+    h, half = strip.thickness, pattern.areas.sum() / 2
+    fabric = cloth.thickness**3 / 12 * cloth.young * bend**2
+    along, across = bend * np.cos(angle) ** 2, bend * np.cos(angle) * np.sin(angle)
+    lines = strip.young * h**3 / 12 * along**2 + strip.mu * h**3 / 3 * across**2
+    assert values[0] == pytest.approx(half * fabric, rel=1e-9)
+    assert values[1] == pytest.approx(half * (fabric / 0.6 + 0.4 * lines), rel=1e-9)
