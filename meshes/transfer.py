@@ -142,7 +142,7 @@ def make_transfer(source: Pattern, target: Pattern) -> Transfer:
     areas: list[Floats] = []
     cell, weight = np.zeros(count, dtype=np.int64), np.zeros((count, 3))
     best = np.full(count, -np.inf)
-    flat = _scaled_points(source, target)
+    flat = scaled_points(source, target)
     for name in target.panel_names:
         here, there = target.cells_of(name), source.cells_of(name)
         corners, around = flat[target.flat_triangles[here]], source.corners[there]
@@ -165,8 +165,12 @@ def make_transfer(source: Pattern, target: Pattern) -> Transfer:
     return Transfer(source, target, _with_nearest(overlap, target, cell), cell, inner)
 
 
-def _scaled_points(source: Pattern, target: Pattern) -> Floats:
-    """Return the target's flat points, each panel scaled to the source's bounding box."""
+def scaled_points(source: Pattern, target: Pattern) -> Floats:
+    """Return the target's flat points, each panel scaled to the source's bounding box.
+
+    Raises:
+        PanelError: A panel has another size on the two meshes.
+    """
     flat = target.flat_points.copy()
     for name in target.panel_names:
         points = np.unique(target.flat_triangles[target.cells_of(name)])

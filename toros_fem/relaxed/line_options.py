@@ -23,6 +23,7 @@ class LineOptions:
         least_share: Where a family has less than this share it has no lines.
         even: Distance in m over which spacings and directions are averaged; None for the mean
             over one triangle only.
+        hole_area: Area in m² of the smallest hole that stays open, and of the smallest piece.
         spread: Largest local width over the width asked, at least 1; so is the width asked over
             the smallest local one, which is never under `print_width`.
 
@@ -34,11 +35,12 @@ class LineOptions:
     print_width: float = 0.6e-3
     least_share: float = 0.03
     even: float | None = 10e-3
+    hole_area: float = 0.5e-6
     spread: float = 1.5
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "widths", tuple(float(width) for width in self.widths))
-        require_positive(print_width=self.print_width)
+        require_positive(print_width=self.print_width, hole_area=self.hole_area)
         require_positive(least_share=self.least_share, at_most=1.0)
         require_between(1, 10, spread=self.spread)
         if self.even is not None:

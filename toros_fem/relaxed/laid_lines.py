@@ -1,0 +1,261 @@
+"""Printable lines along the families of a relaxed design."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem._types import Bools, Floats, Ints
+from toros_fem.errors import ParameterError
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.refine import refine
+from toros_fem.meshes.transfer import scaled_points
+from toros_fem.relaxed.centre_lines import CentreLine, trace
+from toros_fem.relaxed.line_field import LineField
+from toros_fem.relaxed.line_options import LineOptions
+from toros_fem.relaxed.stripes import Waves, find_stripes, fitting_spacing
+from toros_fem.relaxed.strips import EXCESS, Strip, cleaned, joints_of, ribbons
+from toros_fem.relaxed.transport import LineMesh, make_line_mesh
+
+# Edges of the mesh that lines are laid on are at most this fraction of the least spacing, but it
+# has at most so many triangles.
+FINE = 1 / 3
+MOST_TRIANGLES = 60_000
+# Distance over which spacings are adapted to directions, as a multiple of `LineOptions.even`.
+ALONG = 2.0
+# Corners of the pieces that a region is divided into before it is cut by triangles.
+PIECE = 40
+
+
+@dataclass(frozen=True)
+class LaidFamily:
+    """What became of one family of lines.
+
+    Attributes:
+        width: Width asked, in m.
+        lines: Number of lines.
+        length: Their total length in m.
+        share: Part of the area, without that printed before, that the field asks for.
+        laid: Part of it that the family covers.
+        ends: How many ends lie at what.
+    """
+
+    width: float
+    lines: int
+    length: float
+    share: float
+    laid: float
+    ends: dict[str, int]
+
+
+@dataclass(frozen=True, eq=False)
+class LaidLines:
+    """Printable lines on the panels of a pattern.
+
+    Attributes:
+        pattern: The pattern that they were laid on.
+        regions: Printed region of each panel, polygons in its chart, in m.
+        centre_lines: Centre lines of each family.
+        families: What became of each family.
+    """
+
+    pattern: Pattern
+    regions: tuple[BaseGeometry, ...]
+    centre_lines: tuple[tuple[CentreLine, ...], ...]
+    families: tuple[LaidFamily, ...]
+
+    @property
+    def area(self) -> float:
+        """Printed area in m²."""
+        return float(sum(region.area for region in self.regions))
+
+    def cover(self, pattern: Pattern) -> Floats:
+        """Return the part of each triangle that is printed, (t,), by exact areas.
+
+        Args:
+            pattern: A pattern with the same panels, of any mesh.
+
+        Raises:
+            PanelError: Its panels are others.
+        """
+        flat = scaled_points(self.pattern, pattern)
+        covered = np.zeros(len(pattern.panel))
+        for name in pattern.panel_names:
+            region = self.regions[self.pattern.panel_index(name)]
+            cells = pattern.cells_of(name)
+            covered[cells] = _covered(region, flat[pattern.flat_triangles[cells]])
+        return covered
+
+
+def lay_lines(
+    field: LineField,
+    options: LineOptions | None = None,
+    *,
+    printed: Bools | None = None,
+    planes: Sequence[int] = (),
+) -> LaidLines:
+    """Lay lines of printable width along the families of a field.
+
+    All is done on one rank: under MPI, call it on the first one (`on_first_rank`).
+
+    Args:
+        field: Shares and directions.
+        options: Widths and limits.
+        printed: Triangles of the field's pattern that are printed all over, (t,). They carry no
+            lines, and lines may end at them.
+        planes: Symmetry planes at which the pattern is cut, as of `mirrored`.
+
+    Raises:
+        ParameterError: `printed` does not fit the pattern, or the options the field.
+    """
+    options = options or LineOptions()
+    widths = [options.width_of(k, field.families) for k in range(field.families)]
+    count = len(field.pattern.panel)
+    covered = np.zeros(count, bool) if printed is None else np.asarray(printed)
+    if covered.shape != (count,) or covered.dtype != np.bool_:
+        raise ParameterError(
+            f"printed has shape {covered.shape} and type {covered.dtype}; it must be {count} "
+            "truth values, one for each triangle."
+        )
+    fine, cell = _fine(field, widths, options)
+    fine_field = LineField(fine, field.shares[cell], field.angles[cell])
+    mesh = make_line_mesh(fine, ~covered[cell])
+    laid = [_family(mesh, fine_field, k, width, options) for k, width in enumerate(widths)]
+    strips = [_strips(mesh, lines, radius) for lines, radius in laid]
+    regions, shares = _regions(fine, mesh, strips, tuple(planes), options)
+    asked = mesh.areas @ fine_field.shares[mesh.cells] / mesh.areas.sum()
+    families = [
+        LaidFamily(width, len(lines), sum(line.length for line in lines), float(part), share, {})
+        for width, (lines, _), part, share in zip(widths, laid, asked, shares, strict=True)
+    ]
+    return LaidLines(fine, regions, tuple(tuple(lines) for lines, _ in laid), tuple(families))
+
+
+def _fine(field: LineField, widths: list[float], options: LineOptions) -> tuple[Pattern, Ints]:
+    """Return a mesh that is fine enough for the lines, and the field's triangle of each of its."""
+    pattern = field.pattern
+    cell: Ints = np.arange(len(pattern.panel), dtype=np.int64)
+    means = np.average(field.shares, axis=0, weights=pattern.areas)
+    spacings = [_spacing(share, width, options) for share, width in zip(means, widths, strict=True)]
+    while 4 * len(pattern.panel) <= MOST_TRIANGLES:
+        edge = np.sqrt(np.median(pattern.areas) * 4 / np.sqrt(3))
+        if edge <= FINE * min(spacings):
+            break
+        refined = refine(pattern)
+        pattern, cell = refined.pattern, cell[refined.cell]
+    return pattern, cell
+
+
+def _spacing(share: Floats, width: float, options: LineOptions) -> Floats:
+    """Return the distance in m between lines of a width that cover a share."""
+    most = width / (width + options.print_width)
+    return np.asarray(width / np.clip(share, options.least_share, most), dtype=np.float64)
+
+
+def _family(
+    mesh: LineMesh, field: LineField, family: int, width: float, options: LineOptions
+) -> tuple[list[CentreLine], Floats]:
+    """Return the centre lines of a family, and half the width at each vertex."""
+    share, angle = field.shares[mesh.cells, family], field.angles[mesh.cells, family]
+    half = None if options.even is None else options.even / 2
+    double = mesh.smooth_directions(mesh.double_angles(angle, share), half)
+    at_vertices = mesh.at_vertices(share)
+    local, mean = mesh.smooth(at_vertices, half), mesh.smooth(at_vertices, options.even)
+    direction = np.angle(double).astype(np.float64) / 2
+    waves = Waves(mesh, direction, 2 * np.pi / _spacing(mean, width, options))
+    weight = np.maximum(mean, options.least_share)
+    if options.even is not None:
+        waves = fitting_spacing(waves, weight, ALONG * options.even, options.spread)
+    stripes = find_stripes(waves, weight)
+    enough = local >= options.least_share
+    i, j = mesh.edges.ends.T
+    lines = trace(mesh, stripes, enough[i] & enough[j])
+    # The true spacing: the phase grows faster or slower than wanted where lines close in a ring.
+    found, wanted = stripes.change * stripes.wanted, stripes.wanted**2
+    top, bottom = (mesh.smooth(mesh.around(part), options.even) for part in (found, wanted))
+    spacing = 2 * np.pi / (waves.number * np.clip(top / bottom, 0.5, 2.0))
+    low = max((1 + 2 * EXCESS) * options.print_width, width / options.spread)
+    high = np.maximum(low, np.minimum(width * options.spread, spacing - options.print_width))
+    return lines, np.clip(local * spacing, low, high) / 2
+
+
+def _strips(mesh: LineMesh, lines: list[CentreLine], radius: Floats) -> list[Strip]:
+    """Return the strips of lines, half the width given at vertices, (n,)."""
+    panel = mesh.pattern.panel[mesh.cells]
+    strips = []
+    for line in lines:
+        at = mesh.barycentric(np.repeat(line.cell, 2), line.points.reshape(-1, 2))
+        radii = np.einsum("kc,kc->k", at, radius[mesh.vertex[np.repeat(line.cell, 2)]])
+        strips.append(Strip(panel[line.cell], line.points, radii.reshape(-1, 2), (True, True)))
+    return strips
+
+
+def _regions(
+    pattern: Pattern,
+    mesh: LineMesh,
+    strips: list[list[Strip]],
+    planes: tuple[int, ...],
+    options: LineOptions,
+) -> tuple[tuple[BaseGeometry, ...], list[float]]:
+    """Return the printed region of each panel, and the part of the area under each family."""
+    joints = joints_of(pattern, planes)
+    free = np.zeros(len(pattern.panel), dtype=bool)
+    free[mesh.cells] = True
+    laid, regions = np.zeros(len(strips)), []
+    for panel in range(len(pattern.panel_names)):
+        here = pattern.panel == panel
+        before = shapely.coverage_union_all(shapely.polygons(pattern.corners[here & ~free]))
+        if not np.any(here & free):
+            regions.append(before)
+            continue
+        bare = shapely.coverage_union_all(shapely.polygons(pattern.corners[here & free]))
+        shapely.prepare(bare)
+        unions = [
+            shapely.union_all(ribbons(family, panel, joints, options.print_width))
+            for family in strips
+        ]
+        laid += [union.intersection(bare).area for union in unions]
+        region = cleaned(shapely.union_all(unions), options.print_width, options.hole_area)
+        regions.append(shapely.union_all([region.intersection(bare), before]))
+    return tuple(regions), (laid / mesh.areas.sum()).tolist()
+
+
+def _covered(region: BaseGeometry, corners: Floats) -> Floats:
+    """Return the part of triangles (t, 3, 2) that a region covers, (t,)."""
+    triangles = shapely.polygons(corners)
+    whole = shapely.area(triangles)
+    pieces = np.array(_divided(region), dtype=object)
+    found = np.zeros(len(corners))
+    if not len(pieces):
+        return found
+    triangle, piece = shapely.STRtree(pieces).query(triangles, predicate="intersects")
+    area = shapely.area(shapely.intersection(triangles[triangle], pieces[piece]))
+    np.add.at(found, triangle, area)
+    return np.clip(found / whole, 0.0, 1.0)
+
+
+def _divided(region: BaseGeometry) -> list[BaseGeometry]:
+    """Return pieces of a region with few corners each; they only share borders."""
+    done: list[BaseGeometry] = []
+    left = list(shapely.get_parts(region))
+    while left:
+        part = left.pop()
+        if part.geom_type != "Polygon" or part.is_empty:
+            continue
+        if shapely.get_num_coordinates(part) <= PIECE:
+            done.append(part)
+            continue
+        x, y, right, top = part.bounds
+        if right - x > top - y:
+            middle = (x + right) / 2
+            halves = (x, y, middle, top), (middle, y, right, top)
+        else:
+            middle = (y + top) / 2
+            halves = (x, y, right, middle), (x, middle, right, top)
+        for half in halves:
+            left += list(shapely.get_parts(shapely.intersection(part, shapely.box(*half))))
+    return done
