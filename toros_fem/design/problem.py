@@ -195,6 +195,14 @@ class DesignProblem(ABC, Generic[R]):
         none = np.zeros((0, len(evaluation.projected)))
         return lambda _: np.zeros(0), none, np.zeros((0, len(self.pressures)))
 
+    def cost(self, projected: Floats) -> float:
+        """Return what T counts besides the distance and the perimeter: 0 by default (collective)."""
+        return 0.0
+
+    def cost_backward(self, projected: Floats) -> Floats:
+        """Return the gradient of `cost` by ρ̄ at owned triangles (collective)."""
+        return np.zeros_like(projected)
+
     def metrics_of(self, response: R) -> dict[str, float]:
         """Return the values of all metrics by key, equal on all ranks (collective)."""
         return {}
@@ -373,7 +381,7 @@ class DesignProblem(ABC, Generic[R]):
         response, distance = self.respond(projected, start, pressure, trial=trial)
         end = time.perf_counter()
         return Evaluation(
-            objective=distance + self._perimeter_price * (perimeter or 0.0),
+            objective=distance + self._perimeter_price * (perimeter or 0.0) + self.cost(projected),
             shape=distance,
             perimeter=perimeter,
             length_scale=widths,
@@ -409,6 +417,7 @@ class DesignProblem(ABC, Generic[R]):
         if self.perimeter is not None:
             by_border = self.perimeter.backward(e.projected)
             by_projected = by_projected + self._perimeter_price * by_border
+        by_projected = by_projected + self.cost_backward(e.projected)
         gradient = self._pull_back(e, None, by_projected)
         widths = None
         if self.length_scale is not None:

@@ -30,6 +30,7 @@ class RelaxedOptions:
         share_limit: Limit on the sum of their shares.
         family_limits: Limits on the shares of the two families of the second stage.
         radius: Radius of the smoothing in m; None takes a tenth of the skin's size.
+        share_weight: Factor on the mean sum of shares in T; None leaves this cost out.
         iterations: Largest number of steps of either stage.
         move: Largest change of a variable in one step, in either stage.
         min_decrease: A stage ends when T falls by a smaller fraction in ten steps; None leaves
@@ -44,6 +45,7 @@ class RelaxedOptions:
     share_limit: float = 0.35
     family_limits: tuple[float, float] = (0.3, 0.3)
     radius: float | None = None
+    share_weight: float | None = None
     iterations: tuple[int, int] = (40, 40)
     move: tuple[float, float] = (0.1, 0.1)
     min_decrease: float | None = 0.05
@@ -56,6 +58,8 @@ class RelaxedOptions:
             require_positive(move=move, at_most=1.0)
         if self.radius is not None:
             require_positive(radius=self.radius)
+        if self.share_weight is not None:
+            require_positive(share_weight=self.share_weight)
         FixedDirections(self.directions, self.share_limit)
         FreeDirections(self.family_limits)
 
@@ -129,10 +133,11 @@ def find_lines(
     options = options or RelaxedOptions()
     skin = design.skin
     radius = options.radius or skin.pattern.size / 10
+    cost = options.share_weight or 0.0
     free = FreeDirections(options.family_limits)
     if after is None:
         fixed = FixedDirections(options.directions, options.share_limit)
-        first = relaxed_problem(design, fixed, radius)
+        first = relaxed_problem(design, fixed, radius, cost)
         found = optimize(first, options.stage(0), seed=seed, callback=callback)
         field = fitted_pair(first.line_field(found.final))
         variables = free.variables(field.shares, field.angles)
@@ -141,7 +146,7 @@ def find_lines(
     else:
         variables, positions = after.variables, after.positions
         pressures, history = after.pressures, after.history
-    second = relaxed_problem(design, free, radius)
+    second = relaxed_problem(design, free, radius, cost)
     own = second.with_passive(variables[skin.owned_cells].ravel())
     warm = WarmStart(
         density=own,

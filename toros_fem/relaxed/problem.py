@@ -34,9 +34,12 @@ class RelaxedProblem(ShapeProblem):
 
     Attributes:
         families: How variables become shares and directions.
+        share_weight: Factor on the mean sum of shares in T, so that lines go where they are not
+            needed.
     """
 
     families: Families = field(kw_only=True, default_factory=FixedDirections)
+    share_weight: float = field(kw_only=True, default=0.0)
 
     @property
     def variable_bounds(self) -> tuple[Floats, Floats]:
@@ -82,6 +85,24 @@ class RelaxedProblem(ShapeProblem):
         by_smoothed = self.families.backward(x, by_projected * self.designed[:, None])
         return self.with_passive(self.filter.backward(by_smoothed.ravel()))
 
+    def cost(self, projected: Floats) -> float:
+        """Return the cost of the lines (collective)."""
+        shares = projected[:, 1 : 1 + self.families.count].sum(axis=1)
+        return self.share_weight * dot(self.comm, self._area_fractions(), shares)
+
+    def cost_backward(self, projected: Floats) -> Floats:
+        """Return the gradient of the cost by the material (collective)."""
+        gradient = np.zeros_like(projected)
+        gradient[:, 1 : 1 + self.families.count] = (
+            self.share_weight * self._area_fractions()[:, None]
+        )
+        return gradient
+
+    def _area_fractions(self) -> Floats:
+        """Return the fraction of the designed area of each owned triangle (collective)."""
+        areas = self.skin.pattern.areas[self.skin.owned_cells] * self.designed
+        return areas / total(self.comm, areas.sum())
+
     def start_density(self, seed: int) -> Floats:
         """Return random variables: smoothed noise, the same on any number of ranks (collective).
 
@@ -101,9 +122,8 @@ class RelaxedProblem(ShapeProblem):
 
     def reinforcement(self, evaluation: Evaluation[EquilibriumResult]) -> tuple[float, float]:
         """Return the mean sum of shares, and 0: lines are not grey (collective)."""
-        areas = self.skin.pattern.areas[self.skin.owned_cells] * self.designed
         shares = evaluation.projected[:, 1 : 1 + self.families.count].sum(axis=1)
-        return dot(self.comm, areas, shares) / total(self.comm, areas.sum()), 0.0
+        return dot(self.comm, self._area_fractions(), shares), 0.0
 
     def line_field(self, evaluation: Evaluation[EquilibriumResult]) -> LineField:
         """Return the line families of a design, on every rank (collective)."""
@@ -113,7 +133,9 @@ class RelaxedProblem(ShapeProblem):
         return LineField(self.skin.pattern, shares, np.arctan2(sine, cosine) / 2)
 
 
-def relaxed_problem(design: ShapeProblem, families: Families, radius: float) -> RelaxedProblem:
+def relaxed_problem(
+    design: ShapeProblem, families: Families, radius: float, share_weight: float = 0.0
+) -> RelaxedProblem:
     """Return the relaxed problem of a density design on the same mesh (collective).
 
     Target, supports, loads, pressures and prescribed densities are those of the design; filter,
@@ -123,6 +145,7 @@ def relaxed_problem(design: ShapeProblem, families: Families, radius: float) -> 
         design: The density design.
         families: How variables become shares and directions.
         radius: Radius of the smoothing in m.
+        share_weight: Factor on the mean sum of shares in T.
 
     Raises:
         ParameterError: The radius is not positive.
@@ -153,4 +176,5 @@ def relaxed_problem(design: ShapeProblem, families: Families, radius: float) -> 
         target=design.target,
         metrics=design.metrics,
         families=families,
+        share_weight=share_weight,
     )
