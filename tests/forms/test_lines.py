@@ -1,6 +1,7 @@
 """Line families: energy by hand, closed forms against `ufl.derivative` and differences."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -52,14 +53,26 @@ def hessian(families: list[Family], corners: np.ndarray, geometric: float) -> np
 
 def test_factor_of_the_fabric_by_the_double_sum() -> None:
     cover, crossings = SHARES.sum(), 0.0
-    for s_j, t_j in zip(SHARES, ANGLES, strict=True):
-        for s_k, t_k in zip(SHARES, ANGLES, strict=True):
-            crossings += s_j**2 * s_k * np.sin(t_j - t_k) ** 2
+    for j, k in itertools.combinations(range(3), 2):
+        crossings += cover * SHARES[j] * SHARES[k] * np.sin(ANGLES[j] - ANGLES[k]) ** 4
     found = fabric_factor(SHARES, np.cos(2 * ANGLES), np.sin(2 * ANGLES), 260.0)
     assert found == pytest.approx(1 / (1 - cover) + 260 * crossings, rel=1e-14)
     parallel = np.full(3, 0.7)
     found = fabric_factor(SHARES, np.cos(2 * parallel), np.sin(2 * parallel), 260.0)
     assert found == pytest.approx(1 / (1 - cover), rel=1e-13), "parallel lines do not cross"
+
+
+def test_factor_of_a_family_in_two_parts() -> None:
+    """Where two families have one direction, only the sum of their shares counts."""
+    whole, parts = np.array([0.25, 0.3]), np.array([0.1, 0.15, 0.3])
+    angles = np.array([0.2, 0.2, 1.3])
+    values = [
+        fabric_factor(shares, np.cos(2 * t), np.sin(2 * t), 260.0)
+        for shares, t in ((whole, angles[1:]), (parts, angles))
+    ]
+    assert values[0] == pytest.approx(values[1], rel=1e-13)
+    crossings = (0.25**2 * 0.3 + 0.3**2 * 0.25) * np.sin(1.1) ** 4
+    assert values[0] == pytest.approx(1 / 0.45 + 260 * crossings, rel=1e-13)
 
 
 def test_energy_in_tension_and_compression() -> None:
@@ -162,10 +175,9 @@ def test_energy_of_a_sheet_by_hand(comm: MPI.Comm) -> None:
     expected = 0.0
     for row, area in zip(design, pattern.areas[skin.owned_cells], strict=True):
         shares, t = row[1:4], np.arctan2(row[7:], row[4:7]) / 2
-        crossings = sum(
-            shares[j] ** 2 * shares[k] * np.sin(t[j] - t[k]) ** 2
-            for j in range(3)
-            for k in range(3)
+        crossings = shares.sum() * sum(
+            shares[j] * shares[k] * np.sin(t[j] - t[k]) ** 4
+            for j, k in itertools.combinations(range(3), 2)
         )
         factor = 1 / (1 - shares.sum()) + CROSSING * 260 * crossings
         mu, lam = (fabric.mu * (1 - row[0]) + row[0] * printed.mu,
