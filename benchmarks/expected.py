@@ -29,8 +29,9 @@ FOLDER = ROOT / "demos" / "expected"
 SHORT = {"iterations": 4, "constrained_iterations": 2, "polish_iterations": 0}
 SHORT_TUBE = {**SHORT, "edge_length": 5.5e-3, "filter_radius": 8.5e-3}
 WHOLE = {"whole": True}
-# Ending of the name of a run on the part of a tube whose whole has a run of its own.
-PART = "_part"
+# Endings of the names of further runs of a demo: on a part of the tube, with a designed pressure,
+# or with the length kept.
+PART, PRESSURE, LENGTH = "_part", "_pressure", "_length"
 # The changes of each run from the coarse one, and the tolerances of its figures on another machine
 # or another number of ranks: (relative, absolute). A run is named for its demo.
 RUNS: dict[str, tuple[dict[str, Any], dict[str, tuple[float, float]]]] = {
@@ -42,17 +43,19 @@ RUNS: dict[str, tuple[dict[str, Any], dict[str, tuple[float, float]]]] = {
         {"levels": 8},
         {"radius_percent": (1e-4, 0), "length_percent": (1e-4, 0), "stretch_use": (1e-4, 0)},
     ),
-    "bend": ({**SHORT_TUBE, **WHOLE}, {"design.angle_deg": (0.02, 1.0), "pressure_pa": (0.05, 0)}),
-    "bend_part": (SHORT_TUBE, {"design.angle_deg": (0.02, 1.0), "pressure_pa": (0.05, 0)}),
-    "contract": (
-        {**SHORT_TUBE, **WHOLE},
-        {"design.shortening_percent": (0.02, 0.03), "pressure_pa": (0.05, 0)},
+    "bend": ({**SHORT_TUBE, **WHOLE}, {"design.angle_deg": (0.02, 1.0)}),
+    "bend_part": (SHORT_TUBE, {"design.angle_deg": (0.02, 1.0)}),
+    "bend_pressure": (
+        {**SHORT_TUBE, "design_pressure": True},
+        {"design.angle_deg": (0.02, 1.0), "pressure_pa": (0.05, 0)},
     ),
-    "contract_part": (
-        SHORT_TUBE,
-        {"design.shortening_percent": (0.02, 0.03), "pressure_pa": (0.05, 0)},
+    "contract": ({**SHORT_TUBE, **WHOLE}, {"design.shortening_percent": (0.02, 0.03)}),
+    "contract_part": (SHORT_TUBE, {"design.shortening_percent": (0.02, 0.03)}),
+    "twist": (SHORT_TUBE, {"design.twist_deg": (0.02, 1.0), "design.length_ratio": (0.01, 0)}),
+    "twist_length": (
+        {**SHORT_TUBE, "keep_length": True},
+        {"design.twist_deg": (0.02, 1.0), "design.length_ratio": (0.01, 0)},
     ),
-    "twist": (SHORT_TUBE, {"design.twist_deg": (0.02, 1.0), "pressure_pa": (0.05, 0)}),
     "bend_twist": (
         SHORT_TUBE,
         {"design.angle_deg": (0.02, 1.0), "design.twist_deg": (0.02, 1.0)},
@@ -72,9 +75,16 @@ RUNS: dict[str, tuple[dict[str, Any], dict[str, tuple[float, float]]]] = {
 }
 
 
+def demo_name(name: str) -> str:
+    """Return the name of the demo of a short run."""
+    for ending in (PART, PRESSURE, LENGTH):
+        name = name.removesuffix(ending)
+    return name
+
+
 def demo_of(name: str) -> Demo:
     """Return the demo of a short run."""
-    return DEMOS[name.removesuffix(PART)]
+    return DEMOS[demo_name(name)]
 
 
 def config_of(name: str) -> Config:

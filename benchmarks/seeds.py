@@ -3,7 +3,8 @@
     python benchmarks/seeds.py --coarse --seeds 5
     python benchmarks/seeds.py --seeds 3 --json seeds.json
 
-Designs `demos/bend.py` from several seeds and prints the figures of each print, and their spread.
+Designs the pattern of `demos/bend.py` and the pressure from several seeds. Prints the figures of
+each print, and their spread.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="file for the rows")
     options = parser.parse_args()
     require_count(1, seeds=options.seeds)
-    whole = bend.BendConfig(whole=True)
+    whole = bend.BendConfig(whole=True, design_pressure=True)
     config = coarse_tube(whole) if options.coarse else whole
     rows = []
     with tempfile.TemporaryDirectory() as folder:

@@ -2,17 +2,19 @@
 
     python demos/bend_twist.py --coarse
 
-The tube of `bend.py` is to bend by 90° while its tip turns by 60° about its own axis. Targets are
-composed: first `twist`, then `bend`, which takes a body along z. The positions and orientations of
-twelve cross-sections and of the tip count; the skin may swell freely. The design starts from
-helical lines, as in `twist.py`.
+The tube of `bend.py` is to bend by 90° while its tip turns by 60° about its own axis, at 10 kPa.
+Targets are composed: first `twist`, then `bend`, which takes a body along z. The positions and
+orientations of twelve cross-sections and of the tip count; the skin may swell freely. The design
+starts from helical lines, as in `twist.py`.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -49,6 +51,8 @@ class BendTwistConfig(CrossSectionTubeConfig):
     helix_angle: float = CrossSectionTubeConfig.redefault("helix_angle", -45.0)
     helix_width: float = CrossSectionTubeConfig.redefault("helix_width", 2.5e-3)
     pressure: float = CrossSectionTubeConfig.redefault("pressure", 10e3)
+
+    TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle", "twist_deg": "twist"}
 
 
 def case(comm: MPI.Comm, config: BendTwistConfig) -> ActuatorCase:

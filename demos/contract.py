@@ -2,8 +2,8 @@
 
     python demos/contract.py --coarse
 
-The tube of `bend.py` is to become 8 % shorter. It may swell freely, and it must: the work of the
-pressure on a larger cross-section is what pulls the ends together. The positions of twelve
+The tube of `bend.py` is to become 8 % shorter at 10 kPa. It may swell freely, and it must: the work
+of the pressure on a larger cross-section is what pulls the ends together. The positions of twelve
 cross-sections and of the end plate along the axis count, and that all of them stay perpendicular to
 it. The design starts from helical lines that cross at 28° to the axis, as in a McKibben muscle.
 From a start without a pattern the design stays a stiff tube. The default materials allow little
@@ -14,8 +14,10 @@ symmetry; `--whole` designs all of it.
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 from mpi4py import MPI
 
@@ -27,6 +29,7 @@ from toros_fem.actuators.tube import (
     coarse_tube,
     cross_section_case,
     shortening_metric,
+    twist_metric,
 )
 from toros_fem.command_line import run_from_command_line
 from toros_fem.config import quantity
@@ -44,12 +47,15 @@ class ContractConfig(SymmetricConfig, CrossSectionTubeConfig):
     helix_width: float = CrossSectionTubeConfig.redefault("helix_width", 2.5e-3)
     crossed: bool = CrossSectionTubeConfig.redefault("crossed", True)
     iterations: int = CrossSectionTubeConfig.redefault("iterations", 90)
+    pressure: float = CrossSectionTubeConfig.redefault("pressure", 10e3)
+
+    TARGETS: ClassVar[Mapping[str, str]] = {"shortening_percent": "contraction"}
 
 
 def case(comm: MPI.Comm, config: ContractConfig) -> ActuatorCase:
     """Return half the tube, or the whole, and its target."""
     target = contract(1 - config.contraction / 100)
-    metrics = [shortening_metric(config.contraction)]
+    metrics = [shortening_metric(config.contraction), twist_metric(None)]
     return cross_section_case(comm, config, target, metrics, () if config.whole else (1,))
 
 

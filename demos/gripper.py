@@ -79,6 +79,8 @@ class GripperConfig(ActuatorConfig):
     seams: str = ActuatorConfig.redefault("seams", "hinged")
     levels: int | None = ActuatorConfig.redefault("levels", 1)
     pressure: float = ActuatorConfig.redefault("pressure", 10e3)
+    # The paper states none.
+    design_pressure: bool = ActuatorConfig.redefault("design_pressure", True)
 
     @property
     def coarsest_edge(self) -> float:

@@ -42,6 +42,7 @@ class ThreeFieldConfig(TubeConfig):
     )
     # The bare variants are compared, after the same steps on one mesh.
     levels: int | None = TubeConfig.redefault("levels", 1)
+    design_pressure: bool = TubeConfig.redefault("design_pressure", True)
     polish_iterations: int = TubeConfig.redefault("polish_iterations", 0)
     perimeter_weight: float | None = quantity(
         2e-4, "weight of the perimeter term in the variants that have it", above=0

@@ -1,18 +1,22 @@
 """A tube that twists when inflated (paper Fig. 8d): design of its reinforcement pattern.
 
     python demos/twist.py --coarse
+    python demos/twist.py --coarse --keep-length
 
-The end plate of the tube of `bend.py` is to turn by 300° about the axis, and each cross-section in
-proportion to its height. The positions of the cross-sections along the axis are free, and the skin
-may swell freely. The design starts from four left-handed helical lines; `--helices 0` starts
-without a pattern and ends near 255°.
+The end plate of the tube of `bend.py` is to turn by 300° about the axis at 15 kPa, and each
+cross-section in proportion to its height. The skin may swell freely. The positions of the
+cross-sections along the axis are free: the tube grows longer, since helical lines unwind. With
+`--keep-length` the tube is to keep its length. The design starts from four left-handed helical
+lines; `--helices 0` starts without a pattern and ends near 255°.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -23,11 +27,12 @@ from toros_fem.actuators.tube import (
     CrossSectionTubeConfig,
     coarse_tube,
     cross_section_case,
+    length_metric,
     twist_metric,
 )
 from toros_fem.command_line import run_from_command_line
 from toros_fem.config import quantity
-from toros_fem.meshes import twist
+from toros_fem.meshes import compose, contract, twist
 
 
 @dataclass(frozen=True)
@@ -37,18 +42,34 @@ class TwistConfig(CrossSectionTubeConfig):
     twist: float = quantity(
         300.0, "twist of the target, positive if counter-clockwise seen from the tip", "deg"
     )
-    axial_weight: float = CrossSectionTubeConfig.redefault("axial_weight", 0.0)
+    keep_length: bool = quantity(False, "let the tube keep its length, or have the one given")
+    length_ratio: float = quantity(
+        1.0, "length of the target over that of the tube, if the length is kept", above=0
+    )
+    axial_weight: float = quantity(
+        60.0,
+        "weight of the cross-sections' positions along the axis over that across, if the length "
+        "is kept",
+        at_least=0,
+    )
     helices: int = CrossSectionTubeConfig.redefault("helices", 4)
     # Left-handed lines unwind counter-clockwise.
     helix_angle: float = CrossSectionTubeConfig.redefault("helix_angle", -55.0)
     helix_width: float = CrossSectionTubeConfig.redefault("helix_width", 2.5e-3)
     pressure: float = CrossSectionTubeConfig.redefault("pressure", 15e3)
 
+    TARGETS: ClassVar[Mapping[str, str]] = {"twist_deg": "twist", "length_ratio": "length_ratio"}
+
 
 def case(comm: MPI.Comm, config: TwistConfig) -> ActuatorCase:
     """Return the tube and its target."""
     target = twist(np.radians(config.twist), config.length)
-    return cross_section_case(comm, config, target, [twist_metric(config.twist)])
+    metrics = [twist_metric(config.twist)]
+    if not config.keep_length:
+        return cross_section_case(comm, config.updated(axial_weight=0.0), target, metrics)
+    target = compose(target, contract(config.length_ratio))
+    metrics.append(length_metric(config.length_ratio))
+    return cross_section_case(comm, config, target, metrics)
 
 
 def coarse(config: TwistConfig) -> TwistConfig:

@@ -74,8 +74,6 @@ class WalkerConfig(ActuatorConfig):
     levels: int | None = ActuatorConfig.redefault("levels", 1)
     filter_radius: float = ActuatorConfig.redefault("filter_radius", 2.75e-3)
     pressure: float = ActuatorConfig.redefault("pressure", 20e3)
-    pressure_min: float | None = ActuatorConfig.redefault("pressure_min", None)
-    pressure_max: float | None = ActuatorConfig.redefault("pressure_max", None)
 
     @property
     def coarsest_edge(self) -> float:

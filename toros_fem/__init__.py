@@ -46,7 +46,14 @@ from toros_fem.meshes.skin import sew
 from toros_fem.objectives.alignment import AlignedObjective
 from toros_fem.objectives.cross_sections import CrossSectionObjective, CrossSections
 from toros_fem.objectives.gap import Body, GapObjective
-from toros_fem.objectives.metrics import Metric, bend_angle, shortening, swelling, twist_angle
+from toros_fem.objectives.metrics import (
+    Metric,
+    bend_angle,
+    length_ratio,
+    shortening,
+    swelling,
+    twist_angle,
+)
 from toros_fem.objectives.shape import ShapeObjective, SumObjective
 from toros_fem.output.reporter import DesignReporter
 from toros_fem.output.writer import write_results
@@ -95,6 +102,7 @@ __all__ = [
     "displace",
     "errors",
     "estimate_error",
+    "length_ratio",
     "make_filter",
     "meshes",
     "optimize",

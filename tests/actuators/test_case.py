@@ -30,8 +30,6 @@ LEG = ActuatorConfig(
     seams="hinged",
     filter_radius=0.011,
     pressure=4e3,
-    pressure_min=None,
-    pressure_max=None,
     constrained_iterations=0,
 )
 

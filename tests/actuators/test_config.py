@@ -1,12 +1,15 @@
 """Configuration of an actuator: what is left out by None, and what follows from the numbers."""
 
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import pytest
 
 from toros_fem import errors
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.tube import TubeConfig
+from toros_fem.config import quantity
 from toros_fem.density.length_scale import LengthScale
 from toros_fem.materials import Bending, Bladder
 
@@ -19,8 +22,9 @@ from toros_fem.materials import Bending, Bladder
         ({"seams": "glued"}, "seams = 'glued' must be one of"),
         ({"estimate_error": 1}, "estimate_error = 1 must be True or False"),
         ({"polish_iterations": -5}, "polish_iterations = -5 must be a finite number, at least 0"),
-        ({"pressure_min": None}, "pressure_min = None and pressure_max = 20000"),
-        ({"pressure_max": None}, "pressure_min = 1000.0 and pressure_max = None"),
+        ({"pressure_min": 0.0}, "pressure_min = 0.0 Pa must be a finite number, above 0"),
+        ({"pressure_max": None}, "pressure_max = None must be a number"),
+        ({"design_pressure": 1}, "design_pressure = 1 must be True or False"),
         ({"bladder_thickness": 0.0}, "bladder_thickness = 0.0 m must be a finite number, above 0"),
         ({"pressure": -1}, "pressure = -1 Pa must be a finite number, at least 0"),
         ({"presure": 1}, "unknown parameter 'presure'; did you mean 'pressure'"),
@@ -46,8 +50,27 @@ def test_composite() -> None:
 
 
 def test_pressure_bounds() -> None:
-    assert ActuatorConfig().pressure_bounds == (1e3, 20e3)
-    assert ActuatorConfig(pressure_min=None, pressure_max=None).pressure_bounds is None
+    assert ActuatorConfig().pressure_bounds is None
+    designed = ActuatorConfig(design_pressure=True, pressure_max=9e3)
+    assert designed.pressure_bounds == (1e3, 9e3)
+
+
+@dataclass(frozen=True)
+class Tilted(TubeConfig):
+    angle: float = quantity(30.0, "angle of the target", "deg", above=0)
+
+    TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
+
+
+def test_other_targets() -> None:
+    assert Tilted(seed=5).asked({"angle_deg": 36.0}) == Tilted(seed=5, angle=36.0)
+    assert Tilted().asked({}) == Tilted()
+    with pytest.raises(errors.ParameterError, match="target of 'twist_deg'; known are angle_deg"):
+        Tilted().asked({"twist_deg": 1.0})
+    with pytest.raises(errors.ParameterError, match="target of 'angle_deg'; known are none"):
+        TubeConfig().asked({"angle_deg": 1.0})
+    with pytest.raises(errors.ParameterError, match="angle = -1.0 deg"):
+        Tilted().asked({"angle_deg": -1.0})
 
 
 def test_options_and_widths() -> None:

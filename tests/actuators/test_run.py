@@ -36,14 +36,14 @@ def tube_to_bend(comm: MPI.Comm) -> ActuatorCase:
 def test_problem_holds_what_the_configuration_says(
     comm: MPI.Comm, tube_to_bend: ActuatorCase
 ) -> None:
-    plain = actuator_problem(comm, tube_to_bend, SHORT)
+    plain = actuator_problem(comm, tube_to_bend, SHORT.updated(design_pressure=True))
     assert plain.perimeter is None
     assert plain.length_scale is None
     assert plain.pressure_ranges == ((1e3, 20e3),)
     assert plain.filter.radius == 7e-3
     config = SHORT.updated(
         perimeter_weight=1e-4, perimeter_window=0.5, constrained_iterations=3,
-        pressure_min=None, pressure_max=None, pressure=4e3, beta=8.0, filter="helmholtz",
+        pressure=4e3, beta=8.0, filter="helmholtz",
     )  # fmt: skip
     full = actuator_problem(comm, tube_to_bend, config)
     assert full.perimeter is not None
@@ -195,5 +195,12 @@ def test_sentence() -> None:
         "angle 44.0 ± 1.3 of 45 degrees as printed (44.4 as designed) at 4.57 kPa, objective down "
         "200 times, 2 islands, 12 s"
     )
+    longer = summary_sentence({**summary, "length_ratio": 1.1899})
+    assert "(44.4 as designed), length 1.190 times the rest value at 4.57 kPa" in longer
+    kept = summary_sentence({
+        **summary, "length_ratio": 0.9871, "length_target_ratio": 1.0,
+        "design": {"angle_deg": 44.4, "length_ratio": 1.0024},
+    })  # fmt: skip
+    assert "length 0.987 of 1 times the rest value as printed (1.002 as designed)" in kept
     exact = summary_sentence({**summary, "objective_last": 0.0})
     assert "at 4.57 kPa, objective 0, 2 islands" in exact

@@ -16,6 +16,7 @@ from toros_fem.actuators.tube import (
     coarse_tube,
     cross_section_case,
     helices,
+    length_metric,
     plain_planes,
     plain_tube,
     shortening_metric,
@@ -134,6 +135,19 @@ def test_metrics_of_exact_targets(prism: Pattern) -> None:
     ):
         assert metric.measure(prism, prism.points) == pytest.approx(0.0, abs=1e-6)
         assert metric.measure(prism, target(prism.points)) == pytest.approx(metric.target, rel=0.01)
+    length = length_metric(0.9)
+    assert (length.key, length.formatted(0.9)) == ("length_ratio", "0.9×")
+    assert length.measure(prism, prism.points) == pytest.approx(1.0)
+    assert length.measure(prism, contract(0.9)(prism.points)) == pytest.approx(length.target)
+
+
+def test_length_is_watched(comm: MPI.Comm) -> None:
+    """Once, also where it has a target."""
+    config = CrossSectionTubeConfig(**SHORT)  # type: ignore[arg-type]
+    case = cross_section_case(comm, config, twist(1.0, 0.06), [twist_metric(60.0)])
+    assert [(m.key, m.target) for m in case.metrics] == [("twist_deg", 60), ("length_ratio", None)]
+    kept = cross_section_case(comm, config, twist(1.0, 0.06), [length_metric(1.0)])
+    assert [(m.key, m.target) for m in kept.metrics] == [("length_ratio", 1.0)]
 
 
 def test_coarse_variant_changes_the_mesh_and_the_steps_alone() -> None:
@@ -167,7 +181,8 @@ def test_half_a_tube_is_designed_as_the_whole(
     """Shape, volume, objective, gradients and metrics, by both kinds of objective."""
     config = CrossSectionTubeConfig(
         length=0.04, edge_length=4.5e-3, filter_radius=7.5e-3, cross_sections=4,
-        pressure=2e3, constrained_iterations=0, perimeter_weight=1e-3, **changes,
+        pressure=2e3, design_pressure=True, constrained_iterations=0, perimeter_weight=1e-3,
+        **changes,
     )  # fmt: skip
     metrics = [bend_metric(20.0), shortening_metric(3.0), twist_metric(0.0)]
     if crossed:
@@ -181,7 +196,7 @@ def test_half_a_tube_is_designed_as_the_whole(
         pattern=pattern,
         target=images.at_vertices(case.target),
         supports=clamp(pattern, ["base"]),
-        metrics=tuple(metrics),
+        metrics=(*metrics, length_metric(None)),
         passive=np.where(pattern.panel == 0, np.nan, 1.0),
         symmetry=(),
     )

@@ -29,6 +29,7 @@ SMALL = demo.BendConfig(
     seed=7,
     estimate_error=True,
 )
+DESIGNED = {"design_pressure": True}
 
 
 pytestmark = pytest.mark.slow  # all of them look at one design
@@ -56,8 +57,10 @@ def test_summary(comm: MPI.Comm, output: Path) -> None:
     change = abs(summary["angle_refined_deg"] - summary["angle_deg"])
     assert summary["angle_error_deg"] == pytest.approx(3 * change)
     assert 0 < change < 10
-    assert 1e3 <= summary["pressure_pa"] <= 2e4
-    assert summary["pressure_pa"] != 5e3, "the pressure is designed"
+    assert summary["pressure_pa"] == 5e3, "the pressure is given"
+    assert summary["start"] == "random"
+    assert 0.8 < summary["length_ratio"] < 1.2
+    assert "length_target_ratio" not in summary
     assert summary["iterations"] == 14
     assert summary["ranks"] == comm.size
     assert summary["seed"] == 7
@@ -136,9 +139,12 @@ def test_pictures(output: Path) -> None:
     ("changes", "message"),
     [
         ({"pressure": -1.0}, "pressure = -1.0 Pa must be a finite number, at least 0"),
-        ({"pressure": 5e4}, "pressure = 50000.0 must be a finite number, between 1000 and 20000"),
-        ({"pressure_min": 5e3, "pressure_max": 5e3}, "no room"),
-        ({"pressure_min": None}, "both be numbers, or both None"),
+        (
+            {"pressure": 5e4, **DESIGNED},
+            "pressure = 50000.0 must be a finite number, between 1000 and 20000",
+        ),
+        ({"pressure_min": 5e3, "pressure_max": 5e3, **DESIGNED}, "no room"),
+        ({"pressure_min": None}, "pressure_min = None must be a number"),
         ({"diameter": float("nan")}, "diameter = nan m must be a finite number, above 0"),
         ({"c1": 0.9}, "c1 = 0.9 must be a finite number, above 1"),
         ({"fabric_young": 0.0}, "fabric_young = 0.0 Pa must be a finite number, above 0"),

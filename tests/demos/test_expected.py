@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from demo_runs import DEMOS, value_of
-from expected import PART, RUNS, demo_of, inputs_of
+from expected import PART, RUNS, demo_name, demo_of, inputs_of
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
@@ -25,7 +25,7 @@ def test_every_demo_under_pressure_has_figures() -> None:
     demos = {path.stem for path in (ROOT / "demos").glob("*.py")}
     assert demos - {"own_design", "three_field", "tile", "tile_sheet", "unwrap"} == set(DEMOS)
     assert {path.stem for path in FOLDER.glob("*.json")} == set(RUNS)
-    assert {name.removesuffix(PART) for name in RUNS} == set(DEMOS)
+    assert {demo_name(name) for name in RUNS} == set(DEMOS)
     assert {name + PART for name, demo in DEMOS.items() if "whole" in demo.config.as_dict()} == {
         name for name in RUNS if name.endswith(PART)
     }
@@ -46,7 +46,7 @@ def test_short_run_gives_the_same_figures(comm: MPI.Comm, tmp_path: Path, name: 
     written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert written["ranks"] == comm.size
     assert (folder / "skin.vtu").exists()
-    pictures = PICTURES.get(name.removesuffix(PART), ["shape.png"])
+    pictures = PICTURES.get(demo_name(name), ["shape.png"])
     if not name.startswith("inflate"):
         assert (folder / "pattern.svg").exists()
         pictures = [*pictures, "pattern.png", "convergence.png", "manufacture.png"]

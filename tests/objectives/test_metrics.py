@@ -13,6 +13,7 @@ from toros_fem.objectives.metrics import (
     Metric,
     bend_angle,
     distance,
+    length_ratio,
     shortening,
     swelling,
     turn_angle,
@@ -34,6 +35,9 @@ def test_measured_shortening_and_swelling(comm: MPI.Comm) -> None:
     pattern = cylinder(comm, 0.15, 0.02, 4e-3)
     short = contract(0.92, 1.4)(pattern.points)
     assert shortening(pattern, short) == pytest.approx(0.08)
+    assert length_ratio(pattern, short) == pytest.approx(0.92)
+    chord = bend(np.radians(120.0), 0.15)(pattern.points)
+    assert length_ratio(pattern, chord) == pytest.approx(np.sin(np.pi / 3) / (np.pi / 3))
     assert swelling(pattern, short) == pytest.approx(1.4)
     turn = Rotation.from_rotvec([1.0, -2.0, 0.5]).as_matrix()
     assert shortening(pattern, short @ turn.T + 1.0) == pytest.approx(0.08)
@@ -76,5 +80,7 @@ def test_values_have_their_units() -> None:
     metric = Metric("twist", "deg", 300.0, twist_angle)
     assert (metric.key, metric.label) == ("twist_deg", "twist in degrees")
     assert metric.formatted(298.7) == "299°"
+    length = Metric("length", "ratio", None, length_ratio)
+    assert (length.key, length.label) == ("length_ratio", "length over its rest value")
     with pytest.raises(errors.ParameterError, match="must be identifiers"):
         Metric("two words", "deg", 1.0, twist_angle)

@@ -187,6 +187,10 @@ def test_curves(tmp_path: Path) -> None:
         image = pixels(tmp_path / f"{name}.png")
         assert 0.005 < (image < 0.9).any(axis=2).mean() < 0.5, name
         assert image.var() > 1e-3
+    watched = replace(metric, name="other", target=None)
+    plot_convergence(tmp_path / "watched.png", history, [metric, watched])
+    same = pixels(tmp_path / "convergence.png")
+    assert np.array_equal(pixels(tmp_path / "watched.png"), same), "it has no target to approach"
     one, two = (pixels(tmp_path / f"{name}.png") for name in ("convergence", "two levels"))
     assert (two < 0.5).sum() > (one < 0.5).sum(), "the finer mesh is marked"
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -56,20 +57,16 @@ class ActuatorConfig(SkinConfig, DesignConfig):
     """Pressure, meshes, and the steps of each part of the design; SI units.
 
     Raises:
-        ParameterError: A value has another type, or is outside its bounds; only one of the two
-            bounds on the pressure is given; or there are so many levels that the coarsest mesh is
-            too coarse.
+        ParameterError: A value has another type, or is outside its bounds; or there are so many
+            levels that the coarsest mesh is too coarse.
     """
 
     pressure: float = quantity(
         5e3, "pressure, the first guess where it is designed", "Pa", at_least=0
     )
-    pressure_min: float | None = quantity(
-        1e3, "least pressure; none for both bounds prescribes the pressure", "Pa", above=0
-    )
-    pressure_max: float | None = quantity(
-        20e3, "largest pressure; none for both bounds prescribes the pressure", "Pa", above=0
-    )
+    design_pressure: bool = quantity(False, "design the pressure too, within its bounds")
+    pressure_min: float = quantity(1e3, "least pressure where it is designed", "Pa", above=0)
+    pressure_max: float = quantity(20e3, "largest pressure where it is designed", "Pa", above=0)
     levels: int | None = quantity(
         None,
         "number of meshes, from coarse to fine: edges and filter radius halve from each to the "
@@ -111,11 +108,6 @@ class ActuatorConfig(SkinConfig, DesignConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if (self.pressure_min is None) != (self.pressure_max is None):
-            raise ParameterError(
-                f"pressure_min = {self.pressure_min} and pressure_max = {self.pressure_max} (Pa) "
-                "must both be numbers, or both None to prescribe the pressure."
-            )
         most = self._most_levels
         if self.levels is not None and self.levels > most:
             bound = self.coarsest_edge
@@ -128,6 +120,24 @@ class ActuatorConfig(SkinConfig, DesignConfig):
                 f"levels = {self.levels} is too many: {reason}. At most {most} are possible; "
                 "levels = None takes them."
             )
+
+    # Field that holds the target of a metric, by the metric's key.
+    TARGETS: ClassVar[Mapping[str, str]] = {}
+
+    def asked(self, targets: Mapping[str, float]) -> Self:
+        """Return the configuration of other targets.
+
+        Args:
+            targets: Target of some metrics, by their keys.
+
+        Raises:
+            ParameterError: No field holds the target of a metric, or its value is out of bounds.
+        """
+        for key in targets:
+            if key not in self.TARGETS:
+                known = ", ".join(self.TARGETS) or "none"
+                raise ParameterError(f"no field holds the target of {key!r}; known are {known}.")
+        return self.updated(**{self.TARGETS[key]: value for key, value in targets.items()})
 
     @property
     def coarsest_edge(self) -> float | None:
@@ -171,9 +181,7 @@ class ActuatorConfig(SkinConfig, DesignConfig):
     @property
     def pressure_bounds(self) -> tuple[float, float] | None:
         """Bounds on the pressure in Pa; None if it is prescribed."""
-        if self.pressure_min is None or self.pressure_max is None:
-            return None
-        return self.pressure_min, self.pressure_max
+        return (self.pressure_min, self.pressure_max) if self.design_pressure else None
 
     @property
     def length_scale(self) -> LengthScale | None:

@@ -139,7 +139,10 @@ def design_actuator(
         result, printed = _printed_design(problems, options, config, reporter, best)
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
-    figures: dict[str, Any] = {"seed": config.seed if best is None else best.seed}
+    figures: dict[str, Any] = {
+        "seed": config.seed if best is None else best.seed,
+        "start": "random" if problem.start is None else "pattern",
+    }
     if best is not None:
         figures["starts"] = {
             str(seed): value if np.isfinite(value) else None
@@ -179,13 +182,18 @@ def summary_sentence(summary: dict[str, Any]) -> str:
         name, unit = key.split("_target_")
         word, _ = UNITS.get(unit, (unit, ""))
         value, error = (summary.get(f"{name}_{kind}{unit}") for kind in ("", "error_"))
-        printed = "no equilibrium" if value is None else f"{value:.1f}"
+        digits = 3 if unit == "ratio" else 1
+        printed = "no equilibrium" if value is None else f"{value:.{digits}f}"
         if error is not None:
-            printed += f" ± {error:.1f}"
-        designed = summary["design"][f"{name}_{unit}"]
+            printed += f" ± {error:.{digits}f}"
+        designed = f"{summary['design'][f'{name}_{unit}']:.{digits}f}"
         metrics.append(
-            f"{name} {printed} of {summary[key]:g} {word} as printed ({designed:.1f} as designed)"
+            f"{name} {printed} of {summary[key]:g} {word} as printed ({designed} as designed)"
         )
+    if "length_ratio" in summary and "length_target_ratio" not in summary:
+        length = summary["length_ratio"]
+        if length is not None:
+            metrics.append(f"length {length:.3f} times the rest value")
     first, last = summary["objective_first"], summary["objective_last"]
     objective = f"objective down {first / last:.0f} times" if last > 0 else f"objective {last:g}"
     return (

@@ -27,6 +27,7 @@ from toros_fem.objectives.metrics import (
     Metric,
     MetricFunction,
     bend_angle,
+    length_ratio,
     shortening,
     twist_angle,
 )
@@ -121,14 +122,19 @@ def bend_metric(target: float) -> Metric:
     return Metric("angle", "deg", target, _in_degrees(bend_angle))
 
 
-def twist_metric(target: float) -> Metric:
-    """Return the twist of a tube's tip in degrees, by `metrics.twist_angle`."""
+def twist_metric(target: float | None) -> Metric:
+    """Return the twist of a tube's tip in degrees, by `metrics.twist_angle`; None: no target."""
     return Metric("twist", "deg", target, _in_degrees(twist_angle))
 
 
 def shortening_metric(target: float) -> Metric:
     """Return the shortening of a tube in per cent, by `metrics.shortening`."""
     return Metric("shortening", "percent", target, lambda of, x: 100 * shortening(of, x))
+
+
+def length_metric(target: float | None) -> Metric:
+    """Return the distance of a tube's ends over the assembled one; None: no target."""
+    return Metric("length", "ratio", target, length_ratio)
 
 
 def tube_case(
@@ -146,7 +152,8 @@ def tube_case(
         comm: Communicator.
         config: Sizes and weights.
         target: Maps assembled to target positions.
-        metrics: Numbers that the design is judged by, as functions of the whole tube.
+        metrics: Numbers that the design is judged by, as functions of the whole tube. The
+            `length_metric` is watched too if it is not among them.
         planes: Symmetry planes of the target that the tube is cut at, as of `meshes.cylinder`.
             Objective and metrics are those of the whole tube.
 
@@ -311,11 +318,13 @@ def _clamped(
             f"the target is not symmetric about the planes {planes} (0 for x = 0, 1 for y = 0): a "
             f"vertex and its image are {off:.3g} m apart. Give fewer planes."
         )
+    length = length_metric(None)
+    watched = [] if length.key in {metric.key for metric in metrics} else [length]
     return ActuatorCase(
         pattern=pattern,
         target=target(pattern.points),
         supports=_supports(pattern, planes, config.seams),
-        metrics=tuple(metric.of_whole(planes) for metric in metrics),
+        metrics=tuple(metric.of_whole(planes) for metric in (*metrics, *watched)),
         passive=_printed_caps(pattern),
         symmetry=planes,
         objective_of_whole=True,

@@ -27,7 +27,7 @@ class Metric:
     Attributes:
         name: Its name, such as "angle"; an identifier.
         unit: Its unit as written in names: "deg", "percent" or "mm"; an identifier.
-        target: Target value in that unit.
+        target: Target value in that unit; None if the number is only watched.
         measure: Function that returns the computed value in that unit.
 
     Raises:
@@ -36,7 +36,7 @@ class Metric:
 
     name: str
     unit: str
-    target: float
+    target: float | None
     measure: MetricFunction
 
     def __post_init__(self) -> None:
@@ -68,6 +68,8 @@ class Metric:
     @property
     def label(self) -> str:
         """Name in pictures, such as "angle in degrees"."""
+        if self.unit == "ratio":
+            return f"{self.name} over its rest value"
         return f"{self.name} in {UNITS.get(self.unit, (self.unit, ''))[0]}"
 
     def formatted(self, value: float) -> str:
@@ -77,7 +79,12 @@ class Metric:
 
 
 # Each unit in words, and as it follows a number.
-UNITS = {"deg": ("degrees", "°"), "percent": ("per cent", " %"), "mm": ("mm", " mm")}
+UNITS = {
+    "deg": ("degrees", "°"),
+    "percent": ("per cent", " %"),
+    "mm": ("mm", " mm"),
+    "ratio": ("times the rest value", "×"),
+}
 
 
 def turn_angle(
@@ -150,11 +157,10 @@ def twist_angle(
     return float(((turns + np.pi) % (2 * np.pi) - np.pi).sum())
 
 
-def shortening(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
-    """Return the decrease of the straight distance between a tube's two ends, over its length.
+def length_ratio(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
+    """Return the straight distance between a tube's two ends over the assembled one.
 
-    The ends are the means of the panel's two borders across z; the value is negative if they move
-    apart.
+    The ends are the means of the panel's two borders across z.
 
     Args:
         pattern: The pattern, assembled along z.
@@ -167,7 +173,16 @@ def shortening(pattern: Pattern, positions: Floats, panel: str = "wall") -> floa
     room = 1e-9 * (high - low)
     base, tip = wall[height < low + room], wall[height > high - room]
     ends = positions[tip].mean(axis=0) - positions[base].mean(axis=0)
-    return float(1 - np.linalg.norm(ends) / (high - low))
+    return float(np.linalg.norm(ends) / (high - low))
+
+
+def shortening(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
+    """Return 1 − `length_ratio`: the decrease of the distance between a tube's two ends.
+
+    Args:
+        pattern, positions, panel: As of `length_ratio`.
+    """
+    return 1 - length_ratio(pattern, positions, panel)
 
 
 def swelling(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:

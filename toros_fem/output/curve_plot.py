@@ -15,7 +15,7 @@ from toros_fem.output.drawing import DPI, PRINTED
 
 
 def plot_convergence(path: Path, history: Sequence[Iteration], metrics: Sequence[Metric]) -> None:
-    """Write a picture of objective, metrics and grey level over the iterations.
+    """Write a picture of objective, metrics with a target and grey level over the iterations.
 
     A line marks where the next mesh begins.
 
@@ -25,15 +25,16 @@ def plot_convergence(path: Path, history: Sequence[Iteration], metrics: Sequence
         metrics: Numbers that the design is judged by.
     """
     count = [row.iteration for row in history]
-    rows = 2 + len(metrics)
+    targets = [(metric, metric.target) for metric in metrics if metric.target is not None]
+    rows = 2 + len(targets)
     figure, (top, *middle, bottom) = plt.subplots(
         rows, 1, figsize=(8, 2 + 2 * rows), sharex=True, layout="constrained"
     )
     top.semilogy(count, [row.objective for row in history], color=PRINTED)
     top.set_ylabel("objective T")
-    for axis, metric in zip(middle, metrics, strict=True):
+    for axis, (metric, target) in zip(middle, targets, strict=True):
         axis.plot(count, [row.metrics[metric.key] for row in history], color=PRINTED)
-        axis.axhline(metric.target, color="0.6", linestyle="--", label="target")
+        axis.axhline(target, color="0.6", linestyle="--", label="target")
         axis.set_ylabel(metric.label)
         axis.legend(frameon=False)
     bottom.plot(count, [row.volume_fraction for row in history], label="volume fraction")

@@ -82,7 +82,7 @@ def design_summary(
         metrics.update(problem.metrics_of(simulated.equilibrium))
     summary = {
         **metrics,
-        **{f"{m.name}_target_{m.unit}": m.target for m in problem.metrics},
+        **{f"{m.name}_target_{m.unit}": m.target for m in problem.metrics if m.target is not None},
         **(figures or {}),
         "pressure_pa": final.equilibrium.pressure,
         "volume_m3": simulated and parts * simulated.equilibrium.volume,
