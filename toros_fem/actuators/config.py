@@ -9,6 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from toros_fem._validate import require_between
+from toros_fem.actuators.start_config import StartConfig
 from toros_fem.config import quantity
 from toros_fem.density.length_scale import LengthScale
 from toros_fem.design.config import DesignConfig, MaterialConfig
@@ -53,7 +54,7 @@ LEVEL_PRESSURE_MOVE = 0.02
 
 
 @dataclass(frozen=True)
-class ActuatorConfig(SkinConfig, DesignConfig):
+class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
     """Pressure, meshes, and the steps of each part of the design; SI units.
 
     Raises:

@@ -1,0 +1,66 @@
+"""Configuration of what a design starts from: the relaxed design and its printable lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from toros_fem.config import quantity
+from toros_fem.design.config import DesignConfig
+from toros_fem.relaxed.find import RelaxedOptions
+from toros_fem.relaxed.line_options import LineOptions
+
+STARTS = ("random", "relaxed")
+
+
+@dataclass(frozen=True)
+class StartConfig(DesignConfig):
+    """Start of the densities: relaxed design of line families, printable lines; SI units."""
+
+    start: str = quantity(
+        "random",
+        "what the densities start from: noise, or the printable lines of a relaxed design",
+        choices=STARTS,
+    )
+    relaxed_edge_length: float = quantity(
+        4e-3, "edge length of the relaxed design's mesh", "m", above=0
+    )
+    relaxed_iterations: int = quantity(
+        40, "largest number of steps of either stage of the relaxed design", at_least=1
+    )
+    directions: int = quantity(
+        12, "number of fixed directions in the first stage of the relaxed design", at_least=2
+    )
+    share_limit: float = quantity(
+        0.35, "limit on the part of the area that the lines of all directions cover", above=0,
+        at_most=0.9,
+    )  # fmt: skip
+    smoothing_radius: float | None = quantity(
+        None, "radius of the smoothing of shares and directions; none takes a tenth of the "
+        "skin's size", "m", above=0,
+    )  # fmt: skip
+    laid_width: float = quantity(
+        0.9e-3, "width of the lines that are laid along the first family", "m", above=0
+    )
+    second_laid_width: float | None = quantity(
+        None, "width of those along the second family; none takes the same", "m", above=0
+    )
+
+    @property
+    def relaxed_options(self) -> RelaxedOptions:
+        """Numbers of the relaxed design."""
+        return RelaxedOptions(
+            directions=self.directions,
+            share_limit=self.share_limit,
+            radius=self.smoothing_radius,
+            iterations=(self.relaxed_iterations, self.relaxed_iterations),
+        )
+
+    @property
+    def line_options(self) -> LineOptions:
+        """Widths and limits of the lines that are laid.
+
+        Raises:
+            ParameterError: A width is under `print_width`.
+        """
+        second = self.laid_width if self.second_laid_width is None else self.second_laid_width
+        return LineOptions(widths=(self.laid_width, second), print_width=self.print_width)
