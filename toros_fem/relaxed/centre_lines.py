@@ -22,11 +22,14 @@ class CentreLine:
         cell: Triangle of each segment among those of the line mesh, (m,).
         points: Start and end of each segment on the flat panel, (m, 2, 2), in m.
         closed: Whether the last segment ends where the first begins.
+        ends: What start and end lie at: "line", "border", "printed" (a printed triangle) or
+            "plane" (of symmetry); None where it is not known, or the line is closed.
     """
 
     cell: Ints
     points: Floats
     closed: bool
+    ends: tuple[str, str] | None = None
 
     @property
     def length(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,11 +16,13 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import refine
 from toros_fem.meshes.transfer import scaled_points
 from toros_fem.relaxed.centre_lines import CentreLine, trace
+from toros_fem.relaxed.line_ends import BORDER, LINE, PRINTED, Family, close_ends
 from toros_fem.relaxed.line_field import LineField
 from toros_fem.relaxed.line_options import LineOptions
+from toros_fem.relaxed.line_symmetry import Symmetry, make_symmetry
 from toros_fem.relaxed.stripes import Waves, find_stripes, fitting_spacing
 from toros_fem.relaxed.strips import EXCESS, Strip, cleaned, joints_of, ribbons
-from toros_fem.relaxed.transport import LineMesh, make_line_mesh
+from toros_fem.relaxed.transport import LineMesh
 
 # Edges of the mesh that lines are laid on are at most this fraction of the least spacing, but it
 # has at most so many triangles.
@@ -123,16 +126,37 @@ def lay_lines(
         )
     fine, cell = _fine(field, widths, options)
     fine_field = LineField(fine, field.shares[cell], field.angles[cell])
-    mesh = make_line_mesh(fine, ~covered[cell])
-    laid = [_family(mesh, fine_field, k, width, options) for k, width in enumerate(widths)]
-    strips = [_strips(mesh, lines, radius) for lines, radius in laid]
-    regions, shares = _regions(fine, mesh, strips, tuple(planes), options)
-    asked = mesh.areas @ fine_field.shares[mesh.cells] / mesh.areas.sum()
-    families = [
-        LaidFamily(width, len(lines), sum(line.length for line in lines), float(part), share, {})
-        for width, (lines, _), part, share in zip(widths, laid, asked, shares, strict=True)
+    free = np.flatnonzero(~covered[cell])
+    asked = np.zeros(field.families)
+    families: list[Family] = []
+    regions: tuple[BaseGeometry, ...] = _outlines(fine)
+    laid = [0.0] * field.families
+    if len(free):
+        symmetry = make_symmetry(fine_field, free, planes, widths)
+        mesh = symmetry.part
+        families = close_ends(mesh, _families(symmetry, fine_field, widths, options), planes)
+        strips = [_strips(mesh, family) for family in families]
+        regions, laid = _regions(fine, mesh, strips, tuple(planes), options)
+        asked = mesh.areas @ fine_field.shares[mesh.cells] / mesh.areas.sum()
+    lines = tuple(tuple(family.lines) for family in families) or ((),) * field.families
+    report = [
+        LaidFamily(width, len(own), sum(line.length for line in own), float(a), b, _ends(own))
+        for width, own, a, b in zip(widths, lines, asked, laid, strict=True)
     ]
-    return LaidLines(fine, regions, tuple(tuple(lines) for lines, _ in laid), tuple(families))
+    return LaidLines(fine, regions, lines, tuple(report))
+
+
+def _ends(lines: Sequence[CentreLine]) -> dict[str, int]:
+    """Return how many ends lie at what."""
+    return dict(sorted(Counter(end for line in lines for end in line.ends or ()).items()))
+
+
+def _outlines(pattern: Pattern) -> tuple[BaseGeometry, ...]:
+    """Return the outline of each panel."""
+    return tuple(
+        shapely.coverage_union_all(shapely.polygons(pattern.corners[pattern.panel == panel]))
+        for panel in range(len(pattern.panel_names))
+    )
 
 
 def _fine(field: LineField, widths: list[float], options: LineOptions) -> tuple[Pattern, Ints]:
@@ -156,41 +180,75 @@ def _spacing(share: Floats, width: float, options: LineOptions) -> Floats:
     return np.asarray(width / np.clip(share, options.least_share, most), dtype=np.float64)
 
 
-def _family(
-    mesh: LineMesh, field: LineField, family: int, width: float, options: LineOptions
-) -> tuple[list[CentreLine], Floats]:
-    """Return the centre lines of a family, and half the width at each vertex."""
-    share, angle = field.shares[mesh.cells, family], field.angles[mesh.cells, family]
-    half = None if options.even is None else options.even / 2
-    double = mesh.smooth_directions(mesh.double_angles(angle, share), half)
+def _families(
+    symmetry: Symmetry, field: LineField, widths: list[float], options: LineOptions
+) -> list[Family]:
+    """Return the lines of each family on the part; those of mirror images are found once."""
+    found: dict[int, tuple[list[CentreLine], Waves, Floats]] = {}
+    families = []
+    for k, width in enumerate(widths):
+        own, image = symmetry.first(k)
+        if own not in found:
+            found[own] = _on_whole(symmetry, field, own, width, options)
+        lines, waves, radius = found[own]
+        families.append(
+            Family(
+                symmetry.restricted(lines, image),
+                symmetry.angles_to_part(waves, image),
+                symmetry.vertices_to_part(waves.spacing, image),
+                symmetry.vertices_to_part(radius, image),
+                width,
+            )
+        )
+    return families
+
+
+def _on_whole(
+    symmetry: Symmetry, field: LineField, family: int, width: float, options: LineOptions
+) -> tuple[list[CentreLine], Waves, Floats]:
+    """Return a family's lines on the whole skin, their waves, and half the width at vertices."""
+    mesh, part = symmetry.whole, symmetry.part.cells
+    share = symmetry.of_whole(field.shares[part], family)
+    angle = symmetry.angles_of_whole(field.angles[part], family)
     at_vertices = mesh.at_vertices(share)
-    local, mean = mesh.smooth(at_vertices, half), mesh.smooth(at_vertices, options.even)
+    mean_share = float(np.average(at_vertices, weights=mesh.vertex_areas))
+    even = options.even
+    if even is not None:  # what changes from one line to the next cannot be followed
+        even = max(even, float(_spacing(np.array(mean_share), width, options)))
+    half = None if even is None else even / 2
+    double = mesh.smooth_directions(mesh.double_angles(angle, share), half)
+    local, mean = mesh.smooth(at_vertices, half), mesh.smooth(at_vertices, even)
     direction = np.angle(double).astype(np.float64) / 2
-    waves = Waves(mesh, direction, 2 * np.pi / _spacing(mean, width, options))
+    waves = Waves(mesh, direction, np.asarray(2 * np.pi / _spacing(mean, width, options)))
     weight = np.maximum(mean, options.least_share)
-    if options.even is not None:
-        waves = fitting_spacing(waves, weight, ALONG * options.even, options.spread)
-    stripes = find_stripes(waves, weight)
+    if even is not None:
+        waves = fitting_spacing(waves, weight, ALONG * even, options.spread)
+    stripes = find_stripes(
+        waves, weight, symmetry.images(waves, family), symmetry.side(waves, family)
+    )
     enough = local >= options.least_share
     i, j = mesh.edges.ends.T
     lines = trace(mesh, stripes, enough[i] & enough[j])
     # The true spacing: the phase grows faster or slower than wanted where lines close in a ring.
     found, wanted = stripes.change * stripes.wanted, stripes.wanted**2
-    top, bottom = (mesh.smooth(mesh.around(part), options.even) for part in (found, wanted))
+    top, bottom = (mesh.smooth(mesh.around(part), even) for part in (found, wanted))
     spacing = 2 * np.pi / (waves.number * np.clip(top / bottom, 0.5, 2.0))
     low = max((1 + 2 * EXCESS) * options.print_width, width / options.spread)
     high = np.maximum(low, np.minimum(width * options.spread, spacing - options.print_width))
-    return lines, np.clip(local * spacing, low, high) / 2
+    return lines, waves, np.clip(local * spacing, low, high) / 2
 
 
-def _strips(mesh: LineMesh, lines: list[CentreLine], radius: Floats) -> list[Strip]:
-    """Return the strips of lines, half the width given at vertices, (n,)."""
+def _strips(mesh: LineMesh, family: Family) -> list[Strip]:
+    """Return the strips of a family's lines."""
     panel = mesh.pattern.panel[mesh.cells]
     strips = []
-    for line in lines:
-        at = mesh.barycentric(np.repeat(line.cell, 2), line.points.reshape(-1, 2))
-        radii = np.einsum("kc,kc->k", at, radius[mesh.vertex[np.repeat(line.cell, 2)]])
-        strips.append(Strip(panel[line.cell], line.points, radii.reshape(-1, 2), (True, True)))
+    for line in family.lines:
+        cell = np.repeat(line.cell, 2)
+        at = mesh.barycentric(cell, line.points.reshape(-1, 2))
+        radii = np.einsum("kc,kc->k", at, family.radius[mesh.vertex[cell]]).reshape(-1, 2)
+        start, end = line.ends or (LINE, LINE)
+        beyond = start in (BORDER, PRINTED), end in (BORDER, PRINTED)
+        strips.append(Strip(panel[line.cell], line.points, radii, beyond))
     return strips
 
 

@@ -62,6 +62,11 @@ class Waves:
     angle: Floats
     number: Floats
 
+    @property
+    def spacing(self) -> Floats:
+        """Distance in m from line to line at each vertex, (n,)."""
+        return np.asarray(2 * np.pi / self.number, dtype=np.float64)
+
     def corner_angles(self) -> Floats:
         """Return the direction in the chart of each corner, (t, 3), in rad."""
         return self.angle[self.mesh.vertex] + self.mesh.turn
