@@ -340,24 +340,39 @@ class DesignProblem(ABC, Generic[R]):
             trial=trial,
         )
 
-    def simulate_binary(self, printed: Bools, like: Evaluation[R]) -> Evaluation[R]:
-        """Evaluate a binary pattern at the pressure of a design (collective).
+    def simulate_binary(
+        self,
+        printed: Bools,
+        like: Evaluation[R] | None = None,
+        *,
+        start: Any = None,
+        pressure: Pressure | None = None,
+    ) -> Evaluation[R]:
+        """Evaluate a binary pattern (collective).
 
         Args:
             printed: Whether each owned triangle is printed; prescribed densities are kept.
-            like: The design that it came from: its pressure, and the state to start from.
+            like: The design that it came from: its densities, its pressure, and its state to start
+                from. None for a pattern that was drawn: it is its own density.
+            start: State to start from; None takes that of `like`.
+            pressure: In Pa, of all chambers or of each; None takes that of `like`, or else the
+                problem's own.
 
         Raises:
             NoEquilibriumError: There is no equilibrium for this pattern.
         """
         projected = self.with_passive(printed.astype(np.float64))
-        near = like.equilibrium
+        density = filtered = projected
+        if like is not None:
+            density, filtered, near = like.density, like.filtered, like.equilibrium
+            start = near.state if start is None else start
+            pressure = near.pressures or None if pressure is None else pressure
         return self._evaluate(
-            like.density,
-            like.filtered,
+            density,
+            filtered,
             projected,
-            near.state,
-            near.pressures or None,
+            start,
+            pressure,
             start_time=time.perf_counter(),
             trial=False,
         )

@@ -14,6 +14,7 @@ from toros_fem.fabrication.printability import (
     printability,
     printed_cells,
 )
+from toros_fem.fabrication.printed_lines import mirrored_regions, printed_lines, regions_on
 from toros_fem.fabrication.svg import write_svg
 
 __all__ = [
@@ -24,10 +25,13 @@ __all__ = [
     "as_printed",
     "clean",
     "connect_islands",
+    "mirrored_regions",
     "panel_outline",
     "printability",
     "printed_cells",
+    "printed_lines",
     "printed_regions",
+    "regions_on",
     "remove_islands",
     "write_svg",
 ]

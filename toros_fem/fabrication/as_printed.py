@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,14 +32,14 @@ class PrintedDesign:
 
     Attributes:
         pattern: The pattern that is printed on.
-        contours: Regions on each panel where ρ̃ exceeds η, polygons in m, before any cleaning.
+        contours: Regions on each panel before any cleaning, polygons in m: where ρ̃ exceeds η, or
+            lines as they were laid.
         cleaned: Print on each panel, with the islands and holes that were removed.
         limits: Limits of the printer.
         before: Printability of the contours.
         after: Printability of the print.
         cells: Whether each triangle of the pattern is printed, (t,).
-        evaluation: The binary pattern simulated at the design's pressure; None without an
-            equilibrium.
+        evaluation: The binary pattern, simulated; None without an equilibrium.
         failure: Reason for the missing equilibrium; empty if there is one.
     """
 
@@ -167,24 +168,61 @@ def as_printed(
         ParameterError: An area is negative.
     """
     skin = problem.skin
-    pattern, comm, whole = skin.pattern, skin.comm, problem.whole
+    pattern, whole = skin.pattern, problem.whole
     at_points, at_centroids = contour_values(problem, result.density)
     if whole is not None:
         pattern = whole.pattern
         at_points, at_centroids = at_points[whole.flat], whole.at_cells(at_centroids)
 
+    def contours() -> list[BaseGeometry]:
+        return printed_regions(pattern, at_points, at_centroids, problem.projection.eta)
+
+    return print_regions(
+        problem,
+        pattern,
+        contours,
+        lambda cells: problem.simulate_binary(cells, result.final),
+        limits,
+        island_area,
+        hole_area,
+    )
+
+
+def print_regions(
+    problem: DesignProblem,
+    pattern: Pattern,
+    contours: Callable[[], list[BaseGeometry]],
+    simulate: Callable[[Bools], Evaluation],
+    limits: PrintLimits,
+    island_area: float,
+    hole_area: float,
+) -> PrintedDesign:
+    """Clean, measure and simulate printed regions (collective).
+
+    Args:
+        problem: The design problem.
+        pattern: The whole pattern that is printed on.
+        contours: Returns the regions on each of its panels; called on the first rank.
+        simulate: Evaluates a binary pattern, given for the owned triangles.
+        limits, island_area, hole_area: As of `as_printed`.
+
+    Raises:
+        ParameterError: An area is negative.
+    """
+    skin = problem.skin
+
     def inspect() -> tuple[list[BaseGeometry], CleanedRegions, Printability, Printability, Bools]:
-        regions = printed_regions(pattern, at_points, at_centroids, problem.projection.eta)
+        regions = contours()
         before = printability(pattern, regions, limits)
         cleaned = clean(pattern, regions, island_area, hole_area)
         changed = cleaned.dropped or cleaned.filled
         after = printability(pattern, cleaned.regions, limits) if changed else before
         return regions, cleaned, before, after, printed_cells(pattern, cleaned.regions)
 
-    regions, cleaned, before, after, cells = on_first_rank(comm, inspect)
+    regions, cleaned, before, after, cells = on_first_rank(skin.comm, inspect)
     evaluation, failure = None, ""
     try:
-        evaluation = problem.simulate_binary(cells[skin.owned_cells], result.final)
+        evaluation = simulate(cells[skin.owned_cells])
     except NoEquilibriumError as caught:  # raised by all ranks or by none
         failure = str(caught)
     return PrintedDesign(
