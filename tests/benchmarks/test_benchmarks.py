@@ -227,6 +227,37 @@ def test_profiles_of_tiles_converge(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @ALONE
+def test_crossed_lines_beside_the_relaxed_material(tmp_path: Path) -> None:
+    """The relaxed material is near simulated nets, and exact for one family of stiff lines."""
+    picture = tmp_path / "lines.png"
+    found, _ = written(tmp_path, "crossed_lines.py", "--quick", "--picture", str(picture))
+    assert list(found) == ["nets", "widths", "one_family", "fits", "width_fit", "pulls"]
+    assert [row["angle_deg"] for row in found["nets"]] == [30, 45]
+    for row in found["nets"]:
+        coarse, middle, fine = row["factors"]
+        assert coarse > middle > fine > row["factor"] > 1 / 0.6
+        assert abs(row["error"]) < 0.12
+        assert max(map(abs, row["moduli_errors"])) < 0.12
+    assert 1 < found["width_fit"]["exponent"] < 2
+    (wide,) = found["widths"]
+    assert wide["width_ratio"] == 2
+    assert wide["factor"] < 0.8 * found["nets"][1]["factor"], "few wide lines stiffen less"
+    # Where the print is not rigid, its own shear in the net's soft mode is 1/260 of the fabric's.
+    (one,) = found["one_family"]
+    exact = 1 / (0.8 + 0.2 / 260)
+    assert one["factors"] == pytest.approx(3 * [exact], rel=1e-4)
+    fits = {row["power"]: row for row in found["fits"]}
+    assert list(fits) == [2, 3, 4, 5, 6]
+    assert fits[4]["rms"] < fits[2]["rms"] / 2
+    assert 0.6 < fits[4]["crossing"] < 0.85
+    (pull,) = found["pulls"]
+    assert abs(pull["stress_error"]) < 0.1
+    assert pull["relaxed_contraction"] == pytest.approx(pull["contraction"], abs=0.02)
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.slow
+@ALONE
 def test_accuracy_writes_rows_and_pictures(tmp_path: Path) -> None:
     rows, _ = written(
         tmp_path, "accuracy.py", "--quick", "--case", "uniaxial-stress",

@@ -24,7 +24,7 @@ from toros_fem.meshes.skin import Skin
 
 # Factor c of bonded crossings in `fabric_factor`, over the ratio of the stiffnesses of print and
 # fabric: fitted to simulated nets of lines of equal width by benchmarks/crossed_lines.py.
-CROSSING = 0.74
+CROSSING = 0.71
 # Largest part of a triangle that lines may cover: the fabric between them stiffens as 1/(1 − S).
 MAX_COVER = 0.9
 
