@@ -134,7 +134,7 @@ def design(scene: str, way: str, changes: Mapping[str, Any]) -> dict[str, Any]:
         comm.barrier()  # the first rank writes into its folder until here
     summary, history = made.summary, made.result.history
     seconds, parts = summary["seconds"], summary["parts_by_symmetry"]
-    metrics = made.problem.metrics
+    metrics = [metric for metric in made.problem.metrics if metric.target is not None]
     memory = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss) / 1024**2
     return {
         "scene": scene,

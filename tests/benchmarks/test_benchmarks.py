@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import discovery
 import pytest
 from helpers.scenes import ROOT
 from mpi4py import MPI
@@ -143,6 +144,31 @@ def test_whole_designs(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "performance.png").stat().st_size > 10_000
     assert "bend, R = 2.6 mm" in (tmp_path / "performance.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+@ALONE
+def test_discovery_from_a_random_start(tmp_path: Path) -> None:
+    """All stages of a run; a known run is not repeated; the tables go into a page."""
+    found, printed = written(tmp_path, "discovery.py", "--quick")
+    (row,) = found["rows"]
+    assert row["task"] == {
+        "scene": "contract", "seed": 0, "size": "quick", "start": None, "ranks": 1, "threads": 2
+    }  # fmt: skip
+    for stage in discovery.STAGES:
+        if row[stage] is not None:
+            assert set(row[stage]) == {"shortening_percent", "twist_deg", "length_ratio"}
+    length = 1 - row["printed"]["shortening_percent"] / 100
+    assert row["printed"]["length_ratio"] == pytest.approx(length)
+    assert "**shorten by 8 % at 10 kPa** (quick)" in printed
+    again, _ = written(tmp_path, "discovery.py", "--quick")
+    assert again == found, "it is not run again"
+    page = tmp_path / "page.md"
+    page.write_text(f"{discovery.BEGIN}\n{discovery.END}\n", encoding="utf-8")
+    file = tmp_path / "rows.json"
+    done = run("discovery.py", "--from", str(file), "--docs", "--page", str(page))
+    assert done.returncode == 0, done.stderr
+    assert discovery.tables(found["rows"]) in page.read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
