@@ -12,9 +12,10 @@ three chambers, body, front legs and rear legs, through one cycle of a gait.
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -43,6 +44,9 @@ class WalkerConfig(ActuatorConfig):
     """Numbers of the walker; SI units."""
 
     motion: str = quantity("stand", "what the legs are designed for", choices=tuple(ANGLE))
+    angle: float | None = quantity(
+        None, "angle by which legs bend; none takes 90 to stand and 60 to crawl", "deg", above=0
+    )
     leg_length: float = quantity(0.06, "length of a leg from the body's circle", "m", above=0)
     leg_width: float = quantity(0.024, "width of a leg", "m", above=0)
     body_radius: float = quantity(0.02, "radius of the body", "m", above=0)
@@ -75,6 +79,13 @@ class WalkerConfig(ActuatorConfig):
     filter_radius: float = ActuatorConfig.redefault("filter_radius", 2.75e-3)
     pressure: float = ActuatorConfig.redefault("pressure", 20e3)
 
+    TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
+
+    @property
+    def leg_angle(self) -> float:
+        """Angle in degrees by which legs are to bend."""
+        return ANGLE[self.motion] if self.angle is None else self.angle
+
     @property
     def coarsest_edge(self) -> float:
         """Longest edge length in m of a useful mesh: six edges across a leg."""
@@ -99,7 +110,7 @@ def coarse(config: WalkerConfig) -> WalkerConfig:
 
 def case(comm: MPI.Comm, config: WalkerConfig) -> ActuatorCase:
     """Return a quarter of the robot and its target."""
-    star, angle = config.star, ANGLE[config.motion]
+    star, angle = config.star, config.leg_angle
     pattern = walker(comm, config.edge_length, star, planes=(0, 1))
     along = np.append(star.directions[0], 0.0)
     target = stand(
@@ -161,7 +172,7 @@ def walk(
     gait = Gait(CHAMBERS, phases, steps, feet)
     density = printed.cells.astype(np.float64)
     legs = [
-        tip_angle_metric(ANGLE[config.motion], np.append(d, 0), DOWN, star.root, name=f"leg_{k}")
+        tip_angle_metric(config.leg_angle, np.append(d, 0), DOWN, star.root, name=f"leg_{k}")
         for k, d in enumerate(star.directions)
     ]
     pressure = shown.equilibrium.pressure

@@ -30,6 +30,11 @@ def test_leg_starts_soft_on_top(comm: MPI.Comm) -> None:
     assert case.symmetry == (0, 1)
 
 
+def test_another_angle(comm: MPI.Comm) -> None:
+    (angle,) = demo.case(comm, SMALL.asked({"angle_deg": 72.0})).metrics
+    assert angle.target == 72
+
+
 def test_chambers_of_the_whole(comm: MPI.Comm) -> None:
     pattern = walker(comm, 6e-3, SMALL.star)
     found = demo.chambers(pattern, SMALL.star)
