@@ -10,7 +10,8 @@ meshes, and the factor that the package takes (`forms.lines.fabric_factor`).
 
 1. Nets: angles, shares and contrasts of the moduli of print and fabric, lines of equal width.
    `fits` lists the best constant and its errors for several powers of the sine.
-2. Widths: wide lines cross thin ones. `width_fit` is a correction for them.
+2. Widths: wide lines cross thin ones. `width_fit` is the best reduction of the constant by their
+   ratio.
 3. Pulls: finite strain, as stress and lateral contraction.
 4. One family, whose laminate is known exactly.
 
@@ -38,7 +39,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from toros_fem.forms.lines import fabric_factor
 from toros_fem.materials import Composite
 from toros_fem.mechanics.periodicity import ALL_PRESCRIBED, Periodic
-from toros_fem.mechanics.relaxed_model import CROSSING
+from toros_fem.mechanics.relaxed_model import CROSSING, crossing_of_widths
 from toros_fem.meshes import sew, tile
 from toros_fem.meshes.tile import Tile
 from toros_fem.tiles.solver import TileSolver
@@ -101,7 +102,7 @@ class Net:
     def factor(self) -> float:
         """Factor on the fabric in the package."""
         twice = 2 * self.angles
-        crossing = CROSSING * self.contrast
+        crossing = crossing_of_widths(self.width_ratio) * self.contrast
         return float(fabric_factor(self.shares, np.cos(twice), np.sin(twice), crossing))
 
     @property
@@ -247,11 +248,16 @@ def fitted(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def fitted_widths(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """Return the exponent m of a factor 2/(rᵐ + r⁻ᵐ) on c for lines of the width ratio r."""
+    """Return the exponent m of a factor 2/(rᵐ + r⁻ᵐ) on c for lines of the width ratio r.
+
+    c is the package's factor for lines of equal width. The errors are those of the fit.
+    """
     nets = [Net(**{key: row[key] for key in Net.__dataclass_fields__}) for row in rows]
     factors = np.array([row["factor"] for row in rows])
     gaps = np.array([1 / (1 - sum(net.shares)) for net in nets])
-    added = np.array([net.factor for net in nets]) - gaps
+    sine = np.array([np.sin(2 * net.angles[0]) for net in nets])
+    crossings = np.array([net.contrast * net.crossings for net in nets])
+    added = CROSSING * crossings * sine**4
     ratios = np.array([net.width_ratio for net in nets])
 
     def logarithms(m: Floats) -> Floats:

@@ -23,6 +23,7 @@ def test_numbers_reach_the_options() -> None:
     found = config.relaxed_options
     assert (found.iterations, found.directions, found.share_limit) == ((7, 7), 24, 0.5)
     assert found.radius == 5e-3
+    assert found.width_ratio == 0.2
     assert config.line_options == LineOptions(widths=(4e-3, 0.8e-3), print_width=0.5e-3)
     assert config.updated(second_laid_width=None).line_options.widths == (4e-3, 4e-3)
 

@@ -267,7 +267,8 @@ def test_crossed_lines_beside_the_relaxed_material(tmp_path: Path) -> None:
     assert 1 < found["width_fit"]["exponent"] < 2
     (wide,) = found["widths"]
     assert wide["width_ratio"] == 2
-    assert wide["factor"] < 0.8 * found["nets"][1]["factor"], "few wide lines stiffen less"
+    assert wide["factor"] < 0.8 * found["nets"][1]["factor"], "wide and thin lines stiffen less"
+    assert abs(wide["error"]) < 0.05
     # Where the print is not rigid, its own shear in the net's soft mode is 1/260 of the fabric's.
     (one,) = found["one_family"]
     exact = 1 / (0.8 + 0.2 / 260)

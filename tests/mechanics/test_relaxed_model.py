@@ -12,7 +12,12 @@ from toros_fem.materials import Bladder, Composite, Material
 from toros_fem.mechanics.dead_loads import Weight
 from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
-from toros_fem.mechanics.relaxed_model import CROSSING, MAX_COVER, RelaxedModel
+from toros_fem.mechanics.relaxed_model import (
+    CROSSING,
+    MAX_COVER,
+    RelaxedModel,
+    crossing_of_widths,
+)
 from toros_fem.mechanics.supports import Supports, clamp
 from toros_fem.meshes import Skin, sew
 
@@ -133,6 +138,23 @@ def test_mean_modulus_is_that_of_fabric_and_lines(tube: Skin) -> None:
     factor = 1 / 0.5 + CROSSING * ratio * crossings * sine
     expected = factor * fabric.thickness * (2 * fabric.mu + fabric.lam) + 0.5 * 26e6 * 0.4e-3
     assert model.mean_modulus() == pytest.approx(expected, rel=1e-12)
+
+
+def test_wide_lines_across_thin_ones_stiffen_less(tube: Skin) -> None:
+    assert crossing_of_widths(1.0) == pytest.approx(CROSSING, rel=1e-15)
+    assert crossing_of_widths(4.0) == pytest.approx(0.21509 * CROSSING, rel=1e-4)
+    assert crossing_of_widths(0.25) == pytest.approx(crossing_of_widths(4.0), rel=1e-14)
+    with pytest.raises(ParameterError, match="ratio = 0"):
+        crossing_of_widths(0)
+    supports, design = clamp(tube.pattern, ["base"]), line_design(tube, 2, 4)
+    energies = []
+    for crossing in (0.0, 0.2, 0.4):
+        model = RelaxedModel(tube, Composite(bending=None), supports, 2, crossing=crossing)
+        model.set_density(design)
+        energies.append(model.energy(bent_tube(model)))
+    none, some, twice = energies
+    assert twice - none == pytest.approx(2 * (some - none), rel=1e-9)
+    assert some > 1.001 * none
 
 
 def test_rounding_of_the_energy_is_bounded(comm: MPI.Comm) -> None:

@@ -54,6 +54,19 @@ def test_gradient(
     assert base.pressure_gradient == pytest.approx((there - back) / 2, rel=1e-4)
 
 
+def test_factor_of_crossings_reaches_the_model(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    families, design = FixedDirections(4, 0.3), make_problem(tube, tube_solver)
+    moduli = []
+    for crossing in (0.0, 0.2, 0.4):
+        problem = relaxed_problem(design, families, 0.015, crossing=crossing)
+        found = problem.evaluate(problem.with_passive(variables(tube, families, 0)))
+        problem.solver.model.set_density(found.projected)
+        moduli.append(problem.solver.model.mean_modulus())
+    none, some, twice = moduli
+    assert twice - none == pytest.approx(2 * (some - none), rel=1e-9)
+    assert some > 1.0001 * none
+
+
 def test_where_nothing_is_designed_there_are_no_lines(
     tube: Skin, tube_solver: EquilibriumSolver
 ) -> None:

@@ -53,6 +53,7 @@ class StartConfig(DesignConfig):
             share_limit=self.share_limit,
             radius=self.smoothing_radius,
             iterations=(self.relaxed_iterations, self.relaxed_iterations),
+            width_ratio=self._second_width / self.laid_width,
         )
 
     @property
@@ -62,5 +63,9 @@ class StartConfig(DesignConfig):
         Raises:
             ParameterError: A width is under `print_width`.
         """
-        second = self.laid_width if self.second_laid_width is None else self.second_laid_width
-        return LineOptions(widths=(self.laid_width, second), print_width=self.print_width)
+        widths = (self.laid_width, self._second_width)
+        return LineOptions(widths=widths, print_width=self.print_width)
+
+    @property
+    def _second_width(self) -> float:
+        return self.laid_width if self.second_laid_width is None else self.second_laid_width

@@ -22,7 +22,7 @@ from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.dead_loads import Weight
 from toros_fem.mechanics.load_case import LoadCase, make_load_case
 from toros_fem.mechanics.model import SkinModel
-from toros_fem.mechanics.relaxed_model import RelaxedModel
+from toros_fem.mechanics.relaxed_model import CROSSING, RelaxedModel
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.skin import Skin
 
@@ -127,6 +127,7 @@ class EquilibriumSolver:
         weight: The skin's own weight; None for none.
         families: Number of line families of relaxed designs, which then take the place of
             densities (`RelaxedModel`); None for none.
+        crossing: Factor of their bonded crossings, as for `RelaxedModel`.
     """
 
     def __init__(
@@ -140,13 +141,16 @@ class EquilibriumSolver:
         chambers: Chambers | None = None,
         weight: Weight | None = None,
         families: int | None = None,
+        crossing: float = CROSSING,
     ) -> None:
         self.skin = skin
         self.model: SkinModel
         if families is None:
             self.model = SkinModel(skin, composite, supports, chambers, weight)
         else:
-            self.model = RelaxedModel(skin, composite, supports, families, chambers, weight)
+            self.model = RelaxedModel(
+                skin, composite, supports, families, chambers, weight, crossing
+            )
         self.options = options or NewtonOptions()
         self._snes = SnesSolver(self.model, self.options, log)
         self._factor = self._snes.factor

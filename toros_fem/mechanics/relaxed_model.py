@@ -10,11 +10,11 @@ from dolfinx import fem
 
 from toros_fem._mpi import raise_together
 from toros_fem._types import Floats
-from toros_fem._validate import require_count
+from toros_fem._validate import require_count, require_positive
 from toros_fem.density.field import check_density
 from toros_fem.errors import DensityError
 from toros_fem.forms.lines import Lines, fabric_factor
-from toros_fem.materials import Composite, Material
+from toros_fem.materials import Composite
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.coefficients import assembled, work_vector
 from toros_fem.mechanics.dead_loads import Weight
@@ -25,8 +25,26 @@ from toros_fem.meshes.skin import Skin
 # Factor c of bonded crossings in `fabric_factor`, over the ratio of the stiffnesses of print and
 # fabric: fitted to simulated nets of lines of equal width by benchmarks/crossed_lines.py.
 CROSSING = 0.71
+# Lines of widths in the ratio r to each other reduce it by 2/(rᵐ + r⁻ᵐ), fitted there as well.
+WIDTH_EXPONENT = 1.6
 # Largest part of a triangle that lines may cover: the fabric between them stiffens as 1/(1 − S).
 MAX_COVER = 0.9
+
+
+def crossing_of_widths(ratio: float) -> float:
+    """Return the factor c of bonded crossings, over the ratio of the stiffnesses of the materials.
+
+    Few wide lines and many thin ones stiffen less than lines of equal width and the same shares.
+
+    Args:
+        ratio: Width of the lines of one family over those of the other, either way round.
+
+    Raises:
+        ParameterError: The ratio is not positive.
+    """
+    require_positive(ratio=ratio)
+    power = float(ratio) ** WIDTH_EXPONENT
+    return 2 * CROSSING / (power + 1 / power)
 
 
 class RelaxedModel(SkinModel):
@@ -48,6 +66,8 @@ class RelaxedModel(SkinModel):
         families: Number of families.
         chambers: Pressure chambers; None for one.
         weight: The skin's own weight; None for none.
+        crossing: Factor c of bonded crossings in `fabric_factor`, over the ratio of the stiffnesses
+            of print and fabric.
     """
 
     def __init__(
@@ -58,10 +78,13 @@ class RelaxedModel(SkinModel):
         families: int,
         chambers: Chambers | None = None,
         weight: Weight | None = None,
+        crossing: float = CROSSING,
     ) -> None:
         require_count(1, families=families)
         supports.require_no_rigid_motion(skin.pattern, bends=composite.bending is not None)
         self.families = families
+        print_stiffness = composite.reinforcement.membrane_stiffness
+        self._crossing = crossing * print_stiffness / composite.fabric.membrane_stiffness
         element = basix.ufl.element("DG", "triangle", 0, shape=(3 * families,))
         space = fem.functionspace(skin.mesh, element)
         self.lines = fem.Function(space, name="line families")
@@ -77,7 +100,7 @@ class RelaxedModel(SkinModel):
             chambers,
             weight,
             closed=supports.close(skin.pattern),
-            lines=_coefficients(self.lines, composite),
+            lines=_coefficients(self.lines, composite, self._crossing),
         )
 
     def check(self, density: Floats) -> None:
@@ -153,20 +176,14 @@ class RelaxedModel(SkinModel):
     def _moduli(self) -> Floats:
         """Return h (2μ + λ) of fabric and lines of the owned triangles in N/m."""
         shares, cosines, sines = (list(part.T) for part in np.moveaxis(self._owned_lines(), 1, 0))
-        factor = fabric_factor(shares, cosines, sines, _crossing(self.composite))
+        factor = fabric_factor(shares, cosines, sines, self._crossing)
         print_stiffness = self.composite.reinforcement.membrane_stiffness
         return np.asarray(factor * super()._moduli() + sum(shares) * print_stiffness)
 
 
-def _coefficients(state: fem.Function, composite: Composite) -> Lines:
+def _coefficients(state: fem.Function, composite: Composite, crossing: float) -> Lines:
     """Return the constants of lines made of the reinforcement."""
     domain, strip = state.function_space.mesh, composite.reinforcement
     h = strip.thickness
-    values = (strip.young * h, strip.young * h**3 / 12, strip.mu * h**3 / 3, _crossing(composite))
+    values = (strip.young * h, strip.young * h**3 / 12, strip.mu * h**3 / 3, crossing)
     return Lines(state, *(fem.Constant(domain, value) for value in values))
-
-
-def _crossing(composite: Composite) -> float:
-    """Return the factor of bonded crossings over the fabric's own stiffness."""
-    fabric: Material = composite.fabric
-    return CROSSING * composite.reinforcement.membrane_stiffness / fabric.membrane_stiffness

@@ -14,6 +14,7 @@ from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Iteration, Stage
 from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.design.warm_start import WarmStart
+from toros_fem.mechanics.relaxed_model import crossing_of_widths
 from toros_fem.mma.optimizer import MMAOptions
 from toros_fem.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.relaxed.fit import fitted_pair
@@ -36,6 +37,8 @@ class RelaxedOptions:
         min_decrease: A stage ends when T falls by a smaller fraction in ten steps; None leaves
             this rule out.
         target_objective: A stage ends when T is at most this; None leaves this rule out.
+        width_ratio: Width that the lines of one family will have over that of the other: where few
+            wide lines cross many thin ones, crossings stiffen less.
 
     Raises:
         ParameterError: A value is out of its bounds.
@@ -50,6 +53,7 @@ class RelaxedOptions:
     move: tuple[float, float] = (0.1, 0.1)
     min_decrease: float | None = 0.05
     target_objective: float | None = None
+    width_ratio: float = 1.0
 
     def __post_init__(self) -> None:
         for count in self.iterations:
@@ -60,6 +64,7 @@ class RelaxedOptions:
             require_positive(radius=self.radius)
         if self.share_weight is not None:
             require_positive(share_weight=self.share_weight)
+        require_positive(width_ratio=self.width_ratio)
         FixedDirections(self.directions, self.share_limit)
         FreeDirections(self.family_limits)
 
@@ -134,10 +139,11 @@ def find_lines(
     skin = design.skin
     radius = options.radius or skin.pattern.size / 10
     cost = options.share_weight or 0.0
+    crossing = crossing_of_widths(options.width_ratio)
     free = FreeDirections(options.family_limits)
     if after is None:
         fixed = FixedDirections(options.directions, options.share_limit)
-        first = relaxed_problem(design, fixed, radius, cost)
+        first = relaxed_problem(design, fixed, radius, cost, crossing)
         found = optimize(first, options.stage(0), seed=seed, callback=callback)
         field = fitted_pair(first.line_field(found.final))
         variables = free.variables(field.shares, field.angles)
@@ -146,7 +152,7 @@ def find_lines(
     else:
         variables, positions = after.variables, after.positions
         pressures, history = after.pressures, after.history
-    second = relaxed_problem(design, free, radius, cost)
+    second = relaxed_problem(design, free, radius, cost, crossing)
     own = second.with_passive(variables[skin.owned_cells].ravel())
     warm = WarmStart(
         density=own,

@@ -14,6 +14,7 @@ from toros_fem.design.problem import Evaluation
 from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import DensityError
+from toros_fem.mechanics.relaxed_model import CROSSING
 from toros_fem.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.relaxed.line_field import LineField
 from toros_fem.relaxed.smoothing import Smoothing
@@ -134,7 +135,11 @@ class RelaxedProblem(ShapeProblem):
 
 
 def relaxed_problem(
-    design: ShapeProblem, families: Families, radius: float, share_weight: float = 0.0
+    design: ShapeProblem,
+    families: Families,
+    radius: float,
+    share_weight: float = 0.0,
+    crossing: float = CROSSING,
 ) -> RelaxedProblem:
     """Return the relaxed problem of a density design on the same mesh (collective).
 
@@ -146,6 +151,7 @@ def relaxed_problem(
         families: How variables become shares and directions.
         radius: Radius of the smoothing in m.
         share_weight: Factor on the mean sum of shares in T.
+        crossing: Factor of bonded crossings, as for `RelaxedModel`.
 
     Raises:
         ParameterError: The radius is not positive.
@@ -160,6 +166,7 @@ def relaxed_problem(
         chambers=model.chambers,
         weight=model.weight,
         families=families.count,
+        crossing=crossing,
     )
     smoothing = Smoothing(
         skin, radius, families.fields, families.transport, families.centre, designed
