@@ -16,6 +16,7 @@ file after a change of the code. `--docs` writes the tables into docs/discovery.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 import os
@@ -33,6 +34,8 @@ PAGE = FOLDER.parent / "docs" / "discovery.md"
 BEGIN, END = "<!-- tables of benchmarks/discovery.py -->", "<!-- end of the tables -->"
 SEEDS = (0, 1, 2, 3, 4)
 STAGES = ("relaxed", "lines", "printed")
+# What densities start from: noise, or the lines of a relaxed design.
+STARTS = ("random", "relaxed")
 # Coarse runs should reach this fraction of what is asked.
 COARSE = 0.85
 
@@ -149,12 +152,13 @@ def figures(summary: Mapping[str, Any]) -> Row:
     keys = [key for key in summary["design"] if key in summary and key != "volume_m3"]
     relaxed, lines, made = summary.get("relaxed"), summary.get("lines"), summary["manufacture"]
     return {
-        "start": summary["start"],
-        "relaxed": relaxed and {key: relaxed["metrics"].get(key) for key in keys},
+        "start": summary["inputs"]["start"],
+        "relaxed": relaxed and {key: relaxed.get(key) for key in keys},
         "relaxed_steps": relaxed and relaxed["steps"],
         "relaxed_seconds": relaxed and relaxed["seconds"],
-        "lines": lines and {key: lines["metrics"].get(key) for key in keys},
-        "line_widths": lines and lines["widths"],
+        "lines": lines and {key: lines.get(key) for key in keys},
+        "line_widths_mm": lines and [family["width_mm"] for family in lines["families"]],
+        "rounds": lines and len(lines["rounds"]),
         "printed": {key: summary[key] for key in keys},
         "pressure_pa": summary["pressure_pa"],
         "density_steps": summary["iterations"],
@@ -258,13 +262,15 @@ def reached(row: Row) -> bool:
 
 
 def tables(rows: Sequence[Row]) -> str:
-    """Return a Markdown table for each scene and size, one line for each seed."""
+    """Return a Markdown table for each scene, size and start, one line for each seed."""
     parts = []
     for size in ("full", "coarse", "quick"):
-        for name, scene in SCENES.items():
-            own = [r for r in rows if (r["task"]["scene"], r["task"]["size"]) == (name, size)]
+        for (name, scene), start in itertools.product(SCENES.items(), (None, *STARTS)):
+            kind = {"scene": name, "size": size, "start": start}
+            own = [row for row in rows if kind.items() <= row["task"].items()]
             if own:
-                note = "" if size == "full" else f" ({size})"
+                notes = [*([] if size == "full" else [size]), *([start] if start else [])]
+                note = f" ({', '.join(notes)})" if notes else ""
                 parts.append(f"**{scene.title}**{note}\n\n{_table(scene, own)}")
     return "\n\n".join(parts)
 
@@ -323,7 +329,9 @@ def main() -> int:
     parser.add_argument("--seeds", nargs="+", type=int, default=list(SEEDS))
     parser.add_argument("--coarse", action="store_true", help="the demos' coarse variants")
     parser.add_argument("--quick", action="store_true", help="one tube and few steps")
-    parser.add_argument("--start", help="what the densities start from; default: the demo's own")
+    parser.add_argument(
+        "--start", choices=STARTS, help="what densities start from; default: the demo's own"
+    )
     parser.add_argument("--ranks", type=int, default=1, help="ranks of each run")
     parser.add_argument("--threads", type=int, default=2, help="threads of each rank")
     parser.add_argument("--json", type=Path, help="file for the rows")

@@ -8,15 +8,15 @@ import pytest
 from discovery import Row, Task
 
 SUMMARY: Row = {
-    "start": "relaxed",
+    "inputs": {"start": "relaxed"},
     "shortening_percent": 7.94, "shortening_target_percent": 8.0, "twist_deg": -1.26,
     "length_ratio": 0.9206, "volume_m3": 1e-5, "pressure_pa": 1e4, "iterations": 12,
     "design": {"shortening_percent": 8.1, "twist_deg": -1.0, "length_ratio": 0.919, "shape": 1.0,
                "volume_m3": 1e-5},
-    "relaxed": {"metrics": {"shortening_percent": 8.0, "twist_deg": 0.1, "length_ratio": 0.92},
+    "relaxed": {"shortening_percent": 8.0, "twist_deg": 0.1, "length_ratio": 0.92,
                 "seconds": 14.2, "steps": 61},
-    "lines": {"metrics": {"shortening_percent": 7.4, "twist_deg": -2.0, "length_ratio": 0.926},
-              "widths": [9e-4, 9e-4]},
+    "lines": {"shortening_percent": 7.4, "twist_deg": -2.0, "length_ratio": 0.926,
+              "families": [{"width_mm": 0.9}, {"width_mm": 4.0}], "rounds": [{}, {}]},
     "manufacture": {"islands": 0, "smallest_width_mm": 0.71, "smallest_gap_mm": None},
     "triangles": 5000, "parts_by_symmetry": 2, "seconds": {"total": 101.4}, "versions": {},
 }  # fmt: skip
@@ -29,8 +29,13 @@ def row_of(task: Task = TASK, **changes: Any) -> Row:
 
 def test_figures_of_all_stages() -> None:
     row = row_of()
-    assert row["relaxed"] == SUMMARY["relaxed"]["metrics"]
-    assert row["lines"] == SUMMARY["lines"]["metrics"]
+    assert row["relaxed"] == {
+        "shortening_percent": 8.0, "twist_deg": 0.1, "length_ratio": 0.92
+    }  # fmt: skip
+    assert row["lines"] == {
+        "shortening_percent": 7.4, "twist_deg": -2.0, "length_ratio": 0.926
+    }  # fmt: skip
+    assert (row["line_widths_mm"], row["rounds"]) == ([0.9, 4.0], 2)
     assert row["printed"] == {
         "shortening_percent": 7.94, "twist_deg": -1.26, "length_ratio": 0.9206
     }  # fmt: skip
@@ -86,6 +91,9 @@ def test_table_has_all_stages() -> None:
     )
     assert lines[1].startswith("| 3 | – | – | 7.9 %, -1.3° |")
     assert lines[2].endswith("| fails |")
+    noise = Task("contract", 3, "coarse", "random", 1, 2)
+    both = discovery.tables([row_of(), row_of(noise)])
+    assert "\n\n**shorten by 8 % at 10 kPa** (coarse, random)\n\n" in both
     assert "101 s" in discovery.line(row_of())
     assert "FAILED: no equilibrium" in discovery.line(failed)
 
