@@ -98,7 +98,7 @@ def measure(triangles: int) -> dict[str, Any]:
     """Measure one size in this process."""
     from mpi4py import MPI
 
-    from toros_fem.actuators.run import actuator_problem
+    from toros_fem.actuators.problem import actuator_problem
     from toros_fem.actuators.tube import bend_metric, tube_case
     from toros_fem.meshes import bend
 
@@ -132,7 +132,7 @@ def _warm_up() -> None:
     """Import and compile everything on a tiny tube: neither grows with the mesh."""
     from mpi4py import MPI
 
-    from toros_fem.actuators.run import actuator_problem
+    from toros_fem.actuators.problem import actuator_problem
     from toros_fem.actuators.tube import bend_metric, tube_case
     from toros_fem.meshes import bend
 

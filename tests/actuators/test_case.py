@@ -10,7 +10,7 @@ from mpi4py import MPI
 from toros_fem.actuators.case import ActuatorCase, Contact
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.legs import rest_on_body
-from toros_fem.actuators.run import actuator_problem
+from toros_fem.actuators.problem import actuator_problem
 from toros_fem.density.field import random_density
 from toros_fem.design.loop import optimize
 from toros_fem.design.options import Stage

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from toros_fem.actuators import run
 from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.run import actuator_problem, design_actuator, summary_sentence
+from toros_fem.actuators.problem import actuator_problem, design_actuator, summary_sentence
 from toros_fem.actuators.tube import TubeConfig, bend_metric, tube_case
 from toros_fem.design import shape_problem
 from toros_fem.design.shape_problem import ShapeProblem

@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.actuators.run import actuator_problem
+from toros_fem.actuators.problem import actuator_problem
 from toros_fem.actuators.tube import (
     CrossSectionTubeConfig,
     TubeConfig,

@@ -3,7 +3,8 @@
 from toros_fem.actuators.case import ActuatorCase, Contact
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.gait import Gait
-from toros_fem.actuators.run import ActuatorResult, actuator_problem, design_actuator
+from toros_fem.actuators.problem import actuator_problem
+from toros_fem.actuators.run import ActuatorResult, design_actuator
 from toros_fem.actuators.tube import (
     CrossSectionTubeConfig,
     TubeConfig,

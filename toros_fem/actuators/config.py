@@ -48,6 +48,8 @@ class SkinConfig(MaterialConfig):
 
 # Lengths that follow the mesh.
 MESH_LENGTHS = ("edge_length", "filter_radius", "line_width", "gap_width")
+# Filter radius of the meshes of relaxed designs and prints, over the edge length.
+FILTER_EDGES = 2.0
 # Largest change of a pressure in one step on the finer meshes, as `DesignOptions.pressure_move`:
 # with five times as much the first step triples T, and the next ones win this back.
 LEVEL_PRESSURE_MOVE = 0.02
@@ -174,6 +176,32 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
         lengths = {name: getattr(self, name) for name in MESH_LENGTHS if name in self._names}
         scaled = {name: factor * h for name, h in lengths.items() if h is not None}
         return self.updated(levels=1, **scaled)
+
+    @property
+    def of_relaxed(self) -> Self:
+        """The configuration of the relaxed design, on its mesh."""
+        return self._on_one_mesh(self.relaxed_edge_length)
+
+    @property
+    def of_print(self) -> Self:
+        """The configuration of the mesh that printed lines are simulated on."""
+        return self._on_one_mesh(self.print_edge_length)
+
+    def _on_one_mesh(self, edge: float) -> Self:
+        """Return the configuration on a mesh of its own, without widths and perimeter.
+
+        Where the mesh is given it stays.
+        """
+        lengths = {"edge_length": edge} if "edge_length" in self._names else {}
+        return self.updated(
+            levels=1,
+            filter_radius=FILTER_EDGES * edge,
+            line_width=None,
+            gap_width=None,
+            constrained_iterations=0,
+            perimeter_weight=None,
+            **lengths,
+        )
 
     @property
     def _names(self) -> set[str]:

@@ -11,10 +11,10 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem._types import Floats
-from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.discovery import discover
+from toros_fem.actuators.problem import CaseMaker, actuator_problem
 from toros_fem.analysis.error_estimate import estimate_error
-from toros_fem.density.projection import Projection
 from toros_fem.design.levels import optimize_levels
 from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.options import DesignOptions
@@ -29,7 +29,6 @@ from toros_fem.fabrication.as_printed import (
     remove_islands,
 )
 from toros_fem.objectives.metrics import UNITS
-from toros_fem.output.console import print_step
 from toros_fem.output.reporter import DesignReporter
 from toros_fem.output.writer import write_results
 
@@ -52,41 +51,6 @@ class ActuatorResult:
 
 
 C = TypeVar("C", bound=ActuatorConfig)
-# Makes the case of a configuration, on the mesh of its edge length.
-CaseMaker = Callable[[MPI.Comm, C], ActuatorCase]
-
-
-def actuator_problem(
-    comm: MPI.Comm, case: ActuatorCase, config: ActuatorConfig, *, verbose: bool = False
-) -> ShapeDesign:
-    """Return the design problem of a case (collective).
-
-    Raises:
-        TorosError: A number is out of its bounds, or does not fit the case.
-    """
-    return ShapeDesign(
-        comm,
-        case.pattern,
-        target=case.target,
-        supports=case.supports,
-        filter_radius=config.filter_radius,
-        pressure=config.pressure,
-        composite=config.composite,
-        pressure_bounds=config.pressure_bounds,
-        passive=case.passive,
-        filter=config.filter,
-        projection=Projection(config.beta, config.eta),
-        length_scale=config.length_scale,
-        perimeter_weight=config.perimeter_weight,
-        perimeter_window=config.perimeter_window * config.filter_radius,
-        perimeter_sharpness=config.perimeter_sharpness,
-        objective=case.objective,
-        metrics=case.metrics,
-        start=case.start,
-        symmetry=case.symmetry,
-        chambers=case.chambers,
-        log=print_step(comm) if verbose else None,
-    )
 
 
 def design_actuator(
@@ -119,6 +83,8 @@ def design_actuator(
             cannot be written to.
     """
     reporter = reporter or DesignReporter(comm, output)
+    if config.start == "relaxed":
+        return _from_lines(comm, output, case, config, reporter)
     levels = [config.at_level(level) for level in range(config.level_count)]
     options = config.options
     best: BestStart | None = None
@@ -148,6 +114,27 @@ def design_actuator(
             str(seed): value if np.isfinite(value) else None
             for seed, value in best.objectives.items()
         }
+    if config.estimate_error and printed.evaluation is not None:
+        figures.update(error_figures(problem, printed.evaluation))
+    summary = write_results(
+        output, result, printed, config=config, figures=figures, seconds=reporter.seconds
+    )
+    return ActuatorResult(summary, result, printed, problem)
+
+
+def _from_lines(
+    comm: MPI.Comm,
+    output: Path | str,
+    case: CaseMaker[C],
+    config: C,
+    reporter: DesignReporter,
+) -> ActuatorResult:
+    """Design an actuator by line families and write all results (collective)."""
+    reporter.expect(2 * config.relaxed_iterations)
+    with reporter:
+        found = discover(comm, case, config, reporter)
+    problem, result, printed = found.problem, found.result(), found.best.printed
+    figures: dict[str, Any] = {"seed": config.seed, "start": "random", **found.figures()}
     if config.estimate_error and printed.evaluation is not None:
         figures.update(error_figures(problem, printed.evaluation))
     summary = write_results(

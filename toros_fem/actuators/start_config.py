@@ -45,6 +45,16 @@ class StartConfig(DesignConfig):
         None, "width of those along the second family; none takes the same", "m", above=0
     )
 
+    print_edge_length: float = quantity(
+        0.75e-3, "edge length of the mesh that printed lines are simulated on", "m", above=0
+    )
+    corrections: int = quantity(
+        3, "how often the relaxed design is asked again for what its print misses", at_least=0
+    )
+    share_weight: float | None = quantity(
+        0.01, "weight of the lines' share in the relaxed objective; none leaves it out", above=0
+    )
+
     @property
     def relaxed_options(self) -> RelaxedOptions:
         """Numbers of the relaxed design."""
@@ -52,6 +62,7 @@ class StartConfig(DesignConfig):
             directions=self.directions,
             share_limit=self.share_limit,
             radius=self.smoothing_radius,
+            share_weight=self.share_weight,
             iterations=(self.relaxed_iterations, self.relaxed_iterations),
             width_ratio=self._second_width / self.laid_width,
         )

@@ -1,0 +1,238 @@
+"""Design from a random start without drawn lines: relaxed design, printable lines, correction."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem._mpi import on_first_rank
+from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.problem import CaseMaker, actuator_problem
+from toros_fem.design.loop import Callback, DesignResult
+from toros_fem.design.shape_design import ShapeDesign
+from toros_fem.errors import NoEquilibriumError
+from toros_fem.fabrication.as_printed import PrintedDesign
+from toros_fem.fabrication.printed_lines import printed_lines
+from toros_fem.objectives.metrics import Metric
+from toros_fem.output.console import print_line
+from toros_fem.relaxed.find import RelaxedResult, find_lines
+from toros_fem.relaxed.laid_lines import LaidLines, lay_lines
+
+# The lines are good enough where every metric is this close to its target, as a fraction of it.
+CLOSE = 5e-3
+# Bounds on the change of a printed metric over that of the one asked, in the secant.
+LEAST_SLOPE, LARGEST_SLOPE = 0.4, 1.5
+
+C = TypeVar("C", bound=ActuatorConfig)
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One relaxed design, laid as lines and simulated.
+
+    Attributes:
+        asked: Target of each metric that was asked of the relaxed design, by key.
+        relaxed: The relaxed design.
+        laid: Its lines.
+        printed: Their print, simulated.
+        metrics: Metrics of the print, by key; empty without an equilibrium.
+        error: Largest distance of a metric from its target, as a fraction of it; infinite without
+            an equilibrium.
+    """
+
+    asked: Mapping[str, float]
+    relaxed: RelaxedResult
+    laid: LaidLines
+    printed: PrintedDesign
+    metrics: Mapping[str, float]
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Discovery:
+    """Lines that were found from a random start.
+
+    Attributes:
+        problem: The density problem on the mesh that the print is simulated on.
+        rounds: All rounds, in the order in which they were made.
+        seconds: Wall time in s of the relaxed designs, of laying lines, and of simulating prints.
+    """
+
+    problem: ShapeDesign
+    rounds: tuple[Round, ...]
+    seconds: Mapping[str, float]
+
+    @property
+    def best(self) -> Round:
+        """The round whose print is closest to the targets."""
+        return min(self.rounds, key=lambda r: r.error)
+
+    def result(self) -> DesignResult:
+        """Return the best round as the result of a design; its history is the relaxed design's."""
+        best = self.best
+        evaluation = best.printed.evaluation
+        assert evaluation is not None
+        return DesignResult(
+            problem=self.problem,
+            density=evaluation.projected,
+            final=evaluation,
+            history=best.relaxed.history,
+            reason=best.relaxed.reason,
+            seconds=dict(self.seconds),
+        )
+
+    def figures(self) -> dict[str, Any]:
+        """Return the entries of the summary: relaxed design, lines, and what was asked for."""
+        first, best = self.rounds[0], self.best
+        return {
+            "relaxed": {
+                **first.relaxed.metrics,
+                "objective": first.relaxed.objective,
+                "steps": len(first.relaxed.history),
+                "newton_steps": first.relaxed.newton_steps,
+                "triangles": len(first.relaxed.field.pattern.panel),
+                "seconds": first.relaxed.seconds,
+            },
+            "lines": {
+                **best.metrics,
+                "rounds": [{"asked": dict(r.asked), **r.metrics} for r in self.rounds],
+                "families": [
+                    {
+                        "width_mm": 1e3 * f.width,
+                        "lines": f.lines,
+                        "length_mm": 1e3 * f.length,
+                        "share": f.share,
+                        "laid": f.laid,
+                        "ends": dict(f.ends),
+                    }
+                    for f in best.laid.families
+                ],
+                "printed_fraction": best.laid.area / float(best.laid.pattern.areas.sum()),
+            },
+        }
+
+
+def discover(
+    comm: MPI.Comm,
+    case: CaseMaker[C],
+    config: C,
+    callback: Callback | None = None,
+) -> Discovery:
+    """Find printable lines that take an actuator to its target, from noise (collective).
+
+    The relaxed design is laid as lines, which are simulated as printed. What the print misses is
+    asked of the relaxed design on top, and so on (space mapping, Bandler et al. 1994): a relaxed
+    design costs a fraction of a simulated print.
+
+    Args:
+        comm: Communicator.
+        case: Makes what to design, of the communicator and a configuration.
+        config: All numbers.
+        callback: Called after each step of the relaxed designs, on every rank.
+
+    Raises:
+        NoEquilibriumError: No print has an equilibrium, or the random start has none.
+        TorosError: A number is out of its bounds.
+    """
+    seconds = {"relaxed": 0.0, "lines": 0.0, "prints": 0.0}
+    problem: ShapeDesign | None = None
+    relaxed: RelaxedResult | None = None
+    targets: dict[str, float] = {}
+    asked: dict[str, float] = {}
+    rounds: list[Round] = []
+    for number in range(1 + config.corrections):
+        begin = time.perf_counter()
+        coarse = config.of_relaxed.asked(asked)
+        here = case(comm, coarse)
+        if not rounds:
+            targets = {m.key: m.target for m in here.metrics if m.target is not None}
+            asked = dict(targets)
+        design = actuator_problem(comm, here, coarse)
+        try:
+            relaxed = find_lines(
+                design, config.relaxed_options, seed=config.seed, callback=callback, after=relaxed
+            )
+        except NoEquilibriumError:
+            if not rounds:
+                raise
+            break
+        middle = time.perf_counter()
+        found, pattern = relaxed, here.pattern
+        solid = None if here.passive is None else here.passive > 0.5
+        laid = on_first_rank(
+            comm,
+            lambda: lay_lines(
+                found.field, config.line_options, printed=solid, planes=here.symmetry
+            ),
+        )
+        end = time.perf_counter()
+        if problem is None:
+            problem = actuator_problem(comm, case(comm, config.of_print), config.of_print)
+        printed = printed_lines(
+            problem,
+            pattern,
+            laid.regions,
+            config.print_limits,
+            island_area=config.island_area,
+            shape=relaxed.positions,
+            pressure=relaxed.pressures or None,
+        )
+        metrics = {}
+        if printed.evaluation is not None:
+            metrics = problem.metrics_of(printed.evaluation.equilibrium)
+        rounds.append(Round(dict(asked), relaxed, laid, printed, metrics, _error(metrics, targets)))
+        seconds["relaxed"] += middle - begin
+        seconds["lines"] += end - middle
+        seconds["prints"] += time.perf_counter() - end
+        _report(comm, number, problem.metrics, rounds[-1])
+        if rounds[-1].error < CLOSE or not metrics:
+            break
+        asked = _asked_next(rounds, targets)
+    assert problem is not None
+    if not np.isfinite(min(r.error for r in rounds)):
+        raise NoEquilibriumError(
+            f"no print of the relaxed design has an equilibrium: {rounds[0].printed.failure} "
+            "Ask for less, or for finer lines (laid_width)."
+        )
+    return Discovery(problem, tuple(rounds), seconds)
+
+
+def _error(metrics: Mapping[str, float], targets: Mapping[str, float]) -> float:
+    """Return the largest distance from a target, as a fraction of it; infinite if unknown."""
+    if not metrics:
+        return np.inf
+    return max(abs(metrics[key] - t) / (abs(t) or 1.0) for key, t in targets.items())
+
+
+def _asked_next(rounds: list[Round], targets: Mapping[str, float]) -> dict[str, float]:
+    """Return what to ask for next: a secant step of each metric, at first with slope 1."""
+    last, asked = rounds[-1], {}
+    for key, target in targets.items():
+        slope = 1.0
+        if len(rounds) > 1:
+            before = rounds[-2]
+            change = last.asked[key] - before.asked[key]
+            if abs(change) > 1e-6 * (abs(target) or 1.0):
+                slope = (last.metrics[key] - before.metrics[key]) / change
+        slope = float(np.clip(slope, LEAST_SLOPE, LARGEST_SLOPE))
+        asked[key] = last.asked[key] + (target - last.metrics[key]) / slope
+    return asked
+
+
+def _report(comm: MPI.Comm, number: int, metrics: tuple[Metric, ...], made: Round) -> None:
+    """Print a line on a round, on the first rank."""
+    if comm.rank:
+        return
+    parts = [
+        f"{m.name} {m.formatted(made.metrics[m.key])} of {m.formatted(m.target)}"
+        + f", asked {m.formatted(made.asked[m.key])}"
+        for m in metrics
+        if m.target is not None and made.metrics
+    ]
+    lines = sum(f.lines for f in made.laid.families)
+    print_line(f"round {number}: {lines} lines, as printed {'; '.join(parts) or 'no equilibrium'}")
