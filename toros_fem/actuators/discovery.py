@@ -11,6 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem._mpi import on_first_rank
+from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
 from toros_fem.design.loop import Callback, DesignResult
@@ -22,6 +23,8 @@ from toros_fem.objectives.metrics import Metric
 from toros_fem.output.console import print_line
 from toros_fem.relaxed.find import RelaxedResult, find_lines
 from toros_fem.relaxed.laid_lines import LaidLines, lay_lines
+from toros_fem.relaxed.line_field import LineField
+from toros_fem.relaxed.line_options import LineOptions
 
 # The lines are good enough where every metric is this close to its target, as a fraction of it.
 CLOSE = 5e-3
@@ -162,20 +165,13 @@ def discover(
                 raise
             break
         middle = time.perf_counter()
-        found, pattern = relaxed, here.pattern
-        solid = None if here.passive is None else here.passive > 0.5
-        laid = on_first_rank(
-            comm,
-            lambda: lay_lines(
-                found.field, config.line_options, printed=solid, planes=here.symmetry
-            ),
-        )
+        laid = _laid(comm, here, relaxed.field, config.line_options)
         end = time.perf_counter()
         if problem is None:
             problem = actuator_problem(comm, case(comm, config.of_print), config.of_print)
         printed = printed_lines(
             problem,
-            pattern,
+            here.pattern,
             laid.regions,
             config.print_limits,
             island_area=config.island_area,
@@ -200,6 +196,14 @@ def discover(
             "Ask for less, or for finer lines (laid_width)."
         )
     return Discovery(problem, tuple(rounds), seconds)
+
+
+def _laid(comm: MPI.Comm, case: ActuatorCase, field: LineField, options: LineOptions) -> LaidLines:
+    """Return the lines of a field on the triangles that are designed (collective)."""
+    printed = None if case.passive is None else case.passive > 0.5
+    return on_first_rank(
+        comm, lambda: lay_lines(field, options, printed=printed, planes=case.symmetry)
+    )
 
 
 def _error(metrics: Mapping[str, float], targets: Mapping[str, float]) -> float:

@@ -196,7 +196,7 @@ class DesignProblem(ABC, Generic[R]):
         return lambda _: np.zeros(0), none, np.zeros((0, len(self.pressures)))
 
     def cost(self, projected: Floats) -> float:
-        """Return what T counts besides the distance and the perimeter: 0 by default (collective)."""
+        """Return what T counts besides distance and perimeter: 0 by default (collective)."""
         return 0.0
 
     def cost_backward(self, projected: Floats) -> Floats:

@@ -55,7 +55,7 @@ def _pair_of_cells(shares: Floats, angles: Floats, start: Floats) -> tuple[Float
     """Return shares and angles of the two families of each triangle, both (n, 2)."""
     pair = np.tile(start, (len(shares), 1))
     double, prior = np.exp(2j * angles), PRIOR * np.exp(2j * start)
-    mine = np.zeros((len(shares), 2, shares.shape[1]))
+    mine: Floats = np.zeros((len(shares), 2, shares.shape[1]))
     for step in range(STEPS + 1):
         near = [np.cos(2 * (pair[:, k, None] - angles)) for k in range(2)]
         first = near[0] >= near[1]

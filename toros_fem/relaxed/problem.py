@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from toros_fem._mpi import dot, raise_together, total
 from toros_fem._types import Floats
 from toros_fem._validate import require_count
+from toros_fem.density.filters import Filter
 from toros_fem.design.problem import Evaluation
 from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
@@ -102,7 +103,7 @@ class RelaxedProblem(ShapeProblem):
     def _area_fractions(self) -> Floats:
         """Return the fraction of the designed area of each owned triangle (collective)."""
         areas = self.skin.pattern.areas[self.skin.owned_cells] * self.designed
-        return areas / total(self.comm, areas.sum())
+        return np.asarray(areas / total(self.comm, areas.sum()))
 
     def start_density(self, seed: int) -> Floats:
         """Return random variables: smoothed noise, the same on any number of ranks (collective).
@@ -174,7 +175,7 @@ def relaxed_problem(
     return RelaxedProblem(
         solver=solver,
         objective=design.objective,
-        filter=smoothing,
+        filter=cast(Filter, smoothing),  # widths, which need more of a filter, are left out
         pressure=design.pressure,
         passive=design.passive,
         pressure_bounds=design.pressure_bounds,
