@@ -4,8 +4,9 @@
     scripts/fenicsx python3 benchmarks/printed_lines.py --json printed_lines.json
 
 Nets of straight lines on the tube of the demos, known as exact polygons, are simulated on finer and
-finer meshes. Two rules turn polygons into densities: "centroid", printed or not, by the triangle's
-centroid, as `printed_cells` does; and "covered", the fraction of the triangle that is covered. Each
+finer meshes. Three rules turn polygons into densities: "centroid", printed or not, by the centroid
+of the triangle, as `printed_cells` does; "snapped", the same on a mesh whose vertices are moved
+onto the borders of the polygons; and "covered", the fraction of the triangle that is covered. Each
 mesh starts from the shape on the one before. Seconds are processor time of one core.
 """
 
@@ -30,13 +31,14 @@ from toros_fem.equilibrium.feasible_start import relaxed_into_bounds
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.fabrication.printability import printed_cells
 from toros_fem.meshes import Pattern, mirrored, sew
+from toros_fem.meshes.snap import snapped
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.objectives.metrics import shortening, twist_angle
 
 Floats = npt.NDArray[np.float64]
 Row = dict[str, Any]
 
-RULES = ("centroid", "covered")
+RULES = ("snapped", "centroid", "covered")
 EDGES = (1.5e-3, 1.06e-3, 0.75e-3, 0.53e-3)
 # Points in each triangle from which "covered" is measured: those of a grid with so many rows.
 ROWS = 10
@@ -90,13 +92,16 @@ def wall_lines(pattern: Pattern, net: Net) -> BaseGeometry:
     return shapely.intersection(shapely.union_all(strips), shapely.box(*low, *high))
 
 
+def on_wall(pattern: Pattern, lines: BaseGeometry) -> list[BaseGeometry]:
+    """Return the lines as the region of the wall, and nothing on the other panels."""
+    return [lines if name == "wall" else shapely.Polygon() for name in pattern.panel_names]
+
+
 def densities(pattern: Pattern, lines: BaseGeometry, rule: str) -> Floats:
     """Return the density of each triangle, (t,): lines on the wall, printed caps."""
     wall = pattern.panel_index("wall")
-    if rule == "centroid":
-        nothing = shapely.Polygon()
-        regions = [lines if k == wall else nothing for k in range(len(pattern.panel_names))]
-        found = printed_cells(pattern, regions).astype(np.float64)
+    if rule != "covered":
+        found = printed_cells(pattern, on_wall(pattern, lines)).astype(np.float64)
     else:
         grid = np.array([(i, j) for i in range(ROWS) for j in range(ROWS - i)]) + 1 / 3
         at = np.column_stack([grid, ROWS - grid.sum(axis=1)]) / ROWS
@@ -114,6 +119,9 @@ def converge(name: str, rule: str, mesh: str, edges: Sequence[float]) -> Iterato
         config = TubeConfig(edge_length=edge, mesh=mesh)
         pattern, supports, _ = plain_tube(MPI.COMM_SELF, config, net.planes)
         lines = wall_lines(pattern, net)
+        begin = time.process_time()
+        if rule == "snapped":
+            pattern = snapped(MPI.COMM_SELF, pattern, on_wall(pattern, lines))
         density, wall = densities(pattern, lines, rule), pattern.cells_of("wall")
         row: Row = {
             "net": name,
@@ -124,7 +132,6 @@ def converge(name: str, rule: str, mesh: str, edges: Sequence[float]) -> Iterato
             "triangles": len(density),
             "printed_over_drawn": float(pattern.areas[wall] @ density[wall] / lines.area),
         }
-        begin = time.process_time()
         skin = sew(MPI.COMM_SELF, pattern)
         solver = EquilibriumSolver(skin, config.composite, supports)
         start = None

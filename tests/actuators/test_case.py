@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import shapely
 from helpers.symmetry import rests
 from mpi4py import MPI
 
@@ -11,13 +12,16 @@ from toros_fem.actuators.case import ActuatorCase, Contact
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.legs import rest_on_body
 from toros_fem.actuators.problem import actuator_problem
+from toros_fem.actuators.tube import CrossSectionTubeConfig, bend_metric, cross_section_case
 from toros_fem.density.field import random_density
 from toros_fem.design.loop import optimize
 from toros_fem.design.options import Stage
 from toros_fem.design.shape_problem import ShapeProblem
+from toros_fem.errors import PanelError
 from toros_fem.fabrication.as_printed import as_printed
+from toros_fem.fabrication.printed_lines import printed_lines
 from toros_fem.mechanics.supports import Supports, clamp
-from toros_fem.meshes import WALKER, Pattern, Skin, stand, walker
+from toros_fem.meshes import WALKER, Pattern, Skin, bend, stand, walker
 from toros_fem.objectives.cross_sections import (
     CrossSectionObjective,
     CrossSections,
@@ -126,3 +130,32 @@ def test_an_aligned_objective_ignores_rigid_motion(tube: Skin) -> None:
     assert case.objective(tube).forward(there) == pytest.approx(0.0, abs=1e-12)
     free = dataclasses.replace(case, aligned=False)
     assert free.objective(tube).forward(there) > 0.1
+
+
+def test_a_case_whose_mesh_follows_lines(comm: MPI.Comm) -> None:
+    """Targets move with the vertices; the print of lines on half a tube is that of the whole."""
+    config = CrossSectionTubeConfig(length=0.06, edge_length=3e-3, filter_radius=6e-3, pressure=4e3)
+    target = bend(np.radians(60), 0.06, neutral=0.01)
+    case = cross_section_case(comm, config, target, [bend_metric(60.0)], (1,))
+    corners = case.pattern.corners[case.pattern.cells_of("wall")]
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    rings = shapely.union_all([shapely.box(low[0], v, high[0], v + 4e-3) for v in (0.01, 0.03)])
+    regions = [rings if name == "wall" else shapely.Polygon() for name in case.pattern.panel_names]
+    found = case.following(comm, regions)
+    moved = np.any(found.pattern.points != case.pattern.points, axis=1)
+    assert np.count_nonzero(moved) > 20
+    assert np.array_equal(found.target[~moved], case.target[~moved])
+    assert np.abs(found.target - target(found.pattern.points)).max() < 0.02 * 3e-3
+    problem = actuator_problem(comm, found, config)
+    printed = printed_lines(problem, case.pattern, regions)
+    assert printed.evaluation is not None
+    assert problem.whole is not None
+    assert printed.pattern is problem.whole.pattern
+    exact = 2 * rings.area / printed.pattern.areas[printed.pattern.cells_of("wall")].sum()
+    wall = printed.pattern.cells_of("wall")
+    areas = printed.pattern.areas[wall]
+    assert areas @ printed.cells[wall] / areas.sum() == pytest.approx(exact, rel=0.01)
+    assert printed.after.smallest_width is not None
+    assert printed.after.smallest_width.width == pytest.approx(4e-3, rel=1e-3)
+    with pytest.raises(PanelError, match="1 regions for 3 panels"):
+        case.following(comm, regions[:1])

@@ -90,9 +90,9 @@ def test_contours_of_a_design_are_printed_alike(tube: Skin, tube_solver: Equilib
     result = DesignResult(problem, density, problem.simulate(density), (), "", {})
     limits = PrintLimits()
     first = as_printed(problem, result, limits, island_area=math.inf)
-    shape = problem.shape_of(result.final.equilibrium)
+    near = tube.pattern, problem.shape_of(result.final.equilibrium)
     lines = printed_lines(
-        problem, tube.pattern, first.contours, limits, island_area=math.inf, shape=shape
+        problem, tube.pattern, first.contours, limits, island_area=math.inf, near=near
     )
     assert first.cleaned.dropped
     assert lines.cells.tolist() == first.cells.tolist()
@@ -114,14 +114,12 @@ def test_lines_start_from_the_shape_on_a_coarser_mesh(
     assert cold.before.islands
     assert cold.evaluation is not None
     assert cold.evaluation.equilibrium.pressure == 3e3
-    shape = problem.shape_of(cold.evaluation.equilibrium)
-    warm = printed_lines(
-        problem, tube.pattern, cold.contours, island_area=2e-6, shape=shape, pressure=3e3
-    )
+    near = tube.pattern, problem.shape_of(cold.evaluation.equilibrium)
+    warm = printed_lines(problem, coarse, regions, island_area=2e-6, near=near, pressure=3e3)
     assert warm.evaluation is not None
     assert warm.evaluation.shape == pytest.approx(cold.evaluation.shape, rel=1e-6)
     assert warm.evaluation.equilibrium.steps < cold.evaluation.equilibrium.steps
-    at_the_problems = printed_lines(problem, coarse, regions, shape=None)
+    at_the_problems = printed_lines(problem, coarse, regions)
     assert at_the_problems.evaluation is not None
     assert at_the_problems.evaluation.equilibrium.pressure == problem.pressure
 

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Floats
 from toros_fem.mechanics.chambers import Chambers
@@ -10,6 +15,8 @@ from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
+from toros_fem.meshes.snap import snapped
+from toros_fem.meshes.transfer import make_transfer
 from toros_fem.objectives.alignment import AlignedObjective
 from toros_fem.objectives.cross_sections import CrossSectionObjective, CrossSections
 from toros_fem.objectives.gap import Body, GapObjective
@@ -86,6 +93,23 @@ class ActuatorCase:
         whole = mirrored(self.pattern, self.symmetry)
         target = whole.at_vertices(checked_target(skin, self.target))
         return MirroredObjective(skin, whole, lambda nodes: self._objective(nodes, target))
+
+    def following(self, comm: MPI.Comm, regions: Sequence[BaseGeometry]) -> ActuatorCase:
+        """Return the same case on a mesh whose edges follow polygons, by `snapped` (collective).
+
+        Args:
+            comm: Communicator.
+            regions: Polygons on each panel of the pattern, in m.
+
+        Raises:
+            PanelError: The number of regions is not that of the panels.
+        """
+        pattern = snapped(comm, self.pattern, regions)
+        # All else belongs to vertices and triangles, which keep their numbers.
+        moved = np.any(pattern.points != self.pattern.points, axis=1)
+        target = make_transfer(self.pattern, pattern).positions(self.target)
+        target = np.where(moved[:, None], target, self.target)
+        return replace(self, pattern=pattern, target=target)
 
     def _objective(self, nodes: Nodes, target: Floats) -> Objective:
         terms: list[Objective] = []

@@ -175,7 +175,7 @@ def discover(
             laid.regions,
             config.print_limits,
             island_area=config.island_area,
-            shape=relaxed.positions,
+            near=(here.pattern, relaxed.positions),
             pressure=relaxed.pressures or None,
         )
         metrics = {}

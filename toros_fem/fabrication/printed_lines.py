@@ -30,13 +30,13 @@ def printed_lines(
     *,
     island_area: float = 0.0,
     hole_area: float = 0.0,
-    shape: Floats | None = None,
+    near: tuple[Pattern, Floats] | None = None,
     pressure: Pressure | None = None,
 ) -> PrintedDesign:
     """Clean, measure and simulate lines that come as polygons (collective).
 
-    A triangle of the problem's mesh is printed if its centroid is. docs/manufacture.md says how
-    fine the mesh must be, and what the error is.
+    A triangle of the problem's mesh is printed if its centroid is. The error is that of a mesh
+    whose edges follow the lines, `ActuatorCase.following`, and is given in docs/manufacture.md.
 
     Args:
         problem: The design problem, on the mesh that the print is simulated on.
@@ -45,8 +45,9 @@ def printed_lines(
         limits: Limits of the printer; narrower lines and gaps are listed.
         island_area: Free islands smaller than this, in m², are removed.
         hole_area: Holes smaller than this, in m², are filled.
-        shape: Positions of all vertices of `pattern`, (n, 3), in m, to start from, of the relaxed
-            design for instance; None starts from the assembled shape.
+        near: A pattern with the same panels and positions of all its vertices, (n, 3), in m, to
+            start from: those of the relaxed design, or of the print on a coarser mesh. None starts
+            from the assembled shape.
         pressure: In Pa, of all chambers or of each; None takes the problem's own.
 
     Raises:
@@ -55,8 +56,8 @@ def printed_lines(
     """
     part, whole = problem.skin.pattern, problem.whole
     start = None
-    if shape is not None:
-        start = problem.state_at(make_transfer(pattern, part).positions(shape))
+    if near is not None:
+        start = problem.state_at(make_transfer(near[0], part).positions(near[1]))
 
     def contours() -> list[BaseGeometry]:
         found = regions_on(pattern, regions, part)

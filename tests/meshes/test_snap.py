@@ -1,0 +1,136 @@
+"""Vertices moved onto the borders of polygons: what fits better, and what stays."""
+
+import numpy as np
+import pytest
+import shapely
+from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.errors import PanelError
+from toros_fem.meshes import Pattern, cylinder, mirrored, two_panels
+from toros_fem.meshes.snap import LEAST_ANGLE, snapped
+from toros_fem.meshes.topology import corner_angles
+
+NOTHING = shapely.Polygon()
+RADIUS = 0.01
+
+
+def helices(pattern: Pattern, around: float) -> list[BaseGeometry]:
+    """Eight lines of 1.6 mm on a tube's wall, at 40° to the axis."""
+    corners = pattern.corners[pattern.cells_of("wall")]
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    rise = np.array([np.tan(np.radians(40)) * 0.06, 0.06])
+    starts = [np.array([k * around / 8, 0.0]) for k in range(-8, 16)]
+    lines = [shapely.LineString([s - rise, s + 2 * rise]).buffer(0.8e-3) for s in starts]
+    wall = shapely.union_all(lines).intersection(shapely.box(*low, *high))
+    return [wall if name == "wall" else NOTHING for name in pattern.panel_names]
+
+
+def misfit(pattern: Pattern, regions: list[BaseGeometry]) -> float:
+    """Smaller part of each triangle, printed or bare, over the printed area."""
+    total = 0.0
+    for panel, region in enumerate(regions):
+        cells = np.flatnonzero(pattern.panel == panel)
+        covered = shapely.area(
+            shapely.intersection(shapely.polygons(pattern.corners[cells]), region)
+        )
+        total += np.minimum(covered, pattern.areas[cells] - covered).sum()
+    return float(total / sum(region.area for region in regions))
+
+
+def smallest_angle(pattern: Pattern) -> float:
+    return float(corner_angles(pattern.flat_points, pattern.flat_triangles).min())
+
+
+@pytest.mark.parametrize(("mesh", "left"), [("unstructured", 0.15), ("structured", 0.6)])
+def test_borders_are_met_with_good_triangles(comm: MPI.Comm, mesh: str, left: float) -> None:
+    pattern = cylinder(comm, 0.06, 2 * RADIUS, 1.2e-3, mesh=mesh)
+    regions = helices(pattern, np.ptp(pattern.corners[..., 0][pattern.cells_of("wall")]))
+    found = snapped(comm, pattern, regions)
+    assert misfit(found, regions) < left * misfit(pattern, regions)
+    assert smallest_angle(found) > LEAST_ANGLE - 1e-12
+    for name in ("flat_triangles", "panel", "sewn"):
+        assert np.array_equal(getattr(found, name), getattr(pattern, name))
+    again = snapped(comm, pattern, regions)
+    assert np.array_equal(again.flat_points, found.flat_points)
+    assert np.array_equal(again.points, found.points)
+
+
+def test_outlines_and_seams_are_kept(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.06, 2 * RADIUS, 1.2e-3)
+    wall = pattern.cells_of("wall")
+    regions = helices(pattern, np.ptp(pattern.corners[wall][..., 0]))
+    found = snapped(comm, pattern, regions)
+    for panel in range(3):
+        cells = pattern.panel == panel
+        assert found.areas[cells].sum() == pytest.approx(pattern.areas[cells].sum(), rel=1e-12)
+    # Of the seam along the tube both sides have moved alike, those of the caps stay.
+    sides = np.array([pattern.flat_points[pattern.seams], found.flat_points[found.seams]])
+    length = np.linalg.norm(np.diff(sides[1], axis=2)[..., 0, :], axis=2)
+    assert length[:, 0] == pytest.approx(length[:, 1], rel=1e-6)
+    moved = np.any(sides[0] != sides[1], axis=(1, 2, 3))
+    panel = np.zeros(len(pattern.flat_points), dtype=int)
+    panel[pattern.flat_triangles] = pattern.panel[:, None]
+    one, two = panel[pattern.seams[:, :, 0]].T
+    caps = one != two
+    assert np.count_nonzero(moved[~caps]) > 5
+    assert not np.any(moved[caps])
+
+
+def test_moved_vertices_stay_on_the_round_wall(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.06, 2 * RADIUS, 2e-3)
+    around = np.ptp(pattern.corners[pattern.cells_of("wall")][..., 0])
+    found = snapped(comm, pattern, helices(pattern, around))
+    wall = pattern.vertices_of("wall")
+    moved = np.any(found.points != pattern.points, axis=1)
+    assert np.count_nonzero(moved[wall]) > 0.3 * len(wall)
+    off = np.abs(np.hypot(*found.points[wall, :2].T) - RADIUS)
+    edge = around / round(np.pi * 2 * RADIUS / 2e-3)
+    chord = RADIUS - np.sqrt(RADIUS**2 - edge**2 / 4)
+    assert off.max() < 0.2 * chord
+    # Flat and assembled places belong together: each edge keeps its length.
+    ends = found.edges.ends[found.edges.inner]
+    flat = found.flat_points[found.flat_triangles]
+    assembled = found.points[found.triangles]
+    sides = [np.linalg.norm(x - np.roll(x, 1, axis=1), axis=2) for x in (flat, assembled)]
+    assert len(ends)
+    assert np.abs(sides[1] / sides[0] - 1).max() < 0.01
+
+
+@pytest.mark.parametrize("planes", [(1,), (0, 1)])
+def test_parts_still_meet_their_images(comm: MPI.Comm, planes: tuple[int, ...]) -> None:
+    part = cylinder(comm, 0.06, 2 * RADIUS, 1.5e-3, planes=planes)
+    around = 2 * np.pi * RADIUS
+    found = snapped(comm, part, helices(part, around))
+    before, after = mirrored(part, planes).pattern, mirrored(found, planes).pattern
+    assert len(after.points) == len(before.points)
+    assert not len(after.free_edges)
+    assert after.areas.sum() == pytest.approx(before.areas.sum(), rel=1e-12)
+    moved = np.any(found.points != part.points, axis=1)
+    for axis in planes:
+        assert np.any(moved[part.points[:, axis] == 0])
+
+
+def test_round_outline_stays(comm: MPI.Comm) -> None:
+    """Where an outline turns at each vertex none of it moves; inside, all do."""
+    angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
+    pattern = two_panels(comm, 0.03 * np.column_stack([np.cos(angle), np.sin(angle)]), 2e-3)
+    disc = shapely.Point(0.002, 0.001)
+    regions = [disc.buffer(0.012), disc.buffer(0.04).difference(disc.buffer(0.02))]
+    found = snapped(comm, pattern, regions)
+    assert misfit(found, regions) < 0.2 * misfit(pattern, regions)
+    seam = np.unique(pattern.seams)
+    assert np.array_equal(found.flat_points[seam], pattern.flat_points[seam])
+    assert smallest_angle(found) > LEAST_ANGLE - 1e-12
+
+
+def test_nothing_printed_moves_nothing(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.06, 2 * RADIUS, 4e-3)
+    found = snapped(comm, pattern, [NOTHING] * 3)
+    assert np.array_equal(found.flat_points, pattern.flat_points)
+    assert np.array_equal(found.points, pattern.points)
+    corners = pattern.corners[pattern.cells_of("wall")].reshape(-1, 2)
+    whole = [shapely.box(*corners.min(axis=0), *corners.max(axis=0)), NOTHING, NOTHING]
+    assert np.array_equal(snapped(comm, pattern, whole).points, pattern.points)
+    with pytest.raises(PanelError, match="2 regions for 3 panels"):
+        snapped(comm, pattern, [NOTHING] * 2)
