@@ -19,6 +19,7 @@ from toros_fem.forms.kinematics import (
     stretch_invariants,
 )
 from toros_fem.forms.lines import (
+    Family,
     Lines,
     bending_stiffness,
     stretching_energy,
@@ -106,6 +107,7 @@ def skin_forms(
     masses: Masses | None,
     shifts: Sequence[Any] | None = None,
     lines: Lines | None = None,
+    knit: Family | None = None,
 ) -> SkinForms:
     """Return energy, first variation, tangent and density sensitivity of a skin, eqs. (8-10, 19).
 
@@ -133,6 +135,8 @@ def skin_forms(
             then F̄n and F̄t are the patch's last two vectors. None otherwise.
         lines: Line families of a relaxed design; they stiffen the fabric between them, in
             stretching and in bending. None for a skin without.
+        knit: Courses of the plain fabric, which the reinforcement does not have; None where the
+            fabric is isotropic.
     """
     space = q.ufl_function_space()
     mesh = space.ufl_domain()
@@ -146,6 +150,9 @@ def skin_forms(
 
     families = [] if lines is None else lines.families
     factor = None if lines is None else lines.fabric_factor
+    if knit is not None:
+        plain = interpolate(density, 1, 0)
+        families.append(knit.weighted(plain if lines is None else plain * lines.gap_factor))
 
     def mixed(name: str) -> Any:
         value = interpolate(density, getattr(fabric, name), getattr(reinforcement, name))

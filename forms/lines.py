@@ -1,4 +1,4 @@
-"""Families of fine parallel lines on a triangle: printed lines of a relaxed design.
+"""Families of fine parallel lines on a triangle: prints of a relaxed design, courses of a knit.
 
 A family is known by its share of the flat area and by its direction d = (cos t, sin t) in the
 triangle's flat chart. Only d dᵀ enters, so that cos 2t and sin 2t are what the forms take.
@@ -31,6 +31,11 @@ class Family:
     stretching: Any
     bending: Any
     twisting: Any
+
+    def weighted(self, factor: Any) -> Family:
+        """Return the family with all stiffnesses times a factor."""
+        stiffness = (self.stretching, self.bending, self.twisting)
+        return Family(self.cosine, self.sine, *(factor * value for value in stiffness))
 
 
 @dataclass(frozen=True)
@@ -69,12 +74,15 @@ class Lines:
         return fabric_factor(*self.parts, self.crossing)
 
     @property
+    def gap_factor(self) -> Any:
+        """Its part that is due to the gaps alone: they take all of the stretch."""
+        return 1 / (1 - self.cover)
+
+    @property
     def families(self) -> list[Family]:
         """The families, each with its share of the print's stiffness."""
         return [
-            Family(
-                cosine, sine, share * self.stretching, share * self.bending, share * self.twisting
-            )
+            Family(cosine, sine, self.stretching, self.bending, self.twisting).weighted(share)
             for share, cosine, sine in zip(*self.parts, strict=True)
         ]
 

@@ -30,7 +30,7 @@ from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, Eq
 from toros_fem.errors import TorosError
 from toros_fem.fabrication.as_printed import PrintedDesign, as_printed
 from toros_fem.fabrication.printability import PrintLimits
-from toros_fem.materials import Bending, Bladder, Composite, Material
+from toros_fem.materials import Bending, Bladder, Composite, Knit, Material
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.dead_loads import Weight, spread_force
 from toros_fem.mechanics.supports import (
@@ -75,6 +75,7 @@ __all__ = [
     "EquilibriumSolver",
     "ErrorEstimate",
     "GapObjective",
+    "Knit",
     "LengthScale",
     "LengthScaleConstraints",
     "Material",

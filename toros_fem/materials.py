@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from toros_fem._validate import require_between, require_choice, require_positive
@@ -108,6 +109,42 @@ class Bladder:
 
 
 @dataclass(frozen=True)
+class Knit:
+    """Courses of a knitted fabric, along which it is stiffer than along its wales.
+
+    The plain fabric gets the energy ½ k (λ − 1)² per flat area, λ the stretch along the courses,
+    with k chosen so that the moduli of uniaxial tension at small strain have the given ratio. The
+    fabric's own modulus then is nearly that of the wales (`Composite.moduli` has both). The
+    reinforcement stays isotropic, and between both k is linear in ρ̄, as in eqs. (2, 3).
+
+    Attributes:
+        ratio: Modulus along the course over modulus along the wale, at least 1.
+        grain: Angle in rad of the courses from the first axis of a panel's flat chart; one for all
+            panels, or one for each panel by its name. On a part of a skin that symmetry planes
+            complete, the other parts have the mirrored grain.
+
+    Raises:
+        ParameterError: The ratio is below 1, or an angle is not finite.
+    """
+
+    ratio: float
+    grain: float | Mapping[str, float] = 0.0
+
+    def __post_init__(self) -> None:
+        require_between(1.0, math.inf, ratio=self.ratio)
+        angles = self.grain if isinstance(self.grain, Mapping) else {"all panels": self.grain}
+        for name, angle in angles.items():
+            if not math.isfinite(angle):
+                raise ParameterError(f"grain of {name} = {angle} must be a finite angle in rad.")
+        _store_floats(self, "ratio")
+        if isinstance(self.grain, Mapping):
+            by_name = {name: float(angle) for name, angle in self.grain.items()}
+            object.__setattr__(self, "grain", by_name)
+        else:
+            _store_floats(self, "grain")
+
+
+@dataclass(frozen=True)
 class Composite:
     """Fabric, and fabric with reinforcement, eqs. (1-3).
 
@@ -121,9 +158,10 @@ class Composite:
         c2: Bound on their sum, > 1; the sum stays in (3 − c₂, 1 + c₂).
         bending: Bending resistance; None makes the skin a membrane.
         bladder: A rubber layer under both materials; None for none.
+        knit: Courses of the fabric; None for an isotropic fabric.
 
     Raises:
-        ParameterError: A bound is not above 1, or bending or bladder has another type.
+        ParameterError: A bound is not above 1, or bending, bladder or knit has another type.
     """
 
     fabric: Material = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3)
@@ -132,8 +170,11 @@ class Composite:
     c2: float = 2.6
     bending: Bending | None = Bending()
     bladder: Bladder | None = None
+    knit: Knit | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.knit, Knit | None):
+            raise ParameterError(f"knit = {self.knit!r} must be a Knit, or None.")
         if not isinstance(self.bladder, Bladder | None):
             raise ParameterError(f"bladder = {self.bladder!r} must be a Bladder, or None.")
         if not isinstance(self.bending, Bending | None):
@@ -159,6 +200,23 @@ class Composite:
                 "rest = 'assembled': between its vertices the moulded shape is not known. Make the "
                 "finer pattern yourself and compare."
             )
+
+    @property
+    def course_stiffness(self) -> float:
+        """Stiffness k in N/m that courses add to the plain fabric; 0 for an isotropic one.
+
+        A sheet of modulus E, Poisson's ratio ν and thickness h with fibres m E h has the moduli
+        (1 + m) E along them and E / (1 − ν² m/(1 + m)) across; their ratio is 1 + m (1 − ν²).
+        """
+        if self.knit is None:
+            return 0.0
+        return (self.knit.ratio - 1) / (1 - self.fabric.poisson**2) * self.fabric.membrane_stiffness
+
+    @property
+    def moduli(self) -> tuple[float, float]:
+        """Moduli of the plain fabric in Pa at small strain, along its courses and its wales."""
+        along = self.fabric.young + self.course_stiffness / self.fabric.thickness
+        return along, along / (1.0 if self.knit is None else self.knit.ratio)
 
     @property
     def least_stiffness(self) -> float:

@@ -1,5 +1,6 @@
 """Configuration of an actuator: what is left out by None, and what follows from the numbers."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -11,7 +12,7 @@ from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.tube import TubeConfig
 from toros_fem.config import quantity
 from toros_fem.density.length_scale import LengthScale
-from toros_fem.materials import Bending, Bladder
+from toros_fem.materials import Bending, Bladder, Knit
 
 
 @pytest.mark.parametrize(
@@ -26,6 +27,7 @@ from toros_fem.materials import Bending, Bladder
         ({"pressure_max": None}, "pressure_max = None must be a number"),
         ({"design_pressure": 1}, "design_pressure = 1 must be True or False"),
         ({"bladder_thickness": 0.0}, "bladder_thickness = 0.0 m must be a finite number, above 0"),
+        ({"knit_ratio": 0.9}, "knit_ratio = 0.9 must be a finite number, at least 1"),
         ({"pressure": -1}, "pressure = -1 Pa must be a finite number, at least 0"),
         ({"presure": 1}, "unknown parameter 'presure'; did you mean 'pressure'"),
     ],
@@ -46,6 +48,10 @@ def test_composite() -> None:
     assert hinged.bending == Bending("average", "hinged")
     lined = ActuatorConfig(bladder_thickness=2e-4, bladder_young=1e5).composite
     assert lined.bladder == Bladder(1e5, 2e-4)
+    assert plain.knit is None
+    assert ActuatorConfig(grain_angle=30.0).composite.knit is None
+    knitted = ActuatorConfig(knit_ratio=3.0, grain_angle=90.0).composite
+    assert knitted.knit == Knit(3.0, math.pi / 2)
     assert ActuatorConfig(fabric_young=3e5).composite.fabric.young == 3e5
 
 

@@ -289,6 +289,9 @@ def test_start_of_half_a_tube_is_that_of_the_whole(comm: MPI.Comm) -> None:
 
 def test_planes_that_are_none_of_symmetry(comm: MPI.Comm) -> None:
     config = TubeConfig(**SHORT)  # type: ignore[arg-type]
+    oblique = CrossSectionTubeConfig(**SHORT, knit_ratio=3.0, grain_angle=30.0)  # type: ignore[arg-type]
+    with pytest.raises(errors.ParameterError, match="other part would have the mirrored grain"):
+        cross_section_case(comm, oblique, lambda points: points, [], (1,))
     with pytest.raises(errors.TargetError, match=r"not symmetric about the planes \(1,\)"):
         tube_case(comm, config, twist(1.0, 0.06), [], (1,))
     with pytest.raises(errors.ParameterError, match="a hinge at x < 0 alone"):

@@ -5,7 +5,7 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.materials import Bending, Bladder, Composite, Material
+from toros_fem.materials import Bending, Bladder, Composite, Knit, Material
 from toros_fem.mechanics.dead_loads import Weight
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.supports import clamp
@@ -46,6 +46,19 @@ def test_bad_bending_and_bladder() -> None:
         Bladder(1e5, 0.0)
     with pytest.raises(errors.ParameterError, match="must be a Bladder"):
         Composite(bladder=1e5)  # type: ignore[arg-type]
+
+
+def test_bad_knit() -> None:
+    with pytest.raises(
+        errors.ParameterError, match="ratio = 0.5 must be a finite number, at least 1"
+    ):
+        Knit(0.5)
+    with pytest.raises(errors.ParameterError, match="grain of all panels = inf must be a finite"):
+        Knit(3.0, float("inf"))
+    with pytest.raises(errors.ParameterError, match="grain of wall = nan must be a finite angle"):
+        Knit(3.0, {"base": 0.0, "wall": float("nan")})
+    with pytest.raises(errors.ParameterError, match=r"knit = 3\.0 must be a Knit"):
+        Composite(knit=3.0)  # type: ignore[arg-type]
 
 
 def test_integers_serve_as_well(tube: Skin, comm: MPI.Comm) -> None:

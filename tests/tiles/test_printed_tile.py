@@ -11,7 +11,7 @@ from helpers.tiles import printed_tile
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.materials import Bladder, Composite
+from toros_fem.materials import Bladder, Composite, Knit
 from toros_fem.tiles.printed_tile import NAME, PrintedTile, read_tile, write_tile
 
 
@@ -28,6 +28,19 @@ def test_file_round_trip(comm: MPI.Comm, tmp_path: Path) -> None:
     assert found.composite.fabric.thickness == 3e-4
     assert found.composite.reinforcement.thickness == 5e-4
     assert len(found.tile(comm).wraps) == len(made.printed)
+
+
+def test_the_knit_is_kept(comm: MPI.Comm, tmp_path: Path) -> None:
+    made = printed_tile(comm)
+    knitted = replace(made, composite=replace(made.composite, knit=Knit(3.0, 0.4)))
+    folder = shared(comm, tmp_path)
+    if comm.rank == 0:
+        write_tile(folder, knitted)
+    comm.barrier()
+    assert read_tile(comm, folder).composite == knitted.composite
+    by_panel = replace(made.composite, knit=Knit(3.0, {"tile": 0.4}))
+    with pytest.raises(errors.ParameterError, match="the grain of its knit must be one angle"):
+        replace(made, composite=by_panel)
 
 
 def write_entries(comm: MPI.Comm, folder: Path, made: PrintedTile, **changes: Any) -> Path:

@@ -16,13 +16,13 @@ from toros_fem.design.config import DesignConfig, MaterialConfig
 from toros_fem.design.options import DesignOptions, Stage
 from toros_fem.errors import ParameterError
 from toros_fem.fabrication.printability import PrintLimits
-from toros_fem.materials import CURVATURES, SEAMS, Bending, Bladder, Composite
+from toros_fem.materials import CURVATURES, SEAMS, Bending, Bladder, Composite, Knit
 from toros_fem.mma.optimizer import MMAOptions
 
 
 @dataclass(frozen=True)
 class SkinConfig(MaterialConfig):
-    """Bending of the sheets, seams and bladder; SI units."""
+    """Bending of the sheets, seams, bladder and knit; SI units."""
 
     bladder_young: float = quantity(
         0.29e6, "Young's modulus of a rubber bladder that moves with the skin", "Pa", above=0
@@ -35,14 +35,28 @@ class SkinConfig(MaterialConfig):
     )
     seams: str = quantity(Bending.seams, "how seams carry moments", choices=SEAMS)
 
+    knit_ratio: float | None = quantity(
+        None,
+        "modulus of the fabric along its courses over that along its wales; none for an isotropic "
+        "fabric",
+        at_least=1,
+    )
+    grain_angle: float = quantity(
+        0.0,
+        "angle of the courses from the first axis of the flat panels; on a tube 0 is around and 90 "
+        "along it",
+        "deg",
+    )
+
     @property
     def composite(self) -> Composite:
-        """Fabric and reinforcement, with their bending and the bladder."""
-        thickness = self.bladder_thickness
+        """Fabric and reinforcement, with their bending, the bladder and the knit."""
+        thickness, ratio = self.bladder_thickness, self.knit_ratio
         return replace(
             super().composite,
             bending=None if self.bending is None else Bending(self.bending, self.seams),
             bladder=None if thickness is None else Bladder(self.bladder_young, thickness),
+            knit=None if ratio is None else Knit(ratio, float(np.radians(self.grain_angle))),
         )
 
 

@@ -158,7 +158,7 @@ def tube_case(
             Objective and metrics are those of the whole tube.
 
     Raises:
-        ParameterError: A size is too large for the tube.
+        ParameterError: A size is too large for the tube, or the knit is not symmetric.
         TargetError: The target is not symmetric.
     """
     case = _clamped(comm, config, target, metrics, planes)
@@ -194,7 +194,7 @@ def cross_section_case(
         target, metrics, planes: As of `tube_case`.
 
     Raises:
-        ParameterError: A size is too large for the tube, or the start is not symmetric.
+        ParameterError: A size is too large for the tube, or start or knit are not symmetric.
         TargetError: The target is not symmetric.
     """
     if planes and config.helices and not config.crossed:
@@ -309,6 +309,11 @@ def _clamped(
     planes: tuple[int, ...],
 ) -> ActuatorCase:
     """Return a tube clamped at its base, without any weights."""
+    if planes and config.knit_ratio is not None and config.grain_angle % 90:
+        raise ParameterError(
+            f"grain_angle = {config.grain_angle} deg is not symmetric: the other part would have "
+            "the mirrored grain. Set 0 or 90, or design the whole tube."
+        )
     pattern = _tube(comm, config, planes)
     whole = mirrored(pattern, planes)
     found, expected = target(whole.pattern.points), whole.at_vertices(target(pattern.points))

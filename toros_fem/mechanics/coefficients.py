@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import basix.ufl
@@ -10,11 +11,14 @@ from dolfinx import fem, la
 from mpi4py import MPI
 
 from toros_fem._types import Floats
+from toros_fem.errors import ParameterError
 from toros_fem.forms.bending import Edges
 from toros_fem.forms.energy import Masses, SheetStiffness
-from toros_fem.materials import Material
+from toros_fem.forms.lines import Family
+from toros_fem.materials import Composite, Knit, Material
 from toros_fem.mechanics.dead_loads import Weight
 from toros_fem.mechanics.hinges import Hinges
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
 
 
@@ -42,6 +46,46 @@ def masses(domain: Any, weight: Weight, gravity: Any) -> Masses:
     """Return the masses of the materials as constants; gravity is a constant already."""
     fabric, reinforcement = weight.fabric, weight.reinforcement
     return Masses(fem.Constant(domain, fabric), fem.Constant(domain, reinforcement), gravity)
+
+
+def courses(skin: Skin, composite: Composite) -> Family | None:
+    """Return the courses of a knitted fabric, by their angle in each panel; None without a knit.
+
+    The energy ½ k (|F d| − 1)² acts in every layer of the sheet: k h²/12 against bending.
+
+    Raises:
+        ParameterError: A panel has no grain.
+        PanelError: There is no panel of a name.
+    """
+    if composite.knit is None:
+        return None
+    angle = _grain(composite.knit, skin.pattern)
+    element = basix.ufl.element("DG", "triangle", 0, shape=(2,))
+    space = fem.functionspace(skin.mesh, element)
+    direction = fem.Function(space, name="courses")
+    cell = skin.cell[skin.density_space.dofmap.list[:, 0]]
+    twice = 2 * angle[skin.pattern.panel[cell]]
+    values = np.column_stack([np.cos(twice), np.sin(twice)])
+    direction.x.array.reshape(-1, 2)[space.dofmap.list[:, 0]] = values
+    k, h = composite.course_stiffness, composite.fabric.thickness
+    stretching, bending = (fem.Constant(skin.mesh, value) for value in (k, k * h**2 / 12))
+    return Family(direction[0], direction[1], stretching, bending, 0.0)
+
+
+def _grain(knit: Knit, pattern: Pattern) -> Floats:
+    """Return the angle of the courses in each panel, in rad."""
+    if not isinstance(knit.grain, Mapping):
+        return np.full(len(pattern.panel_names), knit.grain)
+    angles: Floats = np.full(len(pattern.panel_names), np.nan)
+    for name, angle in knit.grain.items():
+        angles[pattern.panel_index(name)] = angle
+    if np.isnan(angles).any():
+        bare = [pattern.panel_names[k] for k in np.flatnonzero(np.isnan(angles))]
+        raise ParameterError(
+            f"grain has no angle for the panels {', '.join(map(repr, bare))}: give one for each "
+            "panel, or one number for all."
+        )
+    return angles
 
 
 def edge_coefficients(skin: Skin, hinges: Hinges, rotations: bool) -> Edges:

@@ -21,6 +21,7 @@ from toros_fem.materials import Composite
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.coefficients import (
     assembled,
+    courses,
     edge_coefficients,
     masses,
     sheet_stiffness,
@@ -151,6 +152,7 @@ class SkinModel:
             None if weight is None else masses(domain, weight, self._gravity),
             lattice_shifts,
             lines,
+            courses(skin, composite),
         )
         self._energy = fem.form(self.ufl_forms.energy)
         self._residual = fem.form(self.ufl_forms.residual)
@@ -404,10 +406,17 @@ class SkinModel:
         rubber = 0.0 if bladder is None else 4 / 3 * bladder.membrane_stiffness
         return dot(self.skin.comm, self._moduli(), self._areas) / area + rubber
 
-    def _moduli(self) -> Floats:
-        """Return h (2μ + λ) of the owned triangles in N/m, without the bladder's."""
+    def _moduli(self, sheet: Floats | float = 1.0, courses: Floats | float = 1.0) -> Floats:
+        """Return h (2μ + λ) of the owned triangles in N/m, without the bladder's.
+
+        Args:
+            sheet: Factor of the isotropic part.
+            courses: Factor of the courses of a knit.
+        """
+        density = self.density.x.array[: len(self._areas)]
+        composite = self.composite
         values = [
-            m.thickness * (2 * m.mu + m.lam)
-            for m in (self.composite.fabric, self.composite.reinforcement)
+            m.thickness * (2 * m.mu + m.lam) for m in (composite.fabric, composite.reinforcement)
         ]
-        return np.asarray(interpolate(self.density.x.array[: len(self._areas)], *values))
+        knitted = interpolate(density, composite.course_stiffness, 0.0)
+        return np.asarray(sheet * interpolate(density, *values) + courses * knitted)

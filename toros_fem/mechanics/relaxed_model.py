@@ -173,12 +173,13 @@ class RelaxedModel(SkinModel):
         by_angles = np.where(length > 0, across / np.where(length > 0, length, 1.0), 0.0)
         return np.column_stack([by_density, parts[:, :count], by_angles.reshape(-1, 2 * count)])
 
-    def _moduli(self) -> Floats:
+    def _moduli(self, sheet: Floats | float = 1.0, courses: Floats | float = 1.0) -> Floats:
         """Return h (2μ + λ) of fabric and lines of the owned triangles in N/m."""
         shares, cosines, sines = (list(part.T) for part in np.moveaxis(self._owned_lines(), 1, 0))
+        cover = np.asarray(sum(shares))
         factor = fabric_factor(shares, cosines, sines, self._crossing)
-        print_stiffness = self.composite.reinforcement.membrane_stiffness
-        return np.asarray(factor * super()._moduli() + sum(shares) * print_stiffness)
+        fabric = super()._moduli(sheet * factor, courses / (1 - cover))
+        return fabric + cover * self.composite.reinforcement.membrane_stiffness
 
 
 def _coefficients(state: fem.Function, composite: Composite, crossing: float) -> Lines:

@@ -15,7 +15,7 @@ from toros_fem._mpi import on_first_rank
 from toros_fem._types import Bools
 from toros_fem._validate import require_choice, require_positive
 from toros_fem.errors import DensityError, ParameterError, TileFileError, TorosError
-from toros_fem.materials import Composite, Material
+from toros_fem.materials import Composite, Knit, Material
 from toros_fem.meshes.tile import KINDS, Tile, tile
 from toros_fem.meshes.tile_symmetry import check_symmetry
 
@@ -39,8 +39,8 @@ class PrintedTile:
 
     Raises:
         DensityError: `printed` is not an array of True or False.
-        ParameterError: A number is outside its range, a name is unknown, or the composite bends or
-            has a bladder.
+        ParameterError: A number is outside its range, a name is unknown, or the composite bends,
+            has a bladder, or a knit whose grain is given by panels.
     """
 
     printed: Bools
@@ -63,6 +63,11 @@ class PrintedTile:
             raise ParameterError(
                 "a printed tile is a membrane: its composite must have bending = None and "
                 "bladder = None."
+            )
+        knit = self.composite.knit
+        if knit is not None and not isinstance(knit.grain, float):
+            raise ParameterError(
+                "a printed tile is one panel: the grain of its knit must be one angle."
             )
 
     def tile(self, comm: MPI.Comm) -> Tile:
@@ -100,6 +105,8 @@ def write_tile(folder: str | Path, printed_tile: PrintedTile) -> None:
     for name in MATERIALS:
         material = getattr(composite, name)
         entries.update({f"{name}_{key}": getattr(material, key) for key in PROPERTIES})
+    if composite.knit is not None:
+        entries.update(knit_ratio=composite.knit.ratio, knit_grain=composite.knit.grain)
     np.savez_compressed(Path(folder) / NAME, **entries)
 
 
@@ -145,11 +152,14 @@ def _printed_tile(entries: dict[str, Any]) -> PrintedTile:
     fabric, reinforcement = (
         Material(*(number(f"{name}_{key}") for key in PROPERTIES)) for name in MATERIALS
     )
+    knit = Knit(number("knit_ratio"), number("knit_grain")) if "knit_ratio" in entries else None
     return PrintedTile(
         printed=entries["printed"],
         size=(number("size_x"), number("size_y")),
         edge_length=number("edge_length"),
         mesh=str(entries["mesh"].item()),
         symmetry=str(entries["symmetry"].item()),
-        composite=Composite(fabric, reinforcement, c1=number("c1"), c2=number("c2"), bending=None),
+        composite=Composite(
+            fabric, reinforcement, c1=number("c1"), c2=number("c2"), bending=None, knit=knit
+        ),
     )
