@@ -64,6 +64,8 @@ class SkinConfig(MaterialConfig):
 MESH_LENGTHS = ("edge_length", "filter_radius", "line_width", "gap_width")
 # Filter radius of the meshes of relaxed designs and prints, over the edge length.
 FILTER_EDGES = 2.0
+# The same of densities that start from printable lines: it must be below the width of these.
+DENSITY_FILTER_EDGES = 1.5
 # Largest change of a pressure in one step on the finer meshes, as `DesignOptions.pressure_move`:
 # with five times as much the first step triples T, and the next ones win this back.
 LEVEL_PRESSURE_MOVE = 0.02
@@ -200,6 +202,25 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
     def of_print(self) -> Self:
         """The configuration of the mesh that printed lines are simulated on."""
         return self._on_one_mesh(self.print_edge_length)
+
+    @property
+    def of_densities(self) -> Self:
+        """The configuration of the densities that start from printable lines."""
+        return self.of_print.updated(
+            filter_radius=DENSITY_FILTER_EDGES * self.print_edge_length,
+            constrained_iterations=self.density_iterations,
+            perimeter_weight=self.perimeter_weight,
+        )
+
+    @property
+    def density_options(self) -> DesignOptions:
+        """Options of the design loop for densities that start from printable lines."""
+        return DesignOptions(
+            (Stage(self.density_iterations, constrained=True),),
+            min_relative_decrease=self.min_decrease,
+            pressure_move=LEVEL_PRESSURE_MOVE,
+            mma=MMAOptions(move=self.level_move_limit),
+        )
 
     def _on_one_mesh(self, edge: float) -> Self:
         """Return the configuration on a mesh of its own, without widths and perimeter.

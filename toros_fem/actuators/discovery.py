@@ -14,10 +14,11 @@ from toros_fem._mpi import on_first_rank
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
-from toros_fem.design.loop import Callback, DesignResult
+from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.shape_design import ShapeDesign
+from toros_fem.design.warm_start import WarmStart
 from toros_fem.errors import NoEquilibriumError
-from toros_fem.fabrication.as_printed import PrintedDesign
+from toros_fem.fabrication.as_printed import PrintedDesign, as_printed
 from toros_fem.fabrication.printed_lines import printed_lines
 from toros_fem.objectives.metrics import Metric
 from toros_fem.output.console import print_line
@@ -196,6 +197,47 @@ def discover(
             "Ask for less, or for finer lines (laid_width)."
         )
     return Discovery(problem, tuple(rounds), seconds)
+
+
+def densities_last(
+    comm: MPI.Comm,
+    case: CaseMaker[C],
+    config: C,
+    found: Discovery,
+    callback: Callback | None = None,
+) -> tuple[DesignResult, PrintedDesign] | None:
+    """Design the densities on from the best lines; None if the print is not better (collective).
+
+    Width constraints hold from the first step, and the filter radius is about the lines' width.
+
+    Args:
+        comm: Communicator.
+        case, config: As of `discover`.
+        found: What it returned.
+        callback: Called after each step, on every rank.
+    """
+    fine, best = config.of_densities, found.best
+    problem = actuator_problem(comm, case(comm, fine), fine)
+    lines = best.printed.evaluation
+    assert lines is not None
+    warm = WarmStart(
+        density=lines.projected,
+        pressures=lines.equilibrium.pressures,
+        state=lines.equilibrium.state,
+        history=best.relaxed.history,
+        level=best.relaxed.history[-1].level + 1,
+    )
+    try:
+        result = optimize(problem, config.density_options, callback=callback, after=warm)
+    except NoEquilibriumError:  # of the blurred lines; raised by all ranks or by none
+        return None
+    printed = as_printed(problem, result, config.print_limits, island_area=config.island_area)
+    if printed.evaluation is None:
+        return None
+    targets = {m.key: m.target for m in problem.metrics if m.target is not None}
+    metrics = problem.metrics_of(printed.evaluation.equilibrium)
+    better = _error(metrics, targets) < best.error
+    return (result, printed) if better else None
 
 
 def _laid(comm: MPI.Comm, case: ActuatorCase, field: LineField, options: LineOptions) -> LaidLines:

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem._types import Floats
 from toros_fem.actuators.config import ActuatorConfig
-from toros_fem.actuators.discovery import discover
+from toros_fem.actuators.discovery import densities_last, discover
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
 from toros_fem.analysis.error_estimate import estimate_error
 from toros_fem.design.levels import optimize_levels
@@ -133,8 +133,15 @@ def _from_lines(
     reporter.expect(2 * config.relaxed_iterations)
     with reporter:
         found = discover(comm, case, config, reporter)
-    problem, result, printed = found.problem, found.result(), found.best.printed
+        better = None
+        if config.density_iterations:
+            reporter.expect(found.best.relaxed.history[-1].iteration + config.density_iterations)
+            better = densities_last(comm, case, config, found, reporter)
+    result, printed = better or (found.result(), found.best.printed)
+    problem = result.problem
+    assert isinstance(problem, ShapeDesign)
     figures: dict[str, Any] = {"seed": config.seed, "start": "random", **found.figures()}
+    figures["densities_kept"] = better is not None
     if config.estimate_error and printed.evaluation is not None:
         figures.update(error_figures(problem, printed.evaluation))
     summary = write_results(

@@ -51,6 +51,11 @@ class StartConfig(DesignConfig):
     corrections: int = quantity(
         3, "how often the relaxed design is asked again for what its print misses", at_least=0
     )
+    density_iterations: int = quantity(
+        0,
+        "steps of the densities that start from these lines; kept only if the print gets better",
+        at_least=0,
+    )
     share_weight: float | None = quantity(
         0.01, "weight of the lines' share in the relaxed objective; none leaves it out", above=0
     )
