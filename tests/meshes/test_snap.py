@@ -44,7 +44,7 @@ def smallest_angle(pattern: Pattern) -> float:
 
 @pytest.mark.parametrize(("mesh", "left"), [("unstructured", 0.15), ("structured", 0.6)])
 def test_borders_are_met_with_good_triangles(comm: MPI.Comm, mesh: str, left: float) -> None:
-    pattern = cylinder(comm, 0.06, 2 * RADIUS, 1.2e-3, mesh=mesh)
+    pattern = cylinder(comm, 0.04, 2 * RADIUS, 1.2e-3, mesh=mesh)
     regions = helices(pattern, np.ptp(pattern.corners[..., 0][pattern.cells_of("wall")]))
     found = snapped(comm, pattern, regions)
     assert misfit(found, regions) < left * misfit(pattern, regions)
@@ -57,7 +57,7 @@ def test_borders_are_met_with_good_triangles(comm: MPI.Comm, mesh: str, left: fl
 
 
 def test_outlines_and_seams_are_kept(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.06, 2 * RADIUS, 1.2e-3)
+    pattern = cylinder(comm, 0.06, 2 * RADIUS, 1.5e-3)
     wall = pattern.cells_of("wall")
     regions = helices(pattern, np.ptp(pattern.corners[wall][..., 0]))
     found = snapped(comm, pattern, regions)
