@@ -19,7 +19,7 @@ class CentreLine:
     A segment starts where the one before ends: at the same place of the sewn skin.
 
     Attributes:
-        cell: Triangle of each segment among those of the line mesh, (m,).
+        cell: Triangle of each segment, (m,).
         points: Start and end of each segment on the flat panel, (m, 2, 2), in m.
         closed: Whether the last segment ends where the first begins.
         ends: What start and end lie at: "line", "border", "printed" (a printed triangle) or

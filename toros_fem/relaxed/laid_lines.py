@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -60,9 +60,9 @@ class LaidLines:
     """Printable lines on the panels of a pattern.
 
     Attributes:
-        pattern: The pattern that they were laid on.
+        pattern: The pattern that they were laid on: that of the field, refined.
         regions: Printed region of each panel, polygons in its chart, in m.
-        centre_lines: Centre lines of each family.
+        centre_lines: Centre lines of each family, through triangles of `pattern`.
         families: What became of each family.
     """
 
@@ -138,7 +138,10 @@ def lay_lines(
         strips = [_strips(mesh, family) for family in families]
         regions, laid = _regions(fine, mesh, strips, tuple(planes), options)
         asked = mesh.areas @ fine_field.shares[mesh.cells] / mesh.areas.sum()
-    lines = tuple(tuple(family.lines) for family in families) or ((),) * field.families
+    lines = tuple(
+        tuple(replace(line, cell=free[line.cell]) for line in family.lines) for family in families
+    )
+    lines = lines or ((),) * field.families
     report = [
         LaidFamily(width, len(own), sum(line.length for line in own), float(a), b, _ends(own))
         for width, own, a, b in zip(widths, lines, asked, laid, strict=True)

@@ -24,6 +24,8 @@ LONGEST, LAST = 4.0, 40.0
 HOOK = np.radians(25)
 # A line goes back to itself only after this many spacings.
 AWAY = 3.0
+# Most triangles on a way: where directions lead back and forth over an edge it has no end.
+MOST_TRIANGLES = 300
 # Rounds over all ends: one that ends on a line that is cut back is open again.
 ROUNDS = 8
 # Relative distance in triangles within which points are the same.
@@ -299,7 +301,7 @@ class Net:
             step = self._over(cell, edge_at, point, heading, offset)
             if step is not None:
                 cell, point, heading = step
-        while total < limit:
+        while total < limit and len(cells) < MOST_TRIANGLES:
             at = np.clip(mesh.barycentric(np.array([cell]), point[None])[0], 0, 1)
             double = at @ np.exp(2j * angles[cell])
             angle = float(np.angle(double)) / 2
