@@ -19,7 +19,8 @@ from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.warm_start import WarmStart
 from toros_fem.errors import NoEquilibriumError
 from toros_fem.fabrication.as_printed import PrintedDesign, as_printed
-from toros_fem.fabrication.printed_lines import printed_lines
+from toros_fem.fabrication.printed_lines import printed_lines, regions_on
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.metrics import Metric
 from toros_fem.output.console import print_line
 from toros_fem.relaxed.find import RelaxedResult, find_lines
@@ -43,6 +44,8 @@ class Round:
         asked: Target of each metric that was asked of the relaxed design, by key.
         relaxed: The relaxed design.
         laid: Its lines.
+        case: What was designed, on the mesh that follows the lines.
+        problem: Its density problem.
         printed: Their print, simulated.
         metrics: Metrics of the print, by key; empty without an equilibrium.
         error: Largest distance of a metric from its target, as a fraction of it; infinite without
@@ -52,6 +55,8 @@ class Round:
     asked: Mapping[str, float]
     relaxed: RelaxedResult
     laid: LaidLines
+    case: ActuatorCase
+    problem: ShapeDesign
     printed: PrintedDesign
     metrics: Mapping[str, float]
     error: float
@@ -62,12 +67,10 @@ class Discovery:
     """Lines that were found from a random start.
 
     Attributes:
-        problem: The density problem on the mesh that the print is simulated on.
         rounds: All rounds, in the order in which they were made.
         seconds: Wall time in s of the relaxed designs, of laying lines, and of simulating prints.
     """
 
-    problem: ShapeDesign
     rounds: tuple[Round, ...]
     seconds: Mapping[str, float]
 
@@ -82,7 +85,7 @@ class Discovery:
         evaluation = best.printed.evaluation
         assert evaluation is not None
         return DesignResult(
-            problem=self.problem,
+            problem=best.problem,
             density=evaluation.projected,
             final=evaluation,
             history=best.relaxed.history,
@@ -144,7 +147,7 @@ def discover(
         TorosError: A number is out of its bounds.
     """
     seconds = {"relaxed": 0.0, "lines": 0.0, "prints": 0.0}
-    problem: ShapeDesign | None = None
+    plain: ActuatorCase | None = None
     relaxed: RelaxedResult | None = None
     targets: dict[str, float] = {}
     asked: dict[str, float] = {}
@@ -168,21 +171,13 @@ def discover(
         middle = time.perf_counter()
         laid = _laid(comm, here, relaxed.field, config.line_options)
         end = time.perf_counter()
-        if problem is None:
-            problem = actuator_problem(comm, case(comm, config.of_print), config.of_print)
-        printed = printed_lines(
-            problem,
-            here.pattern,
-            laid.regions,
-            config.print_limits,
-            island_area=config.island_area,
-            near=(here.pattern, relaxed.positions),
-            pressure=relaxed.pressures or None,
-        )
+        plain = case(comm, config.of_print) if plain is None else plain
+        fine, problem, printed = _printed(comm, plain, config, here.pattern, relaxed, laid)
         metrics = {}
         if printed.evaluation is not None:
             metrics = problem.metrics_of(printed.evaluation.equilibrium)
-        rounds.append(Round(dict(asked), relaxed, laid, printed, metrics, _error(metrics, targets)))
+        error = _error(metrics, targets)
+        rounds.append(Round(dict(asked), relaxed, laid, fine, problem, printed, metrics, error))
         seconds["relaxed"] += middle - begin
         seconds["lines"] += end - middle
         seconds["prints"] += time.perf_counter() - end
@@ -190,19 +185,17 @@ def discover(
         if rounds[-1].error < CLOSE or not metrics:
             break
         asked = _asked_next(rounds, targets)
-    assert problem is not None
     if not np.isfinite(min(r.error for r in rounds)):
         raise NoEquilibriumError(
             f"no print of the relaxed design has an equilibrium: {rounds[0].printed.failure} "
             "Ask for less, or for finer lines (laid_width)."
         )
-    return Discovery(problem, tuple(rounds), seconds)
+    return Discovery(tuple(rounds), seconds)
 
 
 def densities_last(
     comm: MPI.Comm,
-    case: CaseMaker[C],
-    config: C,
+    config: ActuatorConfig,
     found: Discovery,
     callback: Callback | None = None,
 ) -> tuple[DesignResult, PrintedDesign] | None:
@@ -212,12 +205,12 @@ def densities_last(
 
     Args:
         comm: Communicator.
-        case, config: As of `discover`.
+        config: As of `discover`.
         found: What it returned.
         callback: Called after each step, on every rank.
     """
     fine, best = config.of_densities, found.best
-    problem = actuator_problem(comm, case(comm, fine), fine)
+    problem = actuator_problem(comm, best.case, fine)
     lines = best.printed.evaluation
     assert lines is not None
     warm = WarmStart(
@@ -246,6 +239,30 @@ def _laid(comm: MPI.Comm, case: ActuatorCase, field: LineField, options: LineOpt
     return on_first_rank(
         comm, lambda: lay_lines(field, options, printed=printed, planes=case.symmetry)
     )
+
+
+def _printed(
+    comm: MPI.Comm,
+    case: ActuatorCase,
+    config: ActuatorConfig,
+    pattern: Pattern,
+    relaxed: RelaxedResult,
+    laid: LaidLines,
+) -> tuple[ActuatorCase, ShapeDesign, PrintedDesign]:
+    """Return the case on a mesh that follows the lines, its problem, and the print (collective)."""
+    regions = on_first_rank(comm, lambda: regions_on(laid.pattern, laid.regions, case.pattern))
+    fine = case.following(comm, regions)
+    problem = actuator_problem(comm, fine, config.of_print)
+    printed = printed_lines(
+        problem,
+        laid.pattern,
+        laid.regions,
+        config.print_limits,
+        island_area=config.island_area,
+        near=(pattern, relaxed.positions),
+        pressure=relaxed.pressures or None,
+    )
+    return fine, problem, printed
 
 
 def _error(metrics: Mapping[str, float], targets: Mapping[str, float]) -> float:

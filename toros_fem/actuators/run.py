@@ -136,7 +136,7 @@ def _from_lines(
         better = None
         if config.density_iterations:
             reporter.expect(found.best.relaxed.history[-1].iteration + config.density_iterations)
-            better = densities_last(comm, case, config, found, reporter)
+            better = densities_last(comm, config, found, reporter)
     result, printed = better or (found.result(), found.best.printed)
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
