@@ -5,12 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem._mpi import on_first_rank
+from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
@@ -30,8 +32,10 @@ from toros_fem.relaxed.line_options import LineOptions
 
 # The lines are good enough where every metric is this close to its target, as a fraction of it.
 CLOSE = 5e-3
-# Bounds on the change of a printed metric over that of the one asked, in the secant.
+# Bounds on the change of a printed metric over that of the one asked.
 LEAST_SLOPE, LARGEST_SLOPE = 0.4, 1.5
+# Largest change of what is asked in one round, over the target.
+LARGEST_STEP = 0.4
 
 C = TypeVar("C", bound=ActuatorConfig)
 
@@ -273,18 +277,28 @@ def _error(metrics: Mapping[str, float], targets: Mapping[str, float]) -> float:
 
 
 def _asked_next(rounds: list[Round], targets: Mapping[str, float]) -> dict[str, float]:
-    """Return what to ask for next: a secant step of each metric, at first with slope 1."""
-    last, asked = rounds[-1], {}
-    for key, target in targets.items():
-        slope = 1.0
-        if len(rounds) > 1:
-            before = rounds[-2]
-            change = last.asked[key] - before.asked[key]
-            if abs(change) > 1e-6 * (abs(target) or 1.0):
-                slope = (last.metrics[key] - before.metrics[key]) / change
-        slope = float(np.clip(slope, LEAST_SLOPE, LARGEST_SLOPE))
-        asked[key] = last.asked[key] + (target - last.metrics[key]) / slope
-    return asked
+    """Return what to ask for next: Broyden's step, whose first matrix is the identity.
+
+    All metrics are over the sizes of their targets. Broyden's matrix, the change of printed by
+    that of asked metrics, also knows what one of them does to another.
+    """
+    size = np.array([abs(target) or 1.0 for target in targets.values()])
+
+    def vector(values: Mapping[str, float]) -> Floats:
+        return np.array([values[key] for key in targets]) / size
+
+    slope: Floats = np.eye(len(size))
+    for before, after in pairwise(rounds):
+        step = vector(after.asked) - vector(before.asked)
+        change = vector(after.metrics) - vector(before.metrics)
+        if step @ step > 0:
+            slope += np.outer(change - slope @ step, step) / (step @ step)
+    left, value, right = np.linalg.svd(slope)
+    value = np.clip(value, LEAST_SLOPE, LARGEST_SLOPE)
+    missing = vector(targets) - vector(rounds[-1].metrics)
+    step = np.clip(right.T @ (left.T @ missing / value), -LARGEST_STEP, LARGEST_STEP)
+    asked = size * (vector(rounds[-1].asked) + step)
+    return dict(zip(targets, asked.tolist(), strict=True))
 
 
 def _report(comm: MPI.Comm, number: int, metrics: tuple[Metric, ...], made: Round) -> None:
