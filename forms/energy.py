@@ -24,6 +24,7 @@ from toros_fem.forms.lines import (
     bending_stiffness,
     stretching_energy,
     stretching_pairs,
+    stretching_stress,
 )
 from toros_fem.forms.membrane import (
     barrier_membrane,
@@ -112,9 +113,9 @@ def skin_forms(
     """Return energy, first variation, tangent and density sensitivity of a skin, eqs. (8-10, 19).
 
     UFL derives the first variations of membrane, pressure and weight, and the sensitivity. Written
-    by hand are the bending's first variation (`curvature`) and the tangent (`membrane_pairs`,
-    `stretching_pairs`, `bending_blocks`, `pressure_blocks`); tests/forms ties both to
-    `ufl.derivative`.
+    by hand are the first variations of bending and of lines (`curvature`, `stretching_stress`) and
+    the tangent (`membrane_pairs`, `stretching_pairs`, `bending_blocks`, `pressure_blocks`);
+    tests/forms ties both to `ufl.derivative`.
 
     Args:
         q: Patch positions: a function of three corners; with bending of three flaps too, and of
@@ -171,10 +172,12 @@ def skin_forms(
     pairs = membrane_pairs(nodes[:3], jacobian, sheet, bounds, bladder, geometric)
     if families:
         energy += stretching_energy(families, C) * dx
-        stretching += stretching_energy(families, C)
         more = stretching_pairs(families, nodes[:3], jacobian, geometric)
         pairs = sum_of_pairs(pairs, more)
     residual = ufl.derivative(stretching * dx, q, test)
+    if families:
+        change = ufl.derivative(C, q, test)
+        residual += ufl.inner(stretching_stress(families, C), change) * dx
     blocks.add_edges(pairs)
 
     if edges is not None:

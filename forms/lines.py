@@ -133,6 +133,22 @@ def stretching_energy(families: Sequence[Family], C: Any) -> Any:
     )
 
 
+def stretching_stress(families: Sequence[Family], C: Any) -> Any:
+    """Return the derivative of `stretching_energy` by C, (2, 2), in N/m.
+
+    It is ½ Σ kₖ (1 − 1/|F dₖ|) dₖ dₖᵀ. Sums are taken of numbers, so that the variation of C stands
+    in the forms once and not once for each family.
+    """
+    mean, half, shear = (C[0, 0] + C[1, 1]) / 2, (C[0, 0] - C[1, 1]) / 2, C[0, 1]
+    sums: list[list[Any]] = [[], [], []]
+    for f in families:
+        pull = f.stretching * (1 - 1 / ufl.sqrt(mean + half * f.cosine + shear * f.sine))
+        for terms, factor in zip(sums, (1, f.cosine, f.sine), strict=True):
+            terms.append(factor * pull)
+    a, b, c = (balanced_sum(terms) / 4 for terms in sums)
+    return ufl.as_matrix([[a + b, c], [c, a - b]])
+
+
 def stretching_pairs(
     families: Sequence[Family], corners: Sequence[Vector], jacobian: Any, geometric: Any
 ) -> EdgePairs:

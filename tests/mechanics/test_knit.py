@@ -12,12 +12,14 @@ from helpers.models import (
     line_design,
     pressurize,
 )
-from helpers.scenes import square
+from helpers.scenes import square, taylor_rates
 from mpi4py import MPI
 from scipy.optimize import minimize, root
 
 from toros_fem._mpi import norm, total
 from toros_fem.analysis.error_estimate import estimate_error
+from toros_fem.design.shape_design import ShapeDesign
+from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.errors import PanelError, ParameterError
 from toros_fem.materials import Bending, Composite, Knit, Material
@@ -28,6 +30,7 @@ from toros_fem.mechanics.supports import Supports, clamp, symmetry_plane
 from toros_fem.mechanics.tangent import UpperTangent
 from toros_fem.meshes import Pattern, Skin, cylinder, mirrored, sew
 from toros_fem.meshes.tile import tile
+from toros_fem.objectives.metrics import twist_angle
 from toros_fem.tiles.solver import TileSolver
 
 RATIO = 3.0
@@ -107,6 +110,24 @@ def test_off_axis_tension_of_a_sheet_by_forces(comm: MPI.Comm, degrees: float) -
     found = solver.solve(np.zeros(len(skin.owned_cells)), 0.0, force=force)
     expected = np.column_stack([points[:, :2] @ F.T, np.zeros(len(points))])
     assert skin.gather_vertices(found.positions) / SIZE == pytest.approx(expected / SIZE, abs=1e-6)
+
+
+def test_gradient_of_a_knitted_tile(comm: MPI.Comm) -> None:
+    """Stress along, and lateral stretch, by the density between fabric and print."""
+    made = tile(comm, (0.01, 0.01), 2.5e-3, "crossed")
+    skin = sew(comm, made.pattern)
+    solver = TileSolver(skin, knitted(0.5), Periodic(made), NewtonOptions(tolerance=1e-12))
+    rng = np.random.default_rng(3)
+    density, step = rng.uniform(0.05, 0.4, (2, len(made.pattern.panel)))[:, skin.owned_cells]
+    gradient = np.array([[1.1, 0], [0, 1], [0, 0]])
+    base = solver.solve(density, 0.4, gradient)
+    along = np.array([[1.0, 0], [0, 0], [0, 0]])
+    slope = total(comm, solver.stress_gradient(base, along) @ step)
+
+    def stress(h: float) -> float:
+        return float(solver.solve(density + h * step, 0.4, gradient, start=base).stress[0, 0])
+
+    assert taylor_rates(stress, slope, 1e-2) == pytest.approx(2, abs=0.05)
 
 
 def test_moduli_at_small_strain() -> None:
@@ -254,6 +275,32 @@ def test_refinement_keeps_the_grain(comm: MPI.Comm) -> None:
     expected = free_across(1.2, 0.0)[0][1, 1]
     assert estimate.value == pytest.approx(expected, abs=1e-7)
     assert estimate.refined == pytest.approx(expected, abs=1e-7)
+
+
+def test_refined_design_keeps_the_grain(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.04, 0.02, 6e-3)
+    knit = Knit(RATIO, {"wall": 0.7, "base": 0.0, "tip": 0.1})
+    design = ShapeDesign(
+        comm,
+        pattern,
+        target=pattern.points,
+        supports=clamp(pattern, ["base"]),
+        filter_radius=1e-2,
+        pressure=2e3,
+        composite=Composite(knit=knit, bending=None),
+        length_scale=None,
+    )
+    finer, shapes = design.refined(), []
+    assert len(finer.skin.pattern.panel) == 4 * len(pattern.panel)
+    for solver in (design.solver, finer.solver):
+        skin = solver.skin
+        found = solver.solve(np.full(len(skin.owned_cells), 0.01), 2e3)
+        shapes.append(skin.gather_vertices(found.positions))
+        assert solver.model.composite.knit == knit
+    # The oblique courses turn the tip; both meshes agree on it, coarse as they are.
+    twist = [twist_angle(d.skin.pattern, x) for d, x in zip((design, finer), shapes, strict=True)]
+    assert abs(twist[0]) > np.radians(5)
+    assert twist[1] == pytest.approx(twist[0], rel=0.15)
 
 
 def test_grain_must_fit_the_panels(tube: Skin) -> None:

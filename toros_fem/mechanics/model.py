@@ -52,9 +52,10 @@ class SkinModel:
     density. All methods are collective.
 
     UFL derives the first variations of membrane, pressure and weight, and the density sensitivity.
-    Written by hand, in `toros_fem.forms`, are the bending's first variation and the whole second
-    variation; tests/forms ties them to `ufl.derivative`. Force and tangent of the walls between
-    chambers are written by hand too (`toros_fem.mechanics.chambers`), tested by differences.
+    Written by hand, in `toros_fem.forms`, are the first variations of bending and of fibres and the
+    whole second variation; tests/forms ties them to `ufl.derivative`. Force and tangent of the
+    walls between chambers are written by hand too (`toros_fem.mechanics.chambers`), tested by
+    differences.
 
     Attributes:
         skin, composite, supports, chambers, weight: As given.

@@ -10,7 +10,7 @@ from dolfinx import fem
 
 from toros_fem._mpi import raise_together
 from toros_fem._types import Floats
-from toros_fem._validate import require_count, require_positive
+from toros_fem._validate import require_between, require_count, require_positive
 from toros_fem.density.field import check_density
 from toros_fem.errors import DensityError
 from toros_fem.forms.lines import Lines, fabric_factor
@@ -68,6 +68,9 @@ class RelaxedModel(SkinModel):
         weight: The skin's own weight; None for none.
         crossing: Factor c of bonded crossings in `fabric_factor`, over the ratio of the stiffnesses
             of print and fabric.
+
+    Raises:
+        ParameterError: There is no family, or the factor is negative; or as `SkinModel` does.
     """
 
     def __init__(
@@ -81,6 +84,7 @@ class RelaxedModel(SkinModel):
         crossing: float = CROSSING,
     ) -> None:
         require_count(1, families=families)
+        require_between(0.0, np.inf, crossing=crossing)
         supports.require_no_rigid_motion(skin.pattern, bends=composite.bending is not None)
         self.families = families
         print_stiffness = composite.reinforcement.membrane_stiffness
