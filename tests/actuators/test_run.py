@@ -10,7 +10,8 @@ from mpi4py import MPI
 
 from toros_fem.actuators import run
 from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.problem import actuator_problem, design_actuator, summary_sentence
+from toros_fem.actuators.problem import actuator_problem
+from toros_fem.actuators.run import design_actuator, summary_sentence
 from toros_fem.actuators.tube import TubeConfig, bend_metric, tube_case
 from toros_fem.design import shape_problem
 from toros_fem.design.shape_problem import ShapeProblem
@@ -202,5 +203,8 @@ def test_sentence() -> None:
         "design": {"angle_deg": 44.4, "length_ratio": 1.0024},
     })  # fmt: skip
     assert "length 0.987 of 1 times the rest value as printed (1.002 as designed)" in kept
+    laid = {**summary, "lines": {"rounds": [{}, {}]}, "densities_kept": False}
+    assert "45 degrees as printed at 4.57 kPa, lines laid 2 times, 2" in summary_sentence(laid)
+    assert "(44.4 as designed)" in summary_sentence({**laid, "densities_kept": True})
     exact = summary_sentence({**summary, "objective_last": 0.0})
     assert "at 4.57 kPa, objective 0, 2 islands" in exact

@@ -10,7 +10,7 @@ from toros_fem.relaxed.line_options import LineOptions
 
 def test_defaults_are_those_of_the_options() -> None:
     config = ActuatorConfig()
-    assert config.relaxed_options == RelaxedOptions()
+    assert config.relaxed_options == RelaxedOptions(share_weight=0.01)
     lines, plain = config.line_options, LineOptions()
     assert lines == LineOptions(widths=2 * plain.widths)
 

@@ -171,6 +171,8 @@ def design_run(case: CaseMaker[C], default: C) -> Callable[..., dict[str, Any]]:
 
 def summary_sentence(summary: dict[str, Any]) -> str:
     """Return the result of a design in one sentence, from its summary."""
+    # Where a relaxed design is laid as lines, no design by densities stands beside the print.
+    laid = "lines" in summary and not summary["densities_kept"]
     metrics = []
     for key in (key for key in summary if "_target_" in key):
         name, unit = key.split("_target_")
@@ -181,17 +183,19 @@ def summary_sentence(summary: dict[str, Any]) -> str:
         if error is not None:
             printed += f" ± {error:.{digits}f}"
         designed = f"{summary['design'][f'{name}_{unit}']:.{digits}f}"
-        metrics.append(
-            f"{name} {printed} of {summary[key]:g} {word} as printed ({designed} as designed)"
-        )
+        beside = "" if laid else f" ({designed} as designed)"
+        metrics.append(f"{name} {printed} of {summary[key]:g} {word} as printed{beside}")
     if "length_ratio" in summary and "length_target_ratio" not in summary:
         length = summary["length_ratio"]
         if length is not None:
             metrics.append(f"length {length:.3f} times the rest value")
     first, last = summary["objective_first"], summary["objective_last"]
-    objective = f"objective down {first / last:.0f} times" if last > 0 else f"objective {last:g}"
+    steps = f"objective down {first / last:.0f} times" if last > 0 else f"objective {last:g}"
+    if laid:
+        rounds = summary["lines"]["rounds"]
+        steps = f"lines laid {len(rounds)} times"
     return (
-        f"{', '.join(metrics)} at {summary['pressure_pa'] / 1e3:.2f} kPa, {objective}, "
+        f"{', '.join(metrics)} at {summary['pressure_pa'] / 1e3:.2f} kPa, {steps}, "
         f"{summary['manufacture']['islands']} islands, {summary['seconds']['total']:.0f} s"
     )
 
