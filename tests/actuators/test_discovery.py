@@ -1,0 +1,122 @@
+"""Designs from noise by line families: rounds, what is asked next, and the files at the end."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from helpers.scenes import shared
+from mpi4py import MPI
+
+from demos import twist
+from toros_fem.actuators import discovery
+from toros_fem.actuators.discovery import Discovery, densities_last, discover
+from toros_fem.actuators.run import design_actuator
+from toros_fem.errors import NoEquilibriumError
+
+TINY = twist.TwistConfig().updated(
+    start="relaxed",
+    length=0.06,
+    relaxed_edge_length=5e-3,
+    relaxed_iterations=5,
+    directions=6,
+    print_edge_length=2.2e-3,
+    laid_width=2.5e-3,
+    corrections=1,
+    density_iterations=2,
+    cross_sections=4,
+    twist=60.0,
+    pressure=8e3,
+)
+
+
+@pytest.fixture(scope="module")
+def found(comm: MPI.Comm) -> Discovery:
+    return discover(comm, twist.case, TINY)
+
+
+@pytest.mark.slow
+def test_a_round_asks_for_what_the_print_missed(found: Discovery) -> None:
+    first, second = found.rounds
+    assert first.asked == {"twist_deg": 60.0}
+    missed = 60.0 - first.metrics["twist_deg"]
+    step = np.clip(missed / 60, -discovery.LARGEST_STEP, discovery.LARGEST_STEP)
+    assert second.asked["twist_deg"] == pytest.approx(60 * (1 + step))
+    assert first.error == pytest.approx(abs(missed) / 60)
+    assert found.best.error == min(first.error, second.error)
+    # The relaxed design goes on from the first one's families.
+    assert len(second.relaxed.history) > len(first.relaxed.history)
+    assert second.relaxed.history[: len(first.relaxed.history)] == first.relaxed.history
+
+
+@pytest.mark.slow
+def test_the_print_is_that_of_the_lines(found: Discovery) -> None:
+    best = found.best
+    pattern = best.problem.skin.pattern
+    wall = pattern.panel == pattern.panel_index("wall")
+    printed = pattern.areas[wall & best.printed.cells].sum()
+    region = best.printed.regions[pattern.panel_index("wall")]
+    assert printed == pytest.approx(region.area, rel=0.1)
+    assert best.printed.after.summary()["islands"] == 0
+    assert found.result().final is best.printed.evaluation
+
+
+@pytest.mark.slow
+def test_densities_are_kept_only_if_the_print_gets_better(
+    comm: MPI.Comm, found: Discovery
+) -> None:
+    better = densities_last(comm, TINY, found)
+    if better is not None:
+        result, printed = better
+        assert printed.evaluation is not None
+        twisted = result.problem.metrics_of(printed.evaluation.equilibrium)["twist_deg"]
+        assert abs(twisted - 60) / 60 < found.best.error
+
+
+@pytest.mark.slow
+def test_files_of_a_run(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder = shared(comm, tmp_path)
+    config = TINY.updated(corrections=0, density_iterations=0)
+    summary = design_actuator(comm, folder, twist.case, config).summary
+    assert summary["start"] == "random"
+    assert summary["relaxed"]["triangles"] < summary["triangles"]
+    assert summary["lines"]["twist_deg"] == summary["twist_deg"]
+    assert [f["width_mm"] for f in summary["lines"]["families"]] == [2.5, 2.5]
+    assert summary["length_ratio"] > 0.5
+    assert not summary["densities_kept"]
+    if comm.rank == 0:
+        written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        assert written["relaxed"]["steps"] == summary["relaxed"]["steps"]
+        for name in ("pattern.svg", "skin.vtu", "history.csv"):
+            assert (folder / name).stat().st_size > 0
+
+
+def test_what_is_asked_next_solves_a_linear_response() -> None:
+    """Two metrics that disturb each other: Broyden's steps end at what gives the targets."""
+    targets = {"a": 10.0, "b": -2.0}
+    response = np.array([[0.7, 0.1], [-0.4, 0.9]])
+    size, rounds = np.array([10.0, 2.0]), []
+    asked = dict(targets)
+    for _ in range(8):
+        scaled = np.array(list(asked.values())) / size
+        metrics = dict(zip(targets, size * (response @ scaled + [0.0, 0.1]), strict=True))
+        rounds.append(SimpleNamespace(asked=asked, metrics=metrics))
+        asked = discovery._asked_next(rounds, targets)  # type: ignore[arg-type]
+    last = rounds[-1].metrics
+    assert last == pytest.approx(targets, rel=1e-4)
+    for before, after in zip(rounds, rounds[1:], strict=False):
+        change = np.array([after.asked[k] - before.asked[k] for k in targets]) / size
+        assert np.abs(change).max() <= discovery.LARGEST_STEP + 1e-12
+
+
+def test_without_any_print_in_equilibrium_the_reason_is_told(
+    comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    printed = SimpleNamespace(evaluation=None, failure="It fails.")
+    problem = SimpleNamespace(metrics=())
+    monkeypatch.setattr(discovery, "_printed", lambda *_: (None, problem, printed))
+    monkeypatch.setattr(discovery, "_laid", lambda *_: SimpleNamespace(families=()))
+    monkeypatch.setattr(discovery, "find_lines", lambda *_, **__: SimpleNamespace(field=None))
+    with pytest.raises(NoEquilibriumError, match=r"It fails\. Ask for less"):
+        discover(comm, twist.case, TINY)
