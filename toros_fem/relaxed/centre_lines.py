@@ -5,11 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array, csc_array, csr_array, diags_array
+from scipy.sparse.linalg import splu
 
 from toros_fem._types import Bools, Floats, Ints
 from toros_fem.meshes.topology import following
 from toros_fem.relaxed.stripes import Stripes
-from toros_fem.relaxed.transport import LineMesh
+from toros_fem.relaxed.transport import LineMesh, seam_turns
+
+# Steps shorter than this fraction of an edge count as that long.
+SHORT = 1e-5
+# Crossings keep away from the ends of edges by this fraction.
+EDGE = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,22 +44,53 @@ class CentreLine:
         return float(np.linalg.norm(self.points[:, 1] - self.points[:, 0], axis=1).sum())
 
 
-def trace(mesh: LineMesh, stripes: Stripes, present: Bools) -> list[CentreLine]:
+@dataclass(frozen=True, eq=False)
+class _Chain:
+    """Crossings along a line, and the triangles between them."""
+
+    nodes: Ints
+    cells: Ints
+
+    @property
+    def closed(self) -> bool:
+        return bool(self.nodes[0] == self.nodes[-1])
+
+
+def trace(
+    mesh: LineMesh, stripes: Stripes, present: Bools, stiffness: float | None = None
+) -> list[CentreLine]:
     """Return the lines where the phase is a multiple of 2π.
 
     A line crosses edges; in each triangle its crossings are linked around the corners. Where the
     turns of the phase around a triangle do not add up to 0 some crossings stay without a partner:
-    there lines end.
+    there lines end, and their neighbours bend towards the gap. A stiffness evens this out: the
+    crossings move along their edges to the least of ∫ (shift² + stiffness⁴ curvature²).
 
     Args:
         mesh: The line mesh.
         stripes: The phase.
         present: Whether there are lines at each edge, (e,).
+        stiffness: Distance in m below which lines do not wind; None for level lines as they are.
     """
     edge, fraction, first, count = _crossings(mesh, stripes, present)
     one, two, cell = _links(mesh, first, count)
+    chains = _chained(len(edge), one, two, cell)
+    if stiffness is not None and chains:
+        fraction = _stiffened(mesh, edge, fraction, chains, stiffness)
     places = _places(mesh, edge, fraction)
-    return _chained(mesh, edge, one, two, cell, places)
+    lines = []
+    for chain in chains:
+        points = [
+            places[nodes, _sides(mesh, edge[nodes], chain.cells)]
+            for nodes in (chain.nodes[:-1], chain.nodes[1:])
+        ]
+        lines.append(CentreLine(chain.cells, np.stack(points, axis=1), chain.closed))
+    return lines
+
+
+def _sides(mesh: LineMesh, edge: Ints, cell: Ints) -> Ints:
+    """Return which side of edges triangles are on, 0 or 1."""
+    return np.where(mesh.edges.sides[edge, 0] == cell, 0, 1)
 
 
 def _crossings(mesh: LineMesh, stripes: Stripes, present: Bools) -> tuple[Ints, Floats, Ints, Ints]:
@@ -113,19 +151,17 @@ def _places(mesh: LineMesh, edge: Ints, fraction: Floats) -> Floats:
     return np.stack(places, axis=1)
 
 
-def _chained(
-    mesh: LineMesh, edge: Ints, one: Ints, two: Ints, cell: Ints, places: Floats
-) -> list[CentreLine]:
-    """Return lines made of linked crossings, ordered by their first link."""
-    near: list[list[int]] = [[] for _ in range(len(edge))]
+def _chained(count: int, one: Ints, two: Ints, cell: Ints) -> list[_Chain]:
+    """Return chains of linked crossings; those with ends come first."""
+    near: list[list[int]] = [[] for _ in range(count)]
     pairs = np.stack([one, two], axis=1)
     for link, ends in enumerate(pairs):
         for end in ends:
             near[int(end)].append(link)
     done = np.zeros(len(one), dtype=bool)
-    lines = []
+    chains = []
     ends_first = [k for k, links in enumerate(near) if len(links) == 1]
-    for start in [*ends_first, *range(len(near))]:
+    for start in [*ends_first, *range(count)]:
         links, at = [], start
         nodes = [start]
         while True:
@@ -137,13 +173,65 @@ def _chained(
             at = int(pairs[link].sum()) - at
             links.append(link)
             nodes.append(at)
-        if not links:
-            continue
-        where = cell[links]
-        points = np.empty((len(links), 2, 2))
-        for k, node in enumerate((nodes[:-1], nodes[1:])):
-            crossed = edge[node]
-            side = np.where(mesh.edges.sides[crossed, 0] == where, 0, 1)
-            points[:, k] = places[node, side]
-        lines.append(CentreLine(where, points, nodes[0] == nodes[-1]))
-    return lines
+        if links:
+            chains.append(_Chain(np.array(nodes), cell[links]))
+    return chains
+
+
+def _stiffened(
+    mesh: LineMesh, edge: Ints, fraction: Floats, chains: list[_Chain], stiffness: float
+) -> Floats:
+    """Return the fractions at which lines of some stiffness cross the edges.
+
+    No crossing moves further than half way to the next one on its edge.
+    """
+    places = _places(mesh, edge, fraction)
+    step = _places(mesh, edge, np.ones(len(edge))) - _places(mesh, edge, np.zeros(len(edge)))
+    size = np.linalg.norm(step[:, 0], axis=1)
+    turn = seam_turns(mesh.corners, mesh.edges)[edge]
+    # Each crossing with those before and after it, and the triangles between.
+    before, here, after, back, ahead = (
+        np.concatenate(part) for part in zip(*map(_threes, chains), strict=True)
+    )
+    at_before, at_back = (_sides(mesh, edge[k], back) for k in (before, here))
+    at_ahead, at_after = (_sides(mesh, edge[k], ahead) for k in (here, after))
+    one = places[here, at_back] - places[before, at_before]
+    two = places[after, at_after] - places[here, at_ahead]
+    # The chart ahead turned to the one behind.
+    angle = np.where(at_back == 0, -turn[here], turn[here])
+    c, s = np.cos(angle), np.sin(angle)
+    turns = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
+    least = SHORT * size[here]
+    h_one, h_two = (np.maximum(np.linalg.norm(v, axis=1), least) for v in (one, two))
+    mean = (h_one + h_two) / 2
+    bend = np.einsum("kij,kj->ki", turns, two / h_two[:, None]) - one / h_one[:, None]
+    ahead_step = np.einsum("kij,kj->ki", turns, step[here, at_ahead]) / h_two[:, None]
+    parts = [
+        (before, step[before, at_before] / h_one[:, None]),
+        (here, -ahead_step - step[here, at_back] / h_one[:, None]),
+        (after, np.einsum("kij,kj->ki", turns, step[after, at_after]) / h_two[:, None]),
+    ]
+    count = len(here)
+    rows = np.tile(np.arange(2 * count).reshape(-1, 2), (3, 1))
+    columns = np.repeat(np.concatenate([node for node, _ in parts]), 2)
+    values = np.concatenate([value for _, value in parts])
+    shape = (2 * count, len(edge))
+    matrix = csr_array(coo_array((values.ravel(), (rows.ravel(), columns)), shape=shape))
+    heavy = np.repeat(stiffness**4 / mean, 2)
+    weight = np.bincount(here, mean, minlength=len(edge))
+    weight = np.maximum(weight, SHORT * size) * size**2
+    normal = matrix.T @ (matrix * heavy[:, None]) + diags_array(weight)
+    shift = -splu(csc_array(normal)).solve(matrix.T @ (heavy * bend.ravel()))
+    same = edge[1:] == edge[:-1]
+    middle = (fraction[1:] + fraction[:-1]) / 2
+    low = np.concatenate([[EDGE], np.where(same, middle, EDGE)])
+    high = np.concatenate([np.where(same, middle, 1 - EDGE), [1 - EDGE]])
+    return np.clip(fraction + shift, np.minimum(low, fraction), np.maximum(high, fraction))
+
+
+def _threes(chain: _Chain) -> tuple[Ints, Ints, Ints, Ints, Ints]:
+    """Return crossings before, at and after each inner crossing; triangles before and after it."""
+    nodes, cells = chain.nodes, chain.cells
+    if chain.closed:
+        nodes, cells = np.append(nodes, nodes[1]), np.append(cells, cells[0])
+    return nodes[:-2], nodes[1:-1], nodes[2:], cells[:-1], cells[1:]

@@ -26,10 +26,12 @@ from toros_fem.relaxed.transport import LineMesh
 
 # Edges of the mesh that lines are laid on are at most this fraction of the least spacing, but it
 # has at most so many triangles.
-FINE = 1 / 3
+FINE = 0.4
 MOST_TRIANGLES = 60_000
 # Distance over which spacings are adapted to directions, as a multiple of `LineOptions.even`.
 ALONG = 2.0
+# Stiffness of the lines, as a multiple of their spacing.
+STIFF = 0.3
 # Corners of the pieces that a region is divided into before it is cut by triangles.
 PIECE = 40
 
@@ -135,7 +137,7 @@ def lay_lines(
         symmetry = make_symmetry(fine_field, free, planes, widths)
         mesh = symmetry.part
         families = close_ends(mesh, _families(symmetry, fine_field, widths, options), planes)
-        strips = [_strips(mesh, family) for family in families]
+        strips = _strips(mesh, families)
         regions, laid = _regions(fine, mesh, strips, tuple(planes), options)
         asked = mesh.areas @ fine_field.shares[mesh.cells] / mesh.areas.sum()
     lines = tuple(
@@ -231,7 +233,8 @@ def _on_whole(
     )
     enough = local >= options.least_share
     i, j = mesh.edges.ends.T
-    lines = trace(mesh, stripes, enough[i] & enough[j])
+    stiffness = STIFF * float(np.average(waves.spacing, weights=mesh.vertex_areas))
+    lines = trace(mesh, stripes, enough[i] & enough[j], stiffness)
     # The true spacing: the phase grows faster or slower than wanted where lines close in a ring.
     found, wanted = stripes.change * stripes.wanted, stripes.wanted**2
     top, bottom = (mesh.smooth(mesh.around(part), even) for part in (found, wanted))
@@ -241,18 +244,54 @@ def _on_whole(
     return lines, waves, np.clip(local * spacing, low, high) / 2
 
 
-def _strips(mesh: LineMesh, family: Family) -> list[Strip]:
-    """Return the strips of a family's lines."""
+def _strips(mesh: LineMesh, families: list[Family]) -> list[list[Strip]]:
+    """Return the strips of the lines of each family.
+
+    One that ends on a thinner line tapers to its width, so that it does not stand out behind it.
+    """
     panel = mesh.pattern.panel[mesh.cells]
-    strips = []
-    for line in family.lines:
-        cell = np.repeat(line.cell, 2)
-        at = mesh.barycentric(cell, line.points.reshape(-1, 2))
-        radii = np.einsum("kc,kc->k", at, family.radius[mesh.vertex[cell]]).reshape(-1, 2)
-        start, end = line.ends or (LINE, LINE)
-        beyond = start in (BORDER, PRINTED), end in (BORDER, PRINTED)
-        strips.append(Strip(panel[line.cell], line.points, radii, beyond))
+    lines = [(number, line) for number, family in enumerate(families) for line in family.lines]
+    strips: list[list[Strip]] = [[] for _ in families]
+    if not lines:
+        return strips
+    own = np.repeat(np.arange(len(lines)), [len(line.cell) for _, line in lines])
+    cells = np.concatenate([line.cell for _, line in lines])
+    segments = np.concatenate([line.points for _, line in lines])
+    for k, (number, line) in enumerate(lines):
+        radii = _radii(mesh, families[number], line.cell, line.points)
+        for side, kind in enumerate(line.ends or ()):
+            if kind != LINE:
+                continue
+            last = 0 if side == 0 else -1
+            end = line.points[last, side]
+            there = np.flatnonzero((cells == line.cell[last]) & (own != k))
+            if not len(there):
+                continue
+            other = there[np.argmin(_distances(end, segments[there]))]
+            onto = families[lines[int(own[other])][0]]
+            bound = _radii(mesh, onto, line.cell[[last]], np.repeat(end[None, None], 2, axis=1))
+            length = np.linalg.norm(line.points[:, 1] - line.points[:, 0], axis=1)
+            along = np.concatenate([[0.0], np.cumsum(length if side == 0 else length[::-1])])
+            along = along if side == 0 else along[::-1]
+            away = np.stack([along[:-1], along[1:]], axis=1)
+            radii = np.minimum(radii, bound[0, 0] + away)
+        start, end_kind = line.ends or (LINE, LINE)
+        beyond = start in (BORDER, PRINTED), end_kind in (BORDER, PRINTED)
+        strips[number].append(Strip(panel[line.cell], line.points, radii, beyond))
     return strips
+
+
+def _radii(mesh: LineMesh, family: Family, cell: Ints, points: Floats) -> Floats:
+    """Return half the width of a family at the ends of segments (m, 2, 2), (m, 2), in m."""
+    cells = np.repeat(cell, 2)
+    at = mesh.barycentric(cells, points.reshape(-1, 2))
+    radius = np.einsum("kc,kc->k", at, family.radius[mesh.vertex[cells]])
+    return np.asarray(radius).reshape(-1, 2)
+
+
+def _distances(point: Floats, segments: Floats) -> Floats:
+    """Return the distance of a point from segments (m, 2, 2), (m,)."""
+    return np.asarray(shapely.distance(shapely.linestrings(segments), shapely.Point(point)))
 
 
 def _regions(

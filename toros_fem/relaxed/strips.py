@@ -13,6 +13,8 @@ from toros_fem.meshes.mirror import plane_border
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import half_edges, linked
 
+# Nodes of a line that are nearer to each other than this fraction of its radius count once.
+CLOSE = 0.1
 # Corners of a round end.
 AROUND = 32
 # Relative excess of the radii of opening and closing, since round corners are polygons.
@@ -196,8 +198,23 @@ def _ribbon(points: Floats, radii: Floats) -> list[BaseGeometry]:
     """
     node = np.concatenate([points[:, 0], points[-1:, 1]])
     radius = np.concatenate([radii[:, 0], radii[-1:, 1]])
-    kept = np.concatenate([[True], np.hypot(*np.diff(node, axis=0).T) > 1e-3 * radius[1:]])
-    node, radius = node[kept], radius[kept]
+    kept = _apart(node, CLOSE * radius)
+    return _strip(node[kept], radius[kept])
+
+
+def _apart(node: Floats, least: Floats) -> Ints:
+    """Return the first node, the last one, and those between that are not too near to others."""
+    kept = [0]
+    for k in range(1, len(node) - 1):
+        if min(np.hypot(*(node[k] - node[other])) for other in (kept[-1], -1)) > least[k]:
+            kept.append(k)
+    if len(node) > 2 or np.any(node[-1] != node[0]):
+        kept.append(len(node) - 1)
+    return np.array(kept)
+
+
+def _strip(node: Floats, radius: Floats) -> list[BaseGeometry]:
+    """Return polygons for nodes (n, 2) and half the width at each, (n,)."""
     ends = [
         shapely.Point(node[k]).buffer(radius[k], quad_segs=AROUND // 4) for k in (0, len(node) - 1)
     ]
@@ -208,20 +225,15 @@ def _ribbon(points: Floats, radii: Floats) -> list[BaseGeometry]:
     normal = np.stack([-way[:, 1], way[:, 0]], axis=1)
     mean = np.concatenate([normal[:1], normal[:-1] + normal[1:], normal[-1:]])
     # The mitre: its offset from both segments is the radius.
-    first = np.concatenate([normal[:1], normal])
-    scale = np.einsum("ij,ij->i", mean, first)
-    sharp = scale < 0.5 * np.einsum("ij,ij->i", mean, mean) ** 0.5
+    scale = np.einsum("ij,ij->i", mean, np.concatenate([normal[:1], normal]))
+    sharp = scale <= 0.5 * np.linalg.norm(mean, axis=1)
     offset = mean / np.where(sharp, 1.0, scale)[:, None] * radius[:, None]
     whole = shapely.Polygon(np.concatenate([node + offset, (node - offset)[::-1]]))
-    if not sharp.any() and whole.is_valid:
+    if len(node) == 2 or (not sharp.any() and whole.is_valid):
         return [whole, *ends]
-    pieces = []
-    for k in range(len(way)):
-        side = normal[k] * radius[k], normal[k] * radius[k + 1]
-        a, b = node[k], node[k + 1]
-        pieces.append(shapely.Polygon([a + side[0], b + side[1], b - side[1], a - side[0]]))
-        pieces.append(shapely.Point(b).buffer(radius[k + 1], quad_segs=AROUND // 4))
-    return [*pieces, *ends]
+    # It overlaps itself: in two parts, whose round ends join them.
+    middle = len(node) // 2
+    return _strip(node[: middle + 1], radius[: middle + 1]) + _strip(node[middle:], radius[middle:])
 
 
 def cleaned(region: BaseGeometry, print_width: float, hole_area: float) -> BaseGeometry:
