@@ -3,6 +3,7 @@
     python demos/bend.py --coarse
     mpirun -n 2 python demos/bend.py --coarse --output output/bend-2
     python demos/bend.py --coarse --whole
+    python demos/bend.py --coarse --knit-ratio 3
 
 The tube, 15 cm long and 2 cm wide, lies along z. Its end z = 0 is clamped. Its two end caps are
 printed all over, as end plates are. Its wall is designed, at the 5 kPa that the paper states;
