@@ -134,3 +134,21 @@ def test_nothing_printed_moves_nothing(comm: MPI.Comm) -> None:
     assert np.array_equal(snapped(comm, pattern, whole).points, pattern.points)
     with pytest.raises(PanelError, match="2 regions for 3 panels"):
         snapped(comm, pattern, [NOTHING] * 2)
+
+
+def test_seam_vertices_move_to_where_a_line_crosses(comm: MPI.Comm) -> None:
+    """A line around the edge of two sewn panels: both sides meet its borders at one vertex."""
+    outline = np.array([[0, 0], [0.05, 0], [0.05, 0.02], [0, 0.02]])
+    pattern = two_panels(comm, outline, 2.3e-3)
+    line = shapely.box(0.0103, -1.0, 0.0202, 1.0)
+    regions = [line.intersection(shapely.box(0, y, 0.05, y + 0.02)) for y in (0.0, -0.02)]
+    found = snapped(comm, pattern, regions)
+    assert misfit(found, regions) < 0.02
+    for side in range(2):
+        seam = found.flat_points[np.unique(found.seams[:, side])]
+        for border in (0.0103, 0.0202):
+            near = np.abs(seam[:, 0] - border) < 1e-7
+            assert np.count_nonzero(near) == 2
+    corners = np.isin(pattern.points[:, 0], [0.0, 0.05]) & np.isin(pattern.points[:, 1], [0, 0.02])
+    assert np.count_nonzero(corners) == 4
+    assert np.array_equal(found.points[corners], pattern.points[corners])
