@@ -5,17 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem._mpi import on_first_rank
-from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
+from toros_fem.actuators.space_mapping import CLOSE, asked_next, largest_error
 from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.warm_start import WarmStart
@@ -29,13 +28,6 @@ from toros_fem.relaxed.find import RelaxedResult, find_lines
 from toros_fem.relaxed.laid_lines import LaidLines, lay_lines
 from toros_fem.relaxed.line_field import LineField
 from toros_fem.relaxed.line_options import LineOptions
-
-# The lines are good enough where every metric is this close to its target, as a fraction of it.
-CLOSE = 5e-3
-# Bounds on the change of a printed metric over that of the one asked.
-LEAST_SLOPE, LARGEST_SLOPE = 0.4, 1.5
-# Largest change of what is asked in one round, over the target.
-LARGEST_STEP = 0.4
 
 C = TypeVar("C", bound=ActuatorConfig)
 
@@ -180,7 +172,7 @@ def discover(
         metrics = {}
         if printed.evaluation is not None:
             metrics = problem.metrics_of(printed.evaluation.equilibrium)
-        error = _error(metrics, targets)
+        error = largest_error(metrics, targets)
         rounds.append(Round(dict(asked), relaxed, laid, fine, problem, printed, metrics, error))
         seconds["relaxed"] += middle - begin
         seconds["lines"] += end - middle
@@ -188,7 +180,7 @@ def discover(
         _report(comm, number, problem.metrics, rounds[-1])
         if rounds[-1].error < CLOSE or not metrics:
             break
-        asked = _asked_next(rounds, targets)
+        asked = asked_next(rounds, targets)
     if not np.isfinite(min(r.error for r in rounds)):
         raise NoEquilibriumError(
             f"no print of the relaxed design has an equilibrium: {rounds[0].printed.failure} "
@@ -233,7 +225,7 @@ def densities_last(
         return None
     targets = {m.key: m.target for m in problem.metrics if m.target is not None}
     metrics = problem.metrics_of(printed.evaluation.equilibrium)
-    better = _error(metrics, targets) < best.error
+    better = largest_error(metrics, targets) < best.error
     return (result, printed) if better else None
 
 
@@ -267,38 +259,6 @@ def _printed(
         pressure=relaxed.pressures or None,
     )
     return fine, problem, printed
-
-
-def _error(metrics: Mapping[str, float], targets: Mapping[str, float]) -> float:
-    """Return the largest distance from a target, as a fraction of it; infinite if unknown."""
-    if not metrics:
-        return np.inf
-    return max(abs(metrics[key] - t) / (abs(t) or 1.0) for key, t in targets.items())
-
-
-def _asked_next(rounds: list[Round], targets: Mapping[str, float]) -> dict[str, float]:
-    """Return what to ask for next: Broyden's step, whose first matrix is the identity.
-
-    All metrics are over the sizes of their targets. Broyden's matrix, the change of printed by
-    that of asked metrics, also knows what one of them does to another.
-    """
-    size = np.array([abs(target) or 1.0 for target in targets.values()])
-
-    def vector(values: Mapping[str, float]) -> Floats:
-        return np.array([values[key] for key in targets]) / size
-
-    slope: Floats = np.eye(len(size))
-    for before, after in pairwise(rounds):
-        step = vector(after.asked) - vector(before.asked)
-        change = vector(after.metrics) - vector(before.metrics)
-        if step @ step > 0:
-            slope += np.outer(change - slope @ step, step) / (step @ step)
-    left, value, right = np.linalg.svd(slope)
-    value = np.clip(value, LEAST_SLOPE, LARGEST_SLOPE)
-    missing = vector(targets) - vector(rounds[-1].metrics)
-    step = np.clip(right.T @ (left.T @ missing / value), -LARGEST_STEP, LARGEST_STEP)
-    asked = size * (vector(rounds[-1].asked) + step)
-    return dict(zip(targets, asked.tolist(), strict=True))
 
 
 def _report(comm: MPI.Comm, number: int, metrics: tuple[Metric, ...], made: Round) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -14,6 +14,7 @@ from toros_fem._types import Floats
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.discovery import densities_last, discover
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
+from toros_fem.actuators.space_mapping import CLOSE, asked_next, largest_error
 from toros_fem.analysis.error_estimate import estimate_error
 from toros_fem.design.levels import optimize_levels
 from toros_fem.design.loop import DesignResult, optimize
@@ -21,6 +22,7 @@ from toros_fem.design.options import DesignOptions
 from toros_fem.design.problem import Evaluation
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.starts import BestStart, best_start
+from toros_fem.design.warm_start import WarmStart
 from toros_fem.equilibrium.solver import EquilibriumError
 from toros_fem.fabrication.as_printed import (
     PrintedDesign,
@@ -103,6 +105,7 @@ def design_actuator(
     problems = (actuator_problem(comm, case(comm, c), c, verbose=verbose) for c in levels)
     with reporter:
         result, printed = _printed_design(problems, options, config, reporter, best)
+        result, printed = _corrected(comm, case, levels[-1], config, result, printed, reporter)
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
     figures: dict[str, Any] = {
@@ -265,6 +268,70 @@ def _printed_design(
     )
     assert printed is not None
     return result, printed
+
+
+@dataclass(frozen=True, eq=False)
+class _Corrected:
+    """A design of other targets than the problem's, and its print; an `Answer`."""
+
+    asked: Mapping[str, float]
+    metrics: Mapping[str, float]
+    result: DesignResult
+    printed: PrintedDesign
+
+
+def _corrected(
+    comm: MPI.Comm,
+    case: CaseMaker[C],
+    finest: C,
+    config: C,
+    result: DesignResult,
+    printed: PrintedDesign,
+    reporter: DesignReporter,
+) -> tuple[DesignResult, PrintedDesign]:
+    """Ask the design for what its print misses, and return the best print (collective).
+
+    The design is continued on the finest mesh with targets beyond those of the problem.
+    """
+    problem = result.problem
+    assert isinstance(problem, ShapeDesign)
+    targets = {m.key: m.target for m in problem.metrics if m.target is not None}
+    if not targets or not set(targets) <= set(config.TARGETS):
+        return result, printed
+
+    def answer(asked: Mapping[str, float], of: DesignResult, made: PrintedDesign) -> _Corrected:
+        found = made.evaluation
+        metrics = {} if found is None else problem.metrics_of(found.equilibrium)
+        return _Corrected(asked, metrics, of, made)
+
+    rounds = [answer(targets, result, printed)]
+    for _ in range(config.corrections):
+        last = rounds[-1]
+        if not last.metrics or largest_error(last.metrics, targets) < CLOSE:
+            break
+        asked = asked_next(rounds, targets)
+        objective = case(comm, finest.asked(asked)).objective(problem.skin)
+        warm = WarmStart(
+            density=last.result.density,
+            pressures=last.result.pressures,
+            state=last.result.final.equilibrium.state,
+            history=last.result.history,
+            level=last.result.history[-1].level,
+        )
+        reporter.expect(last.result.history[-1].iteration + config.level_iterations)
+        found = optimize(
+            problem.with_objective(objective),
+            config.finer_options,
+            callback=reporter,
+            after=warm,
+        )
+        made = as_printed(problem, found, config.print_limits, island_area=config.island_area)
+        final = replace(
+            found.final, shape=problem.objective.forward(found.final.equilibrium.positions)
+        )
+        rounds.append(answer(asked, replace(found, problem=problem, final=final), made))
+    best = min(rounds, key=lambda r: largest_error(r.metrics, targets))
+    return best.result, best.printed
 
 
 def _without_free_islands(

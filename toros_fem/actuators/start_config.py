@@ -49,7 +49,7 @@ class StartConfig(DesignConfig):
         0.75e-3, "edge length of the mesh that printed lines are simulated on", "m", above=0
     )
     corrections: int = quantity(
-        3, "how often the relaxed design is asked again for what its print misses", at_least=0
+        0, "how often the design is asked again for what its print misses", at_least=0
     )
     density_iterations: int = quantity(
         0,

@@ -111,6 +111,12 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         other.projection = projection
         return other
 
+    def with_objective(self, objective: Objective) -> Self:
+        """Return the same problem with another objective; all other parts are shared."""
+        other = copy.copy(self)
+        other.objective = objective
+        return other
+
     @property
     def pressures(self) -> tuple[float, ...]:
         """Pressure of each chamber in Pa, the first guess where it is designed."""

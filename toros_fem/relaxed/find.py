@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,7 @@ class RelaxedOptions:
         radius: Radius of the smoothing in m; None takes a tenth of the skin's size.
         share_weight: Factor on the mean sum of shares in T; None leaves this cost out.
         iterations: Largest number of steps of either stage.
+        more_iterations: Largest number of steps where an earlier result is continued.
         move: Largest change of a variable in one step, in either stage.
         min_decrease: A stage ends when T falls by a smaller fraction in ten steps; None leaves
             this rule out.
@@ -50,13 +51,14 @@ class RelaxedOptions:
     radius: float | None = None
     share_weight: float | None = None
     iterations: tuple[int, int] = (40, 40)
+    more_iterations: int = 15
     move: tuple[float, float] = (0.1, 0.1)
     min_decrease: float | None = 0.05
     target_objective: float | None = None
     width_ratio: float = 1.0
 
     def __post_init__(self) -> None:
-        for count in self.iterations:
+        for count in (*self.iterations, self.more_iterations):
             require_count(1, iterations=count)
         for move in self.move:
             require_positive(move=move, at_most=1.0)
@@ -162,7 +164,10 @@ def find_lines(
         seconds={},
         level=0,
     )
-    result = optimize(second, options.stage(1), callback=callback, after=warm)
+    rules = options.stage(1)
+    if after is not None:
+        rules = replace(rules, stages=(Stage(options.more_iterations),))
+    result = optimize(second, rules, callback=callback, after=warm)
     return _gathered(second, result, time.perf_counter() - begin)
 
 

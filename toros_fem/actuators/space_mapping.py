@@ -1,0 +1,62 @@
+"""What to ask a design for, so that its print meets the targets (space mapping)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+
+from toros_fem._types import Floats
+
+# A print is good enough where every metric is this close to its target, as a fraction of it.
+CLOSE = 5e-3
+# Bounds on the change of a printed metric over that of the one asked.
+LEAST_SLOPE, LARGEST_SLOPE = 0.4, 1.5
+# Largest change of what is asked in one round, over the target.
+LARGEST_STEP = 0.4
+
+
+class Answer(Protocol):
+    """The metrics of a print, and the targets that were asked for it, both by key."""
+
+    @property
+    def asked(self) -> Mapping[str, float]:
+        """Targets that were asked."""
+
+    @property
+    def metrics(self) -> Mapping[str, float]:
+        """Metrics of the print; empty without an equilibrium."""
+
+
+def largest_error(metrics: Mapping[str, float], targets: Mapping[str, float]) -> float:
+    """Return the largest distance from a target, as a fraction of it; infinite if unknown."""
+    if not metrics:
+        return np.inf
+    return max(abs(metrics[key] - t) / (abs(t) or 1.0) for key, t in targets.items())
+
+
+def asked_next(rounds: Sequence[Answer], targets: Mapping[str, float]) -> dict[str, float]:
+    """Return what to ask for next: Broyden's step, whose first matrix is the identity.
+
+    All metrics are over the sizes of their targets. Broyden's matrix, the change of printed by
+    that of asked metrics, also knows what one of them does to another.
+    """
+    size = np.array([abs(target) or 1.0 for target in targets.values()])
+
+    def vector(values: Mapping[str, float]) -> Floats:
+        return np.array([values[key] for key in targets]) / size
+
+    slope: Floats = np.eye(len(size))
+    for before, after in pairwise(rounds):
+        step = vector(after.asked) - vector(before.asked)
+        change = vector(after.metrics) - vector(before.metrics)
+        if step @ step > 0:
+            slope += np.outer(change - slope @ step, step) / (step @ step)
+    left, value, right = np.linalg.svd(slope)
+    value = np.clip(value, LEAST_SLOPE, LARGEST_SLOPE)
+    missing = vector(targets) - vector(rounds[-1].metrics)
+    step = np.clip(right.T @ (left.T @ missing / value), -LARGEST_STEP, LARGEST_STEP)
+    asked = size * (vector(rounds[-1].asked) + step)
+    return dict(zip(targets, asked.tolist(), strict=True))
