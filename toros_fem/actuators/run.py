@@ -148,7 +148,13 @@ def _from_lines(
     if config.estimate_error and printed.evaluation is not None:
         figures.update(error_figures(problem, printed.evaluation))
     summary = write_results(
-        output, result, printed, config=config, figures=figures, seconds=reporter.seconds
+        output,
+        result,
+        printed,
+        config=config,
+        figures=figures,
+        seconds=reporter.seconds,
+        field=found.best.relaxed.field,
     )
     return ActuatorResult(summary, result, printed, problem)
 

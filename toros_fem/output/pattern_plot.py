@@ -44,7 +44,7 @@ def plot_pattern(path: Path, pattern: Pattern, regions: Sequence[BaseGeometry]) 
         regions: Print on each panel, polygons in m.
     """
     figure, axes = plt.subplots(layout="constrained")
-    _panels(axes, pattern, regions)
+    draw_panels(axes, pattern, regions)
     _fit(figure, axes, 9.0, 1.2)
     axes.set_title("flat pattern: fabric (light), printed reinforcement (dark)", pad=18)
     figure.savefig(path, dpi=DPI)
@@ -72,7 +72,7 @@ def plot_printability(
         limits: Bounds for narrow lines, narrow gaps and small holes.
     """
     figure, axes = plt.subplots(layout="constrained")
-    offsets = _panels(axes, pattern, regions)
+    offsets = draw_panels(axes, pattern, regions)
     _fit(figure, axes, 10.0, 2.0)
     islands = printability.free_islands
     holes = [hole for hole in printability.holes if hole.area < limits.hole_area]
@@ -119,7 +119,7 @@ def plot_printability(
     plt.close(figure)
 
 
-def _panels(axes: Axes, pattern: Pattern, regions: Sequence[BaseGeometry]) -> list[Floats]:
+def draw_panels(axes: Axes, pattern: Pattern, regions: Sequence[BaseGeometry]) -> list[Floats]:
     """Draw the panels at their places; return the offset of each in m."""
     offsets = panel_offsets(pattern, GAP * pattern.size)
     for panel, (offset, region) in enumerate(zip(offsets, regions, strict=True)):

@@ -29,6 +29,7 @@ from toros_fem.output.files import (
     write_table,
 )
 from toros_fem.output.summary import design_summary, shape_problem
+from toros_fem.relaxed.line_field import LineField
 
 
 def write_results(
@@ -39,12 +40,13 @@ def write_results(
     config: Config | None = None,
     figures: Mapping[str, Any] | None = None,
     seconds: Mapping[str, float] | None = None,
+    field: LineField | None = None,
 ) -> dict[str, Any]:
     """Write summary, history, drawing, fields and pictures of a design (collective).
 
     The files are summary.json, history.csv, pattern.svg, skin.vtu, pattern.png, manufacture.png,
-    shape.png and convergence.png. Where the print has no equilibrium, the pictures and fields show
-    the design's own shape.
+    shape.png and convergence.png; of line families also lines.png. Where the print has no
+    equilibrium, the pictures and fields show the design's own shape.
 
     Args:
         folder: Output folder, made if missing.
@@ -53,6 +55,7 @@ def write_results(
         config: Configuration of the run, for "inputs" in the summary.
         figures: Further entries of the summary.
         seconds: Further wall times in s, those of `DesignReporter.seconds` for instance.
+        field: Line families that the design was made of; None for none.
 
     Returns:
         The summary, as in summary.json; equal on all ranks.
@@ -86,6 +89,7 @@ def write_results(
 
     def draw() -> None:
         from toros_fem.output.curve_plot import plot_convergence
+        from toros_fem.output.line_plot import plot_line_field
         from toros_fem.output.pattern_plot import plot_pattern, plot_printability
         from toros_fem.output.shape_plot import plot_shape
 
@@ -106,6 +110,8 @@ def write_results(
             _title(problem.metrics, summary),
         )
         plot_convergence(folder / "convergence.png", result.history, problem.metrics)
+        if field is not None:
+            plot_line_field(folder / "lines.png", field, printed.pattern, printed.regions)
 
     write_together(skin.comm, folder, write)
     return summary
