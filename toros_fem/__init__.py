@@ -30,6 +30,7 @@ from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, Eq
 from toros_fem.errors import TorosError
 from toros_fem.fabrication.as_printed import PrintedDesign, as_printed
 from toros_fem.fabrication.printability import PrintLimits
+from toros_fem.fabrication.printed_lines import printed_lines
 from toros_fem.materials import Bending, Bladder, Composite, Knit, Material
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.dead_loads import Weight, spread_force
@@ -57,6 +58,10 @@ from toros_fem.objectives.metrics import (
 from toros_fem.objectives.shape import ShapeObjective, SumObjective
 from toros_fem.output.reporter import DesignReporter
 from toros_fem.output.writer import write_results
+from toros_fem.relaxed.find import RelaxedOptions, RelaxedResult, find_lines
+from toros_fem.relaxed.laid_lines import LaidLines, lay_lines
+from toros_fem.relaxed.line_field import LineField
+from toros_fem.relaxed.line_options import LineOptions
 
 __all__ = [
     "AlignedObjective",
@@ -76,8 +81,11 @@ __all__ = [
     "ErrorEstimate",
     "GapObjective",
     "Knit",
+    "LaidLines",
     "LengthScale",
     "LengthScaleConstraints",
+    "LineField",
+    "LineOptions",
     "Material",
     "Metric",
     "NewtonOptions",
@@ -86,6 +94,8 @@ __all__ = [
     "PrintLimits",
     "PrintedDesign",
     "Projection",
+    "RelaxedOptions",
+    "RelaxedResult",
     "ShapeDesign",
     "ShapeObjective",
     "ShapeProblem",
@@ -103,12 +113,15 @@ __all__ = [
     "displace",
     "errors",
     "estimate_error",
+    "find_lines",
+    "lay_lines",
     "length_ratio",
     "make_filter",
     "meshes",
     "optimize",
     "optimize_levels",
     "pin",
+    "printed_lines",
     "random_density",
     "refinements",
     "sew",

@@ -40,8 +40,6 @@ class Round:
         asked: Target of each metric that was asked of the relaxed design, by key.
         relaxed: The relaxed design.
         laid: Its lines.
-        case: What was designed, on the mesh that follows the lines.
-        problem: Its density problem.
         printed: Their print, simulated.
         metrics: Metrics of the print, by key; empty without an equilibrium.
         error: Largest distance of a metric from its target, as a fraction of it; infinite without
@@ -51,8 +49,6 @@ class Round:
     asked: Mapping[str, float]
     relaxed: RelaxedResult
     laid: LaidLines
-    case: ActuatorCase
-    problem: ShapeDesign
     printed: PrintedDesign
     metrics: Mapping[str, float]
     error: float
@@ -64,16 +60,17 @@ class Discovery:
 
     Attributes:
         rounds: All rounds, in the order in which they were made.
+        best: The round whose print is closest to the targets.
+        case: What was designed, on the mesh that follows the lines of the best round.
+        problem: Its density problem.
         seconds: Wall time in s of the relaxed designs, of laying lines, and of simulating prints.
     """
 
     rounds: tuple[Round, ...]
+    best: Round
+    case: ActuatorCase
+    problem: ShapeDesign
     seconds: Mapping[str, float]
-
-    @property
-    def best(self) -> Round:
-        """The round whose print is closest to the targets."""
-        return min(self.rounds, key=lambda r: r.error)
 
     def result(self) -> DesignResult:
         """Return the best round as the result of a design; its history is the relaxed design's."""
@@ -81,7 +78,7 @@ class Discovery:
         evaluation = best.printed.evaluation
         assert evaluation is not None
         return DesignResult(
-            problem=best.problem,
+            problem=self.problem,
             density=evaluation.projected,
             final=evaluation,
             history=best.relaxed.history,
@@ -148,6 +145,7 @@ def discover(
     targets: dict[str, float] = {}
     asked: dict[str, float] = {}
     rounds: list[Round] = []
+    best: tuple[Round, ActuatorCase, ShapeDesign] | None = None
     for number in range(1 + config.corrections):
         begin = time.perf_counter()
         coarse = config.of_relaxed.asked(asked)
@@ -173,7 +171,9 @@ def discover(
         if printed.evaluation is not None:
             metrics = problem.metrics_of(printed.evaluation.equilibrium)
         error = largest_error(metrics, targets)
-        rounds.append(Round(dict(asked), relaxed, laid, fine, problem, printed, metrics, error))
+        rounds.append(Round(dict(asked), relaxed, laid, printed, metrics, error))
+        if best is None or error < best[0].error:
+            best = rounds[-1], fine, problem  # of the others only their figures are kept
         seconds["relaxed"] += middle - begin
         seconds["lines"] += end - middle
         seconds["prints"] += time.perf_counter() - end
@@ -181,12 +181,13 @@ def discover(
         if rounds[-1].error < CLOSE or not metrics:
             break
         asked = asked_next(rounds, targets)
-    if not np.isfinite(min(r.error for r in rounds)):
+    assert best is not None
+    if not np.isfinite(best[0].error):
         raise NoEquilibriumError(
             f"no print of the relaxed design has an equilibrium: {rounds[0].printed.failure} "
             "Ask for less, or for finer lines (laid_width)."
         )
-    return Discovery(tuple(rounds), seconds)
+    return Discovery(tuple(rounds), *best, seconds)
 
 
 def densities_last(
@@ -206,7 +207,7 @@ def densities_last(
         callback: Called after each step, on every rank.
     """
     fine, best = config.of_densities, found.best
-    problem = actuator_problem(comm, best.case, fine)
+    problem = actuator_problem(comm, found.case, fine)
     lines = best.printed.evaluation
     assert lines is not None
     warm = WarmStart(

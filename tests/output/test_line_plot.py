@@ -1,0 +1,30 @@
+"""Picture of line families."""
+
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import shapely
+from helpers.scenes import square
+
+from toros_fem.output.line_plot import plot_line_field
+from toros_fem.relaxed.line_field import LineField
+
+
+def test_families_and_their_print(tmp_path: Path) -> None:
+    pattern = square(n=6)
+    count = len(pattern.panel)
+    field = LineField(pattern, np.full((count, 2), [0.2, 0.05]), np.tile([0.0, 1.2], (count, 1)))
+    blank = LineField(pattern, np.zeros((count, 2)), field.angles)
+    pixels = []
+    for name, each in (("lines", field), ("blank", blank)):
+        path = tmp_path / f"{name}.png"
+        plot_line_field(path, each, pattern, [shapely.box(0, 0, 0.01, 0.02)])
+        pixels.append(plt.imread(path)[..., :3])
+    # Marks are red in the first picture and blue in the second; a blank field has none.
+    red, green, blue = (pixels[0][..., k] for k in range(3))
+    width = pixels[0].shape[1] // 3
+    assert ((red > 0.6) & (green < 0.3))[:, :width].sum() > 100
+    assert ((blue > 0.5) & (red < 0.3))[:, width : 2 * width].sum() > 100
+    red, green, blue = (pixels[1][..., k] for k in range(3))
+    assert not ((red > 0.6) & (green < 0.3)).any()
