@@ -94,6 +94,7 @@ def test_files_of_a_run(comm: MPI.Comm, tmp_path: Path) -> None:
 def test_what_is_asked_next_solves_a_linear_response() -> None:
     """Two metrics that disturb each other: Broyden's steps end at what gives the targets."""
     targets = {"a": 10.0, "b": -2.0}
+    aims = {key: space_mapping.Aim(target, abs(target)) for key, target in targets.items()}
     response = np.array([[0.7, 0.1], [-0.4, 0.9]])
     size, rounds = np.array([10.0, 2.0]), []
     asked = dict(targets)
@@ -101,7 +102,7 @@ def test_what_is_asked_next_solves_a_linear_response() -> None:
         scaled = np.array(list(asked.values())) / size
         metrics = dict(zip(targets, size * (response @ scaled + [0.0, 0.1]), strict=True))
         rounds.append(SimpleNamespace(asked=asked, metrics=metrics))
-        asked = space_mapping.asked_next(rounds, targets)
+        asked = space_mapping.asked_next(rounds, aims)
     last = rounds[-1].metrics
     assert last == pytest.approx(targets, rel=1e-4)
     for before, after in pairwise(rounds):

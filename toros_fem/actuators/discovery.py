@@ -14,7 +14,7 @@ from toros_fem._mpi import on_first_rank
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
-from toros_fem.actuators.space_mapping import CLOSE, asked_next, largest_error
+from toros_fem.actuators.space_mapping import CLOSE, Aim, aims_of, asked_next, largest_error
 from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.warm_start import WarmStart
@@ -42,8 +42,8 @@ class Round:
         laid: Its lines.
         printed: Their print, simulated.
         metrics: Metrics of the print, by key; empty without an equilibrium.
-        error: Largest distance of a metric from its target, as a fraction of it; infinite without
-            an equilibrium.
+        error: Largest distance of a metric from its target, over its scale; infinite without an
+            equilibrium.
     """
 
     asked: Mapping[str, float]
@@ -142,7 +142,7 @@ def discover(
     seconds = {"relaxed": 0.0, "lines": 0.0, "prints": 0.0}
     plain: ActuatorCase | None = None
     relaxed: RelaxedResult | None = None
-    targets: dict[str, float] = {}
+    aims: dict[str, Aim] = {}
     asked: dict[str, float] = {}
     rounds: list[Round] = []
     best: tuple[Round, ActuatorCase, ShapeDesign] | None = None
@@ -151,8 +151,8 @@ def discover(
         coarse = config.of_relaxed.asked(asked)
         here = case(comm, coarse)
         if not rounds:
-            targets = {m.key: m.target for m in here.metrics if m.target is not None}
-            asked = dict(targets)
+            aims = aims_of(here.metrics)
+            asked = {key: aim.target for key, aim in aims.items()}
         design = actuator_problem(comm, here, coarse)
         try:
             relaxed = find_lines(
@@ -170,7 +170,7 @@ def discover(
         metrics = {}
         if printed.evaluation is not None:
             metrics = problem.metrics_of(printed.evaluation.equilibrium)
-        error = largest_error(metrics, targets)
+        error = largest_error(metrics, aims)
         rounds.append(Round(dict(asked), relaxed, laid, printed, metrics, error))
         if best is None or error < best[0].error:
             best = rounds[-1], fine, problem  # of the others only their figures are kept
@@ -180,7 +180,7 @@ def discover(
         _report(comm, number, problem.metrics, rounds[-1])
         if rounds[-1].error < CLOSE or not metrics:
             break
-        asked = asked_next(rounds, targets)
+        asked = asked_next(rounds, aims)
     assert best is not None
     if not np.isfinite(best[0].error):
         raise NoEquilibriumError(
@@ -224,9 +224,8 @@ def densities_last(
     printed = as_printed(problem, result, config.print_limits, island_area=config.island_area)
     if printed.evaluation is None:
         return None
-    targets = {m.key: m.target for m in problem.metrics if m.target is not None}
     metrics = problem.metrics_of(printed.evaluation.equilibrium)
-    better = largest_error(metrics, targets) < best.error
+    better = largest_error(metrics, aims_of(problem.metrics)) < best.error
     return (result, printed) if better else None
 
 

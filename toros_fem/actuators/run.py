@@ -14,7 +14,7 @@ from toros_fem._types import Floats
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.discovery import densities_last, discover
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
-from toros_fem.actuators.space_mapping import CLOSE, asked_next, largest_error
+from toros_fem.actuators.space_mapping import CLOSE, aims_of, asked_next, largest_error
 from toros_fem.analysis.error_estimate import estimate_error
 from toros_fem.design.levels import optimize_levels
 from toros_fem.design.loop import DesignResult, optimize
@@ -301,8 +301,8 @@ def _corrected(
     """
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
-    targets = {m.key: m.target for m in problem.metrics if m.target is not None}
-    if not targets or not set(targets) <= set(config.TARGETS):
+    aims = aims_of(problem.metrics)
+    if not aims or not set(aims) <= set(config.TARGETS):
         return result, printed
 
     def answer(asked: Mapping[str, float], of: DesignResult, made: PrintedDesign) -> _Corrected:
@@ -310,12 +310,12 @@ def _corrected(
         metrics = {} if found is None else problem.metrics_of(found.equilibrium)
         return _Corrected(asked, metrics, of, made)
 
-    rounds = [answer(targets, result, printed)]
+    rounds = [answer({key: aim.target for key, aim in aims.items()}, result, printed)]
     for _ in range(config.corrections):
         last = rounds[-1]
-        if not last.metrics or largest_error(last.metrics, targets) < CLOSE:
+        if not last.metrics or largest_error(last.metrics, aims) < CLOSE:
             break
-        asked = asked_next(rounds, targets)
+        asked = asked_next(rounds, aims)
         objective = case(comm, finest.asked(asked)).objective(problem.skin)
         warm = WarmStart(
             density=last.result.density,
@@ -336,7 +336,7 @@ def _corrected(
             found.final, shape=problem.objective.forward(found.final.equilibrium.positions)
         )
         rounds.append(answer(asked, replace(found, problem=problem, final=final), made))
-    best = min(rounds, key=lambda r: largest_error(r.metrics, targets))
+    best = min(rounds, key=lambda r: largest_error(r.metrics, aims))
     return best.result, best.printed
 
 

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from toros_fem._types import Floats
+from toros_fem.objectives.metrics import Metric
 
-# A print is good enough where every metric is this close to its target, as a fraction of it.
+# A print is good enough where every metric is this close to its target, over its scale.
 CLOSE = 5e-3
 # Bounds on the change of a printed metric over that of the one asked.
 LEAST_SLOPE, LARGEST_SLOPE = 0.4, 1.5
-# Largest change of what is asked in one round, over the target.
+# Largest change of what is asked in one round, over the scale of its metric.
 LARGEST_STEP = 0.4
 
 
@@ -30,23 +31,39 @@ class Answer(Protocol):
         """Metrics of the print; empty without an equilibrium."""
 
 
-def largest_error(metrics: Mapping[str, float], targets: Mapping[str, float]) -> float:
-    """Return the largest distance from a target, as a fraction of it; infinite if unknown."""
+class Aim(NamedTuple):
+    """Target of a metric, and the distance from it that counts as 1."""
+
+    target: float
+    scale: float
+
+
+def aims_of(metrics: Sequence[Metric]) -> dict[str, Aim]:
+    """Return the aims of all metrics that have a target, by key."""
+    return {
+        m.key: Aim(m.target, m.scale or abs(m.target) or 1.0)
+        for m in metrics
+        if m.target is not None
+    }
+
+
+def largest_error(metrics: Mapping[str, float], aims: Mapping[str, Aim]) -> float:
+    """Return the largest distance of a metric from its target, scaled; infinite if unknown."""
     if not metrics:
         return np.inf
-    return max(abs(metrics[key] - t) / (abs(t) or 1.0) for key, t in targets.items())
+    return max(abs(metrics[key] - aim.target) / aim.scale for key, aim in aims.items())
 
 
-def asked_next(rounds: Sequence[Answer], targets: Mapping[str, float]) -> dict[str, float]:
+def asked_next(rounds: Sequence[Answer], aims: Mapping[str, Aim]) -> dict[str, float]:
     """Return what to ask for next: Broyden's step, whose first matrix is the identity.
 
-    All metrics are over the sizes of their targets. Broyden's matrix, the change of printed by
-    that of asked metrics, also knows what one of them does to another.
+    Broyden's matrix, the change of printed by that of asked metrics, also knows what one of them
+    does to another.
     """
-    size = np.array([abs(target) or 1.0 for target in targets.values()])
+    size = np.array([aim.scale for aim in aims.values()])
 
     def vector(values: Mapping[str, float]) -> Floats:
-        return np.array([values[key] for key in targets]) / size
+        return np.array([values[key] for key in aims]) / size
 
     slope: Floats = np.eye(len(size))
     for before, after in pairwise(rounds):
@@ -56,7 +73,7 @@ def asked_next(rounds: Sequence[Answer], targets: Mapping[str, float]) -> dict[s
             slope += np.outer(change - slope @ step, step) / (step @ step)
     left, value, right = np.linalg.svd(slope)
     value = np.clip(value, LEAST_SLOPE, LARGEST_SLOPE)
-    missing = vector(targets) - vector(rounds[-1].metrics)
+    missing = vector({key: aim.target for key, aim in aims.items()}) - vector(rounds[-1].metrics)
     step = np.clip(right.T @ (left.T @ missing / value), -LARGEST_STEP, LARGEST_STEP)
     asked = size * (vector(rounds[-1].asked) + step)
-    return dict(zip(targets, asked.tolist(), strict=True))
+    return dict(zip(aims, asked.tolist(), strict=True))

@@ -102,6 +102,8 @@ class CrossSectionTubeConfig(TubeConfig):
 
 T = TypeVar("T", bound=TubeConfig)
 
+# A length that is off by so much counts like a twist or an angle that is not there at all.
+LENGTH_SCALE = 0.2
 # Largest distance of a target from its mirror image, as a fraction of the tube's size.
 SYMMETRIC = 1e-9
 
@@ -134,7 +136,7 @@ def shortening_metric(target: float) -> Metric:
 
 def length_metric(target: float | None) -> Metric:
     """Return the distance of a tube's ends over the assembled one; None: no target."""
-    return Metric("length", "ratio", target, length_ratio)
+    return Metric("length", "ratio", target, length_ratio, LENGTH_SCALE)
 
 
 def tube_case(

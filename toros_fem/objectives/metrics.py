@@ -29,6 +29,8 @@ class Metric:
         unit: Its unit as written in names: "deg", "percent" or "mm"; an identifier.
         target: Target value in that unit; None if the number is only watched.
         measure: Function that returns the computed value in that unit.
+        scale: Distance from the target that counts as much as the whole target of another metric;
+            None takes the size of the target.
 
     Raises:
         ParameterError: Name or unit is not an identifier.
@@ -38,6 +40,7 @@ class Metric:
     unit: str
     target: float | None
     measure: MetricFunction
+    scale: float | None = None
 
     def __post_init__(self) -> None:
         if not (self.name.isidentifier() and self.unit.isidentifier()):
