@@ -29,9 +29,9 @@ class Demo:
 DEMOS = {
     "inflate": Demo(inflate.run, inflate.InflateConfig(), inflate.coarse),
     "bend": Demo(bend.run, bend.BendConfig(), coarse_tube),
-    "contract": Demo(contract.run, contract.ContractConfig(), contract.coarse),
-    "twist": Demo(twist.run, twist.TwistConfig(), twist.coarse),
-    "bend_twist": Demo(bend_twist.run, bend_twist.BendTwistConfig(), bend_twist.coarse),
+    "contract": Demo(contract.run, contract.ContractConfig(), coarse_tube),
+    "twist": Demo(twist.run, twist.TwistConfig(), coarse_tube),
+    "bend_twist": Demo(bend_twist.run, bend_twist.BendTwistConfig(), coarse_tube),
     "walker": Demo(walker.run, walker.WalkerConfig(), walker.coarse),
     "gripper": Demo(gripper.run, gripper.GripperConfig(), gripper.coarse),
 }

@@ -225,7 +225,8 @@ def _design_step(problem: Any, config: Any) -> dict[str, float]:
 
 def _end(problem: Any, case: Any, config: Any) -> dict[str, float]:
     """Return the seconds from a design to its files; lines twice as wide as R, crossing."""
-    from toros_fem.actuators.tube import helices
+    from drawn_lines import helices
+
     from toros_fem.fabrication.as_printed import contour_values
     from toros_fem.fabrication.contours import printed_regions
     from toros_fem.fabrication.islands import clean

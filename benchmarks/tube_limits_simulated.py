@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from drawn_lines import helices
 from mpi4py import MPI
 
-from toros_fem.actuators.tube import TubeConfig, helices, plain_tube
+from toros_fem.actuators.tube import TubeConfig, plain_tube
 from toros_fem.analysis.pressure_path import trace_pressure_path
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.meshes import Pattern, sew

@@ -4,8 +4,7 @@
 
 The tube of `bend.py` is to bend by 90° while its tip turns by 60° about its own axis, at 10 kPa.
 Targets are composed: first `twist`, then `bend`, which takes a body along z. The positions and
-orientations of twelve cross-sections and of the tip count; the skin may swell freely. The design
-starts from helical lines, as in `twist.py`.
+orientations of twelve cross-sections and of the tip count; the skin may swell freely.
 """
 
 from __future__ import annotations
@@ -46,10 +45,6 @@ class BendTwistConfig(CrossSectionTubeConfig):
         "distance of the line that keeps its length from the axis, towards the inner side",
         "m",
     )
-    helices: int = CrossSectionTubeConfig.redefault("helices", 4)
-    # Left-handed lines unwind counter-clockwise.
-    helix_angle: float = CrossSectionTubeConfig.redefault("helix_angle", -45.0)
-    helix_width: float = CrossSectionTubeConfig.redefault("helix_width", 2.5e-3)
     pressure: float = CrossSectionTubeConfig.redefault("pressure", 10e3)
 
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle", "twist_deg": "twist"}
@@ -65,11 +60,6 @@ def case(comm: MPI.Comm, config: BendTwistConfig) -> ActuatorCase:
     return cross_section_case(comm, config, target, metrics)
 
 
-def coarse(config: BendTwistConfig) -> BendTwistConfig:
-    """Return the same design on a coarse mesh, with wider lines to start from."""
-    return coarse_tube(config).updated(helix_width=4e-3)
-
-
 run = design_run(case, BendTwistConfig())
 
 
@@ -81,7 +71,7 @@ if __name__ == "__main__":
             BendTwistConfig(),
             run,
             Path("output/bend_twist"),
-            coarse=coarse,
+            coarse=coarse_tube,
             sentence=summary_sentence,
         )
     )

@@ -5,9 +5,7 @@
 The tube of `bend.py` is to become 8 % shorter at 10 kPa. It may swell freely, and it must: the work
 of the pressure on a larger cross-section is what pulls the ends together. The positions of twelve
 cross-sections and of the end plate along the axis count, and that all of them stay perpendicular to
-it. The design starts from helical lines that cross at 28° to the axis, as in a McKibben muscle.
-From a start without a pattern the design stays a stiff tube. The default materials allow little
-more than 8 %, and only with finer lines than these (docs/limits.md). Half the tube is designed, by
+it. The default materials allow little more than 8 % (docs/limits.md). Half the tube is designed, by
 symmetry; `--whole` designs all of it.
 """
 
@@ -42,10 +40,6 @@ class ContractConfig(SymmetricConfig, CrossSectionTubeConfig):
 
     contraction: float = quantity(8.0, "shortening of the target", "%", below=100)
     tip_weight: float = CrossSectionTubeConfig.redefault("tip_weight", 10.0)
-    helices: int = CrossSectionTubeConfig.redefault("helices", 3)
-    helix_angle: float = CrossSectionTubeConfig.redefault("helix_angle", 28.0)
-    helix_width: float = CrossSectionTubeConfig.redefault("helix_width", 2.5e-3)
-    crossed: bool = CrossSectionTubeConfig.redefault("crossed", True)
     iterations: int = CrossSectionTubeConfig.redefault("iterations", 90)
     pressure: float = CrossSectionTubeConfig.redefault("pressure", 10e3)
 
@@ -59,11 +53,6 @@ def case(comm: MPI.Comm, config: ContractConfig) -> ActuatorCase:
     return cross_section_case(comm, config, target, metrics, () if config.whole else (1,))
 
 
-def coarse(config: ContractConfig) -> ContractConfig:
-    """Return the same design on a coarse mesh, with wider lines to start from."""
-    return coarse_tube(config).updated(helix_width=3e-3)
-
-
 run = design_run(case, ContractConfig())
 
 
@@ -75,7 +64,7 @@ if __name__ == "__main__":
             ContractConfig(),
             run,
             Path("output/contract"),
-            coarse=coarse,
+            coarse=coarse_tube,
             sentence=summary_sentence,
         )
     )

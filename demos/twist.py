@@ -6,8 +6,7 @@
 The end plate of the tube of `bend.py` is to turn by 300° about the axis at 15 kPa, and each
 cross-section in proportion to its height. The skin may swell freely. The positions of the
 cross-sections along the axis are free: the tube grows longer, since helical lines unwind. With
-`--keep-length` the tube is to keep its length. The design starts from four left-handed helical
-lines; `--helices 0` starts without a pattern and ends near 255°.
+`--keep-length` the tube is to keep its length.
 """
 
 from __future__ import annotations
@@ -52,10 +51,6 @@ class TwistConfig(CrossSectionTubeConfig):
         "is kept",
         at_least=0,
     )
-    helices: int = CrossSectionTubeConfig.redefault("helices", 4)
-    # Left-handed lines unwind counter-clockwise.
-    helix_angle: float = CrossSectionTubeConfig.redefault("helix_angle", -55.0)
-    helix_width: float = CrossSectionTubeConfig.redefault("helix_width", 2.5e-3)
     pressure: float = CrossSectionTubeConfig.redefault("pressure", 15e3)
 
     TARGETS: ClassVar[Mapping[str, str]] = {"twist_deg": "twist", "length_ratio": "length_ratio"}
@@ -72,11 +67,6 @@ def case(comm: MPI.Comm, config: TwistConfig) -> ActuatorCase:
     return cross_section_case(comm, config, target, metrics)
 
 
-def coarse(config: TwistConfig) -> TwistConfig:
-    """Return the same design on a coarse mesh, with wider lines to start from."""
-    return coarse_tube(config).updated(helix_width=4e-3)
-
-
 run = design_run(case, TwistConfig())
 
 
@@ -88,7 +78,7 @@ if __name__ == "__main__":
             TwistConfig(),
             run,
             Path("output/twist"),
-            coarse=coarse,
+            coarse=coarse_tube,
             sentence=summary_sentence,
         )
     )

@@ -1,4 +1,4 @@
-"""Cases of the tube: weights of the tip, cross-sections, and helical lines."""
+"""Cases of the tube: weights of the tip, and cross-sections."""
 
 from dataclasses import replace
 from typing import Any
@@ -15,7 +15,6 @@ from toros_fem.actuators.tube import (
     bend_metric,
     coarse_tube,
     cross_section_case,
-    helices,
     length_metric,
     plain_planes,
     plain_tube,
@@ -77,7 +76,7 @@ def test_cross_section_case(comm: MPI.Comm) -> None:
     case = cross_section_case(comm, config, twist(1.0, 0.06), [twist_metric(60.0)])
     found = case.cross_sections
     assert found is not None
-    assert case.start is case.weights is case.relative is None
+    assert case.weights is case.relative is None
     assert found.labels.max() == 4, "the tip is a cross-section of its own"
     wall = case.pattern.vertices_of("wall")
     assert np.array_equal(np.flatnonzero(found.labels >= 0), wall)
@@ -86,44 +85,6 @@ def test_cross_section_case(comm: MPI.Comm) -> None:
     assert found.position_weights[:, 2] == pytest.approx(0.25 * found.position_weights[:, 0])
     ratio = (config.orientation_length / case.pattern.size) ** 2
     assert found.orientation_weights == pytest.approx(5 * 3.0 * ratio)
-
-
-@pytest.mark.parametrize("crossed", [False, True])
-def test_start_with_helices(comm: MPI.Comm, crossed: bool) -> None:
-    config = CrossSectionTubeConfig(
-        length=0.06, edge_length=3e-3, helices=2, helix_angle=40.0, helix_width=4e-3,
-        crossed=crossed,
-    )  # fmt: skip
-    case = cross_section_case(comm, config, contract(0.9), [shortening_metric(10.0)])
-    assert case.start is not None
-    right = helices(case.pattern, 2, np.radians(40), 4e-3)
-    left = helices(case.pattern, 2, np.radians(-40), 4e-3)
-    expected = right | left if crossed else right
-    assert np.array_equal(case.start, np.where(expected, 0.7, 0.3))
-    assert (expected & left).sum() > (0 if not crossed else right.sum() // 2)
-
-
-def test_helices_cover_their_fraction_of_the_wall(prism: Pattern) -> None:
-    """Lines of width w, n around, at an angle α cover n w / (2πr cos α) of it."""
-    wall = prism.cells_of("wall")
-    for count, degrees, width in ((2, 20.0, 4e-3), (3, 35.0, 4e-3), (1, -60.0, 5e-3)):
-        lines = helices(prism, count, np.radians(degrees), width)
-        assert not lines[prism.cells_of("tip")].any()
-        covered = prism.areas[wall] @ lines[wall] / prism.areas[wall].sum()
-        fraction = count * width / (2 * np.pi * 0.01 * np.cos(np.radians(degrees)))
-        assert covered == pytest.approx(fraction, rel=0.1)
-    with pytest.raises(errors.ParameterError, match="count = 0"):
-        helices(prism, 0, 0.5, 1e-3)
-
-
-def test_right_handed_helices_rise_as_a_screw_does(prism: Pattern) -> None:
-    """Along a line the height grows with the angle around z, counter-clockwise."""
-    lines = helices(prism, 1, np.radians(60), 3e-3)
-    centre = prism.points[prism.triangles[lines]].mean(axis=1)
-    order = np.argsort(centre[:, 2])
-    turn = np.unwrap(np.arctan2(centre[order, 1], centre[order, 0]))
-    slope = np.polyfit(centre[order, 2], turn, 1)[0]
-    assert slope == pytest.approx(np.tan(np.radians(60)) / 0.01, rel=0.1)
 
 
 def test_metrics_of_exact_targets(prism: Pattern) -> None:
@@ -268,23 +229,6 @@ def test_error_estimate_of_half_a_tube_is_that_of_the_whole(comm: MPI.Comm) -> N
     assert found[0].value == pytest.approx(found[1].value, rel=1e-6)
     assert found[0].refined == pytest.approx(found[1].refined, rel=1e-6)
     assert found[0].error > 0.01
-
-
-def test_start_of_half_a_tube_is_that_of_the_whole(comm: MPI.Comm) -> None:
-    """Crossed lines are symmetric for any number of lines around."""
-    config = CrossSectionTubeConfig(
-        length=0.06, edge_length=3e-3, helices=3, helix_angle=28.0, helix_width=4e-3, crossed=True
-    )
-    metrics = [shortening_metric(10.0)]
-    case = cross_section_case(comm, config, contract(0.9), metrics, (1,))
-    images = mirrored(case.pattern, (1,))
-    lines = [helices(images.pattern, 3, np.radians(a), 4e-3) for a in (28, -28)]
-    assert case.start is not None
-    assert np.array_equal(images.at_cells(case.start), np.where(lines[0] | lines[1], 0.7, 0.3))
-    with pytest.raises(errors.ParameterError, match="of one angle are not symmetric"):
-        cross_section_case(comm, config.updated(crossed=False), contract(0.9), metrics, (1,))
-    with pytest.raises(errors.ParameterError, match="must be even"):
-        cross_section_case(comm, config, contract(0.9), metrics, (0, 1))
 
 
 def test_planes_that_are_none_of_symmetry(comm: MPI.Comm) -> None:

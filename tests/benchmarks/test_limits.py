@@ -3,12 +3,20 @@
 import numpy as np
 import pytest
 import tube_limits_model as model
+from drawn_lines import helices
 from mpi4py import MPI
 from tube_limits_simulated import Case, simulate
 
+from toros_fem import errors
 from toros_fem.actuators.tube import TubeConfig
+from toros_fem.meshes import Pattern, cylinder
 
 PRESSURES = [2e3, 5e3, 15e3]
+
+
+@pytest.fixture(scope="module")
+def prism(comm: MPI.Comm) -> Pattern:
+    return cylinder(comm, 0.06, 0.02, 1.5e-3, mesh="structured")
 
 
 @pytest.mark.parametrize("degrees", [-50, 30, 65])
@@ -76,3 +84,26 @@ def test_simulated_tube_is_near_the_model() -> None:
     for row, state, bound in zip(rows, states, ideal, strict=True):
         assert 0.75 < row["twist_deg"] / state.twist < 1
         assert abs(state.twist) < abs(bound.twist)
+
+
+def test_helices_cover_their_fraction_of_the_wall(prism: Pattern) -> None:
+    """Lines of width w, n around, at an angle α cover n w / (2πr cos α) of it."""
+    wall = prism.cells_of("wall")
+    for count, degrees, width in ((2, 20.0, 4e-3), (3, 35.0, 4e-3), (1, -60.0, 5e-3)):
+        lines = helices(prism, count, np.radians(degrees), width)
+        assert not lines[prism.cells_of("tip")].any()
+        covered = prism.areas[wall] @ lines[wall] / prism.areas[wall].sum()
+        fraction = count * width / (2 * np.pi * 0.01 * np.cos(np.radians(degrees)))
+        assert covered == pytest.approx(fraction, rel=0.1)
+    with pytest.raises(errors.ParameterError, match="count = 0"):
+        helices(prism, 0, 0.5, 1e-3)
+
+
+def test_right_handed_helices_rise_as_a_screw_does(prism: Pattern) -> None:
+    """Along a line the height grows with the angle around z, counter-clockwise."""
+    lines = helices(prism, 1, np.radians(60), 3e-3)
+    centre = prism.points[prism.triangles[lines]].mean(axis=1)
+    order = np.argsort(centre[:, 2])
+    turn = np.unwrap(np.arctan2(centre[order, 1], centre[order, 0]))
+    slope = np.polyfit(centre[order, 2], turn, 1)[0]
+    assert slope == pytest.approx(np.tan(np.radians(60)) / 0.01, rel=0.1)

@@ -9,8 +9,7 @@ from typing import TypeVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._types import Bools, Floats
-from toros_fem._validate import require_count, require_positive
+from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.config import Config, quantity
@@ -76,28 +75,14 @@ class TubeConfig(TubeSizes, ActuatorConfig):
 
 @dataclass(frozen=True)
 class CrossSectionTubeConfig(TubeConfig):
-    """A tube that may swell freely: cross-sections that count, and helical lines to start from."""
+    """A tube that may swell freely: its cross-sections count; SI units."""
 
-    # Coarse meshes do not hold the drawn lines, and fine ones do not divide the wide lines there.
-    levels: int | None = TubeConfig.redefault("levels", 1)
     cross_sections: int = quantity(
         12, "number of cross-sections along the wall; the tip is one more", at_least=1
     )
     axial_weight: float = quantity(
         1.0, "weight of the cross-sections' positions along the axis over that across", at_least=0
     )
-    helices: int = quantity(
-        0, "number of helical lines around the tube in the start; 0 starts from 0.5", at_least=0
-    )
-    helix_angle: float = quantity(
-        0.0,
-        "angle of these lines to the axis, positive if right-handed",
-        "deg",
-        above=-90,
-        below=90,
-    )
-    helix_width: float = quantity(3e-3, "width of these lines", "m", above=0)
-    crossed: bool = quantity(False, "also start from the lines of the opposite angle")
 
 
 T = TypeVar("T", bound=TubeConfig)
@@ -192,32 +177,20 @@ def cross_section_case(
 
     Args:
         comm: Communicator.
-        config: Sizes, weights and start.
+        config: Sizes and weights.
         target, metrics, planes: As of `tube_case`.
 
     Raises:
-        ParameterError: A size is too large for the tube, or start or knit are not symmetric.
+        ParameterError: A size is too large for the tube, or the knit is not symmetric.
         TargetError: The target is not symmetric.
     """
-    if planes and config.helices and not config.crossed:
-        raise ParameterError(
-            f"helices = {config.helices} of one angle are not symmetric. Set crossed = True, or "
-            "helices = 0, or design the whole tube."
-        )
-    if 0 in planes and config.helices % 2:
-        raise ParameterError(
-            f"helices = {config.helices} must be even to be symmetric about x = 0."
-        )
     case, count = _clamped(comm, config, target, metrics, planes), config.cross_sections
     pattern = mirrored(case.pattern, planes).pattern
-    start = _helical_start(pattern, config)
     fraction = np.append(np.full(count, 1 / count), config.tip_weight)
     # If each of n sections is off by δ/n from the one before, the tip is off by δ.
     ratio = config.orientation_length / pattern.size
     return replace(
         case,
-        # The part's triangles are the first of the whole.
-        start=None if start is None else start[: len(case.pattern.panel)],
         cross_sections=CrossSections(
             label_cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count),
             np.outer(fraction, [1.0, 1.0, config.axial_weight]),
@@ -258,38 +231,8 @@ def plain_planes(seams: str) -> tuple[int, ...]:
     return (0, 1) if seams == "continuous" else (1,)
 
 
-def helices(pattern: Pattern, count: int, angle: float, width: float) -> Bools:
-    """Return which triangles lie on helical lines around the tube, (t,).
-
-    Args:
-        pattern: The tube.
-        count: Number of lines around.
-        angle: Their angle to the axis in rad, positive if right-handed.
-        width: Width of each line in m.
-    """
-    require_count(1, count=count)
-    require_positive(width=width)
-    u, v = pattern.centroids.T
-    cells = pattern.cells_of(WALL)
-    pitch = np.ptp(pattern.corners[cells, :, 0]) / count
-    phase = (u - np.tan(angle) * v) % pitch
-    off = np.minimum(phase, pitch - phase) * np.cos(angle)
-    return np.asarray((pattern.panel == pattern.panel_index(WALL)) & (off < width / 2))
-
-
 def _in_degrees(measure: Callable[[Pattern, Floats], float]) -> MetricFunction:
     return lambda pattern, positions: float(np.degrees(measure(pattern, positions)))
-
-
-def _helical_start(pattern: Pattern, config: CrossSectionTubeConfig) -> Floats | None:
-    """Return the density of all triangles to start from; None without helices."""
-    if not config.helices:
-        return None
-    angles = {config.helix_angle, config.helix_angle * (-1 if config.crossed else 1)}
-    lines = [
-        helices(pattern, config.helices, np.radians(angle), config.helix_width) for angle in angles
-    ]
-    return np.where(np.any(lines, axis=0), 0.7, 0.3)
 
 
 def _tube(comm: MPI.Comm, config: TubeSizes, planes: tuple[int, ...]) -> Pattern:
