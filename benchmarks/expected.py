@@ -29,6 +29,13 @@ FOLDER = ROOT / "demos" / "expected"
 SHORT = {"iterations": 4, "constrained_iterations": 2, "polish_iterations": 0}
 SHORT_TUBE = {**SHORT, "edge_length": 5.5e-3, "filter_radius": 8.5e-3}
 WHOLE = {"whole": True}
+SHORT_LINES = {
+    "relaxed_edge_length": 6e-3,
+    "relaxed_iterations": 3,
+    "laid_width": 3e-3,
+    "print_edge_length": 3e-3,
+    "corrections": 0,
+}
 # Endings of the names of further runs of a demo: on a part of the tube, with a designed pressure,
 # or with the length kept.
 PART, PRESSURE, LENGTH = "_part", "_pressure", "_length"
@@ -49,15 +56,26 @@ RUNS: dict[str, tuple[dict[str, Any], dict[str, tuple[float, float]]]] = {
         {**SHORT_TUBE, "design_pressure": True},
         {"design.angle_deg": (0.02, 1.0), "pressure_pa": (0.05, 0)},
     ),
-    "contract": ({**SHORT_TUBE, **WHOLE}, {"design.shortening_percent": (0.02, 0.03)}),
-    "contract_part": (SHORT_TUBE, {"design.shortening_percent": (0.02, 0.03)}),
-    "twist": (SHORT_TUBE, {"design.twist_deg": (0.02, 1.0), "design.length_ratio": (0.01, 0)}),
+    "contract": ({**SHORT_LINES, **WHOLE}, {"design.shortening_percent": (0.02, 0.03)}),
+    "contract_part": (
+        SHORT_LINES,
+        {"design.shortening_percent": (0.02, 0.03), "shortening_percent": (0.05, 0.1)},
+    ),
+    "twist": (
+        SHORT_LINES,
+        {
+            "design.twist_deg": (0.02, 1.0),
+            "design.length_ratio": (0.01, 0),
+            "twist_deg": (0.05, 3.0),
+            "lines.printed_fraction": (0.02, 0),
+        },
+    ),
     "twist_length": (
-        {**SHORT_TUBE, "keep_length": True},
+        {**SHORT_LINES, "keep_length": True},
         {"design.twist_deg": (0.02, 1.0), "design.length_ratio": (0.01, 0)},
     ),
     "bend_twist": (
-        SHORT_TUBE,
+        SHORT_LINES,
         {"design.angle_deg": (0.02, 1.0), "design.twist_deg": (0.02, 1.0)},
     ),
     "walker": (

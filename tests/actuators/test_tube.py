@@ -116,7 +116,8 @@ def test_coarse_variant_changes_the_mesh_and_the_steps_alone() -> None:
     coarse = coarse_tube(config)
     changed = {k for k, v in coarse.as_dict().items() if v != config.as_dict()[k]}
     assert changed == {
-        "edge_length", "filter_radius", "levels", "iterations", "constrained_iterations"
+        "edge_length", "filter_radius", "levels", "iterations", "constrained_iterations",
+        "relaxed_edge_length", "print_edge_length", "corrections",
     }  # fmt: skip
 
 

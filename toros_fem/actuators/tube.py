@@ -77,6 +77,8 @@ class TubeConfig(TubeSizes, ActuatorConfig):
 class CrossSectionTubeConfig(TubeConfig):
     """A tube that may swell freely: its cross-sections count; SI units."""
 
+    # From noise, densities of these tubes end in traps.
+    start: str = TubeConfig.redefault("start", "relaxed")
     cross_sections: int = quantity(
         12, "number of cross-sections along the wall; the tip is one more", at_least=1
     )
@@ -101,6 +103,9 @@ def coarse_tube(config: T) -> T:
         levels=1,
         iterations=40,
         constrained_iterations=30,
+        relaxed_edge_length=5e-3,
+        print_edge_length=1.2e-3,
+        corrections=2,
     )
 
 
