@@ -26,7 +26,7 @@ from demo_runs import DEMOS, ROOT, Demo, value_of
 from toros_fem.config import Config
 
 FOLDER = ROOT / "demos" / "expected"
-SHORT = {"iterations": 4, "constrained_iterations": 2, "polish_iterations": 0}
+SHORT = {"iterations": 4, "constrained_iterations": 2, "polish_iterations": 0, "corrections": 0}
 SHORT_TUBE = {**SHORT, "edge_length": 5.5e-3, "filter_radius": 8.5e-3}
 WHOLE = {"whole": True}
 SHORT_LINES = {
