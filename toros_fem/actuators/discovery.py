@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
 
 from toros_fem._mpi import on_first_rank
 from toros_fem.actuators.case import ActuatorCase
@@ -62,6 +63,7 @@ class Discovery:
         rounds: All rounds, in the order in which they were made.
         best: The round whose print is closest to the targets.
         case: What was designed, on the mesh that follows the lines of the best round.
+        regions: These lines on the panels of that mesh, polygons in m.
         problem: Its density problem.
         seconds: Wall time in s of the relaxed designs, of laying lines, and of simulating prints.
     """
@@ -69,6 +71,7 @@ class Discovery:
     rounds: tuple[Round, ...]
     best: Round
     case: ActuatorCase
+    regions: list[BaseGeometry]
     problem: ShapeDesign
     seconds: Mapping[str, float]
 
@@ -145,7 +148,7 @@ def discover(
     aims: dict[str, Aim] = {}
     asked: dict[str, float] = {}
     rounds: list[Round] = []
-    best: tuple[Round, ActuatorCase, ShapeDesign] | None = None
+    best: tuple[Round, ActuatorCase, list[BaseGeometry], ShapeDesign] | None = None
     for number in range(1 + config.corrections):
         begin = time.perf_counter()
         coarse = config.of_relaxed.asked(asked)
@@ -166,14 +169,14 @@ def discover(
         laid = _laid(comm, here, relaxed.field, config.line_options)
         end = time.perf_counter()
         plain = case(comm, config.of_print) if plain is None else plain
-        fine, problem, printed = _printed(comm, plain, config, here.pattern, relaxed, laid)
+        fine, regions, problem, printed = _printed(comm, plain, config, here.pattern, relaxed, laid)
         metrics = {}
         if printed.evaluation is not None:
             metrics = problem.metrics_of(printed.evaluation.equilibrium)
         error = largest_error(metrics, aims)
         rounds.append(Round(dict(asked), relaxed, laid, printed, metrics, error))
         if best is None or error < best[0].error:
-            best = rounds[-1], fine, problem  # of the others only their figures are kept
+            best = rounds[-1], fine, regions, problem  # of the others only their figures are kept
         seconds["relaxed"] += middle - begin
         seconds["lines"] += end - middle
         seconds["prints"] += time.perf_counter() - end
@@ -196,7 +199,7 @@ def densities_last(
     found: Discovery,
     callback: Callback | None = None,
 ) -> tuple[DesignResult, PrintedDesign] | None:
-    """Design the densities on from the best lines; None if the print is not better (collective).
+    """Design the densities on from the best lines; None without an equilibrium (collective).
 
     Width constraints hold from the first step, and the filter radius is about the lines' width.
 
@@ -206,8 +209,7 @@ def densities_last(
         found: What it returned.
         callback: Called after each step, on every rank.
     """
-    fine, best = config.of_densities, found.best
-    problem = actuator_problem(comm, found.case, fine)
+    best, problem = found.best, actuator_problem(comm, found.case, config.of_densities)
     lines = best.printed.evaluation
     assert lines is not None
     warm = WarmStart(
@@ -222,11 +224,7 @@ def densities_last(
     except NoEquilibriumError:  # of the blurred lines; raised by all ranks or by none
         return None
     printed = as_printed(problem, result, config.print_limits, island_area=config.island_area)
-    if printed.evaluation is None:
-        return None
-    metrics = problem.metrics_of(printed.evaluation.equilibrium)
-    better = largest_error(metrics, aims_of(problem.metrics)) < best.error
-    return (result, printed) if better else None
+    return result, printed
 
 
 def _laid(comm: MPI.Comm, case: ActuatorCase, field: LineField, options: LineOptions) -> LaidLines:
@@ -244,8 +242,11 @@ def _printed(
     pattern: Pattern,
     relaxed: RelaxedResult,
     laid: LaidLines,
-) -> tuple[ActuatorCase, ShapeDesign, PrintedDesign]:
-    """Return the case on a mesh that follows the lines, its problem, and the print (collective)."""
+) -> tuple[ActuatorCase, list[BaseGeometry], ShapeDesign, PrintedDesign]:
+    """Return the case on a mesh that follows the lines, these, the problem and the print.
+
+    It is collective.
+    """
     regions = on_first_rank(comm, lambda: regions_on(laid.pattern, laid.regions, case.pattern))
     fine = case.following(comm, regions)
     problem = actuator_problem(comm, fine, config.of_print)
@@ -258,7 +259,7 @@ def _printed(
         near=(pattern, relaxed.positions),
         pressure=relaxed.pressures or None,
     )
-    return fine, problem, printed
+    return fine, regions, problem, printed
 
 
 def _report(comm: MPI.Comm, number: int, metrics: tuple[Metric, ...], made: Round) -> None:

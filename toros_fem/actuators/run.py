@@ -11,8 +11,9 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem._types import Floats
+from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
-from toros_fem.actuators.discovery import densities_last, discover
+from toros_fem.actuators.discovery import Discovery, densities_last, discover
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
 from toros_fem.actuators.space_mapping import CLOSE, aims_of, asked_next, largest_error
 from toros_fem.analysis.error_estimate import estimate_error
@@ -139,7 +140,7 @@ def _from_lines(
         better = None
         if config.density_iterations:
             reporter.expect(found.best.relaxed.history[-1].iteration + config.density_iterations)
-            better = densities_last(comm, config, found, reporter)
+            better = _densities(comm, case, config, found, reporter)
     result, printed = better or (found.result(), found.best.printed)
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
@@ -274,6 +275,29 @@ def _printed_design(
     )
     assert printed is not None
     return result, printed
+
+
+def _densities(
+    comm: MPI.Comm,
+    case: CaseMaker[C],
+    config: C,
+    found: Discovery,
+    reporter: DesignReporter,
+) -> tuple[DesignResult, PrintedDesign] | None:
+    """Design and correct densities from lines; None if the print is not better (collective)."""
+    designed = densities_last(comm, config, found, reporter)
+    if designed is None:
+        return None
+
+    def following(comm: MPI.Comm, other: C) -> ActuatorCase:
+        return case(comm, other).following(comm, found.regions)
+
+    result, printed = _corrected(comm, following, config.of_densities, config, *designed, reporter)
+    if printed.evaluation is None:
+        return None
+    metrics = found.problem.metrics_of(printed.evaluation.equilibrium)
+    better = largest_error(metrics, aims_of(found.problem.metrics)) < found.best.error
+    return (result, printed) if better else None
 
 
 @dataclass(frozen=True, eq=False)
