@@ -42,6 +42,8 @@ class ContractConfig(SymmetricConfig, CrossSectionTubeConfig):
     tip_weight: float = CrossSectionTubeConfig.redefault("tip_weight", 10.0)
     iterations: int = CrossSectionTubeConfig.redefault("iterations", 90)
     pressure: float = CrossSectionTubeConfig.redefault("pressure", 10e3)
+    # Bending of thin lines between their crossings needs two triangles across.
+    print_edge_length: float = CrossSectionTubeConfig.redefault("print_edge_length", 0.5e-3)
 
     TARGETS: ClassVar[Mapping[str, str]] = {"shortening_percent": "contraction"}
 

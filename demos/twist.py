@@ -52,6 +52,9 @@ class TwistConfig(CrossSectionTubeConfig):
         at_least=0,
     )
     pressure: float = CrossSectionTubeConfig.redefault("pressure", 15e3)
+    # Few wide lines along the tube hold the helices less than many thin ones.
+    laid_width: float = CrossSectionTubeConfig.redefault("laid_width", 3e-3)
+    second_laid_width: float | None = CrossSectionTubeConfig.redefault("second_laid_width", 0.9e-3)
 
     TARGETS: ClassVar[Mapping[str, str]] = {"twist_deg": "twist", "length_ratio": "length_ratio"}
 

@@ -79,6 +79,7 @@ class CrossSectionTubeConfig(TubeConfig):
 
     # From noise, densities of these tubes end in traps.
     start: str = TubeConfig.redefault("start", "relaxed")
+    corrections: int = TubeConfig.redefault("corrections", 4)
     cross_sections: int = quantity(
         12, "number of cross-sections along the wall; the tip is one more", at_least=1
     )
@@ -95,6 +96,10 @@ LENGTH_SCALE = 0.2
 SYMMETRIC = 1e-9
 
 
+# Width of lines on a coarse mesh, in m.
+COARSE_WIDTH = 1.2e-3
+
+
 def coarse_tube(config: T) -> T:
     """Return the same design on a coarse mesh with few steps; it takes less than a minute."""
     return config.updated(
@@ -104,8 +109,10 @@ def coarse_tube(config: T) -> T:
         iterations=40,
         constrained_iterations=30,
         relaxed_edge_length=5e-3,
-        print_edge_length=1.2e-3,
-        corrections=2,
+        print_edge_length=0.9e-3,
+        laid_width=max(config.laid_width, COARSE_WIDTH),
+        second_laid_width=config.second_laid_width and COARSE_WIDTH,
+        corrections=min(config.corrections, 3),
     )
 
 
