@@ -109,6 +109,39 @@ def seam_difference_of_wall(laid: LaidLines) -> tuple[float, float]:
     return seam_difference(laid, laid.pattern.panel_index("wall"))
 
 
+def test_few_wide_lines_go_around_evenly() -> None:
+    """One and a half lines would fit around: two thinner ones, none of which ends."""
+    tube = cylinder(MPI.COMM_SELF, 0.15, 0.02, 3e-3)
+    wall = tube.panel == tube.panel_index("wall")
+    height = tube.centroids[:, 1:] / 0.15
+    shares = 0.095 + 0.02 * np.sin(7 * height)
+    laid = lay_lines(
+        LineField(tube, shares, np.radians(96.0 + 2 * height)),
+        LineOptions(widths=(4e-3,)),
+        printed=~wall,
+    )
+    assert laid.families[0].ends == {"printed": 2 * laid.families[0].lines}
+    assert laid.families[0].laid == pytest.approx(shares[wall].mean(), rel=0.03)
+
+
+def test_a_wide_line_tapers_where_it_ends_on_a_thin_one() -> None:
+    sheet = rectangle(MPI.COMM_SELF, 0.06, 0.05, 2.5e-3, "unstructured")
+    x = sheet.centroids[:, 0]
+    shares = np.stack([np.clip(0.5 - 10 * x, 0, 1), np.full(len(x), 0.15)], axis=1)
+    angles = np.tile(np.radians([6.0, 80.0]), (len(x), 1))
+    laid = lay_lines(LineField(sheet, shares, angles), LineOptions(widths=(3e-3, 0.8e-3)))
+    ends = [
+        line.points[0 if side == 0 else -1, side]
+        for line in laid.centre_lines[0]
+        for side, kind in enumerate(line.ends)
+        if kind == "line"
+    ]
+    assert len(ends) > 1
+    for x, y in ends:
+        behind = shapely.box(x + 0.75e-3, y - 1e-3, x + 3e-3, y + 1e-3)
+        assert laid.regions[0].intersection(behind).area < 0.05e-6, "a round end has 1 mm²"
+
+
 def test_scaled_shares_are_laid_as_asked() -> None:
     tube = cylinder(MPI.COMM_SELF, 0.05, 0.02, 2.5e-3)
     wall = tube.panel == tube.panel_index("wall")

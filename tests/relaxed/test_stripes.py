@@ -5,7 +5,8 @@ from mpi4py import MPI
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.sheet import disc, rectangle
 from toros_fem.meshes.topology import following
-from toros_fem.relaxed.stripes import Stripes, Waves, find_stripes, fitting_spacing
+from toros_fem.relaxed.centre_lines import trace
+from toros_fem.relaxed.stripes import Stripes, Waves, find_stripes, fitting_spacing, line_ends
 from toros_fem.relaxed.transport import LineMesh, make_line_mesh
 
 SPACING = 5e-3
@@ -102,3 +103,26 @@ def test_spacings_follow_directions_that_spread() -> None:
     assert slope == pytest.approx(1.0, abs=0.1)
     bounded = fitting_spacing(waves, np.ones(mesh.size), 1.0, 1.1)
     assert np.abs(np.log(bounded.spacing / SPACING)).max() <= np.log(1.1)
+
+
+def test_ends_of_lines_are_counted() -> None:
+    sheet = rectangle(MPI.COMM_SELF, 0.03, 0.03, 1.5e-3, "unstructured")
+    mesh = make_line_mesh(sheet, np.ones(len(sheet.panel), dtype=bool))
+    everywhere = np.ones(len(mesh.edges.ends), dtype=bool)
+    straight = find_stripes(waves_of(mesh, np.zeros(len(sheet.panel))), np.ones(mesh.size))
+    assert line_ends(mesh, straight, everywhere) == 0
+    away = sheet.centroids - [-0.01, 0.015]
+    waves = waves_of(mesh, np.arctan2(away[:, 1], away[:, 0]))
+    spread = find_stripes(waves, np.ones(mesh.size))
+    lines = trace(mesh, spread, everywhere)
+    border = np.isin(np.arange(len(everywhere)), mesh.edges.border)
+    inside = len(lines) * 2 - _on_border(mesh, spread, border)
+    assert line_ends(mesh, spread, everywhere) == inside > 3
+    assert line_ends(mesh, spread, ~everywhere) == 0
+
+
+def _on_border(mesh: LineMesh, stripes: Stripes, border: np.ndarray) -> int:
+    """Number of lines that cross the border."""
+    begin = stripes.phase[mesh.edges.ends[:, 0]] / (2 * np.pi)
+    crossings = np.floor(begin + stripes.change / (2 * np.pi)) - np.floor(begin)
+    return int(np.abs(crossings)[border].sum())

@@ -204,24 +204,30 @@ def _stiffened(
     least = SHORT * size[here]
     h_one, h_two = (np.maximum(np.linalg.norm(v, axis=1), least) for v in (one, two))
     mean = (h_one + h_two) / 2
-    bend = np.einsum("kij,kj->ki", turns, two / h_two[:, None]) - one / h_one[:, None]
-    ahead_step = np.einsum("kij,kj->ki", turns, step[here, at_ahead]) / h_two[:, None]
+    two = np.einsum("kij,kj->ki", turns, two)
+    # Bending is across the line: along it, crossings may come nearer to each other.
+    way = one + two
+    across = np.stack([-way[:, 1], way[:, 0]], axis=1)
+    across /= np.maximum(np.linalg.norm(way, axis=1), least)[:, None]
+    over = np.einsum("ki,kij->kj", across, turns)
+    bend = np.einsum("ki,ki->k", across, two / h_two[:, None] - one / h_one[:, None])
+    back_step = np.einsum("ki,ki->k", across, step[here, at_back]) / h_one
+    ahead_step = np.einsum("ki,ki->k", over, step[here, at_ahead]) / h_two
     parts = [
-        (before, step[before, at_before] / h_one[:, None]),
-        (here, -ahead_step - step[here, at_back] / h_one[:, None]),
-        (after, np.einsum("kij,kj->ki", turns, step[after, at_after]) / h_two[:, None]),
+        (before, np.einsum("ki,ki->k", across, step[before, at_before]) / h_one),
+        (here, -back_step - ahead_step),
+        (after, np.einsum("ki,ki->k", over, step[after, at_after]) / h_two),
     ]
     count = len(here)
-    rows = np.tile(np.arange(2 * count).reshape(-1, 2), (3, 1))
-    columns = np.repeat(np.concatenate([node for node, _ in parts]), 2)
+    columns = np.concatenate([node for node, _ in parts])
     values = np.concatenate([value for _, value in parts])
-    shape = (2 * count, len(edge))
-    matrix = csr_array(coo_array((values.ravel(), (rows.ravel(), columns)), shape=shape))
-    heavy = np.repeat(stiffness**4 / mean, 2)
+    place = np.tile(np.arange(count), 3), columns
+    matrix = csr_array(coo_array((values, place), shape=(count, len(edge))))
+    heavy = stiffness**4 / mean
     weight = np.bincount(here, mean, minlength=len(edge))
     weight = np.maximum(weight, SHORT * size) * size**2
-    normal = matrix.T @ (matrix * heavy[:, None]) + diags_array(weight)
-    shift = -splu(csc_array(normal)).solve(matrix.T @ (heavy * bend.ravel()))
+    normal = matrix.T @ diags_array(heavy) @ matrix + diags_array(weight)
+    shift = -splu(csc_array(normal)).solve(matrix.T @ (heavy * bend))
     same = edge[1:] == edge[:-1]
     middle = (fraction[1:] + fraction[:-1]) / 2
     low = np.concatenate([[EDGE], np.where(same, middle, EDGE)])

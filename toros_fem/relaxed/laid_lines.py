@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from toros_fem.relaxed.line_ends import BORDER, LINE, PRINTED, Family, close_end
 from toros_fem.relaxed.line_field import LineField
 from toros_fem.relaxed.line_options import LineOptions
 from toros_fem.relaxed.line_symmetry import Symmetry, make_symmetry
-from toros_fem.relaxed.stripes import Waves, find_stripes, fitting_spacing
+from toros_fem.relaxed.stripes import Stripes, Waves, find_stripes, fitting_spacing, line_ends
 from toros_fem.relaxed.strips import EXCESS, Strip, cleaned, joints_of, ribbons
 from toros_fem.relaxed.transport import LineMesh
 
@@ -30,6 +30,10 @@ FINE = 0.4
 MOST_TRIANGLES = 60_000
 # Distance over which spacings are adapted to directions, as a multiple of `LineOptions.even`.
 ALONG = 2.0
+# If only so many ends of lines lie in the open, other spacings may do without: with how many more
+# lines across the skin.
+FEW = 4
+OTHERS = (0.5, -0.5, 1.0, -1.0, 1.5, -1.5)
 # Stiffness of the lines, as a multiple of their spacing.
 STIFF = 0.3
 # Corners of the pieces that a region is divided into before it is cut by triangles.
@@ -228,20 +232,60 @@ def _on_whole(
     weight = np.maximum(mean, options.least_share)
     if even is not None:
         waves = fitting_spacing(waves, weight, ALONG * even, options.spread)
-    stripes = find_stripes(
-        waves, weight, symmetry.images(waves, family), symmetry.side(waves, family)
-    )
     enough = local >= options.least_share
     i, j = mesh.edges.ends.T
+    present = enough[i] & enough[j]
+    images, side = symmetry.images(waves, family), symmetry.side(waves, family)
+
+    def found(tried: Waves) -> Stripes:
+        return find_stripes(tried, weight, images, side)
+
+    # The other half of the spread is for widths that follow the share.
+    most = np.sqrt(options.spread) if even is not None else 1.0
+    waves, stripes = _with_fewest_ends(waves, weight, present, found, most)
     stiffness = STIFF * float(np.average(waves.spacing, weights=mesh.vertex_areas))
-    lines = trace(mesh, stripes, enough[i] & enough[j], stiffness)
+    lines = trace(mesh, stripes, present, stiffness)
     # The true spacing: the phase grows faster or slower than wanted where lines close in a ring.
-    found, wanted = stripes.change * stripes.wanted, stripes.wanted**2
-    top, bottom = (mesh.smooth(mesh.around(part), even) for part in (found, wanted))
+    products = stripes.change * stripes.wanted, stripes.wanted**2
+    top, bottom = (mesh.smooth(mesh.around(product), even) for product in products)
     spacing = 2 * np.pi / (waves.number * np.clip(top / bottom, 0.5, 2.0))
     low = max((1 + 2 * EXCESS) * options.print_width, width / options.spread)
     high = np.maximum(low, np.minimum(width * options.spread, spacing - options.print_width))
     return lines, waves, np.clip(local * spacing, low, high) / 2
+
+
+def _with_fewest_ends(
+    waves: Waves,
+    weight: Floats,
+    present: Bools,
+    find: Callable[[Waves], Stripes],
+    most: float,
+) -> tuple[Waves, Stripes]:
+    """Return waves and their stripes, denser or wider ones if fewer lines end so.
+
+    Args:
+        waves: The waves wanted.
+        weight: How much stripes count at each vertex, (n,).
+        present: Whether there are lines at each edge, (e,).
+        find: Finds the stripes of waves.
+        most: Largest factor by which spacings may be changed.
+    """
+    mesh = waves.mesh
+    best, stripes = waves, find(waves)
+    fewest = line_ends(mesh, stripes, present)
+    across = np.sqrt(mesh.areas.sum()) / float(np.average(waves.spacing, weights=weight))
+    for more in OTHERS:
+        factor = 1 + more / across
+        if not 0 < fewest <= FEW:
+            break
+        if not 1 / most <= factor <= most:
+            continue
+        other = replace(waves, number=factor * waves.number)
+        tried = find(other)
+        ends = line_ends(mesh, tried, present)
+        if ends < fewest:
+            best, stripes, fewest = other, tried, ends
+    return best, stripes
 
 
 def _strips(mesh: LineMesh, families: list[Family]) -> list[list[Strip]]:

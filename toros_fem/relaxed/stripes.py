@@ -135,6 +135,26 @@ def find_stripes(
     return Stripes(phase, change, same, wanted)
 
 
+def line_ends(mesh: LineMesh, stripes: Stripes, present: Bools) -> int:
+    """Return how many lines end in triangles, where the phase around them turns.
+
+    Args:
+        mesh: The mesh.
+        stripes: The phase.
+        present: Whether there are lines at each edge, (e,).
+    """
+    edge, start = mesh.edges.of_triangle, mesh.vertex
+    total, sign = np.zeros(len(edge)), np.ones(len(edge))
+    for side in range(3):
+        flip = np.where(stripes.same[edge[:, side]], 1.0, -1.0)
+        forward = mesh.edges.ends[edge[:, side], 0] == start[:, side]
+        total += sign * np.where(forward, 1.0, -flip) * stripes.change[edge[:, side]]
+        sign *= flip
+    # Where directions turn by half a turn around the triangle, lines need not end.
+    counted = present[edge].all(axis=1) & (sign > 0)
+    return int(np.abs(np.round(total[counted] / (2 * np.pi))).sum())
+
+
 def _relaxed(
     mesh: LineMesh,
     wanted: Floats,
