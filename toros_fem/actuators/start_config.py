@@ -39,7 +39,10 @@ class StartConfig(DesignConfig):
         "skin's size", "m", above=0,
     )  # fmt: skip
     laid_width: float = quantity(
-        0.9e-3, "width of the lines that are laid along the first family", "m", above=0
+        0.9e-3,
+        "width of the lines along the first family, the one nearer to the second axis of the panel",
+        "m",
+        above=0,
     )
     second_laid_width: float | None = quantity(
         None, "width of those along the second family; none takes the same", "m", above=0

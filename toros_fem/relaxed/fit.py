@@ -21,8 +21,9 @@ def fitted_pair(field: LineField) -> LineField:
 
     In each triangle every direction goes to the nearer of two; these are then the means of their
     directions by double angles, weighted by the shares, and so on. The search starts from the best
-    pair of the whole panel, so that a family is the same one all over it. Panels that are sewn
-    together exchange their pairs where the directions fit better so.
+    pair of the whole panel, so that a family is the same one all over it. The first is the one
+    nearer to the second axis of the first panel's chart. Panels that are sewn together exchange
+    their pairs where the directions fit better so.
 
     Args:
         field: Families of any number.
@@ -39,7 +40,10 @@ def fitted_pair(field: LineField) -> LineField:
 
 
 def _pair_of_all(shares: Floats, angles: Floats, areas: Floats) -> Floats:
-    """Return the two directions that are nearest to all lines of a panel, (2,)."""
+    """Return the two directions that are nearest to all lines of a panel, (2,).
+
+    The one nearer to the second axis of the chart comes first.
+    """
     tried = np.pi * np.arange(TRIED) / TRIED
     weight = (areas[:, None] * shares).ravel()
     # Lines by direction, so that the cost does not depend on the number of triangles.
@@ -48,7 +52,8 @@ def _pair_of_all(shares: Floats, angles: Floats, areas: Floats) -> Floats:
     near = np.cos(2 * (tried[:, None] - tried))
     quality = np.maximum(near[:, None, :], near[None, :, :]) @ histogram
     first, second = np.unravel_index(int(np.argmax(quality)), quality.shape)
-    return np.sort(tried[[first, second]])
+    pair = tried[[first, second]]
+    return pair[np.argsort(-np.abs(np.sin(pair)), kind="stable")]
 
 
 def _pair_of_cells(shares: Floats, angles: Floats, start: Floats) -> tuple[Floats, Floats]:
