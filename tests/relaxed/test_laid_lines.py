@@ -4,6 +4,7 @@ import shapely
 from helpers.lines import even_field, largest_jump, positions, seam_difference, turned_halves
 from mpi4py import MPI
 
+from toros_fem._mpi import on_first_rank
 from toros_fem.errors import ParameterError
 from toros_fem.fabrication.contours import panel_outline
 from toros_fem.fabrication.widths import measure_widths
@@ -168,3 +169,12 @@ def test_without_shares_nothing_is_laid() -> None:
     assert np.all(laid.cover(sheet) == 0)
     everything = lay_lines(even_field(sheet, [0.2], [0.0]), printed=np.ones(len(sheet.panel), bool))
     assert everything.area == pytest.approx(0.04 * 0.03, rel=1e-12)
+
+
+def test_all_ranks_get_the_lines_of_the_first() -> None:
+    comm = MPI.COMM_WORLD
+    sheet = rectangle(comm, 0.03, 0.02, 2.5e-3)
+    laid = on_first_rank(comm, lambda: lay_lines(even_field(sheet, [0.2], [33.0])))
+    covers = comm.allgather(laid.cover(sheet))
+    assert all(np.array_equal(cover, covers[0]) for cover in covers)
+    assert np.average(covers[0], weights=sheet.areas) == pytest.approx(0.2, abs=0.02)

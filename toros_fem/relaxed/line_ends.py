@@ -64,10 +64,6 @@ class _Line:
     def lengths(self) -> Floats:
         return np.asarray(np.linalg.norm(self.points[:, 1] - self.points[:, 0], axis=1))
 
-    def flipped(self) -> None:
-        self.cell, self.points = self.cell[::-1], self.points[::-1, ::-1]
-        self.ends.reverse()
-
 
 @dataclass(frozen=True)
 class _Way:
@@ -87,8 +83,7 @@ class Net:
         self.lines: dict[int, _Line] = {}
         self.at: dict[int, set[int]] = {}
         self.border = _borders(mesh, planes)
-        turn = seam_turns(mesh.corners, mesh.edges)
-        self.turn = turn
+        self.turn = seam_turns(mesh.corners, mesh.edges)
         for number, family in enumerate(families):
             for line in family.lines:
                 self._add(_Line(number, line.cell, line.points, line.closed))
