@@ -117,7 +117,7 @@ def test_coarse_variant_changes_the_mesh_and_the_steps_alone() -> None:
     changed = {k for k, v in coarse.as_dict().items() if v != config.as_dict()[k]}
     assert changed == {
         "edge_length", "filter_radius", "levels", "iterations", "constrained_iterations",
-        "relaxed_edge_length", "print_edge_length", "corrections",
+        "relaxed_edge_length", "print_edge_length", "laid_width",
     }  # fmt: skip
 
 
