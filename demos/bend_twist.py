@@ -46,6 +46,8 @@ class BendTwistConfig(CrossSectionTubeConfig):
         "m",
     )
     pressure: float = CrossSectionTubeConfig.redefault("pressure", 10e3)
+    # Few lines would answer to a correction by leaps.
+    share_weight: float | None = CrossSectionTubeConfig.redefault("share_weight", 3e-3)
 
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle", "twist_deg": "twist"}
 
