@@ -64,8 +64,9 @@ class Case:
         return [(way, each) for each in cores for way, own in ways if each in own]
 
 
-# Densities from noise, and the pressure is designed: as when these designs were first measured.
-FREE = {"design_pressure": True, "start": "random"}
+# As when these designs were first measured: densities from noise, the pressure is designed, and
+# prints are not corrected.
+FREE = {"design_pressure": True, "start": "random", "corrections": 0}
 CASES = {
     "bend": Case("bend", (ONE_CORE, TWO_THREADS, TWO_RANKS), (ONE_CORE, TWO_RANKS), changes=FREE),
     "bend_fine": Case(
@@ -86,7 +87,11 @@ CASES = {
     "twist": Case("twist", changes={**FREE, "levels": 2}),
 }
 # Only run where the command line names them.
-FURTHER = {name: Case(name, changes={"start": "random"}) for name in SCENES if name not in CASES}
+FURTHER = {
+    name: Case(name, changes={"start": "random", "corrections": 0})
+    for name in SCENES
+    if name not in CASES
+}
 QUICK = {
     "bend_quick": Case(
         "bend",
@@ -96,6 +101,7 @@ QUICK = {
             "constrained_iterations": 3,
             "level_iterations": 3,
             "polish_iterations": 0,
+            "corrections": 0,
         },
     ),
 }

@@ -54,6 +54,8 @@ class BendConfig(SymmetricConfig, TubeConfig):
         "m",
     )
 
+    corrections: int = TubeConfig.redefault("corrections", 3)
+
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
 
 
