@@ -33,6 +33,7 @@ SHORT_LINES = {
     "relaxed_edge_length": 6e-3,
     "relaxed_iterations": 3,
     "laid_width": 3e-3,
+    "second_laid_width": 3e-3,
     "print_edge_length": 3e-3,
     "corrections": 0,
 }
