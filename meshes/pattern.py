@@ -21,6 +21,7 @@ from toros_fem.errors import (
 )
 from toros_fem.meshes.topology import (
     Edges,
+    chart_turns,
     clashing,
     edges_of,
     flat_areas,
@@ -235,14 +236,9 @@ class Pattern:
         """Angle in rad, (−π, π], by which a direction turns across each edge with two triangles.
 
         A direction at angle t in the chart of the first of `edges.sides` is at t plus this in that
-        of the second, for the edges `edges.inner`. It is exactly 0 inside a panel.
+        of the second, for the edges `edges.inner`.
         """
-        sides = self.flat_sides
-        ends = self.flat_points[sides]
-        along = ends[:, :, 1] - ends[:, :, 0]
-        angle = np.arctan2(along[:, :, 1], along[:, :, 0])
-        turn = np.pi - (np.pi - angle[:, 1] + angle[:, 0]) % (2 * np.pi)
-        return np.where(np.all(sides[:, 0] == sides[:, 1], axis=1), 0.0, turn)
+        return chart_turns(self.corners, self.edges)[self.edges.inner]
 
     @cached_property
     def flat_sides(self) -> Ints:

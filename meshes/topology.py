@@ -96,6 +96,27 @@ def pinched(triangles: Ints, edges: Edges) -> Ints:
     return np.flatnonzero(np.bincount(triangles.ravel()[first]) > 1)
 
 
+def chart_turns(corners: Floats, edges: Edges) -> Floats:
+    """Return the angle by which a direction turns across each edge, (e,), in rad, (−π, π].
+
+    It is that of the edge in the chart of its second triangle minus that in the first's; 0 at
+    borders, and exactly 0 inside a panel.
+
+    Args:
+        corners: Corners of the triangles in their charts, (t, 3, 2).
+        edges: Edges of the triangles, which are consistently oriented.
+    """
+    flat = corners.reshape(-1, 2)
+    along = np.roll(corners, -1, axis=1).reshape(-1, 2) - flat
+    angle: Floats = np.zeros(len(edges.ends))
+    one, two = edges.twins[edges.inner].T
+    a, b = along[one], -along[two]
+    turn = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("ij,ij->i", a, b))
+    # Edges inside a panel and seams without a turn shall not add rounding.
+    angle[edges.inner] = np.where(np.abs(turn) < 1e-12, 0.0, turn)
+    return angle
+
+
 def linked(one: Ints, two: Ints, size: int) -> Ints:
     """Return the connected component of each node of a graph, (n,), numbered by its first node.
 

@@ -9,9 +9,9 @@ from scipy.sparse import coo_array, csc_array, csr_array, diags_array
 from scipy.sparse.linalg import splu
 
 from toros_fem._types import Bools, Floats, Ints
-from toros_fem.meshes.topology import following
+from toros_fem.meshes.topology import chart_turns, following
 from toros_fem.relaxed.stripes import Stripes
-from toros_fem.relaxed.transport import LineMesh, seam_turns
+from toros_fem.relaxed.transport import LineMesh
 
 # Steps shorter than this fraction of an edge count as that long.
 SHORT = 1e-5
@@ -188,7 +188,7 @@ def _stiffened(
     places = _places(mesh, edge, fraction)
     step = _places(mesh, edge, np.ones(len(edge))) - _places(mesh, edge, np.zeros(len(edge)))
     size = np.linalg.norm(step[:, 0], axis=1)
-    turn = seam_turns(mesh.corners, mesh.edges)[edge]
+    turn = chart_turns(mesh.corners, mesh.edges)[edge]
     # Each crossing with those before and after it, and the triangles between.
     before, here, after, back, ahead = (
         np.concatenate(part) for part in zip(*map(_threes, chains), strict=True)

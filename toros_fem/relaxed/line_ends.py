@@ -9,9 +9,9 @@ import numpy as np
 
 from toros_fem._types import Floats, Ints
 from toros_fem.meshes.mirror import plane_border
-from toros_fem.meshes.topology import following
+from toros_fem.meshes.topology import chart_turns, following
 from toros_fem.relaxed.centre_lines import CentreLine
-from toros_fem.relaxed.transport import LineMesh, seam_turns
+from toros_fem.relaxed.transport import LineMesh
 
 OPEN, LINE, BORDER, PRINTED, PLANE = "open", "line", "border", "printed", "plane"
 
@@ -83,7 +83,7 @@ class Net:
         self.lines: dict[int, _Line] = {}
         self.at: dict[int, set[int]] = {}
         self.border = _borders(mesh, planes)
-        self.turn = seam_turns(mesh.corners, mesh.edges)
+        self.turn = chart_turns(mesh.corners, mesh.edges)
         for number, family in enumerate(families):
             for line in family.lines:
                 self._add(_Line(number, line.cell, line.points, line.closed))

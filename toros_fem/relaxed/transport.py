@@ -14,6 +14,7 @@ from toros_fem._types import Bools, Floats, Ints
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import (
     Edges,
+    chart_turns,
     corner_angles,
     edges_of,
     fans,
@@ -165,26 +166,13 @@ def make_line_mesh(pattern: Pattern, active: Bools) -> LineMesh:
     return LineMesh(pattern, cells, corners, vertex, edges, _turns(corners, vertex, edges))
 
 
-def seam_turns(corners: Floats, edges: Edges) -> Floats:
-    """Return the angle of each edge in its second chart minus that in its first, (e,), in rad."""
-    flat = corners.reshape(-1, 2)
-    along = np.roll(corners, -1, axis=1).reshape(-1, 2) - flat
-    angle = np.zeros(len(edges.ends))
-    one, two = edges.twins[edges.inner].T
-    a, b = along[one], -along[two]
-    turn = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("ij,ij->i", a, b))
-    # Edges inside a panel and seams without a turn shall not add rounding.
-    angle[edges.inner] = np.where(np.abs(turn) < 1e-12, 0.0, turn)
-    return angle
-
-
 def _turns(corners: Floats, vertex: Ints, edges: Edges) -> Floats:
     """Return the angles from the chart of each vertex's first corner to those of all its corners.
 
     They are added up from triangle to triangle around the vertex, both ways from the first corner.
     """
     turn = np.zeros(vertex.shape)
-    angle = seam_turns(corners, edges)
+    angle = chart_turns(corners, edges)
     turned = np.unique(edges.ends[angle != 0])
     if not len(turned):
         return turn
