@@ -24,6 +24,24 @@ def test_parallel_lines_on_a_square_are_straight_and_evenly_spaced() -> None:
     assert laid.families[0].length == pytest.approx(8 * 0.04, abs=1e-9)
 
 
+@pytest.mark.parametrize("direction", [90.0, -90.0], ids=["same", "reversed"])
+def test_lines_like_earlier_ones_keep_their_number(direction: float) -> None:
+    """Shares fall by a fifth: the eight lines stay where they are, a fifth thinner."""
+    sheet = rectangle(MPI.COMM_SELF, 0.04, 0.04, 2e-3, "unstructured")
+    options = LineOptions(widths=(1e-3,))
+    before = lay_lines(even_field(sheet, [0.2], [90.0]), options)
+    field = even_field(sheet, [0.16], [direction])
+    assert len(lay_lines(field, options).centre_lines[0]) < 8
+    laid = lay_lines(field, options, like=before)
+    there, here = (
+        sorted(line.points[..., 0].mean() for line in each.centre_lines[0])
+        for each in (before, laid)
+    )
+    assert len(here) == 8
+    assert np.allclose(here, there, atol=0.4e-3)
+    assert laid.area == pytest.approx(0.8 * before.area, rel=0.03)
+
+
 def test_cover_is_the_area_of_the_polygons() -> None:
     tube = cylinder(MPI.COMM_SELF, 0.06, 0.02, 2e-3)
     caps = tube.panel != tube.panel_index("wall")

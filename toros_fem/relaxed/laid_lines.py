@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,14 @@ from toros_fem.relaxed.line_ends import BORDER, LINE, PRINTED, Family, close_end
 from toros_fem.relaxed.line_field import LineField
 from toros_fem.relaxed.line_options import LineOptions
 from toros_fem.relaxed.line_symmetry import Symmetry, make_symmetry
-from toros_fem.relaxed.stripes import Stripes, Waves, find_stripes, fitting_spacing, line_ends
+from toros_fem.relaxed.stripes import (
+    Layout,
+    Stripes,
+    Waves,
+    find_stripes,
+    fitting_spacing,
+    line_ends,
+)
 from toros_fem.relaxed.strips import EXCESS, Strip, cleaned, joints_of, ribbons
 from toros_fem.relaxed.transport import LineMesh
 
@@ -70,12 +77,15 @@ class LaidLines:
         regions: Printed region of each panel, polygons in its chart, in m.
         centre_lines: Centre lines of each family, through triangles of `pattern`.
         families: What became of each family.
+        layouts: Where the stripes of families lie, by the number of the family; those of mirror
+            images are left out.
     """
 
     pattern: Pattern
     regions: tuple[BaseGeometry, ...]
     centre_lines: tuple[tuple[CentreLine, ...], ...]
     families: tuple[LaidFamily, ...]
+    layouts: Mapping[int, Layout]
 
     @property
     def area(self) -> float:
@@ -106,6 +116,7 @@ def lay_lines(
     *,
     printed: Bools | None = None,
     planes: Sequence[int] = (),
+    like: LaidLines | None = None,
 ) -> LaidLines:
     """Lay lines of printable width along the families of a field.
 
@@ -117,6 +128,8 @@ def lay_lines(
         printed: Triangles of the field's pattern that are printed all over, (t,). They carry no
             lines, and lines may end at them.
         planes: Symmetry planes at which the pattern is cut, as of `mirrored`.
+        like: Lines that were laid on the same pattern before, for a field that was little
+            different: their number stays, and widths take up changes of the shares.
 
     Raises:
         ParameterError: `printed` does not fit the pattern, or the options the field.
@@ -130,17 +143,20 @@ def lay_lines(
             f"printed has shape {covered.shape} and type {covered.dtype}; it must be {count} "
             "truth values, one for each triangle."
         )
-    fine, cell = _fine(field, widths, options)
+    fine, cell = _fine(field, widths, options, None if like is None else len(like.pattern.panel))
     fine_field = LineField(fine, field.shares[cell], field.angles[cell])
     free = np.flatnonzero(~covered[cell])
     asked = np.zeros(field.families)
     families: list[Family] = []
     regions: tuple[BaseGeometry, ...] = _outlines(fine)
     laid = [0.0] * field.families
+    layouts: dict[int, Layout] = {}
     if len(free):
         symmetry = make_symmetry(fine_field, free, planes, widths)
         mesh = symmetry.part
-        families = close_ends(mesh, _families(symmetry, fine_field, widths, options), planes)
+        known = {} if like is None else like.layouts
+        families, layouts = _families(symmetry, fine_field, widths, options, known)
+        families = close_ends(mesh, families, planes)
         strips = _strips(mesh, families)
         regions, laid = _regions(fine, mesh, strips, tuple(planes), options)
         asked = mesh.areas @ fine_field.shares[mesh.cells] / mesh.areas.sum()
@@ -152,7 +168,7 @@ def lay_lines(
         LaidFamily(width, len(own), sum(line.length for line in own), float(a), b, _ends(own))
         for width, own, a, b in zip(widths, lines, asked, laid, strict=True)
     ]
-    return LaidLines(fine, regions, lines, tuple(report))
+    return LaidLines(fine, regions, lines, tuple(report), layouts)
 
 
 def _ends(lines: Sequence[CentreLine]) -> dict[str, int]:
@@ -168,15 +184,21 @@ def _outlines(pattern: Pattern) -> tuple[BaseGeometry, ...]:
     )
 
 
-def _fine(field: LineField, widths: list[float], options: LineOptions) -> tuple[Pattern, Ints]:
-    """Return a mesh that is fine enough for the lines, and the field's triangle of each of its."""
+def _fine(
+    field: LineField, widths: list[float], options: LineOptions, triangles: int | None
+) -> tuple[Pattern, Ints]:
+    """Return a mesh that is fine enough for the lines, and the field's triangle of each of its.
+
+    With a number of triangles it is the one that has so many.
+    """
     pattern = field.pattern
     cell: Ints = np.arange(len(pattern.panel), dtype=np.int64)
     means = np.average(field.shares, axis=0, weights=pattern.areas)
     spacings = [_spacing(share, width, options) for share, width in zip(means, widths, strict=True)]
     while 4 * len(pattern.panel) <= MOST_TRIANGLES:
         edge = np.sqrt(np.median(pattern.areas) * 4 / np.sqrt(3))
-        if edge <= FINE * min(spacings):
+        fine = edge <= FINE * min(spacings)
+        if fine if triangles is None else len(pattern.panel) >= triangles:
             break
         refined = refine(pattern)
         pattern, cell = refined.pattern, cell[refined.cell]
@@ -190,15 +212,25 @@ def _spacing(share: Floats, width: float, options: LineOptions) -> Floats:
 
 
 def _families(
-    symmetry: Symmetry, field: LineField, widths: list[float], options: LineOptions
-) -> list[Family]:
-    """Return the lines of each family on the part; those of mirror images are found once."""
+    symmetry: Symmetry,
+    field: LineField,
+    widths: list[float],
+    options: LineOptions,
+    known: Mapping[int, Layout],
+) -> tuple[list[Family], dict[int, Layout]]:
+    """Return the lines of each family on the part, and where they lie on the whole.
+
+    Those of mirror images are found once.
+    """
     found: dict[int, tuple[list[CentreLine], Waves, Floats]] = {}
+    layouts: dict[int, Layout] = {}
     families = []
     for k, width in enumerate(widths):
         own, image = symmetry.first(k)
         if own not in found:
-            found[own] = _on_whole(symmetry, field, own, width, options)
+            found[own], layouts[own] = _on_whole(
+                symmetry, field, own, width, options, known.get(own)
+            )
         lines, waves, radius = found[own]
         families.append(
             Family(
@@ -209,13 +241,18 @@ def _families(
                 width,
             )
         )
-    return families
+    return families, layouts
 
 
 def _on_whole(
-    symmetry: Symmetry, field: LineField, family: int, width: float, options: LineOptions
-) -> tuple[list[CentreLine], Waves, Floats]:
-    """Return a family's lines on the whole skin, their waves, and half the width at vertices."""
+    symmetry: Symmetry,
+    field: LineField,
+    family: int,
+    width: float,
+    options: LineOptions,
+    like: Layout | None,
+) -> tuple[tuple[list[CentreLine], Waves, Floats], Layout]:
+    """Return a family's lines on the whole, waves, half the width at vertices; their layout."""
     mesh, part = symmetry.whole, symmetry.part.cells
     share = symmetry.of_whole(field.shares[part], family)
     angle = symmetry.angles_of_whole(field.angles[part], family)
@@ -238,11 +275,15 @@ def _on_whole(
     images, side = symmetry.images(waves, family), symmetry.side(waves, family)
 
     def found(tried: Waves) -> Stripes:
-        return find_stripes(tried, weight, images, side)
+        return find_stripes(tried, weight, images, side, like)
 
     # The other half of the spread is for widths that follow the share.
     most = np.sqrt(options.spread) if even is not None else 1.0
-    waves, stripes = _with_fewest_ends(waves, weight, present, found, most)
+    if like is None:
+        waves, stripes = _with_fewest_ends(waves, weight, present, found, most)
+    else:
+        waves = replace(waves, number=like.waves.number)
+        stripes = found(waves)
     stiffness = STIFF * float(np.average(waves.spacing, weights=mesh.vertex_areas))
     lines = trace(mesh, stripes, present, stiffness)
     # The true spacing: the phase grows faster or slower than wanted where lines close in a ring.
@@ -251,7 +292,8 @@ def _on_whole(
     spacing = 2 * np.pi / (waves.number * np.clip(top / bottom, 0.5, 2.0))
     low = max((1 + 2 * EXCESS) * options.print_width, width / options.spread)
     high = np.maximum(low, np.minimum(width * options.spread, spacing - options.print_width))
-    return lines, waves, np.clip(local * spacing, low, high) / 2
+    radius = np.clip(local * spacing, low, high) / 2
+    return (lines, waves, radius), Layout(waves, stripes.phase)
 
 
 def _with_fewest_ends(

@@ -16,6 +16,8 @@ from toros_fem.relaxed.transport import Complexes, LineMesh
 # Steps of the inverse iteration, and of the relaxation of vectors of unit length after it.
 ITERATIONS = 12
 RELAXATIONS = 40
+# Steps of the relaxation from an earlier phase, few, so that it keeps its lines.
+KEPT_RELAXATIONS = 5
 # Shift of the matrix, relative to its mean diagonal: it is singular where all stripes fit.
 SHIFT = 1e-8
 # A phase this close to the middle of a line is moved off it: no line passes through a vertex.
@@ -99,8 +101,25 @@ class Waves:
         return mean, same
 
 
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where the stripes of earlier waves lie: the waves and their phase at vertices, (n,)."""
+
+    waves: Waves
+    phase: Floats
+
+    def on(self, waves: Waves) -> Complexes:
+        """Return exp(i phase) in the orientation of other waves on the same mesh, (n,)."""
+        z: Complexes = np.exp(1j * self.phase)
+        return np.where(np.cos(waves.angle - self.waves.angle) >= 0, z, np.conj(z))
+
+
 def find_stripes(
-    waves: Waves, weight: Floats, images: Sequence[Image] = (), side: Floats | None = None
+    waves: Waves,
+    weight: Floats,
+    images: Sequence[Image] = (),
+    side: Floats | None = None,
+    like: Layout | None = None,
 ) -> Stripes:
     """Return the stripes that fit directions and spacings best.
 
@@ -115,6 +134,7 @@ def find_stripes(
         weight: How much stripes count at each vertex, (n,), greater than 0.
         images: Symmetries that the stripes shall have, a group without its identity.
         side: Sign of the phase at each vertex, (n,), where it is 0 but for rounding. None: +1.
+        like: Stripes to start from instead of the eigenvector, so that no line comes or goes.
     """
     mesh = waves.mesh
     wanted, same = waves.edge_changes()
@@ -122,7 +142,8 @@ def find_stripes(
     stiff = mesh.weights * (weight[i] + weight[j]) / 2
     mass = mesh.vertex_areas * weight
     sign = np.where(same, 1.0, -1.0)
-    z = _relaxed(mesh, wanted, sign, stiff, mass, images)
+    start = None if like is None else like.on(waves)
+    z = _relaxed(mesh, wanted, sign, stiff, mass, images, start)
     phase: Floats = np.angle(z).astype(np.float64)
     turns = 2 * np.pi * np.round((sign * phase[j] - phase[i] - wanted) / (2 * np.pi))
     phase = phase + _correction(
@@ -162,21 +183,25 @@ def _relaxed(
     stiff: Floats,
     mass: Floats,
     images: Sequence[Image],
+    start: Complexes | None,
 ) -> Complexes:
     """Return complex numbers at vertices, (n,), of unit length and little energy."""
     matrix = _energy(mesh, wanted, sign, stiff)
     both = np.repeat(mass, 2)
-    shift = SHIFT * matrix.diagonal().sum() / both.sum()
-    factor = _factor(matrix + shift * diags_array(both))
-    z = np.exp(2j * np.pi * np.random.default_rng(0).random(mesh.size))
-    part = connected(mesh)
-    for _ in range(ITERATIONS):
-        z = symmetric(_solve(factor, mass * z), images)
-        # Parts of the skin without connection have an eigenvector each.
-        z /= np.sqrt(np.bincount(part, mass * np.abs(z) ** 2) / np.bincount(part, mass))[part]
+    if start is None:
+        shift = SHIFT * matrix.diagonal().sum() / both.sum()
+        factor = _factor(matrix + shift * diags_array(both))
+        z = np.exp(2j * np.pi * np.random.default_rng(0).random(mesh.size))
+        part = connected(mesh)
+        for _ in range(ITERATIONS):
+            z = symmetric(_solve(factor, mass * z), images)
+            # Parts of the skin without connection have an eigenvector each.
+            z /= np.sqrt(np.bincount(part, mass * np.abs(z) ** 2) / np.bincount(part, mass))[part]
+    else:
+        z = start
     time = REACH**2 * both.sum() / matrix.diagonal().sum()
     factor = _factor(diags_array(both) + time * matrix)
-    for _ in range(RELAXATIONS):
+    for _ in range(RELAXATIONS if start is None else KEPT_RELAXATIONS):
         z = z / np.maximum(np.abs(z), np.finfo(float).tiny)
         z = symmetric(_solve(factor, mass * z), images)
     return z
