@@ -54,7 +54,7 @@ class BendConfig(SymmetricConfig, TubeConfig):
         "m",
     )
 
-    corrections: int = TubeConfig.redefault("corrections", 3)
+    corrections: int = TubeConfig.redefault("corrections", 6)
 
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
 

@@ -8,6 +8,7 @@ import pytest
 from helpers.scenes import shared
 from mpi4py import MPI
 
+from demos import bend as bend_demo
 from toros_fem.actuators import run
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.problem import actuator_problem
@@ -208,3 +209,25 @@ def test_sentence() -> None:
     assert "(44.4 as designed)" in summary_sentence({**laid, "densities_kept": True})
     exact = summary_sentence({**summary, "objective_last": 0.0})
     assert "at 4.57 kPa, objective 0, 2 islands" in exact
+
+
+@pytest.mark.slow
+def test_a_design_is_asked_for_what_its_print_misses(comm: MPI.Comm, tmp_path: Path) -> None:
+    config = bend_demo.BendConfig(
+        length=0.06, edge_length=5e-3, filter_radius=8e-3, levels=1, angle=40.0, seed=1,
+        iterations=4, constrained_iterations=0, polish_iterations=0, level_iterations=2,
+        corrections=0,
+    )  # fmt: skip
+    folder = shared(comm, tmp_path)
+    plain = design_actuator(comm, folder, bend_demo.case, config)
+    made = design_actuator(comm, folder, bend_demo.case, config.updated(corrections=2))
+    off, better = (abs(each.summary["angle_deg"] - 40) for each in (plain, made))
+    assert off > 0.2  # there is something to correct
+    assert better < off
+    steps = made.summary["iterations"] - plain.summary["iterations"]
+    assert steps in (2, 4)
+    # Targets and objective are those of the problem, not those that were asked.
+    assert made.summary["angle_target_deg"] == 40.0
+    final = made.result.final
+    objective = made.problem.objective.forward(final.equilibrium.positions)
+    assert final.shape == pytest.approx(objective)
