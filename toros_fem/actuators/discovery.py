@@ -31,7 +31,7 @@ from toros_fem.relaxed.line_field import LineField
 from toros_fem.relaxed.line_options import LineOptions
 
 # Below this error lines stay where they are, and corrections change their widths and directions.
-NEAR = 0.15
+NEAR = 0.3
 
 C = TypeVar("C", bound=ActuatorConfig)
 

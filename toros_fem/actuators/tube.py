@@ -79,7 +79,7 @@ class CrossSectionTubeConfig(TubeConfig):
 
     # From noise, densities of these tubes end in traps.
     start: str = TubeConfig.redefault("start", "relaxed")
-    corrections: int = TubeConfig.redefault("corrections", 4)
+    corrections: int = TubeConfig.redefault("corrections", 6)
     cross_sections: int = quantity(
         12, "number of cross-sections along the wall; the tip is one more", at_least=1
     )
@@ -112,7 +112,7 @@ def coarse_tube(config: T) -> T:
         print_edge_length=0.9e-3,
         laid_width=max(config.laid_width, COARSE_WIDTH),
         second_laid_width=config.second_laid_width and COARSE_WIDTH,
-        corrections=min(config.corrections, 3),
+        corrections=min(config.corrections, 4),
     )
 
 
