@@ -53,10 +53,17 @@ class TwistConfig(CrossSectionTubeConfig):
     )
     pressure: float = CrossSectionTubeConfig.redefault("pressure", 15e3)
     # Few wide lines along the tube hold the helices less than many thin ones.
-    laid_width: float = CrossSectionTubeConfig.redefault("laid_width", 3e-3)
-    second_laid_width: float | None = CrossSectionTubeConfig.redefault("second_laid_width", 0.9e-3)
+    axial_width: float = quantity(
+        2e-3, "width of the lines of the first family, if the length is kept", "m", above=0
+    )
 
     TARGETS: ClassVar[Mapping[str, str]] = {"twist_deg": "twist", "length_ratio": "length_ratio"}
+
+    @property
+    def laid_widths(self) -> tuple[float, float]:
+        """Width in m of the lines along either family."""
+        first, second = super().laid_widths
+        return (self.axial_width if self.keep_length else first), second
 
 
 def case(comm: MPI.Comm, config: TwistConfig) -> ActuatorCase:

@@ -72,7 +72,7 @@ class StartConfig(DesignConfig):
             radius=self.smoothing_radius,
             share_weight=self.share_weight,
             iterations=(self.relaxed_iterations, self.relaxed_iterations),
-            width_ratio=self._second_width / self.laid_width,
+            width_ratio=self.laid_widths[1] / self.laid_widths[0],
         )
 
     @property
@@ -82,9 +82,10 @@ class StartConfig(DesignConfig):
         Raises:
             ParameterError: A width is under `print_width`.
         """
-        widths = (self.laid_width, self._second_width)
-        return LineOptions(widths=widths, print_width=self.print_width)
+        return LineOptions(widths=self.laid_widths, print_width=self.print_width)
 
     @property
-    def _second_width(self) -> float:
-        return self.laid_width if self.second_laid_width is None else self.second_laid_width
+    def laid_widths(self) -> tuple[float, float]:
+        """Width in m of the lines along either family."""
+        second = self.laid_width if self.second_laid_width is None else self.second_laid_width
+        return self.laid_width, second
