@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from toros_fem.errors import ParameterError
 from toros_fem.meshes import Skin, sew
-from toros_fem.relaxed.families import FreeDirections
+from toros_fem.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.relaxed.smoothing import Smoothing
 
 
@@ -63,6 +63,26 @@ def test_adjoint(comm: MPI.Comm, turned: bool) -> None:
     forward = smooth.forward(a[own].ravel()) - origin
     backward = smooth.backward(b[own].ravel())
     one, two = float(forward @ b[own].ravel()), float(backward @ a[own].ravel())
+    assert comm.allreduce(one) == pytest.approx(comm.allreduce(two), rel=1e-12)
+
+
+def test_shares_stay_within_their_bounds_across_a_turned_seam(comm: MPI.Comm) -> None:
+    """A turn between two of the fixed directions shares a family out: no share gets below 0."""
+    skin, families = sew(comm, two_sheets(0.4)), FixedDirections(6)
+    smooth = Smoothing(skin, 0.02, 6, families.transport, families.centre)
+    own, areas = skin.owned_cells, skin.pattern.areas
+    for direction in range(6):
+        x = np.zeros((len(areas), 6))
+        x[:, direction] = 1.0
+        found = skin.gather_cells(smooth.forward(x[own].ravel()).reshape(-1, 6))
+        assert found.min() > -1e-13
+        assert found.max() < 1 + 1e-13
+        assert areas @ found.sum(axis=1) == pytest.approx(areas.sum())
+    even = np.full(6 * len(own), 0.3)
+    assert smooth.forward(even) == pytest.approx(0.3, abs=1e-13)
+    a, b = np.random.default_rng(3).standard_normal((2, len(areas), 6))
+    one = float(smooth.forward(a[own].ravel()) @ b[own].ravel())
+    two = float(smooth.backward(b[own].ravel()) @ a[own].ravel())
     assert comm.allreduce(one) == pytest.approx(comm.allreduce(two), rel=1e-12)
 
 

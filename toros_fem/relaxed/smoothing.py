@@ -25,7 +25,8 @@ class Smoothing:
     (M + ℓ² L) x̃ = M x with M the flat areas and L the two-point fluxes between neighbours, ℓ =
     R/(2√3), as of the Helmholtz filter (Lazarov & Sigmund 2011). Line families cross seams: the
     neighbour's fields are first turned by the angle between the two charts. Constant fields stay
-    as they are, and values stay within their bounds where no chart is turned.
+    as they are where no chart is turned. Values stay within their bounds there, and everywhere if
+    a turn shares each field out: no share gets below 0.
 
     The mesh of a relaxed problem is coarse: every rank solves the whole system.
 
@@ -120,7 +121,10 @@ def _laplacian(one: Ints, two: Ints, weight: Floats, size: int) -> csc_array:
 
 
 def _turned(sides: Ints, turns: Floats, weight: Floats, size: int) -> csc_array:
-    """Return the Hessian of Σ w |T u − u'|²/2 over pairs of triangles with k fields each.
+    """Return the matrix of the fluxes w (u − Tᵀ u') and w (u' − T u) between pairs of triangles.
+
+    Tᵀ is the turn back. Off the diagonal no entry is positive where T shares out, as that of fixed
+    directions does, which the Hessian of Σ w |T u − u'|²/2 with its Tᵀ T does not keep to.
 
     Args:
         sides: The two triangles of each pair, (p, 2).
@@ -130,8 +134,7 @@ def _turned(sides: Ints, turns: Floats, weight: Floats, size: int) -> csc_array:
     """
     count, fields = turns.shape[:2]
     unit = np.broadcast_to(np.eye(fields), turns.shape)
-    difference = np.concatenate([turns, -unit], axis=2)
-    local = np.einsum("p,pij,pik->pjk", weight, difference, difference)
+    local = np.block([[unit, -turns.transpose(0, 2, 1)], [-turns, unit]]) * weight[:, None, None]
     place = (fields * sides[:, :, None] + np.arange(fields)).reshape(count, 2 * fields)
     rows = np.repeat(place, 2 * fields, axis=1)
     columns = np.tile(place, (1, 2 * fields))
