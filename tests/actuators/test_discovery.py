@@ -1,9 +1,12 @@
 """Designs from noise by line families: rounds, what is asked next, and the files at the end."""
 
 import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from mpi4py import MPI
 
 from demos import twist
 from toros_fem.actuators import discovery, space_mapping
+from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.discovery import Discovery, densities_last, discover
 from toros_fem.actuators.run import design_actuator
 from toros_fem.errors import NoEquilibriumError
@@ -112,6 +116,40 @@ def test_what_is_asked_next_solves_a_linear_response() -> None:
     for before, after in pairwise(rounds):
         change = np.array([after.asked[k] - before.asked[k] for k in targets]) / size
         assert np.abs(change).max() <= space_mapping.LARGEST_STEP + 1e-12
+
+
+def test_distance_from_targets() -> None:
+    aims = {"a": space_mapping.Aim(2.0, 4.0), "b": space_mapping.Aim(0.0, 1.0)}
+    assert space_mapping.largest_error({"a": 4.0, "b": -0.25, "c": 9.0}, aims) == 0.5
+    assert space_mapping.largest_error({}, aims) == np.inf
+    assert space_mapping.largest_error({"c": 9.0}, {}) == 0.0
+
+
+@dataclass(frozen=True)
+class Untold(twist.TwistConfig):
+    """Numbers of a tube whose targets are in no field."""
+
+    TARGETS: ClassVar[Mapping[str, str]] = {}
+
+
+@pytest.mark.parametrize("key", ["twist_deg", None])
+def test_targets_that_cannot_be_asked_for_end_after_a_round(
+    comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch, key: str | None
+) -> None:
+    metrics = {} if key is None else {key: 30.0}
+    problem = SimpleNamespace(metrics=(), metrics_of=lambda _: metrics)
+    printed = SimpleNamespace(evaluation=SimpleNamespace(equilibrium=None))
+    monkeypatch.setattr(discovery, "_printed", lambda *_: (None, [], problem, printed))
+    monkeypatch.setattr(discovery, "_laid", lambda *_: SimpleNamespace(families=()))
+    monkeypatch.setattr(discovery, "find_lines", lambda *_, **__: SimpleNamespace(field=None))
+
+    def case(comm: MPI.Comm, config: Untold) -> ActuatorCase:
+        made = twist.case(comm, config)
+        return made if key else replace(made, metrics=())
+
+    found = discover(comm, case, Untold(**TINY.as_dict()).updated(corrections=3))
+    assert len(found.rounds) == 1
+    assert found.best.error == (0.5 if key else 0.0)
 
 
 def test_without_any_print_in_equilibrium_the_reason_is_told(

@@ -76,8 +76,9 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
     """Pressure, meshes, and the steps of each part of the design; SI units.
 
     Raises:
-        ParameterError: A value has another type, or is outside its bounds; or there are so many
-            levels that the coarsest mesh is too coarse.
+        ParameterError: A value has another type, or is outside its bounds; there are so many
+            levels that the coarsest mesh is too coarse; or with a relaxed design, lines are thinner
+            than the printer makes them, or there are several starts.
     """
 
     pressure: float = quantity(
@@ -139,6 +140,13 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
                 f"levels = {self.levels} is too many: {reason}. At most {most} are possible; "
                 "levels = None takes them."
             )
+        if self.start == "relaxed":
+            if self.starts > 1:
+                raise ParameterError(
+                    f"starts = {self.starts}, but a relaxed design has one start. Set starts = 1 "
+                    "and try several seeds, or start = 'random'."
+                )
+            _ = self.line_options  # wrong widths are told before the design, not after it
 
     # Field that holds the target of a metric, by the metric's key.
     TARGETS: ClassVar[Mapping[str, str]] = {}

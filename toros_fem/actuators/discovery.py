@@ -133,7 +133,8 @@ def discover(
 
     The relaxed design is laid as lines, which are simulated as printed. What the print misses is
     asked of the relaxed design on top, and so on (space mapping, Bandler et al. 1994): a relaxed
-    design costs a fraction of a simulated print.
+    design costs a fraction of a simulated print. Where a target is in no field of the
+    configuration (`TARGETS`), there is one round only.
 
     Args:
         comm: Communicator.
@@ -178,7 +179,7 @@ def discover(
         metrics = {}
         if printed.evaluation is not None:
             metrics = problem.metrics_of(printed.evaluation.equilibrium)
-        error = largest_error(metrics, aims)
+        error = np.inf if printed.evaluation is None else largest_error(metrics, aims)
         rounds.append(Round(dict(asked), relaxed, laid, printed, metrics, error))
         if best is None or error < best[0].error:
             best = rounds[-1], fine, regions, problem  # of the others only their figures are kept
@@ -186,7 +187,7 @@ def discover(
         seconds["lines"] += end - middle
         seconds["prints"] += time.perf_counter() - end
         _report(comm, number, problem.metrics, rounds[-1])
-        if rounds[-1].error < CLOSE or not metrics:
+        if error < CLOSE or printed.evaluation is None or not set(aims) <= set(config.TARGETS):
             break
         if like is None and error < NEAR:
             like, alike = laid, number
@@ -286,4 +287,5 @@ def _report(comm: MPI.Comm, number: int, metrics: tuple[Metric, ...], made: Roun
         if m.target is not None and made.metrics
     ]
     lines = sum(f.lines for f in made.laid.families)
-    print_line(f"round {number}: {lines} lines, as printed {'; '.join(parts) or 'no equilibrium'}")
+    found = "; ".join(parts) if made.printed.evaluation is not None else "no equilibrium"
+    print_line(f"round {number}: {lines} lines, as printed {found}")

@@ -48,10 +48,14 @@ def aims_of(metrics: Sequence[Metric]) -> dict[str, Aim]:
 
 
 def largest_error(metrics: Mapping[str, float], aims: Mapping[str, Aim]) -> float:
-    """Return the largest distance of a metric from its target, scaled; infinite if unknown."""
-    if not metrics:
+    """Return the largest distance of a metric from its target, scaled; infinite if unknown.
+
+    Without any target it is 0.
+    """
+    if not aims.keys() <= metrics.keys():
         return np.inf
-    return max(abs(metrics[key] - aim.target) / aim.scale for key, aim in aims.items())
+    errors = (abs(metrics[key] - aim.target) / aim.scale for key, aim in aims.items())
+    return max(errors, default=0.0)
 
 
 def asked_next(rounds: Sequence[Answer], aims: Mapping[str, Aim]) -> dict[str, float]:

@@ -31,8 +31,8 @@ class StartConfig(DesignConfig):
         12, "number of fixed directions in the first stage of the relaxed design", at_least=2
     )
     share_limit: float = quantity(
-        0.35, "limit on the part of the area that the lines of all directions cover", above=0,
-        at_most=0.9,
+        0.35, "limit on the part of the area that the lines of all directions cover in the first "
+        "stage of the relaxed design", above=0, at_most=0.9,
     )  # fmt: skip
     smoothing_radius: float | None = quantity(
         None, "radius of the smoothing of shares and directions; none takes a tenth of the "
