@@ -9,6 +9,7 @@ from helpers.scenes import taylor_rates
 from mpi4py import MPI
 
 from toros_fem._mpi import total
+from toros_fem.equilibrium.newton import NewtonStep
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.errors import DensityError
 from toros_fem.meshes import Skin
@@ -80,6 +81,16 @@ def test_where_nothing_is_designed_there_are_no_lines(
     low, high = problem.variable_bounds
     assert not low.any()
     assert np.array_equal(high.reshape(-1, 4), np.repeat(problem.designed[:, None], 4, axis=1))
+
+
+def test_newton_steps_are_logged_as_those_of_the_design(
+    tube: Skin, tube_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows: list[NewtonStep] = []
+    monkeypatch.setattr(tube_solver, "log", rows.append)
+    problem = made(tube, tube_solver, FixedDirections(4, 0.3))
+    found = problem.simulate(problem.start_density(3))
+    assert len(rows) >= found.equilibrium.steps > 0
 
 
 def test_variables_are_checked(tube: Skin, tube_solver: EquilibriumSolver) -> None:

@@ -128,6 +128,8 @@ def discover(
     case: CaseMaker[C],
     config: C,
     callback: Callback | None = None,
+    *,
+    verbose: bool = False,
 ) -> Discovery:
     """Find printable lines that take an actuator to its target, from noise (collective).
 
@@ -141,6 +143,7 @@ def discover(
         case: Makes what to design, of the communicator and a configuration.
         config: All numbers.
         callback: Called after each step of the relaxed designs, on every rank.
+        verbose: Whether to print every Newton step.
 
     Raises:
         NoEquilibriumError: No print has an equilibrium, or the random start has none.
@@ -162,7 +165,7 @@ def discover(
         if not rounds:
             aims = aims_of(here.metrics)
             asked = {key: aim.target for key, aim in aims.items()}
-        design = actuator_problem(comm, here, coarse)
+        design = actuator_problem(comm, here, coarse, verbose=verbose)
         try:
             relaxed = find_lines(
                 design, config.relaxed_options, seed=config.seed, callback=callback, after=relaxed
@@ -175,7 +178,9 @@ def discover(
         laid = _laid(comm, here, relaxed.field, config.line_options, like)
         end = time.perf_counter()
         plain = case(comm, config.of_print) if plain is None else plain
-        fine, regions, problem, printed = _printed(comm, plain, config, here.pattern, relaxed, laid)
+        fine, regions, problem, printed = _printed(
+            comm, plain, config, here.pattern, relaxed, laid, verbose
+        )
         metrics = {}
         if printed.evaluation is not None:
             metrics = problem.metrics_of(printed.evaluation.equilibrium)
@@ -206,6 +211,8 @@ def densities_last(
     config: ActuatorConfig,
     found: Discovery,
     callback: Callback | None = None,
+    *,
+    verbose: bool = False,
 ) -> tuple[DesignResult, PrintedDesign] | None:
     """Design the densities on from the best lines; None without an equilibrium (collective).
 
@@ -216,8 +223,10 @@ def densities_last(
         config: As of `discover`.
         found: What it returned.
         callback: Called after each step, on every rank.
+        verbose: Whether to print every Newton step.
     """
-    best, problem = found.best, actuator_problem(comm, found.case, config.of_densities)
+    best = found.best
+    problem = actuator_problem(comm, found.case, config.of_densities, verbose=verbose)
     lines = best.printed.evaluation
     assert lines is not None
     warm = WarmStart(
@@ -256,6 +265,7 @@ def _printed(
     pattern: Pattern,
     relaxed: RelaxedResult,
     laid: LaidLines,
+    verbose: bool,
 ) -> tuple[ActuatorCase, list[BaseGeometry], ShapeDesign, PrintedDesign]:
     """Return the case on a mesh that follows the lines, these, the problem and the print.
 
@@ -263,7 +273,7 @@ def _printed(
     """
     regions = on_first_rank(comm, lambda: regions_on(laid.pattern, laid.regions, case.pattern))
     fine = case.following(comm, regions)
-    problem = actuator_problem(comm, fine, config.of_print)
+    problem = actuator_problem(comm, fine, config.of_print, verbose=verbose)
     printed = printed_lines(
         problem,
         laid.pattern,

@@ -87,7 +87,7 @@ def design_actuator(
     """
     reporter = reporter or DesignReporter(comm, output)
     if config.start == "relaxed":
-        return _from_lines(comm, output, case, config, reporter)
+        return _from_lines(comm, output, case, config, reporter, verbose)
     levels = [config.at_level(level) for level in range(config.level_count)]
     options = config.options
     best: BestStart | None = None
@@ -132,15 +132,16 @@ def _from_lines(
     case: CaseMaker[C],
     config: C,
     reporter: DesignReporter,
+    verbose: bool,
 ) -> ActuatorResult:
     """Design an actuator by line families and write all results (collective)."""
     reporter.expect(2 * config.relaxed_iterations)
     with reporter:
-        found = discover(comm, case, config, reporter)
+        found = discover(comm, case, config, reporter, verbose=verbose)
         better = None
         if config.density_iterations:
             reporter.expect(found.best.relaxed.history[-1].iteration + config.density_iterations)
-            better = _densities(comm, case, config, found, reporter)
+            better = _densities(comm, case, config, found, reporter, verbose)
     result, printed = better or (found.result(), found.best.printed)
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
@@ -283,9 +284,10 @@ def _densities(
     config: C,
     found: Discovery,
     reporter: DesignReporter,
+    verbose: bool,
 ) -> tuple[DesignResult, PrintedDesign] | None:
     """Design and correct densities from lines; None if the print is not better (collective)."""
-    designed = densities_last(comm, config, found, reporter)
+    designed = densities_last(comm, config, found, reporter, verbose=verbose)
     if designed is None:
         return None
 

@@ -143,7 +143,7 @@ class EquilibriumSolver:
         families: int | None = None,
         crossing: float = CROSSING,
     ) -> None:
-        self.skin = skin
+        self.skin, self.log = skin, log
         self.model: SkinModel
         if families is None:
             self.model = SkinModel(skin, composite, supports, chambers, weight)

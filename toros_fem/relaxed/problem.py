@@ -164,6 +164,7 @@ def relaxed_problem(
         model.composite,
         model.supports,
         design.solver.options,
+        design.solver.log,
         chambers=model.chambers,
         weight=model.weight,
         families=families.count,
