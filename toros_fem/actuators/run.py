@@ -70,7 +70,11 @@ def design_actuator(
     The design goes from coarse to fine over the levels of the configuration. On each, free islands
     of the printed pattern are removed, or connected to the rest if that gives a lower T, and the
     design is continued for `config.polish_iterations` steps. With several starts the best one takes
-    the place of the first level; its islands are left to the next.
+    the place of the first level; its islands are left to the next. What the print misses is asked
+    of the design on top, `config.corrections` times.
+
+    With `config.start` = "relaxed" line families are designed and laid as lines instead, by
+    `discover`, and densities come last.
 
     Args:
         comm: Communicator.

@@ -18,7 +18,9 @@ class StartConfig(DesignConfig):
 
     start: str = quantity(
         "random",
-        "what the densities start from: noise, or the printable lines of a relaxed design",
+        "what the densities start from: noise, or the printable lines of a relaxed design; this "
+        "and its print have meshes of their own, so that edge length, levels, filter radius and "
+        "the steps of random densities play no part",
         choices=STARTS,
     )
     relaxed_edge_length: float = quantity(

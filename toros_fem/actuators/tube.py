@@ -111,7 +111,7 @@ def coarse_tube(config: T) -> T:
         relaxed_edge_length=5e-3,
         print_edge_length=0.9e-3,
         laid_width=max(config.laid_width, COARSE_WIDTH),
-        second_laid_width=config.second_laid_width and COARSE_WIDTH,
+        second_laid_width=config.second_laid_width and max(config.second_laid_width, COARSE_WIDTH),
         corrections=min(config.corrections, 4),
     )
 

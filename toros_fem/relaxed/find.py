@@ -58,8 +58,9 @@ class RelaxedOptions:
     width_ratio: float = 1.0
 
     def __post_init__(self) -> None:
-        for count in (*self.iterations, self.more_iterations):
+        for count in self.iterations:
             require_count(1, iterations=count)
+        require_count(1, more_iterations=self.more_iterations)
         for move in self.move:
             require_positive(move=move, at_most=1.0)
         if self.radius is not None:

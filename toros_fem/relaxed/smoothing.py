@@ -92,12 +92,6 @@ class Smoothing:
         """Return the gradient by x from that by x̃, both flat, (own · k,) (collective)."""
         return self._apply(gradient, lambda g: self._mass[:, None] * self._solve(g))
 
-    def on_pattern(self, values: Floats) -> Floats:
-        """Return x̃ of all triangles, (t, k), from x there; not collective."""
-        out = np.zeros_like(values)
-        out[self._cells] = self._smoothed(values[self._cells])
-        return out
-
     def _apply(self, owned: Floats, action: Callable[[Floats], Floats]) -> Floats:
         skin = self._skin
         whole = skin.gather_cells(owned.reshape(-1, self._fields))
