@@ -1,11 +1,16 @@
 """Numbers of the relaxed design."""
 
+import dataclasses
 from typing import Any
 
+import numpy as np
 import pytest
+from helpers.designs import make_problem
 
+from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.errors import ParameterError
-from toros_fem.relaxed.find import RelaxedOptions
+from toros_fem.meshes import Skin
+from toros_fem.relaxed.find import RelaxedOptions, find_lines
 
 
 @pytest.mark.parametrize(
@@ -34,3 +39,24 @@ def test_stages() -> None:
         assert [stage.iterations for stage in rules.stages] == [options.iterations[number]]
         assert rules.mma.move == options.move[number]
         assert rules.min_relative_decrease is None
+
+
+def test_two_stages_and_their_continuation(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    design = make_problem(tube, tube_solver)
+    options = RelaxedOptions(directions=4, iterations=(4, 3), more_iterations=2)
+    found = find_lines(design, options, seed=1)
+    assert found.field.families == 2
+    assert [sum(row.stage == stage for row in found.history) for stage in (0, 1)] == [5, 4]
+    first = [row.objective for row in found.history if row.stage == 0]
+    assert first[-1] < 0.9 * first[0]
+    assert found.objective == found.history[-1].objective
+    wall = found.field.pattern.panel == found.field.pattern.panel_index("wall")
+    assert not found.field.shares[~wall].any()
+    assert np.all(found.field.shares[wall].sum(axis=1) > 0)
+    further = find_lines(design, options, after=found)
+    assert further.history[: len(found.history)] == found.history
+    assert further.history[-1].iteration == found.history[-1].iteration + 2
+    assert further.objective <= found.objective
+    other = dataclasses.replace(found, variables=found.variables[1:])
+    with pytest.raises(ParameterError, match="result on"):
+        find_lines(design, options, after=other)

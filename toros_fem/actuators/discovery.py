@@ -19,7 +19,7 @@ from toros_fem.actuators.space_mapping import CLOSE, Aim, aims_of, asked_next, l
 from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.warm_start import WarmStart
-from toros_fem.errors import NoEquilibriumError
+from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.fabrication.as_printed import PrintedDesign, as_printed
 from toros_fem.fabrication.printed_lines import printed_lines, regions_on
 from toros_fem.meshes.pattern import Pattern
@@ -160,7 +160,10 @@ def discover(
     best: tuple[Round, ActuatorCase, list[BaseGeometry], ShapeDesign] | None = None
     for number in range(1 + config.corrections):
         begin = time.perf_counter()
-        coarse = config.of_relaxed.asked(asked)
+        try:
+            coarse = config.of_relaxed.asked(asked)
+        except ParameterError:  # beyond what the targets' fields allow
+            break
         here = case(comm, coarse)
         if not rounds:
             aims = aims_of(here.metrics)

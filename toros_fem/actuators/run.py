@@ -25,6 +25,7 @@ from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.starts import BestStart, best_start
 from toros_fem.design.warm_start import WarmStart
 from toros_fem.equilibrium.solver import EquilibriumError
+from toros_fem.errors import ParameterError
 from toros_fem.fabrication.as_printed import (
     PrintedDesign,
     as_printed,
@@ -346,7 +347,11 @@ def _corrected(
         if not last.metrics or largest_error(last.metrics, aims) < CLOSE:
             break
         asked = asked_next(rounds, aims)
-        objective = case(comm, finest.asked(asked)).objective(problem.skin)
+        try:
+            other = finest.asked(asked)
+        except ParameterError:  # beyond what the targets' fields allow
+            break
+        objective = case(comm, other).objective(problem.skin)
         warm = WarmStart(
             density=last.result.density,
             pressures=last.result.pressures,

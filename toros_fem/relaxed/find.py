@@ -14,6 +14,7 @@ from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Iteration, Stage
 from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.design.warm_start import WarmStart
+from toros_fem.errors import ParameterError
 from toros_fem.mechanics.relaxed_model import crossing_of_widths
 from toros_fem.mma.optimizer import MMAOptions
 from toros_fem.relaxed.families import FixedDirections, FreeDirections
@@ -134,12 +135,18 @@ def find_lines(
             continued; `seed` then plays no part.
 
     Raises:
-        ParameterError: The seed is negative.
+        ParameterError: The seed is negative, or the earlier result is that of another mesh.
         NoEquilibriumError: There is no equilibrium for the start.
     """
     begin = time.perf_counter()
     options = options or RelaxedOptions()
     skin = design.skin
+    count = len(skin.pattern.panel)
+    if after is not None and len(after.variables) != count:
+        raise ParameterError(
+            f"after is a result on {len(after.variables)} triangles; this mesh has {count}. "
+            "Continue it on its own mesh."
+        )
     radius = options.radius or skin.pattern.size / 10
     cost = options.share_weight or 0.0
     crossing = crossing_of_widths(options.width_ratio)
