@@ -232,10 +232,12 @@ def densities_last(
     problem = actuator_problem(comm, found.case, config.of_densities, verbose=verbose)
     lines = best.printed.evaluation
     assert lines is not None
+    # Another problem may share out the triangles otherwise.
+    density = found.problem.skin.gather_cells(lines.projected)
     warm = WarmStart(
-        density=lines.projected,
+        density=density[problem.skin.owned_cells],
         pressures=lines.equilibrium.pressures,
-        state=lines.equilibrium.state,
+        state=problem.state_at(found.problem.shape_of(lines.equilibrium)),
         history=best.relaxed.history,
         level=best.relaxed.history[-1].level + 1,
     )

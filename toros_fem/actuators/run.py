@@ -55,6 +55,8 @@ class ActuatorResult:
 
 
 C = TypeVar("C", bound=ActuatorConfig)
+# Error of a metric that is as bad as islands, or lines or gaps that cannot be printed.
+UNCLEAN = 0.02
 
 
 def design_actuator(
@@ -302,7 +304,7 @@ def _densities(
     result, printed = _corrected(comm, following, config.of_densities, config, *designed, reporter)
     if printed.evaluation is None:
         return None
-    metrics = found.problem.metrics_of(printed.evaluation.equilibrium)
+    metrics = result.problem.metrics_of(printed.evaluation.equilibrium)
     better = largest_error(metrics, aims_of(found.problem.metrics)) < found.best.error
     return (result, printed) if better else None
 
@@ -341,10 +343,14 @@ def _corrected(
         metrics = {} if found is None else problem.metrics_of(found.equilibrium)
         return _Corrected(asked, metrics, of, made)
 
+    def clean(made: _Corrected) -> bool:
+        after = made.printed.after
+        return not (after.narrow_lines or after.narrow_gaps or after.free_islands)
+
     rounds = [answer({key: aim.target for key, aim in aims.items()}, result, printed)]
     for _ in range(config.corrections):
         last = rounds[-1]
-        if not last.metrics or largest_error(last.metrics, aims) < CLOSE:
+        if not last.metrics or (largest_error(last.metrics, aims) < CLOSE and clean(last)):
             break
         asked = asked_next(rounds, aims)
         try:
@@ -371,7 +377,7 @@ def _corrected(
             found.final, shape=problem.objective.forward(found.final.equilibrium.positions)
         )
         rounds.append(answer(asked, replace(found, problem=problem, final=final), made))
-    best = min(rounds, key=lambda r: largest_error(r.metrics, aims))
+    best = min(rounds, key=lambda r: largest_error(r.metrics, aims) + (not clean(r)) * UNCLEAN)
     return best.result, best.printed
 
 
