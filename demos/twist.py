@@ -54,7 +54,7 @@ class TwistConfig(CrossSectionTubeConfig):
     pressure: float = CrossSectionTubeConfig.redefault("pressure", 15e3)
     # Few wide lines along the tube hold the helices less than many thin ones.
     axial_width: float = quantity(
-        2e-3, "width of the lines of the first family, if the length is kept", "m", above=0
+        3e-3, "width of the lines of the first family, if the length is kept", "m", above=0
     )
 
     TARGETS: ClassVar[Mapping[str, str]] = {"twist_deg": "twist", "length_ratio": "length_ratio"}
