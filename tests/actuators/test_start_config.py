@@ -12,7 +12,7 @@ def test_defaults_are_those_of_the_options() -> None:
     config = ActuatorConfig()
     assert config.relaxed_options == RelaxedOptions(share_weight=0.01)
     lines, plain = config.line_options, LineOptions()
-    assert lines == LineOptions(widths=2 * plain.widths)
+    assert lines == LineOptions(widths=(*plain.widths, *plain.widths))
 
 
 def test_numbers_reach_the_options() -> None:

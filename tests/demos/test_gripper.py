@@ -21,6 +21,7 @@ def test_target_goes_around_the_object(comm: MPI.Comm, shape: str) -> None:
     assert gap.measure(case.pattern, case.target) < 0.2
     assert gap.measure(case.pattern, case.pattern.points) > 2
     # The outer third of the finger has turned by a part of the whole angle.
+    assert angle.target is not None
     assert 0 < angle.target <= config.wrap_angle + 1e-6
 
 

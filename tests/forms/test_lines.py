@@ -44,7 +44,7 @@ def length(F: np.ndarray, angle: float) -> float:
 def hessian(families: list[Family], corners: np.ndarray, geometric: float) -> np.ndarray:
     """The closed second variation by the corners, (9, 9)."""
     blocks = Blocks(3)
-    points = [tuple(map(float, p)) for p in corners]
+    points = [(float(x), float(y), float(z)) for x, y, z in corners]
     blocks.add_edges(stretching_pairs(families, points, matrix(JACOBIAN), geometric))
     upper = np.zeros((9, 9))
     upper[np.triu_indices(9)] = [number(entry) for entry in blocks.upper()]
@@ -55,10 +55,12 @@ def test_factor_of_the_fabric_by_the_double_sum() -> None:
     cover, crossings = SHARES.sum(), 0.0
     for j, k in itertools.combinations(range(3), 2):
         crossings += cover * SHARES[j] * SHARES[k] * np.sin(ANGLES[j] - ANGLES[k]) ** 4
-    found = fabric_factor(SHARES, np.cos(2 * ANGLES), np.sin(2 * ANGLES), 260.0)
+    found = fabric_factor(list(SHARES), list(np.cos(2 * ANGLES)), list(np.sin(2 * ANGLES)), 260.0)
     assert found == pytest.approx(1 / (1 - cover) + 260 * crossings, rel=1e-14)
     parallel = np.full(3, 0.7)
-    found = fabric_factor(SHARES, np.cos(2 * parallel), np.sin(2 * parallel), 260.0)
+    found = fabric_factor(
+        list(SHARES), list(np.cos(2 * parallel)), list(np.sin(2 * parallel)), 260.0
+    )
     assert found == pytest.approx(1 / (1 - cover), rel=1e-13), "parallel lines do not cross"
 
 
@@ -67,7 +69,7 @@ def test_factor_of_a_family_in_two_parts() -> None:
     whole, parts = np.array([0.25, 0.3]), np.array([0.1, 0.15, 0.3])
     angles = np.array([0.2, 0.2, 1.3])
     values = [
-        fabric_factor(shares, np.cos(2 * t), np.sin(2 * t), 260.0)
+        fabric_factor(list(shares), list(np.cos(2 * t)), list(np.sin(2 * t)), 260.0)
         for shares, t in ((whole, angles[1:]), (parts, angles))
     ]
     assert values[0] == pytest.approx(values[1], rel=1e-13)

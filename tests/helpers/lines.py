@@ -25,11 +25,12 @@ def turned_halves(degrees: float) -> Pattern:
     right = sheet.centroids[:, 0] > 0.02
     angle = np.radians(degrees)
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    flat, triangles, sewn = [], [], []
+    flat: list[np.ndarray] = []
+    triangles, sewn = [], []
     for side in (False, True):
         used, corner = np.unique(sheet.flat_triangles[right == side], return_inverse=True)
         own = sheet.flat_points[used]
-        triangles.append(corner.reshape(-1, 3) + sum(map(len, flat)))
+        triangles.append(corner.reshape(-1, 3) + sum(len(points) for points in flat))
         flat.append(own @ turn.T + [0.1, 0.2] if side else own)
         sewn.append(used)
     return Pattern(

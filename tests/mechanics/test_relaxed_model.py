@@ -38,7 +38,7 @@ def test_sensitivity_by_each_kind_of_column(model: RelaxedModel, columns: list[i
     comm, state, adjoint = model.skin.comm, bent_tube(model), drawn(model, 1)
     base = line_design(model.skin, 2, 1)
     rng = np.random.default_rng(9)
-    direction = np.zeros((len(model.skin.pattern.panel), 7))
+    direction: np.ndarray = np.zeros((len(model.skin.pattern.panel), 7))
     direction[:, columns] = rng.standard_normal((len(direction), len(columns)))
     direction = direction[model.skin.owned_cells]
     if columns != [0]:
@@ -72,7 +72,7 @@ def test_only_the_direction_of_an_angle_counts(model: RelaxedModel) -> None:
     for design in (along, straight):
         model.set_density(design)
         found.append(model.residual(state))
-    assert np.array_equal(*found), "the zero vector is the first axis"
+    assert np.array_equal(found[0], found[1]), "the zero vector is the first axis"
     model.set_density(along)
     assert not model.density_sensitivity(state, drawn(model, 3))[:, 3:].any()
     model.set_density(base)

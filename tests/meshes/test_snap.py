@@ -69,9 +69,9 @@ def test_outlines_and_seams_are_kept(comm: MPI.Comm) -> None:
     length = np.linalg.norm(np.diff(sides[1], axis=2)[..., 0, :], axis=2)
     assert length[:, 0] == pytest.approx(length[:, 1], rel=1e-6)
     moved = np.any(sides[0] != sides[1], axis=(1, 2, 3))
-    panel = np.zeros(len(pattern.flat_points), dtype=int)
-    panel[pattern.flat_triangles] = pattern.panel[:, None]
-    one, two = panel[pattern.seams[:, :, 0]].T
+    panel_of = np.zeros(len(pattern.flat_points), dtype=int)
+    panel_of[pattern.flat_triangles] = pattern.panel[:, None]
+    one, two = panel_of[pattern.seams[:, :, 0]].T
     caps = one != two
     assert np.count_nonzero(moved[~caps]) > 5
     assert not np.any(moved[caps])

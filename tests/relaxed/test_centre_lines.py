@@ -8,10 +8,10 @@ from toros_fem.meshes.sheet import rectangle
 from toros_fem.relaxed.centre_lines import trace
 from toros_fem.relaxed.laid_lines import lay_lines
 from toros_fem.relaxed.stripes import Stripes
-from toros_fem.relaxed.transport import make_line_mesh
+from toros_fem.relaxed.transport import LineMesh, make_line_mesh
 
 
-def stripes_of(mesh: object, phase: np.ndarray) -> Stripes:
+def stripes_of(mesh: LineMesh, phase: np.ndarray) -> Stripes:
     i, j = mesh.edges.ends.T
     change = phase[j] - phase[i]
     return Stripes(phase, change, np.ones(len(change), dtype=bool), change)

@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 import shapely
@@ -63,7 +65,7 @@ def test_what_does_not_fit_is_refused() -> None:
 
 
 @pytest.mark.parametrize("degrees", [37.0, -110.0])
-def test_lines_run_on_across_a_seam_between_turned_charts(degrees) -> None:
+def test_lines_run_on_across_a_seam_between_turned_charts(degrees: float) -> None:
     pattern = turned_halves(degrees)
     angle = np.radians(25.0 + degrees * pattern.panel)[:, None]
     laid = lay_lines(LineField(pattern, np.full((len(angle), 1), 0.2), angle))
@@ -90,7 +92,7 @@ def test_lines_run_on_across_curved_seams_of_mirrored_panels() -> None:
     assert all(set(family.ends) <= {"plane", "line"} for family in laid.families)
 
 
-FIELDS = {
+FIELDS: dict[str, tuple[list[float], list[float], dict[str, Any]]] = {
     "net": ([0.2, 0.2], [30.0, -30.0], {}),
     "wide and thin": ([0.25, 0.15], [85.0, 33.0], {"widths": (3e-3, 0.9e-3)}),
     "shallow": ([0.2, 0.2], [10.0, -8.0], {"widths": (0.8e-3,)}),
@@ -100,7 +102,7 @@ FIELDS = {
 
 
 @pytest.mark.parametrize("name", FIELDS)
-def test_no_line_and_no_gap_is_thinner_than_can_be_printed(name) -> None:
+def test_no_line_and_no_gap_is_thinner_than_can_be_printed(name: str) -> None:
     tube = cylinder(MPI.COMM_SELF, 0.04, 0.012, 2.5e-3)
     wall = tube.panel == tube.panel_index("wall")
     shares, degrees, settings = FIELDS[name]
@@ -152,7 +154,7 @@ def test_a_wide_line_tapers_where_it_ends_on_a_thin_one() -> None:
     ends = [
         line.points[0 if side == 0 else -1, side]
         for line in laid.centre_lines[0]
-        for side, kind in enumerate(line.ends)
+        for side, kind in enumerate(line.ends or ())
         if kind == "line"
     ]
     assert len(ends) > 1

@@ -34,7 +34,7 @@ def check_ends(laid: LaidLines) -> None:
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, np.pi / 2, None])
-def test_lines_around_a_point_have_no_open_ends(turn) -> None:
+def test_lines_around_a_point_have_no_open_ends(turn: float | None) -> None:
     """Rays, spirals, rings, and the field of half a turn around the centre."""
     angle = rays(DISC) / 2 if turn is None else rays(DISC) + turn
     field = LineField(DISC, np.full((len(angle), 1), 0.2), angle[:, None])
@@ -48,7 +48,7 @@ def test_lines_around_a_point_have_no_open_ends(turn) -> None:
 
 
 @pytest.mark.parametrize("second", [False, True])
-def test_where_a_share_fades_lines_end_on_others(second) -> None:
+def test_where_a_share_fades_lines_end_on_others(second: bool) -> None:
     x = SHEET.centroids[:, 0]
     share = np.clip(0.3 - 0.3 * x / 0.04, 0, 1)
     shares, angles = [share, np.full(len(x), 0.15)], [np.full(len(x), 0.4), np.full(len(x), 1.7)]

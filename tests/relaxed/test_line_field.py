@@ -1,3 +1,5 @@
+from typing import Any
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -31,7 +33,7 @@ def test_holds_copies_that_do_not_change() -> None:
         (np.zeros((COUNT, 1)), np.full((COUNT, 1), np.nan), r"angles\[0\]"),
     ],
 )
-def test_what_does_not_fit_is_refused(shares, angles, message) -> None:
+def test_what_does_not_fit_is_refused(shares: Any, angles: Any, message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         LineField(SHEET, shares, angles)
 

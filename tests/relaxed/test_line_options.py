@@ -1,3 +1,5 @@
+from typing import Any
+
 import pytest
 
 from toros_fem.errors import ParameterError
@@ -23,6 +25,6 @@ def test_one_width_counts_for_all_families() -> None:
         ({"spread": 0.9}, "spread"),
     ],
 )
-def test_values_out_of_their_bounds_are_refused(settings, message) -> None:
+def test_values_out_of_their_bounds_are_refused(settings: dict[str, Any], message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         LineOptions(**settings)

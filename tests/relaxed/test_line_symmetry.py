@@ -4,6 +4,7 @@ from helpers.lines import even_field, positions
 from mpi4py import MPI
 
 from toros_fem.meshes import cylinder
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.relaxed import LaidLines, LineField, lay_lines
 from toros_fem.relaxed.line_symmetry import make_symmetry
 
@@ -12,7 +13,7 @@ QUARTER = cylinder(MPI.COMM_SELF, 0.08, 0.02, 2.5e-3, planes=(0, 1))
 WIDTHS = (0.9e-3, 0.9e-3)
 
 
-def wall_of(part: object) -> np.ndarray:
+def wall_of(part: Pattern) -> np.ndarray:
     return part.panel == part.panel_index("wall")
 
 
@@ -47,7 +48,7 @@ def test_families_that_cross_a_plane_are_paired() -> None:
 
 
 @pytest.mark.parametrize(("part", "planes"), [(HALF, (1,)), (QUARTER, (0, 1))])
-def test_a_net_runs_on_straight_across_planes(part, planes) -> None:
+def test_a_net_runs_on_straight_across_planes(part: Pattern, planes: tuple[int, ...]) -> None:
     """A line of one family that meets the plane is the mirror image of one of the other."""
     wall = wall_of(part)
     laid = lay_lines(even_field(part, [0.2, 0.2], [30, -30]), printed=~wall, planes=planes)

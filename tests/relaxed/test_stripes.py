@@ -47,7 +47,7 @@ def test_parallel_stripes_fit_exactly() -> None:
 
 
 @pytest.mark.parametrize("degrees", [20.0, 33.0, 90.0])
-def test_helices_close_with_whole_turns(degrees) -> None:
+def test_helices_close_with_whole_turns(degrees: float) -> None:
     """Whatever the angle, no line ends; the misfit is spread evenly."""
     tube = cylinder(MPI.COMM_SELF, 0.1, 0.02, 2e-3)
     mesh = make_line_mesh(tube, tube.panel == tube.panel_index("wall"))

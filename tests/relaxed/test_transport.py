@@ -14,7 +14,7 @@ def whole(pattern: Pattern) -> LineMesh:
 
 
 @pytest.mark.parametrize("degrees", [0.0, 37.0, 140.0, -90.0])
-def test_a_direction_is_the_same_in_all_charts(degrees) -> None:
+def test_a_direction_is_the_same_in_all_charts(degrees: float) -> None:
     pattern = turned_halves(degrees)
     mesh = whole(pattern)
     angle = np.radians(20.0 + degrees * pattern.panel)
