@@ -190,7 +190,7 @@ def discover(
         error = np.inf if printed.evaluation is None else largest_error(metrics, aims)
         rounds.append(Round(dict(asked), relaxed, laid, printed, metrics, error))
         if best is None or error < best[0].error:
-            best = rounds[-1], fine, regions, problem  # of the others only their figures are kept
+            best = rounds[-1], fine, regions, problem  # the problems of the others are freed
         seconds["relaxed"] += middle - begin
         seconds["lines"] += end - middle
         seconds["prints"] += time.perf_counter() - end

@@ -23,7 +23,6 @@ from toros_fem.design.options import DesignOptions
 from toros_fem.design.problem import Evaluation
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.starts import BestStart, best_start
-from toros_fem.design.warm_start import WarmStart
 from toros_fem.equilibrium.solver import EquilibriumError
 from toros_fem.errors import ParameterError
 from toros_fem.fabrication.as_printed import (
@@ -358,19 +357,12 @@ def _corrected(
         except ParameterError:  # beyond what the targets' fields allow
             break
         objective = case(comm, other).objective(problem.skin)
-        warm = WarmStart(
-            density=last.result.density,
-            pressures=last.result.pressures,
-            state=last.result.final.equilibrium.state,
-            history=last.result.history,
-            level=last.result.history[-1].level,
-        )
         reporter.expect(last.result.history[-1].iteration + config.level_iterations)
         found = optimize(
             problem.with_objective(objective),
             config.finer_options,
             callback=reporter,
-            after=warm,
+            after=last.result,
         )
         made = as_printed(problem, found, config.print_limits, island_area=config.island_area)
         final = replace(
