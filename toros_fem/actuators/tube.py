@@ -101,7 +101,7 @@ COARSE_WIDTH = 1.2e-3
 
 
 def coarse_tube(config: T) -> T:
-    """Return the same design on a coarse mesh with few steps; it takes less than a minute."""
+    """Return the same design on a coarse mesh, with few steps and wider lines."""
     return config.updated(
         edge_length=2.85e-3,
         filter_radius=4.4e-3,

@@ -36,8 +36,8 @@ class RelaxedProblem(ShapeProblem):
 
     Attributes:
         families: How variables become shares and directions.
-        share_weight: Factor on the mean sum of shares in T, so that lines go where they are not
-            needed.
+        share_weight: Factor on the mean sum of shares in T, so that there are no lines where none
+            are needed.
     """
 
     families: Families = field(kw_only=True, default_factory=FixedDirections)
