@@ -31,6 +31,10 @@ from toros_fem.errors import TorosError
 from toros_fem.fabrication.as_printed import PrintedDesign, as_printed
 from toros_fem.fabrication.printability import PrintLimits
 from toros_fem.fabrication.printed_lines import printed_lines
+from toros_fem.lines.field import LineField
+from toros_fem.lines.laid_lines import LaidLines
+from toros_fem.lines.lay_lines import lay_lines
+from toros_fem.lines.options import LineOptions
 from toros_fem.materials import Bending, Bladder, Composite, Knit, Material
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.dead_loads import Weight, spread_force
@@ -59,9 +63,6 @@ from toros_fem.objectives.shape import ShapeObjective, SumObjective
 from toros_fem.output.reporter import DesignReporter
 from toros_fem.output.writer import write_results
 from toros_fem.relaxed.find import RelaxedOptions, RelaxedResult, find_lines
-from toros_fem.relaxed.laid_lines import LaidLines, lay_lines
-from toros_fem.relaxed.line_field import LineField
-from toros_fem.relaxed.line_options import LineOptions
 
 __all__ = [
     "AlignedObjective",

@@ -4,8 +4,8 @@ import pytest
 
 from toros_fem import errors
 from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.lines.options import LineOptions
 from toros_fem.relaxed.find import RelaxedOptions
-from toros_fem.relaxed.line_options import LineOptions
 
 
 def test_defaults_are_those_of_the_options() -> None:

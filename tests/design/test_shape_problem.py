@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 from helpers.designs import full, make_problem
 
@@ -11,6 +12,7 @@ from toros_fem.design.loop import optimize
 from toros_fem.design.options import DesignOptions, Stage
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
+from toros_fem.objectives.metrics import Metric, bend_angle, length_ratio
 
 
 def test_pressure_gradient_alone(tube: Skin, tube_solver: EquilibriumSolver) -> None:
@@ -21,6 +23,36 @@ def test_pressure_gradient_alone(tube: Skin, tube_solver: EquilibriumSolver) -> 
     state = base.equilibrium.state
     there, back = (problem.simulate(density, state, 3e3 + s).objective for s in (1.0, -1.0))
     assert base.pressure_gradient == pytest.approx((there - back) / 2, rel=1e-4)
+
+
+def test_metrics_along_changes_of_the_density(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    metrics = (
+        Metric("bend", "rad", None, lambda of, x: bend_angle(of, x, sections=6)),
+        Metric("length", "ratio", None, length_ratio),
+    )
+    problem = dataclasses.replace(make_problem(tube, tube_solver), metrics=metrics)
+    density = random_density(tube, 2, spread=0.3)
+    pattern = tube.pattern
+    x, _, z = pattern.points[pattern.triangles[tube.owned_cells]].mean(axis=1).T
+    changes = [0.2 * np.sign(x), 0.2 * np.sign(z - pattern.points[:, 2].mean())]
+    changes = [change * problem.designed for change in changes]
+    base = problem.simulate(density)
+    found = problem.metric_derivatives(base, changes)
+    state, step = base.equilibrium.state, 1e-3
+    for k, change in enumerate(changes):
+        slope = problem.projection.backward(base.filtered, problem.designed.astype(float))
+        rate = problem.metric_derivatives(base, [slope * problem.filter.forward(change)])
+        there, back = (
+            problem.metrics_of(problem.simulate(density + s * change, state).equilibrium)
+            for s in (step, -step)
+        )
+        base = problem.simulate(density, state)
+        for key in ("bend_rad", "length_ratio"):
+            assert rate[key][0] == pytest.approx((there[key] - back[key]) / (2 * step), rel=1e-3)
+            assert abs(found[key][k]) > 0
+    again = problem.metric_derivatives(base, [sum(changes)])
+    for key, values in found.items():
+        assert again[key][0] == pytest.approx(values.sum(), rel=1e-5)
 
 
 def test_bad_pressure_bounds(tube: Skin, tube_solver: EquilibriumSolver) -> None:

@@ -6,11 +6,11 @@ import numpy as np
 import shapely
 from mpi4py import MPI
 
+from toros_fem.lines.centre_lines import CentreLine
+from toros_fem.lines.field import LineField
+from toros_fem.lines.laid_lines import LaidLines
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.sheet import rectangle
-from toros_fem.relaxed.centre_lines import CentreLine
-from toros_fem.relaxed.laid_lines import LaidLines
-from toros_fem.relaxed.line_field import LineField
 
 
 def even_field(pattern: Pattern, shares: Sequence[float], degrees: Sequence[float]) -> LineField:

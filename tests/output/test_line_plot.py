@@ -7,8 +7,8 @@ import numpy as np
 import shapely
 from helpers.scenes import square
 
+from toros_fem.lines.field import LineField
 from toros_fem.output.line_plot import plot_line_field
-from toros_fem.relaxed.line_field import LineField
 
 
 def test_families_and_their_print(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ ROOMS = [
     ["config"],
     ["materials"],
     ["meshes", "forms"],
-    ["density", "objectives", "mma"],
+    ["density", "objectives", "mma", "lines"],
     ["mechanics"],
     ["equilibrium"],
     ["analysis", "design"],

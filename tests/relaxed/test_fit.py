@@ -5,8 +5,8 @@ import pytest
 from helpers.line_fields import two_sheets
 from helpers.scenes import square
 
+from toros_fem.lines.field import LineField
 from toros_fem.relaxed.fit import fitted_pair
-from toros_fem.relaxed.line_field import LineField
 
 ANGLES = np.pi * np.arange(12) / 12
 

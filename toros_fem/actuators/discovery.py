@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem._mpi import on_first_rank
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.line_widths import mended_widths
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
 from toros_fem.actuators.space_mapping import CLOSE, Aim, aims_of, asked_next, largest_error
 from toros_fem.design.loop import Callback, DesignResult, optimize
@@ -22,16 +23,22 @@ from toros_fem.design.warm_start import WarmStart
 from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.fabrication.as_printed import PrintedDesign, as_printed
 from toros_fem.fabrication.printed_lines import printed_lines, regions_on
+from toros_fem.lines.field import LineField
+from toros_fem.lines.laid_lines import LaidLines
+from toros_fem.lines.lay_lines import lay_lines
+from toros_fem.lines.options import LineOptions
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.metrics import Metric
 from toros_fem.output.console import print_line
 from toros_fem.relaxed.find import RelaxedResult, find_lines
-from toros_fem.relaxed.laid_lines import LaidLines, lay_lines
-from toros_fem.relaxed.line_field import LineField
-from toros_fem.relaxed.line_options import LineOptions
 
-# Below this error lines stay where they are, and corrections change their widths and directions.
+# Below this error lines stay where they are, and corrections change their widths first.
 NEAR = 0.3
+# Other widths help if the error is at most this fraction of the one before.
+HELPS = 0.7
+# Below this error only widths change any more, and two rounds that are no better are the last:
+# moving lines costs more than there is to gain, and what is left is the mesh's error.
+FINE = 0.05
 
 C = TypeVar("C", bound=ActuatorConfig)
 
@@ -48,6 +55,7 @@ class Round:
         metrics: Metrics of the print, by key; empty without an equilibrium.
         error: Largest distance of a metric from its target, over its scale; infinite without an
             equilibrium.
+        widened: Whether these are the lines of the round before, with other widths.
     """
 
     asked: Mapping[str, float]
@@ -56,6 +64,7 @@ class Round:
     printed: PrintedDesign
     metrics: Mapping[str, float]
     error: float
+    widened: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +115,9 @@ class Discovery:
             },
             "lines": {
                 **best.metrics,
-                "rounds": [{"asked": dict(r.asked), **r.metrics} for r in self.rounds],
+                "rounds": [
+                    {"asked": dict(r.asked), "widened": r.widened, **r.metrics} for r in self.rounds
+                ],
                 "families": [
                     {
                         "width_mm": 1e3 * f.width,
@@ -133,10 +144,11 @@ def discover(
 ) -> Discovery:
     """Find printable lines that take an actuator to its target, from noise (collective).
 
-    The relaxed design is laid as lines, which are simulated as printed. What the print misses is
-    asked of the relaxed design on top, and so on (space mapping, Bandler et al. 1994): a relaxed
-    design costs a fraction of a simulated print. Where a target is in no field of the
-    configuration (`TARGETS`), there is one round only.
+    The relaxed design is laid as lines, which are simulated as printed. What the print misses by
+    far is asked of the relaxed design on top, and so on (space mapping, Bandler et al. 1994): a
+    relaxed design costs a fraction of a simulated print. What it misses by little is mended by the
+    widths of its lines (`mended_widths`). Where a target is in no field of the configuration
+    (`TARGETS`), there is one round only.
 
     Args:
         comm: Communicator.
@@ -155,51 +167,74 @@ def discover(
     aims: dict[str, Aim] = {}
     asked: dict[str, float] = {}
     like: LaidLines | None = None
-    alike = 0  # first of the rounds whose answers can be compared
+    wider: LaidLines | None = None  # lines of the last round with other widths
+    fruitless = 0  # rounds since the best one
+    alike = 0  # first of the answers that can be compared
     rounds: list[Round] = []
+    answers: list[Round] = []  # those of relaxed designs, whose widths are as laid
     best: tuple[Round, ActuatorCase, list[BaseGeometry], ShapeDesign] | None = None
     for number in range(1 + config.corrections):
         begin = time.perf_counter()
-        try:
-            coarse = config.of_relaxed.asked(asked)
-        except ParameterError:  # beyond what the targets' fields allow
-            break
-        here = case(comm, coarse)
-        if not rounds:
-            aims = aims_of(here.metrics)
-            asked = {key: aim.target for key, aim in aims.items()}
-        design = actuator_problem(comm, here, coarse, verbose=verbose)
-        try:
-            relaxed = find_lines(
-                design, config.relaxed_options, seed=config.seed, callback=callback, after=relaxed
-            )
-        except NoEquilibriumError:
+        if wider is None:
+            try:
+                coarse = config.of_relaxed.asked(asked)
+            except ParameterError:  # beyond what the targets' fields allow
+                break
+            here = case(comm, coarse)
             if not rounds:
-                raise
-            break
+                aims = aims_of(here.metrics)
+                asked = {key: aim.target for key, aim in aims.items()}
+            design = actuator_problem(comm, here, coarse, verbose=verbose)
+            options = config.relaxed_options
+            try:
+                relaxed = find_lines(
+                    design, options, seed=config.seed, callback=callback, after=relaxed
+                )
+            except NoEquilibriumError:
+                if not rounds:
+                    raise
+                break
+        assert relaxed is not None
         middle = time.perf_counter()
-        laid = _laid(comm, here, relaxed.field, config.line_options, like)
+        if wider is None:
+            lines = _laid(comm, here, relaxed.field, config.line_options, like)
+        else:
+            lines = wider
         end = time.perf_counter()
         plain = case(comm, config.of_print) if plain is None else plain
         fine, regions, problem, printed = _printed(
-            comm, plain, config, here.pattern, relaxed, laid, verbose
+            comm, plain, config, here.pattern, relaxed, lines, verbose
         )
         metrics = {}
         if printed.evaluation is not None:
             metrics = problem.metrics_of(printed.evaluation.equilibrium)
         error = np.inf if printed.evaluation is None else largest_error(metrics, aims)
-        rounds.append(Round(dict(asked), relaxed, laid, printed, metrics, error))
+        made = Round(dict(asked), relaxed, lines, printed, metrics, error, wider is not None)
+        helped = not made.widened or error < HELPS * rounds[-1].error
+        rounds.append(made)
         if best is None or error < best[0].error:
-            best = rounds[-1], fine, regions, problem  # the problems of the others are freed
+            best = made, fine, regions, problem  # the problems of the others are freed
+        fruitless = 0 if best[0] is made else fruitless + 1
+        if not made.widened:
+            answers.append(made)
         seconds["relaxed"] += middle - begin
         seconds["lines"] += end - middle
         seconds["prints"] += time.perf_counter() - end
-        _report(comm, number, problem.metrics, rounds[-1])
-        if error < CLOSE or printed.evaluation is None or not set(aims) <= set(config.TARGETS):
+        _report(comm, number, problem.metrics, made)
+        if error < CLOSE or not set(aims) <= set(config.TARGETS):
+            break
+        if printed.evaluation is None and not made.widened:
+            break
+        fitting = best[0].error < FINE
+        if fitting and fruitless > 1:
             break
         if like is None and error < NEAR:
-            like, alike = laid, number
-        asked = asked_next(rounds[alike:], aims)
+            like, alike = lines, len(answers) - 1
+        wider = None
+        if error < NEAR and (helped or fitting):
+            wider = mended_widths(comm, problem, made.printed, lines, metrics, aims)
+        if wider is None:
+            asked = asked_next(answers[alike:], aims)
     assert best is not None
     if not np.isfinite(best[0].error):
         raise NoEquilibriumError(

@@ -14,7 +14,7 @@ from toros_fem.objectives.metrics import Metric
 # A print is good enough where every metric is this close to its target, over its scale.
 CLOSE = 5e-3
 # Bounds on the change of a printed metric over that of the one asked.
-LEAST_SLOPE, LARGEST_SLOPE = 0.4, 1.5
+LEAST_SLOPE, LARGEST_SLOPE = 0.4, 3.0
 # Largest change of what is asked in one round, over the scale of its metric.
 LARGEST_STEP = 0.4
 

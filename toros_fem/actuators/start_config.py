@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from toros_fem.config import quantity
 from toros_fem.design.config import DesignConfig
+from toros_fem.lines.options import LineOptions
 from toros_fem.relaxed.find import RelaxedOptions
-from toros_fem.relaxed.line_options import LineOptions
 
 STARTS = ("random", "relaxed")
 

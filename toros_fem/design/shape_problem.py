@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 import numpy as np
+from mpi4py import MPI
 
 from toros_fem._mpi import dot
 from toros_fem._types import Floats
@@ -27,6 +28,9 @@ from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 from toros_fem.objectives.metrics import Metric
 from toros_fem.objectives.shape import Objective
+
+# Largest displacement in differences of metrics, over the size of the skin.
+METRIC_STEP = 1e-5
 
 
 @dataclass(eq=False)
@@ -141,11 +145,48 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
 
     def metrics_of(self, response: EquilibriumResult) -> dict[str, float]:
         """Return the values of all metrics by key, equal on all ranks (collective)."""
+        return self._metrics_at(response.positions)
+
+    def _metrics_at(self, owned: Floats) -> dict[str, float]:
+        """Return the values of all metrics for positions of the owned nodes (collective)."""
         if not self.metrics:
             return {}
-        positions = self.skin.gather_vertices(response.positions)
-        pattern = self.skin.pattern
+        positions, pattern = self.skin.gather_vertices(owned), self.skin.pattern
         return {m.key: float(m.measure(pattern, positions)) for m in self.metrics}
+
+    def metric_derivatives(
+        self, evaluation: Evaluation[EquilibriumResult], changes: Sequence[Floats]
+    ) -> dict[str, Floats]:
+        """Return the derivatives of all metrics along changes of ρ̄, by key (collective).
+
+        K y = −(∂f/∂ρ̄) δρ̄ with the last tangent gives the motion y along each change; metrics, which
+        are functions of the positions alone, are differenced along it.
+
+        Args:
+            evaluation: The last simulation.
+            changes: δρ̄ at owned triangles, one array for each derivative.
+
+        Raises:
+            ParameterError: The solver has been used for another design since.
+        """
+        equilibrium, model = evaluation.equilibrium, self.solver.model
+        state, comm = equilibrium.state, self.skin.comm
+        force = model.residual(state)
+        found: dict[str, list[float]] = {metric.key: [] for metric in self.metrics}
+        for change in changes:
+            # The energy is linear in ρ̄, so that this difference is exact.
+            model.set_density(evaluation.projected + change)
+            motion = self.solver.solve_tangent(force - model.residual(state), equilibrium)
+            moved = model.positions(motion)
+            largest = comm.allreduce(float(np.abs(moved).max(initial=0.0)), op=MPI.MAX)
+            step = METRIC_STEP * self.skin.pattern.size / largest if largest > 0 else 1.0
+            ends = [
+                self._metrics_at(equilibrium.positions + sign * step * moved) for sign in (1, -1)
+            ]
+            for key, values in found.items():
+                values.append((ends[0][key] - ends[1][key]) / (2 * step))
+        model.set_density(evaluation.projected)
+        return {key: np.array(values) for key, values in found.items()}
 
     def shape_of(self, response: EquilibriumResult) -> Floats:
         """Return the positions of all assembled vertices, (n, 3), in m (collective)."""

@@ -12,10 +12,10 @@ from matplotlib.collections import LineCollection
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Floats
+from toros_fem.lines.field import LineField
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.output.drawing import DPI
 from toros_fem.output.pattern_plot import draw_panels
-from toros_fem.relaxed.line_field import LineField
 
 COLOURS = ("#b3261e", "#1f4e9c", "#2c8f35", "#8a4fa3")
 # Length of the mark of the largest share, over the mean edge length.

@@ -19,6 +19,7 @@ from toros_fem.design.loop import DesignResult
 from toros_fem.errors import OutputError
 from toros_fem.fabrication.as_printed import PrintedDesign
 from toros_fem.fabrication.svg import write_svg
+from toros_fem.lines.field import LineField
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.metrics import Metric
@@ -29,7 +30,6 @@ from toros_fem.output.files import (
     write_table,
 )
 from toros_fem.output.summary import design_summary, shape_problem
-from toros_fem.relaxed.line_field import LineField
 
 
 def write_results(

@@ -1,7 +1,5 @@
-"""Relaxed designs: families of fine lines on the skin, and the printable lines made of them."""
+"""Relaxed designs: shares and directions of fine lines in each triangle as variables."""
 
-from toros_fem.relaxed.laid_lines import LaidFamily, LaidLines, lay_lines
-from toros_fem.relaxed.line_field import LineField
-from toros_fem.relaxed.line_options import LineOptions
+from toros_fem.relaxed.find import RelaxedOptions, RelaxedResult, find_lines
 
-__all__ = ["LaidFamily", "LaidLines", "LineField", "LineOptions", "lay_lines"]
+__all__ = ["RelaxedOptions", "RelaxedResult", "find_lines"]

@@ -15,11 +15,11 @@ from toros_fem.design.options import DesignOptions, Iteration, Stage
 from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.design.warm_start import WarmStart
 from toros_fem.errors import ParameterError
+from toros_fem.lines.field import LineField
 from toros_fem.mechanics.relaxed_model import crossing_of_widths
 from toros_fem.mma.optimizer import MMAOptions
 from toros_fem.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.relaxed.fit import fitted_pair
-from toros_fem.relaxed.line_field import LineField
 from toros_fem.relaxed.problem import RelaxedProblem, relaxed_problem
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from toros_fem._types import Floats, Ints
+from toros_fem.lines.field import LineField
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.relaxed.line_field import LineField
 
 # Number of directions that are tried for the pair to start from.
 TRIED = 90

@@ -15,9 +15,9 @@ from toros_fem.design.problem import Evaluation
 from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import DensityError
+from toros_fem.lines.field import LineField
 from toros_fem.mechanics.relaxed_model import CROSSING
 from toros_fem.relaxed.families import FixedDirections, FreeDirections
-from toros_fem.relaxed.line_field import LineField
 from toros_fem.relaxed.smoothing import Smoothing
 
 Families = FixedDirections | FreeDirections

@@ -88,6 +88,13 @@ class LineMesh:
         total = np.bincount(i, values, self.size) + np.bincount(j, values, self.size)
         return np.asarray(total, dtype=np.float64)
 
+    @property
+    def laplacian(self) -> csc_array:
+        """The Laplacian of values at vertices, (n, n), positive semidefinite."""
+        i, j = self.edges.ends.T
+        pull = _symmetric(i, j, self.weights, self.size)
+        return csc_array(diags_array(self.around(self.weights)) - pull)
+
     def smooth(self, values: Floats, distance: float | None) -> Floats:
         """Return values at vertices, (n,), averaged over a distance in m, as by a Gaussian."""
         if distance is None:
@@ -137,9 +144,7 @@ class LineMesh:
     def _diffused(self, pull: csc_array, values: npt.NDArray, distance: float) -> npt.NDArray:
         """Two implicit steps of diffusion for half the time each."""
         time = distance**2 / 4
-        i, j = self.edges.ends.T
-        degree = sum(np.bincount(end, self.weights, minlength=self.size) for end in (i, j))
-        matrix = diags_array(self.vertex_areas + time * degree) - time * pull
+        matrix = diags_array(self.vertex_areas + time * self.around(self.weights)) - time * pull
         factor = splu(
             csc_array(matrix),
             permc_spec="MMD_AT_PLUS_A",

@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 
 from toros_fem.errors import ParameterError
-from toros_fem.relaxed.line_options import LineOptions
+from toros_fem.lines.options import LineOptions
 
 
 def test_one_width_counts_for_all_families() -> None:

@@ -3,9 +3,9 @@ import pytest
 from helpers.lines import distance_to_others, largest_jump
 from mpi4py import MPI
 
+from toros_fem.lines import LaidLines, LineField, LineOptions, lay_lines
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.sheet import disc, rectangle
-from toros_fem.relaxed import LaidLines, LineField, LineOptions, lay_lines
 
 DISC = disc(MPI.COMM_SELF, 0.025, 2.5e-3)
 SHEET = rectangle(MPI.COMM_SELF, 0.06, 0.04, 2.5e-3, "unstructured")

@@ -10,9 +10,9 @@ from toros_fem._mpi import on_first_rank
 from toros_fem.errors import ParameterError
 from toros_fem.fabrication.contours import panel_outline
 from toros_fem.fabrication.widths import measure_widths
+from toros_fem.lines import LaidLines, LineField, LineOptions, lay_lines
 from toros_fem.meshes import cylinder, walker
 from toros_fem.meshes.sheet import rectangle
-from toros_fem.relaxed import LaidLines, LineField, LineOptions, lay_lines
 
 
 def test_parallel_lines_on_a_square_are_straight_and_evenly_spaced() -> None:

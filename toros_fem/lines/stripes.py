@@ -10,8 +10,8 @@ from scipy.sparse import coo_array, csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
 from toros_fem._types import Bools, Floats, Ints
+from toros_fem.lines.transport import Complexes, LineMesh
 from toros_fem.meshes.topology import following, linked
-from toros_fem.relaxed.transport import Complexes, LineMesh
 
 # Steps of the inverse iteration, and of the relaxation of vectors of unit length after it.
 ITERATIONS = 12

@@ -9,9 +9,9 @@ from scipy.sparse import coo_array, csc_array, csr_array, diags_array
 from scipy.sparse.linalg import splu
 
 from toros_fem._types import Bools, Floats, Ints
+from toros_fem.lines.stripes import Stripes
+from toros_fem.lines.transport import LineMesh
 from toros_fem.meshes.topology import chart_turns, following
-from toros_fem.relaxed.stripes import Stripes
-from toros_fem.relaxed.transport import LineMesh
 
 # Steps shorter than this fraction of an edge count as that long.
 SHORT = 1e-5

@@ -3,12 +3,12 @@ import pytest
 from helpers.lines import even_field, largest_jump
 from mpi4py import MPI
 
+from toros_fem.lines.centre_lines import trace
+from toros_fem.lines.lay_lines import lay_lines
+from toros_fem.lines.stripes import Stripes
+from toros_fem.lines.transport import LineMesh, make_line_mesh
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.sheet import rectangle
-from toros_fem.relaxed.centre_lines import trace
-from toros_fem.relaxed.laid_lines import lay_lines
-from toros_fem.relaxed.stripes import Stripes
-from toros_fem.relaxed.transport import LineMesh, make_line_mesh
 
 
 def stripes_of(mesh: LineMesh, phase: np.ndarray) -> Stripes:

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from toros_fem._types import Floats, Ints
+from toros_fem.lines.centre_lines import CentreLine
+from toros_fem.lines.transport import LineMesh
 from toros_fem.meshes.mirror import plane_border
 from toros_fem.meshes.topology import chart_turns, following
-from toros_fem.relaxed.centre_lines import CentreLine
-from toros_fem.relaxed.transport import LineMesh
 
 OPEN, LINE, BORDER, PRINTED, PLANE = "open", "line", "border", "printed", "plane"
 
@@ -42,6 +42,7 @@ class Family:
         spacing: Distance from line to line at each vertex, (n,), in m.
         radius: Half the width at each vertex, (n,), in m.
         width: Width asked, in m.
+        bounds: Least half width, and the largest one at each vertex, (n,), in m.
     """
 
     lines: list[CentreLine]
@@ -49,6 +50,7 @@ class Family:
     spacing: Floats
     radius: Floats
     width: float
+    bounds: tuple[float, Floats]
 
 
 @dataclass(eq=False)

@@ -3,8 +3,8 @@ import pytest
 import shapely
 from mpi4py import MPI
 
+from toros_fem.lines.strips import Strip, cleaned, joints_of, ribbons
 from toros_fem.meshes import cylinder
-from toros_fem.relaxed.strips import Strip, cleaned, joints_of, ribbons
 
 WIDTH = 0.6e-3
 

@@ -3,10 +3,10 @@ import pytest
 from helpers.lines import even_field, positions
 from mpi4py import MPI
 
+from toros_fem.lines import LaidLines, LineField, lay_lines
+from toros_fem.lines.symmetry import make_symmetry
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.relaxed import LaidLines, LineField, lay_lines
-from toros_fem.relaxed.line_symmetry import make_symmetry
 
 HALF = cylinder(MPI.COMM_SELF, 0.08, 0.02, 2.5e-3, planes=(1,))
 QUARTER = cylinder(MPI.COMM_SELF, 0.08, 0.02, 2.5e-3, planes=(0, 1))

@@ -3,10 +3,10 @@ import pytest
 from helpers.lines import turned_halves
 from mpi4py import MPI
 
+from toros_fem.lines.transport import LineMesh, make_line_mesh
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.sheet import rectangle
-from toros_fem.relaxed.transport import LineMesh, make_line_mesh
 
 
 def whole(pattern: Pattern) -> LineMesh:

@@ -9,12 +9,12 @@ from itertools import product
 import numpy as np
 
 from toros_fem._types import Floats, Ints
+from toros_fem.lines.centre_lines import CentreLine
+from toros_fem.lines.field import LineField
+from toros_fem.lines.stripes import Image, Waves
+from toros_fem.lines.transport import LineMesh, make_line_mesh
 from toros_fem.meshes.mirror import Mirrored, mirrored, plane_border
 from toros_fem.meshes.topology import half_edges
-from toros_fem.relaxed.centre_lines import CentreLine
-from toros_fem.relaxed.line_field import LineField
-from toros_fem.relaxed.stripes import Image, Waves
-from toros_fem.relaxed.transport import LineMesh, make_line_mesh
 
 # Pairs of families must fit better than each family fits its own image by this fraction.
 BETTER = 1e-3

@@ -5,8 +5,8 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.errors import ParameterError
+from toros_fem.lines.field import LineField
 from toros_fem.meshes.sheet import rectangle
-from toros_fem.relaxed.line_field import LineField
 
 SHEET = rectangle(MPI.COMM_SELF, 0.02, 0.01, 5e-3)
 COUNT = len(SHEET.panel)

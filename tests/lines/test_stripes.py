@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from toros_fem.lines.centre_lines import trace
+from toros_fem.lines.stripes import Stripes, Waves, find_stripes, fitting_spacing, line_ends
+from toros_fem.lines.transport import LineMesh, make_line_mesh
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.sheet import disc, rectangle
 from toros_fem.meshes.topology import following
-from toros_fem.relaxed.centre_lines import trace
-from toros_fem.relaxed.stripes import Stripes, Waves, find_stripes, fitting_spacing, line_ends
-from toros_fem.relaxed.transport import LineMesh, make_line_mesh
 
 SPACING = 5e-3
 

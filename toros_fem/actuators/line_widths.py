@@ -1,0 +1,79 @@
+"""Widths of printed lines that mend what their print misses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem._mpi import on_first_rank
+from toros_fem.actuators.space_mapping import Aim
+from toros_fem.design.shape_design import ShapeDesign
+from toros_fem.fabrication.as_printed import PrintedDesign
+from toros_fem.fabrication.printed_lines import regions_on
+from toros_fem.lines.laid_lines import LaidLines, widened
+from toros_fem.lines.widths import WidthChanges, stuck, width_changes
+
+# Number of smooth functions by which the widths of each family change.
+FUNCTIONS = 16
+# Largest relative change of a width in one step.
+LARGEST = 0.3
+# Passes: after each, widths that would leave their bounds are held.
+PASSES = 2
+# A step that takes away less of the error than this fraction is not worth a print.
+WORTH = 0.6
+
+
+def mended_widths(
+    comm: MPI.Comm,
+    problem: ShapeDesign,
+    printed: PrintedDesign,
+    lines: LaidLines,
+    metrics: Mapping[str, float],
+    aims: Mapping[str, Aim],
+) -> LaidLines | None:
+    """Return the lines with the least change of widths that takes the print to its targets.
+
+    A Gauss-Newton step: metrics are linear in the widths, by one solve with the print's tangent
+    for each of the smooth functions of `width_changes`. It is collective.
+
+    Args:
+        comm: Communicator.
+        problem: The problem of the print; its last simulation is this print.
+        printed: The print of the lines.
+        lines: The lines.
+        metrics: Metrics of the print, by key.
+        aims: Their targets.
+
+    Returns:
+        None where the widths cannot take away a fair part of the error.
+    """
+    drawing, evaluation = lines.drawing, printed.evaluation
+    if drawing is None or evaluation is None or not aims:
+        return None
+    pattern, cells = problem.skin.pattern, problem.skin.owned_cells
+
+    def changes_there() -> WidthChanges:
+        under = [regions_on(lines.pattern, regions, pattern) for regions in lines.under]
+        return width_changes(drawing, pattern, under, FUNCTIONS)
+
+    changes = on_first_rank(comm, changes_there)
+    scales = np.array([aim.scale for aim in aims.values()])
+    missing = np.array([aim.target - metrics[key] for key, aim in aims.items()]) / scales
+    free = np.ones((len(drawing.families), drawing.mesh.size), dtype=bool)
+    for _ in range(PASSES):
+        rates = problem.metric_derivatives(evaluation, changes.densities(cells, free))
+        slope = np.array([rates[key] for key in aims]) / scales[:, None]
+        amounts = np.linalg.lstsq(slope, missing, rcond=1e-6)[0]
+        largest = float(np.abs(np.log(changes.factors(amounts, free))).max())
+        amounts *= min(1.0, np.log1p(LARGEST) / max(largest, 1e-12))
+        factors = changes.factors(amounts, free)
+        held = stuck(drawing, factors)
+        if not np.any(held & free):
+            break
+        free &= ~held
+    left = np.abs(missing - slope @ amounts).max() / np.abs(missing).max()
+    if left > 1 - WORTH:
+        return None
+    return on_first_rank(comm, lambda: widened(lines, factors))
