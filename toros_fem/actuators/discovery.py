@@ -338,4 +338,5 @@ def _report(comm: MPI.Comm, number: int, metrics: tuple[Metric, ...], made: Roun
     ]
     lines = sum(f.lines for f in made.laid.families)
     found = "; ".join(parts) if made.printed.evaluation is not None else "no equilibrium"
-    print_line(f"round {number}: {lines} lines, as printed {found}")
+    widths = " of other widths" if made.widened else ""
+    print_line(f"round {number}: {lines} lines{widths}, as printed {found}")

@@ -22,7 +22,7 @@ LARGEST = 0.3
 # Passes: after each, widths that would leave their bounds are held.
 PASSES = 2
 # A step that takes away less of the error than this fraction is not worth a print.
-WORTH = 0.6
+WORTH = 0.4
 
 
 def mended_widths(
