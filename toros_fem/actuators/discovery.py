@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -12,6 +12,7 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._mpi import on_first_rank
+from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.line_widths import mended_widths
@@ -198,12 +199,13 @@ def discover(
         middle = time.perf_counter()
         if wider is None:
             lines = _laid(comm, here, relaxed.field, config.line_options, like)
+            near = here.pattern, relaxed.positions
         else:
             lines = wider
         end = time.perf_counter()
         plain = case(comm, config.of_print) if plain is None else plain
         fine, regions, problem, printed = _printed(
-            comm, plain, config, here.pattern, relaxed, lines, verbose
+            comm, plain, config, near, lines, relaxed.pressures or None, verbose
         )
         metrics = {}
         if printed.evaluation is not None:
@@ -233,6 +235,8 @@ def discover(
         wider = None
         if error < NEAR and (helped or fitting):
             wider = mended_widths(comm, problem, made.printed, lines, metrics, aims)
+            assert printed.evaluation is not None
+            near = fine.pattern, problem.shape_of(printed.evaluation.equilibrium)
         if wider is None:
             asked = asked_next(answers[alike:], aims)
     assert best is not None
@@ -302,9 +306,9 @@ def _printed(
     comm: MPI.Comm,
     case: ActuatorCase,
     config: ActuatorConfig,
-    pattern: Pattern,
-    relaxed: RelaxedResult,
+    near: tuple[Pattern, Floats],
     laid: LaidLines,
+    pressure: Sequence[float] | None,
     verbose: bool,
 ) -> tuple[ActuatorCase, list[BaseGeometry], ShapeDesign, PrintedDesign]:
     """Return the case on a mesh that follows the lines, these, the problem and the print.
@@ -320,8 +324,8 @@ def _printed(
         laid.regions,
         config.print_limits,
         island_area=config.island_area,
-        near=(pattern, relaxed.positions),
-        pressure=relaxed.pressures or None,
+        near=near,
+        pressure=pressure,
     )
     return fine, regions, problem, printed
 
