@@ -15,6 +15,7 @@ from mpi4py import MPI
 from toros_fem import _compat
 from toros_fem._mpi import gather_by_index
 from toros_fem._types import Floats, Ints
+from toros_fem.meshes.partition import partitioner
 from toros_fem.meshes.pattern import Pattern
 
 
@@ -81,7 +82,7 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
         cells=triangles if root else np.zeros((0, 3), dtype=np.int64),
         x=points if root else np.zeros((0, 3)),
         e=ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(3,))),
-        partitioner=_compat.cell_partitioner(),
+        partitioner=partitioner(pattern),
     )
     topology = embedded.topology
     original = np.asarray(topology.original_cell_index, dtype=np.int64)

@@ -7,15 +7,14 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from dolfinx import cpp, fem, mesh
+from dolfinx.graph import adjacencylist
 from mpi4py import MPI
 
 
-def cell_partitioner() -> Any:
-    """Return a partitioner with a ghost layer across facets, the neighbours that bending needs."""
-    try:
-        return mesh.create_cell_partitioner(mesh.GhostMode.shared_facet, 2)
-    except TypeError:  # up to 0.10 there is no bound on the cells of a facet
-        return mesh.create_cell_partitioner(mesh.GhostMode.shared_facet)
+def adjacency(values: npt.NDArray[np.int32], offsets: npt.NDArray[np.int32]) -> Any:
+    """Return a C++ adjacency list."""
+    found = adjacencylist(values, offsets)
+    return getattr(found, "_cpp_object", found)  # from 0.10 it is wrapped
 
 
 def index_map(
