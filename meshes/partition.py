@@ -24,7 +24,8 @@ def parts_of(pattern: Pattern, count: int) -> Ints:
     """
     middles = pattern.points[pattern.triangles].mean(axis=1)
     found = np.zeros(len(middles), dtype=np.int64)
-    left = [(np.arange(len(middles)), 0, count)]
+    everything: Ints = np.arange(len(middles), dtype=np.int64)
+    left = [(everything, 0, count)]
     while left:
         cells, first, number = left.pop()
         if number == 1:

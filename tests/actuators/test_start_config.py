@@ -32,10 +32,12 @@ def test_bad_values() -> None:
     with pytest.raises(errors.ParameterError, match="start = 'drawn' must be one of"):
         ActuatorConfig(start="drawn")
     with pytest.raises(errors.ParameterError, match="under print_width"):
-        _ = ActuatorConfig(laid_width=0.5e-3).line_options
+        _ = ActuatorConfig(laid_width=0.5e-3, print_edge_length=0.5e-3).line_options
     ActuatorConfig(print_width=1e-3)  # there are no lines to print
     with pytest.raises(errors.ParameterError, match="under print_width = 0.001 m"):
         ActuatorConfig(start="relaxed", print_width=1e-3)
+    with pytest.raises(errors.ParameterError, match="print_edge_length = 0.001 m is over 0.0009"):
+        ActuatorConfig(start="relaxed", print_edge_length=1e-3)
     with pytest.raises(errors.ParameterError, match="starts = 3, but a relaxed design has one"):
         ActuatorConfig(start="relaxed", starts=3)
     with pytest.raises(errors.ParameterError, match="share_limit = 0.95"):

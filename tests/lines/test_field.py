@@ -36,14 +36,3 @@ def test_holds_copies_that_do_not_change() -> None:
 def test_what_does_not_fit_is_refused(shares: Any, angles: Any, message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         LineField(SHEET, shares, angles)
-
-
-def test_shares_are_scaled_family_by_family() -> None:
-    field = LineField(SHEET, np.full((COUNT, 2), 0.2), np.ones((COUNT, 2)))
-    scaled = field.scaled((0.5, 1.0))
-    assert np.allclose(scaled.shares, [0.1, 0.2], atol=1e-15)
-    assert np.array_equal(scaled.angles, field.angles)
-    with pytest.raises(ParameterError, match="2 finite numbers"):
-        field.scaled((0.5,))
-    with pytest.raises(ParameterError, match="2 finite numbers"):
-        field.scaled((0.5, -1.0))

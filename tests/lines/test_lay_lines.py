@@ -163,10 +163,10 @@ def test_a_wide_line_tapers_where_it_ends_on_a_thin_one() -> None:
         assert laid.regions[0].intersection(behind).area < 0.05e-6, "a round end has 1 mm²"
 
 
-def test_scaled_shares_are_laid_as_asked() -> None:
+def test_shares_are_laid_as_asked() -> None:
     tube = cylinder(MPI.COMM_SELF, 0.05, 0.02, 2.5e-3)
     wall = tube.panel == tube.panel_index("wall")
-    field = even_field(tube, [0.2, 0.2], [30.0, -30.0]).scaled((0.85, 0.5))
+    field = even_field(tube, [0.17, 0.1], [30.0, -30.0])
     laid = lay_lines(field, printed=~wall)
     found = [(family.share, family.laid) for family in laid.families]
     assert found[0] == pytest.approx((0.17, 0.17), abs=5e-3)

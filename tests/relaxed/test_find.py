@@ -10,7 +10,7 @@ from helpers.designs import make_problem
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.meshes import Skin
-from toros_fem.relaxed.find import RelaxedOptions, find_lines
+from toros_fem.relaxed.find import LEAST_DECREASE, MOVE, RelaxedOptions, find_lines
 
 
 @pytest.mark.parametrize(
@@ -18,7 +18,6 @@ from toros_fem.relaxed.find import RelaxedOptions, find_lines
     [
         ({"iterations": (40, 0)}, "^iterations = 0"),
         ({"more_iterations": 0}, "more_iterations = 0"),
-        ({"move": (0.1, 1.5)}, "move = 1.5"),
         ({"radius": 0.0}, "radius = 0.0"),
         ({"share_weight": 0.0}, "share_weight = 0.0"),
         ({"width_ratio": -1.0}, "width_ratio = -1.0"),
@@ -33,12 +32,12 @@ def test_bad_values(wrong: dict[str, Any], message: str) -> None:
 
 
 def test_stages() -> None:
-    options = RelaxedOptions(iterations=(7, 9), move=(0.3, 0.2), min_decrease=None)
+    options = RelaxedOptions(iterations=(7, 9))
     for number in range(2):
         rules = options.stage(number)
         assert [stage.iterations for stage in rules.stages] == [options.iterations[number]]
-        assert rules.mma.move == options.move[number]
-        assert rules.min_relative_decrease is None
+        assert rules.mma.move == MOVE
+        assert rules.min_relative_decrease == LEAST_DECREASE
 
 
 def test_two_stages_and_their_continuation(tube: Skin, tube_solver: EquilibriumSolver) -> None:

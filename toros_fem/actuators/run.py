@@ -141,7 +141,8 @@ def _from_lines(
     verbose: bool,
 ) -> ActuatorResult:
     """Design an actuator by line families and write all results (collective)."""
-    reporter.expect(2 * config.relaxed_iterations)
+    more = config.relaxed_options.more_iterations
+    reporter.expect(2 * config.relaxed_iterations + config.corrections * more)
     with reporter:
         found = discover(comm, case, config, reporter, verbose=verbose)
         better = None

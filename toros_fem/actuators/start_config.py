@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from toros_fem.config import quantity
 from toros_fem.design.config import DesignConfig
+from toros_fem.errors import ParameterError
 from toros_fem.lines.options import LineOptions
 from toros_fem.relaxed.find import RelaxedOptions
 
@@ -82,8 +83,13 @@ class StartConfig(DesignConfig):
         """Widths and limits of the lines that are laid.
 
         Raises:
-            ParameterError: A width is under `print_width`.
+            ParameterError: A width is under `print_width`, or under the edge length of the print.
         """
+        if self.print_edge_length > min(self.laid_widths):
+            raise ParameterError(
+                f"print_edge_length = {self.print_edge_length} m is over {min(self.laid_widths)} "
+                "m, the width of the lines: their print cannot be simulated. Give shorter edges."
+            )
         return LineOptions(widths=self.laid_widths, print_width=self.print_width)
 
     @property

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,20 +58,3 @@ class LineField:
     def families(self) -> int:
         """Number K of families."""
         return int(self.shares.shape[1])
-
-    def scaled(self, factors: Sequence[float] | Floats) -> LineField:
-        """Return the same directions with shares multiplied by a factor for each family.
-
-        Args:
-            factors: One factor for each family, shape (K,), at least 0.
-
-        Raises:
-            ParameterError: Their number is wrong, or one is negative or not finite.
-        """
-        factor = np.asarray(factors, dtype=np.float64)
-        if factor.shape != (self.families,) or not np.all(np.isfinite(factor) & (factor >= 0)):
-            raise ParameterError(
-                f"factors = {factor.tolist()} must be {self.families} finite numbers, at least 0: "
-                "one for each family."
-            )
-        return LineField(self.pattern, self.shares * factor, self.angles)

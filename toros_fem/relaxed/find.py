@@ -22,6 +22,11 @@ from toros_fem.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.relaxed.fit import fitted_pair
 from toros_fem.relaxed.problem import RelaxedProblem, relaxed_problem
 
+# Largest change of a variable in one step.
+MOVE = 0.1
+# A stage ends when T falls by a smaller fraction in ten steps.
+LEAST_DECREASE = 0.05
+
 
 @dataclass(frozen=True)
 class RelaxedOptions:
@@ -35,10 +40,6 @@ class RelaxedOptions:
         share_weight: Factor on the mean sum of shares in T; None leaves this cost out.
         iterations: Largest number of steps of either stage.
         more_iterations: Largest number of steps where an earlier result is continued.
-        move: Largest change of a variable in one step, in either stage.
-        min_decrease: A stage ends when T falls by a smaller fraction in ten steps; None leaves
-            this rule out.
-        target_objective: A stage ends when T is at most this; None leaves this rule out.
         width_ratio: Width that the lines of one family will have over that of the other: where few
             wide lines cross many thin ones, crossings stiffen less.
 
@@ -53,17 +54,12 @@ class RelaxedOptions:
     share_weight: float | None = None
     iterations: tuple[int, int] = (40, 40)
     more_iterations: int = 15
-    move: tuple[float, float] = (0.1, 0.1)
-    min_decrease: float | None = 0.05
-    target_objective: float | None = None
     width_ratio: float = 1.0
 
     def __post_init__(self) -> None:
         for count in self.iterations:
             require_count(1, iterations=count)
         require_count(1, more_iterations=self.more_iterations)
-        for move in self.move:
-            require_positive(move=move, at_most=1.0)
         if self.radius is not None:
             require_positive(radius=self.radius)
         if self.share_weight is not None:
@@ -76,9 +72,8 @@ class RelaxedOptions:
         """Return the options of the design loop in one of the two stages."""
         return DesignOptions(
             (Stage(self.iterations[number]),),
-            min_relative_decrease=self.min_decrease,
-            target_objective=self.target_objective,
-            mma=MMAOptions(move=self.move[number]),
+            min_relative_decrease=LEAST_DECREASE,
+            mma=MMAOptions(move=MOVE),
         )
 
 
