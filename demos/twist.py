@@ -33,6 +33,9 @@ from toros_fem.command_line import run_from_command_line
 from toros_fem.config import quantity
 from toros_fem.meshes import compose, contract, twist
 
+# Width of the helices over that asked, if the length is kept: thin ones hold the axial lines less.
+HELICES = 0.78
+
 
 @dataclass(frozen=True)
 class TwistConfig(CrossSectionTubeConfig):
@@ -57,13 +60,17 @@ class TwistConfig(CrossSectionTubeConfig):
         3e-3, "width of the lines of the first family, if the length is kept", "m", above=0
     )
 
+    print_edge_length: float = CrossSectionTubeConfig.redefault("print_edge_length", 0.65e-3)
+
     TARGETS: ClassVar[Mapping[str, str]] = {"twist_deg": "twist", "length_ratio": "length_ratio"}
 
     @property
     def laid_widths(self) -> tuple[float, float]:
         """Width in m of the lines along either family."""
         first, second = super().laid_widths
-        return (self.axial_width if self.keep_length else first), second
+        if not self.keep_length:
+            return first, second
+        return self.axial_width, HELICES * second if self.second_laid_width is None else second
 
 
 def case(comm: MPI.Comm, config: TwistConfig) -> ActuatorCase:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from toros_fem._types import Floats
 
@@ -79,3 +81,13 @@ def gather_by_index(
     for rows, part in zip(comm.allgather(index), comm.allgather(values), strict=True):
         out[rows] = part
     return out
+
+
+def free_dropped(comm: MPI.Comm) -> None:
+    """Free problems that were dropped (collective).
+
+    Their parts refer to each other, and their factors are large. PETSc keeps distributed objects
+    until all ranks have dropped them and meet here.
+    """
+    gc.collect()
+    PETSc.garbage_cleanup(comm)

@@ -17,8 +17,11 @@ from demos import twist
 from toros_fem.actuators import discovery, space_mapping
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.discovery import Discovery, densities_last, discover
+from toros_fem.actuators.line_widths import LARGEST, mended_widths
 from toros_fem.actuators.run import design_actuator
 from toros_fem.errors import NoEquilibriumError
+from toros_fem.fabrication.printed_lines import regions_on
+from toros_fem.lines.widths import width_changes
 
 TINY = twist.TwistConfig().updated(
     start="relaxed",
@@ -65,6 +68,38 @@ def test_the_print_is_that_of_the_lines(found: Discovery) -> None:
     assert printed == pytest.approx(region.area, rel=0.1)
     assert best.printed.after.summary()["islands"] == 0
     assert found.result().final is best.printed.evaluation
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [0.99, 1.01])
+def test_widths_mend_what_a_print_misses(comm: MPI.Comm, found: Discovery, ratio: float) -> None:
+    best = found.best
+    aim = space_mapping.Aim(ratio * best.metrics["twist_deg"], 60.0)
+    wider = mended_widths(
+        comm, found.problem, best.printed, best.laid, best.metrics, {"twist_deg": aim}
+    )
+    assert wider is not None
+    assert [f.length for f in wider.families] == [f.length for f in best.laid.families]
+    assert wider.area != pytest.approx(best.laid.area, rel=1e-3)
+    # The print's tangent tells what these widths do, on its own mesh.
+    assert wider.drawing is not None
+    assert best.laid.drawing is not None
+    pattern, cells = found.problem.skin.pattern, found.problem.skin.owned_cells
+    under = [regions_on(best.laid.pattern, r, pattern) for r in best.laid.under]
+    changes = width_changes(best.laid.drawing, pattern, under, 1)
+    families = zip(wider.drawing.families, best.laid.drawing.families, strict=True)
+    change = np.array([np.log(new.radius / old.radius) for new, old in families])
+    assert np.abs(change).max() <= np.log1p(LARGEST) + 1e-12
+    density = changes.density(cells, change)
+    rate = found.problem.metric_derivatives(best.printed.evaluation, [density])["twist_deg"][0]
+    assert rate == pytest.approx((ratio - 1) * best.metrics["twist_deg"], rel=0.6)
+    far = space_mapping.Aim(3 * best.metrics["twist_deg"], 60.0)
+    assert (
+        mended_widths(
+            comm, found.problem, best.printed, best.laid, best.metrics, {"twist_deg": far}
+        )
+        is None
+    ), "widths cannot do that"
 
 
 @pytest.mark.slow
@@ -132,6 +167,9 @@ class Untold(twist.TwistConfig):
     TARGETS: ClassVar[Mapping[str, str]] = {}
 
 
+NO_LINES = SimpleNamespace(field=None, positions=None, pressures=())
+
+
 @pytest.mark.parametrize("key", ["twist_deg", None])
 def test_targets_that_cannot_be_asked_for_end_after_a_round(
     comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch, key: str | None
@@ -141,7 +179,7 @@ def test_targets_that_cannot_be_asked_for_end_after_a_round(
     printed = SimpleNamespace(evaluation=SimpleNamespace(equilibrium=None))
     monkeypatch.setattr(discovery, "_printed", lambda *_: (None, [], problem, printed))
     monkeypatch.setattr(discovery, "_laid", lambda *_: SimpleNamespace(families=()))
-    monkeypatch.setattr(discovery, "find_lines", lambda *_, **__: SimpleNamespace(field=None))
+    monkeypatch.setattr(discovery, "find_lines", lambda *_, **__: NO_LINES)
 
     def case(comm: MPI.Comm, config: Untold) -> ActuatorCase:
         made = twist.case(comm, config)
@@ -159,6 +197,6 @@ def test_without_any_print_in_equilibrium_the_reason_is_told(
     problem = SimpleNamespace(metrics=())
     monkeypatch.setattr(discovery, "_printed", lambda *_: (None, [], problem, printed))
     monkeypatch.setattr(discovery, "_laid", lambda *_: SimpleNamespace(families=()))
-    monkeypatch.setattr(discovery, "find_lines", lambda *_, **__: SimpleNamespace(field=None))
+    monkeypatch.setattr(discovery, "find_lines", lambda *_, **__: NO_LINES)
     with pytest.raises(NoEquilibriumError, match=r"It fails\. Ask for less"):
         discover(comm, twist.case, TINY)

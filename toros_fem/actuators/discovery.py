@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem._mpi import on_first_rank
+from toros_fem._mpi import free_dropped, on_first_rank
 from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
@@ -239,6 +239,8 @@ def discover(
             near = fine.pattern, problem.shape_of(printed.evaluation.equilibrium)
         if wider is None:
             asked = asked_next(answers[alike:], aims)
+        del problem, fine, regions
+        free_dropped(comm)
     assert best is not None
     if not np.isfinite(best[0].error):
         raise NoEquilibriumError(

@@ -73,7 +73,13 @@ def mended_widths(
         if not np.any(held & free):
             break
         free &= ~held
-    left = np.abs(missing - slope @ amounts).max() / np.abs(missing).max()
-    if left > 1 - WORTH:
-        return None
-    return on_first_rank(comm, lambda: widened(lines, factors))
+    wider = on_first_rank(comm, lambda: widened(lines, factors))
+    assert wider.drawing is not None
+    taken = [
+        np.log(new.radius / old.radius)  # bounds cut factors off
+        for new, old in zip(wider.drawing.families, drawing.families, strict=True)
+    ]
+    rate = problem.metric_derivatives(evaluation, [changes.density(cells, np.array(taken))])
+    promised = np.array([rate[key][0] for key in aims]) / scales
+    left = np.abs(missing - promised).max() / np.abs(missing).max()
+    return wider if left < 1 - WORTH else None

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import gc
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from mpi4py import MPI
-from petsc4py import PETSc
 
+from toros_fem._mpi import free_dropped
 from toros_fem._types import Floats
 from toros_fem._validate import require_count
 from toros_fem.design.loop import Callback, DesignResult, optimize
@@ -143,7 +141,7 @@ def optimize_levels(
         begin = time.perf_counter()
         design, comm = gathered(result), result.problem.comm
         del result
-        _free(comm)
+        free_dropped(comm)
         problem = _following(remaining, level, len(options))
         warm = design.start(problem)
         spent = warm.seconds.get(SETUP, 0.0) + time.perf_counter() - begin
@@ -171,15 +169,6 @@ def refinements(design: ShapeDesign, levels: int) -> Iterator[ShapeDesign]:
     for _ in range(levels - 1):
         design = design.refined()
         yield design
-
-
-def _free(comm: MPI.Comm) -> None:
-    """Free a problem that is used no more (collective).
-
-    PETSc keeps distributed objects until all ranks have dropped them and meet here.
-    """
-    gc.collect()
-    PETSc.garbage_cleanup(comm)
 
 
 def _following(problems: Iterable[DesignProblem], level: int, levels: int) -> DesignProblem:

@@ -39,18 +39,29 @@ class WidthChanges:
     def densities(self, cells: Ints, free: Bools) -> list[Floats]:
         """Return the changes in stiffness of triangles, as changes of their density.
 
-        A line that is wider by a fraction is as stiff as one whose density is larger by it.
-
         Args:
             cells: Triangles of the print's mesh.
             free: Whether the width of each family may change at each vertex, (K, n).
         """
-        corners = self.vertices[cells]
-        value = self.functions[corners].mean(axis=1)
         rows: list[Floats] = []
-        for under, may in zip(self.under[:, cells], free, strict=True):
-            rows += list((value * (under * may[corners].mean(axis=1))[:, None]).T)
+        for k, may in enumerate(free):
+            for function in self.functions.T:
+                alone = np.zeros(free.shape)
+                alone[k] = function * may
+                rows.append(self.density(cells, alone))
         return rows
+
+    def density(self, cells: Ints, change: Floats) -> Floats:
+        """Return the change in stiffness of triangles, as a change of their density.
+
+        A line that is wider by a fraction is as stiff as one whose density is larger by it.
+
+        Args:
+            cells: Triangles of the print's mesh.
+            change: Relative change of the width of each family at each vertex, (K, n).
+        """
+        at_cells = change[:, self.vertices[cells]].mean(axis=2)
+        return np.asarray((at_cells * self.under[:, cells]).sum(axis=0))
 
     def factors(self, amounts: Floats, free: Bools) -> Floats:
         """Return the factor on the width of each family at each vertex, (K, n).
