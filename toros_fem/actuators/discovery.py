@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from mpi4py import MPI
@@ -17,7 +17,7 @@ from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.line_widths import mended_widths
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
-from toros_fem.actuators.space_mapping import CLOSE, Aim, aims_of, asked_next, largest_error
+from toros_fem.actuators.space_mapping import CLOSE, aims_of, asked_next, largest_error
 from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.warm_start import WarmStart
@@ -135,6 +135,15 @@ class Discovery:
         }
 
 
+class _Simulated(NamedTuple):
+    """A round, the case and the lines on its mesh, and its problem."""
+
+    round: Round
+    case: ActuatorCase
+    regions: list[BaseGeometry]
+    problem: ShapeDesign
+
+
 def discover(
     comm: MPI.Comm,
     case: CaseMaker[C],
@@ -162,92 +171,158 @@ def discover(
         NoEquilibriumError: No print has an equilibrium, or the random start has none.
         TorosError: A number is out of its bounds.
     """
-    seconds = {"relaxed": 0.0, "lines": 0.0, "prints": 0.0}
-    plain: ActuatorCase | None = None
-    relaxed: RelaxedResult | None = None
-    aims: dict[str, Aim] = {}
-    asked: dict[str, float] = {}
-    like: LaidLines | None = None
-    wider: LaidLines | None = None  # lines of the last round with other widths
-    fruitless = 0  # rounds since the best one
-    alike = 0  # first of the answers that can be compared
-    rounds: list[Round] = []
-    answers: list[Round] = []  # those of relaxed designs, whose widths are as laid
-    best: tuple[Round, ActuatorCase, list[BaseGeometry], ShapeDesign] | None = None
-    for number in range(1 + config.corrections):
+    search = _Search(comm, case, config, callback, verbose)
+    lines = search.ask()
+    while lines is not None:
+        search.print(lines)
+        lines = search.next_lines()
+    return search.found()
+
+
+class _Search(Generic[C]):
+    """The rounds of one search, and what the next one goes on from; all methods are collective."""
+
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        case: CaseMaker[C],
+        config: C,
+        callback: Callback | None,
+        verbose: bool,
+    ) -> None:
+        self.comm, self.case, self.config = comm, case, config
+        self.callback, self.verbose = callback, verbose
+        self.seconds = {"relaxed": 0.0, "lines": 0.0, "prints": 0.0}
+        self.plain = case(comm, config.of_print)  # the mesh that is moved onto lines
+        self.aims = aims_of(self.plain.metrics)
+        self.asked = {key: aim.target for key, aim in self.aims.items()}
+        self.rounds: list[Round] = []
+        self.relaxed: RelaxedResult | None = None
+        self.near: tuple[Pattern, Floats] | None = None  # the shape that a print starts from
+        self.widened = False  # whether the lines to print are the last ones with other widths
+        self.answers: list[Round] = []  # rounds whose widths are as laid
+        self.like: LaidLines | None = None
+        self.alike = 0  # first of the answers with these lines
+        self.last: _Simulated | None = None
+        self.best: _Simulated | None = None
+        self.fruitless = 0  # rounds since the best one
+
+    def ask(self) -> LaidLines | None:
+        """Return the lines of a relaxed design of what is asked; None where it cannot be asked.
+
+        Raises:
+            NoEquilibriumError: The random start has no equilibrium.
+        """
+        comm, config = self.comm, self.config
         begin = time.perf_counter()
-        if wider is None:
-            try:
-                coarse = config.of_relaxed.asked(asked)
-            except ParameterError:  # beyond what the targets' fields allow
-                break
-            here = case(comm, coarse)
-            if not rounds:
-                aims = aims_of(here.metrics)
-                asked = {key: aim.target for key, aim in aims.items()}
-            design = actuator_problem(comm, here, coarse, verbose=verbose)
-            options = config.relaxed_options
-            try:
-                relaxed = find_lines(
-                    design, options, seed=config.seed, callback=callback, after=relaxed
-                )
-            except NoEquilibriumError:
-                if not rounds:
-                    raise
-                break
-        assert relaxed is not None
+        try:
+            # First the configuration's own targets, which may be in none of its fields.
+            coarse = config.of_relaxed.asked(self.asked if self.rounds else {})
+        except ParameterError:  # beyond what the targets' fields allow
+            return None
+        case = self.case(comm, coarse)
+        design = actuator_problem(comm, case, coarse, verbose=self.verbose)
+        options = config.relaxed_options
+        try:
+            self.relaxed = find_lines(
+                design, options, seed=config.seed, callback=self.callback, after=self.relaxed
+            )
+        except NoEquilibriumError:
+            if not self.rounds:
+                raise
+            return None
         middle = time.perf_counter()
-        if wider is None:
-            lines = _laid(comm, here, relaxed.field, config.line_options, like)
-            near = here.pattern, relaxed.positions
-        else:
-            lines = wider
-        end = time.perf_counter()
-        plain = case(comm, config.of_print) if plain is None else plain
+        lines = _laid(comm, case, self.relaxed.field, config.line_options, self.like)
+        self.near, self.widened = (case.pattern, self.relaxed.positions), False
+        self.seconds["relaxed"] += middle - begin
+        self.seconds["lines"] += time.perf_counter() - middle
+        return lines
+
+    def print(self, lines: LaidLines) -> None:
+        """Simulate the print of lines: a round."""
+        begin = time.perf_counter()
+        relaxed, near = self.relaxed, self.near
+        assert relaxed is not None
+        assert near is not None
         fine, regions, problem, printed = _printed(
-            comm, plain, config, near, lines, relaxed.pressures or None, verbose
+            self.comm,
+            self.plain,
+            self.config,
+            near,
+            lines,
+            relaxed.pressures or None,
+            self.verbose,
         )
-        metrics = {}
+        metrics, error = {}, np.inf
         if printed.evaluation is not None:
             metrics = problem.metrics_of(printed.evaluation.equilibrium)
-        error = np.inf if printed.evaluation is None else largest_error(metrics, aims)
-        made = Round(dict(asked), relaxed, lines, printed, metrics, error, wider is not None)
-        helped = not made.widened or error < HELPS * rounds[-1].error
-        rounds.append(made)
-        if best is None or error < best[0].error:
-            best = made, fine, regions, problem  # the problems of the others are freed
-        fruitless = 0 if best[0] is made else fruitless + 1
+            error = largest_error(metrics, self.aims)
+        made = Round(dict(self.asked), relaxed, lines, printed, metrics, error, self.widened)
+        self.rounds.append(made)
         if not made.widened:
-            answers.append(made)
-        seconds["relaxed"] += middle - begin
-        seconds["lines"] += end - middle
-        seconds["prints"] += time.perf_counter() - end
-        _report(comm, number, problem.metrics, made)
-        if error < CLOSE or not set(aims) <= set(config.TARGETS):
-            break
-        if printed.evaluation is None and not made.widened:
-            break
-        fitting = best[0].error < FINE
-        if fitting and fruitless > 1:
-            break
-        if like is None and error < NEAR:
-            like, alike = lines, len(answers) - 1
-        wider = None
+            self.answers.append(made)
+        self.last = _Simulated(made, fine, regions, problem)
+        self.fruitless += 1
+        if self.best is None or error < self.best.round.error:
+            self.best, self.fruitless = self.last, 0
+        self.seconds["prints"] += time.perf_counter() - begin
+        _report(self.comm, len(self.rounds) - 1, problem.metrics, made)
+
+    def next_lines(self) -> LaidLines | None:
+        """Return the lines of the next round; None after the last."""
+        last, best = self.last, self.best
+        assert last is not None
+        assert best is not None
+        made, error = last.round, last.round.error
+        fitting = best.round.error < FINE
+        if (
+            len(self.rounds) > self.config.corrections
+            or error < CLOSE
+            or not set(self.aims) <= set(self.config.TARGETS)
+            or (made.printed.evaluation is None and not made.widened)
+            or (fitting and self.fruitless > 1)
+        ):
+            return None
+        if self.like is None and error < NEAR:
+            self.like, self.alike = made.laid, len(self.answers) - 1
+        helped = not made.widened or error < HELPS * self.rounds[-2].error
         if error < NEAR and (helped or fitting):
-            wider = mended_widths(comm, problem, made.printed, lines, metrics, aims)
-            assert printed.evaluation is not None
-            near = fine.pattern, problem.shape_of(printed.evaluation.equilibrium)
-        if wider is None:
-            asked = asked_next(answers[alike:], aims)
-        del problem, fine, regions
-        free_dropped(comm)
-    assert best is not None
-    if not np.isfinite(best[0].error):
-        raise NoEquilibriumError(
-            f"no print of the relaxed design has an equilibrium: {rounds[0].printed.failure} "
-            "Ask for less, or for finer lines (laid_width)."
+            wider = self._widened(last)
+            if wider is not None:
+                return wider
+        self.asked = asked_next(self.answers[self.alike :], self.aims)
+        self.last = None
+        del last
+        free_dropped(self.comm)
+        return self.ask()
+
+    def _widened(self, last: _Simulated) -> LaidLines | None:
+        """Return the last lines with other widths; None where these cannot help."""
+        begin = time.perf_counter()
+        made, evaluation = last.round, last.round.printed.evaluation
+        assert evaluation is not None
+        wider = mended_widths(
+            self.comm, last.problem, made.printed, made.laid, made.metrics, self.aims
         )
-    return Discovery(tuple(rounds), *best, seconds)
+        self.near = last.case.pattern, last.problem.shape_of(evaluation.equilibrium)
+        self.widened = True
+        self.seconds["lines"] += time.perf_counter() - begin
+        return wider
+
+    def found(self) -> Discovery:
+        """Return the best round and all others.
+
+        Raises:
+            NoEquilibriumError: No print has an equilibrium.
+        """
+        best = self.best
+        assert best is not None
+        if not np.isfinite(best.round.error):
+            raise NoEquilibriumError(
+                "no print of the relaxed design has an equilibrium: "
+                f"{self.rounds[0].printed.failure} Ask for less, or for finer lines (laid_width)."
+            )
+        return Discovery(tuple(self.rounds), *best, self.seconds)
 
 
 def densities_last(
