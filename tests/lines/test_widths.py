@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from toros_fem.errors import ParameterError
 from toros_fem.lines import LaidLines, LineOptions, lay_lines, widened
-from toros_fem.lines.widths import smooth_functions, stuck, width_changes
+from toros_fem.lines.widths import smooth_functions, width_changes, within_bounds
 from toros_fem.meshes.sheet import rectangle
 
 SIDE = 0.04
@@ -42,8 +42,10 @@ def test_widths_change_and_lines_stay(lines: LaidLines, factor: float) -> None:
     wide = widened(lines, np.full(shape, 9.0))
     assert wide.area == pytest.approx(1.5 * lines.area, rel=0.02), "the largest width"
     assert wide.drawing is not None
-    assert np.all(stuck(wide.drawing, np.full(shape, 1.1)))
-    assert not np.any(stuck(wide.drawing, np.full(shape, 0.9)))
+    assert np.all(within_bounds(wide.drawing, np.full(shape, 0.1)) == 0)
+    assert np.allclose(within_bounds(wide.drawing, np.full(shape, -0.1)), -0.1)
+    least = np.log(1.5**2)  # from the largest to the least
+    assert np.allclose(within_bounds(wide.drawing, np.full(shape, -3.0)), -least)
 
 
 def test_densities_of_changes_are_those_under_the_lines(lines: LaidLines) -> None:
@@ -58,11 +60,10 @@ def test_densities_of_changes_are_those_under_the_lines(lines: LaidLines) -> Non
     printed = abs(rows[0]) > 0.5
     assert np.allclose(abs(rows[0][printed]), 1.0, atol=1e-3)
     assert fine.areas @ printed == pytest.approx(lines.area, rel=0.02)
-    factors = changes.factors(np.array([0.1 / changes.functions[0, 0], 0.0, 0.0]), free)
-    assert np.allclose(factors, np.exp(0.1), rtol=1e-3)
-    none = ~free
-    assert not np.any(changes.densities(cells, none)[0])
-    assert np.all(changes.factors(np.ones(3), none) == 1)
+    change = changes.change(np.array([0.1 / changes.functions[0, 0], 0.0, 0.0]))
+    assert np.allclose(change, 0.1, rtol=1e-3)
+    assert np.allclose(changes.density(cells, change)[printed], 0.1, rtol=1e-3)
+    assert not np.any(changes.densities(cells, ~free)[0])
 
 
 def test_factors_that_do_not_fit_are_refused(lines: LaidLines) -> None:

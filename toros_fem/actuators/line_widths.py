@@ -8,19 +8,22 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem._mpi import on_first_rank
+from toros_fem._types import Bools, Floats
 from toros_fem.actuators.space_mapping import Aim
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.fabrication.as_printed import PrintedDesign
 from toros_fem.fabrication.printed_lines import regions_on
 from toros_fem.lines.laid_lines import LaidLines, widened
-from toros_fem.lines.widths import WidthChanges, stuck, width_changes
+from toros_fem.lines.widths import WidthChanges, width_changes, within_bounds
 
 # Number of smooth functions by which the widths of each family change.
 FUNCTIONS = 16
 # Largest relative change of a width in one step.
 LARGEST = 0.3
-# Passes: after each, widths that would leave their bounds are held.
-PASSES = 2
+# Passes at most: after each, widths that would leave their bounds are held, and the others do more.
+# They end once the rates promise all but this fraction.
+PASSES = 3
+ENOUGH = 0.1
 # A step that takes away less of the error than this fraction is not worth a print.
 WORTH = 0.4
 
@@ -61,25 +64,26 @@ def mended_widths(
     changes = on_first_rank(comm, changes_there)
     scales = np.array([aim.scale for aim in aims.values()])
     missing = np.array([aim.target - metrics[key] for key, aim in aims.items()]) / scales
-    free = np.ones((len(drawing.families), drawing.mesh.size), dtype=bool)
+
+    def rates(densities: list[Floats]) -> Floats:
+        found = problem.metric_derivatives(evaluation, densities)
+        return np.array([found[key] for key in aims]) / scales[:, None]
+
+    free: Bools = np.ones((len(drawing.families), drawing.mesh.size), dtype=bool)
+    amounts = np.zeros(len(free) * changes.functions.shape[1])
+    promised: Floats = np.zeros(len(aims))
     for _ in range(PASSES):
-        rates = problem.metric_derivatives(evaluation, changes.densities(cells, free))
-        slope = np.array([rates[key] for key in aims]) / scales[:, None]
-        amounts = np.linalg.lstsq(slope, missing, rcond=1e-6)[0]
-        largest = float(np.abs(np.log(changes.factors(amounts, free))).max())
+        slope = rates(changes.densities(cells, free))
+        amounts = amounts + np.linalg.lstsq(slope, missing - promised, rcond=1e-6)[0]
+        largest = float(np.abs(changes.change(amounts)).max())
         amounts *= min(1.0, np.log1p(LARGEST) / max(largest, 1e-12))
-        factors = changes.factors(amounts, free)
-        held = stuck(drawing, factors)
-        if not np.any(held & free):
+        wanted = changes.change(amounts)
+        change = within_bounds(drawing, wanted)
+        promised = rates([changes.density(cells, change)])[:, 0]
+        left = float(np.abs(missing - promised).max() / np.abs(missing).max())
+        if left < ENOUGH:
             break
-        free &= ~held
-    wider = on_first_rank(comm, lambda: widened(lines, factors))
-    assert wider.drawing is not None
-    taken = [
-        np.log(new.radius / old.radius)  # bounds cut factors off
-        for new, old in zip(wider.drawing.families, drawing.families, strict=True)
-    ]
-    rate = problem.metric_derivatives(evaluation, [changes.density(cells, np.array(taken))])
-    promised = np.array([rate[key][0] for key in aims]) / scales
-    left = np.abs(missing - promised).max() / np.abs(missing).max()
-    return wider if left < 1 - WORTH else None
+        free = np.abs(change - wanted) < 1e-9
+    if left > 1 - WORTH:
+        return None
+    return on_first_rank(comm, lambda: widened(lines, np.exp(change)))

@@ -63,14 +63,13 @@ class WidthChanges:
         at_cells = change[:, self.vertices[cells]].mean(axis=2)
         return np.asarray((at_cells * self.under[:, cells]).sum(axis=0))
 
-    def factors(self, amounts: Floats, free: Bools) -> Floats:
-        """Return the factor on the width of each family at each vertex, (K, n).
+    def change(self, amounts: Floats) -> Floats:
+        """Return the relative change of the width of each family at each vertex, (K, n).
 
         Args:
             amounts: How much of each change, (K m,).
-            free: Whether the width of each family may change at each vertex, (K, n).
         """
-        return np.exp(amounts.reshape(len(free), -1) @ self.functions.T * free)
+        return np.asarray(amounts.reshape(len(self.under), -1) @ self.functions.T)
 
 
 def width_changes(
@@ -105,14 +104,17 @@ def width_changes(
     return WidthChanges(smooth_functions(mesh, functions), mesh.vertex[nearest], covered)
 
 
-def stuck(drawing: Drawing, factors: Floats) -> Bools:
-    """Return where factors (K, n) would take widths at a bound beyond it, (K, n)."""
-    found = []
-    for family, factor in zip(drawing.families, factors, strict=True):
-        low, high = family.bounds
-        found.append(
-            ((factor > 1) & (family.radius >= high)) | ((factor < 1) & (family.radius <= low))
-        )
+def within_bounds(drawing: Drawing, change: Floats) -> Floats:
+    """Return relative changes of widths, (K, n), cut off where widths would leave their bounds.
+
+    Args:
+        drawing: The lines.
+        change: Logarithms of factors on the widths, (K, n).
+    """
+    found = [
+        np.log(np.clip(np.exp(own) * family.radius, *family.bounds) / family.radius)
+        for family, own in zip(drawing.families, change, strict=True)
+    ]
     return np.array(found)
 
 
