@@ -91,3 +91,4 @@ def free_dropped(comm: MPI.Comm) -> None:
     """
     gc.collect()
     PETSc.garbage_cleanup(comm)
+    gc.collect()  # what these objects held

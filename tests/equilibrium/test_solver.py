@@ -1,6 +1,7 @@
 """Equilibrium against exact states, and its errors."""
 
 import pickle
+import weakref
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ from helpers.scenes import TABLE_A, square, table
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem._mpi import norm
+from toros_fem._mpi import free_dropped, norm
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.materials import CURVATURES, SEAMS, Bending, Composite, Material
@@ -357,3 +358,14 @@ def test_bad_symmetry_planes(comm: MPI.Comm) -> None:
     solver = EquilibriumSolver(skin, Composite(bending=None), clamp(half, ["base"]))
     with pytest.raises(errors.OpenSkinError, match="edges are free"):
         solver.solve(np.zeros(len(skin.owned_cells)), 1e3)
+
+
+def test_a_dropped_solver_is_freed(comm: MPI.Comm, tube: Skin) -> None:
+    """Its parts and PETSc's refer to each other; the factors are most of a run's memory."""
+    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    solver.solve(np.full(len(tube.owned_cells), 0.5), 5e3)
+    model, factor = weakref.ref(solver.model), weakref.ref(solver._factor)
+    del solver
+    free_dropped(comm)
+    assert model() is None
+    assert factor() is None

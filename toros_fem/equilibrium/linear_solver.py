@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+import weakref
 
 import numpy as np
 from petsc4py import PETSc
@@ -66,8 +66,7 @@ class TangentFactor:
         self.ordering = getattr(self._factors, "ordering", None)
 
         size = (model.size_local, model.space.dofmap.index_map.size_global)
-        product = _Matrix(lambda x: self._tangent.multiply(self.values, x))
-        self.matrix = PETSc.Mat().createPython((size, size), product, comm=comm)
+        self.matrix = PETSc.Mat().createPython((size, size), _Matrix(self), comm=comm)
         self.matrix.setUp()
         self.ksp = PETSc.KSP().create(comm)
         self.ksp.setOptionsPrefix(PREFIX)
@@ -75,7 +74,7 @@ class TangentFactor:
         self.ksp.setOperators(self.matrix)
         pc = self.ksp.getPC()
         pc.setType(PETSc.PC.Type.PYTHON)
-        pc.setPythonContext(_Preconditioner(self._factorise_filled, self.solve))
+        pc.setPythonContext(_Preconditioner(self))
 
     def _choose(self) -> CondensedFactor | PetscFactor:
         comm, pattern = self._model.skin.comm, (self._tangent.indptr, self._tangent.columns)
@@ -152,7 +151,11 @@ class TangentFactor:
         """
         return self._factors.solve(rhs) * self._model.free
 
-    def _factorise_filled(self) -> None:
+    def multiply_filled(self, x: Floats) -> Floats:
+        """Return the product of the matrix of `fill` with a vector."""
+        return self._tangent.multiply(self.values, x)
+
+    def factorise_filled(self) -> None:
         """Factorise the matrix of `fill`, which only MUMPS does where it is indefinite."""
         self.count += 1
         if not self._factors.factorise(self.values) and self.package != "mumps":
@@ -163,14 +166,20 @@ class TangentFactor:
 
 
 class _Matrix:
-    """Matrix of PETSc's type "python"."""
+    """Matrix of PETSc's type "python".
 
-    def __init__(self, product: Callable[[Floats], Floats]) -> None:
-        self._product = product
+    PETSc holds it out of sight of Python's garbage collector: without the weak reference no solver
+    would ever be freed.
+    """
+
+    def __init__(self, factor: TangentFactor) -> None:
+        self._factor = weakref.ref(factor)
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Multiply."""
-        y.array_w[:] = self._product(x.array_r)
+        factor = self._factor()
+        assert factor is not None
+        y.array_w[:] = factor.multiply_filled(x.array_r)
 
     # The matrix is symmetric; line searches ask for this.
     multTranspose = mult  # noqa: N815
@@ -179,16 +188,20 @@ class _Matrix:
 class _Preconditioner:
     """Preconditioner of PETSc's type "python"; set up only where the matrix has changed."""
 
-    def __init__(self, factorise: Callable[[], None], solve: Callable[[Floats], Floats]) -> None:
-        self._factorise, self._solve = factorise, solve
+    def __init__(self, factor: TangentFactor) -> None:
+        self._factor = weakref.ref(factor)  # as in `_Matrix`
 
     def setUp(self, _: PETSc.PC) -> None:
         """Factorise."""
-        self._factorise()
+        factor = self._factor()
+        assert factor is not None
+        factor.factorise_filled()
 
     def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
         """Solve."""
-        y.array_w[:] = self._solve(x.array_r)
+        factor = self._factor()
+        assert factor is not None
+        y.array_w[:] = factor.solve(x.array_r)
 
 
 def _threads() -> int:

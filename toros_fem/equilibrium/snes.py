@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -98,15 +99,21 @@ class SnesSolver:
 
 
 class _NewtonContext:
-    """The SNES's type "python": hands its solve to `RegularisedNewton`."""
+    """The SNES's type "python": hands its solve to `RegularisedNewton`.
+
+    PETSc holds it out of sight of Python's garbage collector, on several ranks beyond the end of
+    the solver: hence the weak reference.
+    """
 
     def __init__(self, newton: RegularisedNewton) -> None:
-        self._newton = newton
+        self._newton = weakref.ref(newton)
         self.near, self.finish = False, True
         self.result: NewtonResult | None = None
 
     def solve(self, snes: PETSc.SNES, _: PETSc.Vec | None, x: PETSc.Vec) -> None:
         """Solve, as SNES requests it."""
+        newton = self._newton()
+        assert newton is not None
         tolerance, _, _, max_steps = snes.getTolerances()
 
         def monitor(step: int, size: float) -> None:
@@ -114,7 +121,7 @@ class _NewtonContext:
             snes.setFunctionNorm(size)
             snes.monitor(step, size)
 
-        self.result = self._newton.minimise(
+        self.result = newton.minimise(
             x.array.copy(), tolerance, max_steps, self.near, self.finish, monitor
         )
         x.array[:] = self.result.state
