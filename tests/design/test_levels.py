@@ -95,7 +95,8 @@ def test_a_shape_out_of_the_stretch_bounds_is_left_out(comm: MPI.Comm) -> None:
 def test_fine_steps_reach_what_the_coarse_design_had(comm: MPI.Comm) -> None:
     """With half its widths, and the constraints on them; the coarse problem is freed by then."""
     coarse_steps = (Stage(20), Stage(15, constrained=True))
-    fine = DesignOptions((Stage(12, constrained=True),), pressure_move=0.02, mma=CALM)
+    steps_there = 16
+    fine = DesignOptions((Stage(steps_there, constrained=True),), pressure_move=0.02, mma=CALM)
     problems, seen = [], []
 
     def made() -> Iterator[ShapeDesign]:
@@ -109,19 +110,20 @@ def test_fine_steps_reach_what_the_coarse_design_had(comm: MPI.Comm) -> None:
         seen.append((row.level, problems[0]() is None))
 
     result = optimize_levels(made(), [DesignOptions(coarse_steps), fine], seed=1, callback=watch)
-    before, first = result.history[-14].objective, result.history[-13].objective
+    rows = 1 + steps_there
+    before, first = result.history[-rows - 1].objective, result.history[-rows].objective
     assert result.final.objective < 0.4 * first
     assert result.final.objective < 1.1 * before
     limits = result.problem.length_scale
     assert limits is not None
     assert result.final.length_scale is not None
     assert np.all(result.final.length_scale <= limits.epsilon)
-    assert seen == [(0, False)] * (len(seen) - 13) + [(1, True)] * 13
+    assert seen == [(0, False)] * (len(seen) - rows) + [(1, True)] * rows
     assert [row.level for row in result.history] == [level for level, _ in seen]
     steps = [row.iteration for row in result.history]
     assert steps == sorted(steps)
-    assert steps[-1] == sum(stage.iterations for stage in coarse_steps) + 12
-    assert [row.stage for row in result.history[-13:]] == [2] * 13
+    assert steps[-1] == sum(stage.iterations for stage in coarse_steps) + steps_there
+    assert [row.stage for row in result.history[-rows:]] == [2] * rows
     assert len(result.density) == len(result.problem.skin.owned_cells)
     assert result.seconds["next levels"] > 0
 
