@@ -91,7 +91,9 @@ def test_widths_mend_what_a_print_misses(comm: MPI.Comm, found: Discovery, ratio
     change = np.array([np.log(new.radius / old.radius) for new, old in families])
     assert np.abs(change).max() <= np.log1p(LARGEST) + 1e-12
     density = changes.density(cells, change)
-    rate = found.problem.metric_derivatives(best.printed.evaluation, [density])["twist_deg"][0]
+    evaluation = best.printed.evaluation
+    assert evaluation is not None
+    rate = found.problem.metric_derivatives(evaluation, [density])["twist_deg"][0]
     assert rate == pytest.approx((ratio - 1) * best.metrics["twist_deg"], rel=0.6)
     far = space_mapping.Aim(3 * best.metrics["twist_deg"], 60.0)
     assert (
