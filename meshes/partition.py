@@ -12,7 +12,7 @@ from toros_fem.meshes.pattern import Pattern
 
 
 def parts_of(pattern: Pattern, count: int) -> Ints:
-    """Return the part of each triangle, (t,): compact parts of sizes that differ by at most one.
+    """Return the part of each triangle, (t,): compact parts of nearly equal sizes.
 
     Recursive bisection by inertia: the assembled triangles are divided across the axis along which
     they extend most (Simon 1991). Graph partitioners give shorter borders on branched shapes, but

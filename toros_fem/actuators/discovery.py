@@ -241,6 +241,8 @@ class _Search(Generic[C]):
     def print(self, lines: LaidLines) -> None:
         """Simulate the print of lines: a round."""
         begin = time.perf_counter()
+        self.last = None  # its problem is freed if it is not the best one's
+        free_dropped(self.comm)
         relaxed, near = self.relaxed, self.near
         assert relaxed is not None
         assert near is not None
@@ -291,9 +293,6 @@ class _Search(Generic[C]):
             if wider is not None:
                 return wider
         self.asked = asked_next(self.answers[self.alike :], self.aims)
-        self.last = None
-        del last
-        free_dropped(self.comm)
         return self.ask()
 
     def _widened(self, last: _Simulated) -> LaidLines | None:
