@@ -229,7 +229,7 @@ def _end(problem: Any, case: Any, config: Any) -> dict[str, float]:
 
     from toros_fem.fabrication.as_printed import contour_values
     from toros_fem.fabrication.contours import printed_regions
-    from toros_fem.fabrication.islands import clean
+    from toros_fem.fabrication.cleaning import clean
     from toros_fem.fabrication.printability import printability, printed_cells
     from toros_fem.fabrication.svg import write_svg
     from toros_fem.output.files import write_fields
@@ -246,7 +246,7 @@ def _end(problem: Any, case: Any, config: Any) -> dict[str, float]:
     def made() -> Any:
         values = contour_values(problem, density)
         regions = printed_regions(pattern, *values, 0.5)
-        cleaned = clean(pattern, regions, 0.0, 0.0)
+        cleaned = clean(pattern, regions)
         found = printability(pattern, cleaned.regions, config.print_limits)
         return cleaned.regions, found, printed_cells(pattern, cleaned.regions)
 

@@ -20,7 +20,7 @@ from toros_fem.actuators.discovery import Discovery, densities_last, discover
 from toros_fem.actuators.line_widths import LARGEST, mended_widths
 from toros_fem.actuators.run import design_actuator
 from toros_fem.errors import NoEquilibriumError
-from toros_fem.fabrication.printed_lines import regions_on
+from toros_fem.fabrication.regions import regions_on
 from toros_fem.lines.widths import width_changes
 
 TINY = twist.TwistConfig().updated(

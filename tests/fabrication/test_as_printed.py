@@ -2,18 +2,21 @@
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from helpers.designs import full
+from shapely.geometry.base import BaseGeometry
 
 from toros_fem.density.field import random_density
 from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Stage
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.fabrication.as_printed import as_printed, contour_values, remove_islands
+from toros_fem.fabrication.cleaning import CleanedRegions
 from toros_fem.fabrication.printability import PrintLimits
-from toros_fem.meshes import Skin
+from toros_fem.meshes import Pattern, Skin
 
 
 @pytest.fixture(scope="module")
@@ -54,18 +57,22 @@ def test_given_triangles_inside_a_panel(tube: Skin, tube_solver: EquilibriumSolv
 def test_printed_design(tube: Skin, tube_solver: EquilibriumSolver, result: DesignResult) -> None:
     problem = full(tube, tube_solver, beta=20.0)
     printed = as_printed(problem, result, PrintLimits(), island_area=math.inf)
-    lost = printed.before.number_of_pieces - printed.after.number_of_pieces
-    assert lost == len(printed.cleaned.dropped)
+    assert printed.before.free_islands
     assert not printed.after.free_islands
+    assert not printed.after.narrow_lines
+    assert not printed.after.narrow_gaps
     assert printed.evaluation is not None
     mine = printed.cells[tube.owned_cells]
     assert np.array_equal(printed.evaluation.projected > 0.5, mine)
     holed = optimize(problem, DesignOptions((Stage(3),)), start=random_density(tube, 5))
-    whole = as_printed(problem, holed, PrintLimits(), hole_area=math.inf)
+    whole = as_printed(problem, holed, PrintLimits(hole_area=1e-3))
     assert len(whole.cleaned.filled) == len(whole.before.holes) > 0
     assert not whole.after.holes
-    # Without islands to drop the binary pattern is the projected density rounded.
-    bare = as_printed(problem, result, PrintLimits())
+    # Contours alone are the projected density rounded.
+    def as_it_is(pattern: Pattern, regions: Sequence[BaseGeometry], *_: object) -> CleanedRegions:
+        return CleanedRegions(list(regions), list(regions), (), (), ())
+
+    bare = as_printed(problem, result, PrintLimits(), cleaner=as_it_is)
     rounded = result.final.filtered > 0.5
     assert np.array_equal(bare.cells[tube.owned_cells][problem.designed], rounded[problem.designed])
 

@@ -15,7 +15,8 @@ from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.errors import PanelError
 from toros_fem.fabrication.as_printed import as_printed
 from toros_fem.fabrication.printability import PrintLimits, printed_cells
-from toros_fem.fabrication.printed_lines import mirrored_regions, printed_lines, regions_on
+from toros_fem.fabrication.printed_lines import printed_lines
+from toros_fem.fabrication.regions import mirrored_regions, regions_on
 from toros_fem.meshes import Pattern, Skin, cylinder, mirrored, two_panels
 
 NOTHING = shapely.Polygon()
@@ -94,11 +95,12 @@ def test_contours_of_a_design_are_printed_alike(tube: Skin, tube_solver: Equilib
     first = as_printed(problem, result, limits, island_area=math.inf)
     near = tube.pattern, problem.shape_of(result.final.equilibrium)
     lines = printed_lines(
-        problem, tube.pattern, first.contours, limits, island_area=math.inf, near=near
+        problem, tube.pattern, first.regions, limits, island_area=math.inf, near=near
     )
     assert first.cleaned.dropped
     assert lines.cells.tolist() == first.cells.tolist()
-    assert lines.after.summary() == first.after.summary()
+    again = printed_lines(problem, tube.pattern, first.regions, cleaned=first.cleaned, near=near)
+    assert again.after.summary() == first.after.summary()
     assert first.evaluation is not None
     assert lines.evaluation is not None
     assert lines.evaluation.shape == pytest.approx(first.evaluation.shape, rel=1e-6)
@@ -112,7 +114,7 @@ def test_lines_start_from_the_shape_on_a_coarser_mesh(
     coarse = cylinder(comm, 0.06, 0.02, 6e-3)
     regions = slanted_lines(coarse)
     cold = printed_lines(problem, coarse, regions, island_area=2e-6, pressure=3e3)
-    assert len(cold.cleaned.dropped) == 1
+    assert any(0.9e-6 < island.area <= 1e-6 for island in cold.cleaned.dropped)
     assert cold.before.islands
     assert cold.evaluation is not None
     assert cold.evaluation.equilibrium.pressure == 3e3

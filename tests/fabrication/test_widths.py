@@ -147,7 +147,7 @@ def test_the_cut_is_no_side() -> None:
     for angle in (0, 30, 60, 80, 87):
         line = rotate(bar(0.7, 60), angle) & panel
         assert width_of(line, panel) == pytest.approx(0.7, abs=1e-3), angle
-    for shape in (box(9.95, -5, 10, 5), panel, Point(10, 0).buffer(2) & panel):
+    for shape in (box(9, -5, 10, 5), panel, Point(10, 0).buffer(2) & panel):
         widths, gaps = measured(shape, panel)
         assert widths == gaps == (None, ())
     y = np.linspace(-8, 8, 200)
@@ -155,6 +155,19 @@ def test_the_cut_is_no_side() -> None:
     assert (width_of(wave, panel) or 0) > 2, "line that brushes the border"
     touching = Polygon([(0, -2), (0, 2), (10.3, 0)]) & panel
     assert (width_of(touching, panel) or 0) > 0.4, "tip that pokes at the border"
-    beside = box(9, -5, 9.98, 5)
-    assert width_of(beside, panel) == pytest.approx(0.98, abs=1e-3)
+    beside = box(8, -5, 9, 5)
+    assert width_of(beside, panel) == pytest.approx(1, abs=1e-3)
     assert gap_of(beside, panel) is None, "the cloth beside it ends at the cut"
+
+
+def test_slivers_along_the_cut() -> None:
+    panel = box(-10, -10, 10, 10)
+    sliver = box(9.95, -5, 10, 5)
+    assert width_of(sliver, panel) == pytest.approx(0.05, abs=1e-3)
+    assert gap_of(sliver, panel) is None
+    beside = box(8, -5, 9.8, 5)
+    assert gap_of(beside, panel) == pytest.approx(0.2, abs=1e-3)
+    assert width_of(beside, panel) == pytest.approx(1.8, abs=1e-3)
+    corner = Polygon([(9.6, -10), (10, -10), (10, -9.6)])
+    widths, _ = measured(corner, panel)
+    assert len(widths.narrow) == 1, "a crumb in a corner"

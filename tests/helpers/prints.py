@@ -40,3 +40,17 @@ def flawed_tube(pattern: Pattern, length: float) -> list[BaseGeometry]:
     regions = printed_regions(pattern, *caps, 0.5)
     regions[pattern.panel_index("wall")] = metres(shapely.union_all([body, bar, island]))
     return regions
+
+
+def worn_alike(region: BaseGeometry, panel: BaseGeometry, depth: float) -> bool:
+    """Whether no line and no gap of a print parts or vanishes when worn, or swollen, by a depth."""
+    fabric = panel.difference(region).buffer(-1e-8).buffer(1e-8)
+    return all(
+        _pieces_and_holes(shape) == _pieces_and_holes(shape.buffer(-depth))
+        for shape in (region, fabric)
+    )
+
+
+def _pieces_and_holes(shape: BaseGeometry) -> tuple[int, int]:
+    parts = [part for part in shapely.get_parts(shape) if not part.is_empty]
+    return len(parts), sum(len(part.interiors) for part in parts)

@@ -23,11 +23,14 @@ from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.warm_start import WarmStart
 from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.fabrication.as_printed import PrintedDesign, as_printed
-from toros_fem.fabrication.printed_lines import printed_lines, regions_on
+from toros_fem.fabrication.cleaning import CleanedRegions
+from toros_fem.fabrication.printed_lines import clean_print, printed_lines
+from toros_fem.fabrication.regions import part_regions, regions_on
 from toros_fem.lines.field import LineField
 from toros_fem.lines.laid_lines import LaidLines
 from toros_fem.lines.lay_lines import lay_lines
 from toros_fem.lines.options import LineOptions
+from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.metrics import Metric
 from toros_fem.output.console import print_line
@@ -391,15 +394,23 @@ def _printed(
 
     It is collective.
     """
-    regions = on_first_rank(comm, lambda: regions_on(laid.pattern, laid.regions, case.pattern))
+    part = case.pattern
+
+    def cleaning() -> tuple[CleanedRegions, list[BaseGeometry]]:
+        whole = mirrored(part, case.symmetry) if case.symmetry else None
+        found = regions_on(laid.pattern, laid.regions, part)
+        cleaned = clean_print(part, whole, found, config.print_limits, config.island_area)
+        return cleaned, part_regions(part, cleaned.regions)
+
+    cleaned, regions = on_first_rank(comm, cleaning)
     fine = case.following(comm, regions)
     problem = actuator_problem(comm, fine, config.of_print, verbose=verbose)
     printed = printed_lines(
         problem,
-        laid.pattern,
-        laid.regions,
+        part,
+        regions,
         config.print_limits,
-        island_area=config.island_area,
+        cleaned=cleaned,
         near=near,
         pressure=pressure,
     )

@@ -12,7 +12,7 @@ from toros_fem._types import Bools, Floats
 from toros_fem.actuators.space_mapping import Aim
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.fabrication.as_printed import PrintedDesign
-from toros_fem.fabrication.printed_lines import regions_on
+from toros_fem.fabrication.regions import regions_on
 from toros_fem.lines.laid_lines import LaidLines, widened
 from toros_fem.lines.widths import WidthChanges, width_changes, within_bounds
 

@@ -54,7 +54,8 @@ class ActuatorResult:
 
 
 C = TypeVar("C", bound=ActuatorConfig)
-# Error of a metric that is as bad as islands, or lines or gaps that cannot be printed.
+# Error of a metric that is as bad as a design whose contours have islands, or lines or gaps that
+# cannot be printed, before they are cleaned.
 UNCLEAN = 0.02
 
 
@@ -344,8 +345,8 @@ def _corrected(
         return _Corrected(asked, metrics, of, made)
 
     def clean(made: _Corrected) -> bool:
-        after = made.printed.after
-        return not (after.narrow_lines or after.narrow_gaps or after.free_islands)
+        before = made.printed.before
+        return not (before.narrow_lines or before.narrow_gaps or before.free_islands)
 
     rounds = [answer({key: aim.target for key, aim in aims.items()}, result, printed)]
     for _ in range(config.corrections):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +14,8 @@ from toros_fem._types import Bools, Floats
 from toros_fem.design.loop import DesignResult
 from toros_fem.design.problem import DesignProblem, Evaluation
 from toros_fem.errors import NoEquilibriumError
+from toros_fem.fabrication.cleaning import CleanedRegions, clean
 from toros_fem.fabrication.contours import printed_regions
-from toros_fem.fabrication.islands import CleanedRegions, clean
 from toros_fem.fabrication.printability import (
     DEFAULT_LIMITS,
     Printability,
@@ -25,6 +25,13 @@ from toros_fem.fabrication.printability import (
 )
 from toros_fem.meshes.pattern import Pattern
 
+# Smoothing length of contours, over the edge length of the mesh.
+SMOOTHING = 0.5
+
+Cleaner = Callable[
+    [Pattern, Sequence[BaseGeometry], PrintLimits, float, float | None], CleanedRegions
+]
+
 
 @dataclass(frozen=True, eq=False)
 class PrintedDesign:
@@ -32,9 +39,7 @@ class PrintedDesign:
 
     Attributes:
         pattern: The pattern that is printed on.
-        contours: Regions on each panel before any cleaning, polygons in m: where ρ̃ exceeds η, or
-            lines as they were laid.
-        cleaned: Print on each panel, with the islands and holes that were removed.
+        cleaned: Print on each panel, and what it was made of.
         limits: Limits of the printer.
         before: Printability of the contours.
         after: Printability of the print.
@@ -44,7 +49,6 @@ class PrintedDesign:
     """
 
     pattern: Pattern
-    contours: list[BaseGeometry]
     cleaned: CleanedRegions
     limits: PrintLimits
     before: Printability
@@ -52,6 +56,11 @@ class PrintedDesign:
     cells: Bools
     evaluation: Evaluation | None
     failure: str
+
+    @property
+    def contours(self) -> list[BaseGeometry]:
+        """Regions on each panel before any cleaning: where ρ̃ exceeds η, or lines as laid, in m."""
+        return self.cleaned.contours
 
     @property
     def regions(self) -> list[BaseGeometry]:
@@ -153,78 +162,67 @@ def as_printed(
     limits: PrintLimits = DEFAULT_LIMITS,
     *,
     island_area: float = 0.0,
-    hole_area: float = 0.0,
+    cleaner: Cleaner = clean,
 ) -> PrintedDesign:
     """Threshold a design at η, clean, measure and simulate it as a binary pattern (collective).
 
     Args:
         problem: The design problem.
         result: Result of the design loop.
-        limits: Limits of the printer; narrower lines and gaps are listed.
-        island_area: Free islands smaller than this, in m², are removed.
-        hole_area: Holes smaller than this, in m², are filled.
+        limits: Limits of the printer.
+        island_area: Free islands smaller than this, in m², are removed; larger ones are bridged.
+        cleaner: Cleans the contours; one of its own for patterns that go on beyond their border.
 
     Raises:
-        ParameterError: An area is negative.
+        ParameterError: The area is negative.
     """
     skin = problem.skin
     pattern, whole = skin.pattern, problem.whole
     at_points, at_centroids = contour_values(problem, result.density)
+    smoothing = SMOOTHING * float(np.sqrt(4 / np.sqrt(3) * pattern.areas.mean()))
     if whole is not None:
         pattern = whole.pattern
         at_points, at_centroids = at_points[whole.flat], whole.at_cells(at_centroids)
 
-    def contours() -> list[BaseGeometry]:
-        return printed_regions(pattern, at_points, at_centroids, problem.projection.eta)
+    def cleaning() -> CleanedRegions:
+        contours = printed_regions(pattern, at_points, at_centroids, problem.projection.eta)
+        found = cleaner(pattern, contours, limits, island_area, smoothing)
+        return found if whole is None else found.symmetric(skin.pattern, whole)
 
-    return print_regions(
-        problem,
-        pattern,
-        contours,
-        lambda cells: problem.simulate_binary(cells, result.final),
-        limits,
-        island_area,
-        hole_area,
-    )
+    def simulate(cells: Bools) -> Evaluation:
+        return problem.simulate_binary(cells, result.final)
+
+    return print_regions(problem, pattern, cleaning, simulate, limits)
 
 
 def print_regions(
     problem: DesignProblem,
     pattern: Pattern,
-    contours: Callable[[], list[BaseGeometry]],
+    cleaning: Callable[[], CleanedRegions],
     simulate: Callable[[Bools], Evaluation],
     limits: PrintLimits,
-    island_area: float,
-    hole_area: float,
 ) -> PrintedDesign:
-    """Clean, measure and simulate printed regions (collective).
+    """Measure and simulate printed regions (collective).
 
     Args:
         problem: The design problem.
         pattern: The whole pattern that is printed on.
-        contours: Returns the regions on each of its panels; called on the first rank.
+        cleaning: Returns the regions on each of its panels; called on the first rank.
         simulate: Evaluates a binary pattern, given for the owned triangles.
-        limits, island_area, hole_area: As of `as_printed`.
-
-    Raises:
-        ParameterError: An area is negative.
+        limits: Limits of the printer.
     """
     skin = problem.skin
 
-    def inspect() -> tuple[list[BaseGeometry], CleanedRegions, Printability, Printability, Bools]:
-        regions = contours()
-        before = printability(pattern, regions, limits)
-        cleaned = clean(pattern, regions, island_area, hole_area)
-        changed = cleaned.dropped or cleaned.filled
-        after = printability(pattern, cleaned.regions, limits) if changed else before
-        return regions, cleaned, before, after, printed_cells(pattern, cleaned.regions)
+    def inspect() -> tuple[CleanedRegions, Printability, Printability, Bools]:
+        cleaned = cleaning()
+        before = printability(pattern, cleaned.contours, limits)
+        after = printability(pattern, cleaned.regions, limits)
+        return cleaned, before, after, printed_cells(pattern, cleaned.regions)
 
-    regions, cleaned, before, after, cells = on_first_rank(skin.comm, inspect)
+    cleaned, before, after, cells = on_first_rank(skin.comm, inspect)
     evaluation, failure = None, ""
     try:
         evaluation = simulate(cells[skin.owned_cells])
     except NoEquilibriumError as caught:  # raised by all ranks or by none
         failure = str(caught)
-    return PrintedDesign(
-        pattern, regions, cleaned, limits, before, after, cells, evaluation, failure
-    )
+    return PrintedDesign(pattern, cleaned, limits, before, after, cells, evaluation, failure)

@@ -1,4 +1,4 @@
-"""Printed pieces, islands and holes, and the removal of small ones."""
+"""Printed pieces, islands and holes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Ints
-from toros_fem.errors import ParameterError
 from toros_fem.fabrication.contours import panel_outline
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import linked
@@ -63,27 +62,15 @@ class Hole:
         return float(self.polygon.area)
 
 
-@dataclass(frozen=True, eq=False)
-class CleanedRegions:
-    """Printed regions without small islands and holes.
-
-    Attributes:
-        regions: Print on each panel, polygons in m.
-        dropped: Free islands that were removed.
-        filled: Holes that were filled.
-    """
-
-    regions: list[BaseGeometry]
-    dropped: tuple[PrintedPiece, ...]
-    filled: tuple[Hole, ...]
-
-
-def find_pieces(pattern: Pattern, regions: Sequence[BaseGeometry]) -> list[PrintedPiece]:
+def find_pieces(
+    pattern: Pattern, regions: Sequence[BaseGeometry], contact: float = 0.0
+) -> list[PrintedPiece]:
     """Return the printed pieces of all panels, the largest first.
 
     Args:
         pattern: The pattern.
         regions: Print on each panel, polygons in m.
+        contact: Length in m along which two pieces must meet at seams to be connected.
     """
     parts, panel = shapely.get_parts(list(regions), return_index=True)
     order = np.argsort(-shapely.area(parts), kind="stable")
@@ -91,7 +78,7 @@ def find_pieces(pattern: Pattern, regions: Sequence[BaseGeometry]) -> list[Print
     parts, panel = parts[order], panel[order]
     main = np.zeros(len(parts), dtype=bool)
     main[np.unique(panel, return_index=True)[1]] = True
-    links = _across_seams(pattern, parts, panel)
+    links = _across_seams(pattern, parts, panel, contact)
     body = linked(links[:, 0], links[:, 1], len(parts)) if len(parts) else panel
     attached = np.isin(body, body[main])
     return [
@@ -116,41 +103,10 @@ def find_holes(pattern: Pattern, regions: Sequence[BaseGeometry]) -> tuple[Hole,
     return tuple(sorted(holes, key=lambda hole: hole.area))
 
 
-def clean(
-    pattern: Pattern, regions: Sequence[BaseGeometry], island_area: float, hole_area: float
-) -> CleanedRegions:
-    """Remove small free islands, then fill small holes.
-
-    Args:
-        pattern: The pattern.
-        regions: Print on each panel, polygons in m.
-        island_area: Free islands smaller than this are removed, in m²; infinity removes all.
-        hole_area: Holes smaller than this are filled, in m².
-
-    Raises:
-        ParameterError: An area is negative.
-    """
-    for name, area in (("island_area", island_area), ("hole_area", hole_area)):
-        if not area >= 0:
-            raise ParameterError(f"{name} = {area} m² must be at least 0; 0 keeps all.")
-    pieces = find_pieces(pattern, regions)
-    dropped = tuple(p for p in pieces if not p.attached and p.area < island_area)
-    kept: list[list[BaseGeometry]] = [[] for _ in regions]
-    for piece in pieces:
-        if piece not in dropped:
-            kept[piece.panel].append(piece.polygon)
-    cleaned = [shapely.MultiPolygon(parts) for parts in kept]
-    filled = tuple(hole for hole in find_holes(pattern, cleaned) if hole.area < hole_area)
-    for panel in sorted({hole.panel for hole in filled}):
-        plugs = [hole.polygon for hole in filled if hole.panel == panel]
-        cleaned[panel] = shapely.union_all([cleaned[panel], *plugs])
-    return CleanedRegions(cleaned, dropped, filled)
-
-
 def _across_seams(
-    pattern: Pattern, parts: npt.NDArray[np.object_], panel: Ints
-) -> npt.NDArray[np.int64]:
-    """Return pairs of parts, (k, 2), that meet where two edges are sewn together."""
+    pattern: Pattern, parts: npt.NDArray[np.object_], panel: Ints, contact: float
+) -> Ints:
+    """Return pairs of parts, (k, 2), that meet over a length where edges are sewn together."""
     fraction = (np.arange(SEAM_POINTS) + 0.5)[:, None] / SEAM_POINTS
     of_point = np.zeros(len(pattern.flat_points), dtype=np.int64)
     of_point[pattern.flat_triangles] = pattern.panel[:, None]
@@ -170,5 +126,9 @@ def _across_seams(
             near = shapely.dwithin(parts[mine[which]], points[here[at]], reach)
             found[here[at[near]]] = mine[which[near]]
         sides.append(found)
-    pairs = np.stack(sides, axis=1)
-    return pairs[(pairs >= 0).all(axis=1)]
+    pairs = np.sort(np.stack(sides, axis=1), axis=1)
+    met = pairs[:, 0] >= 0
+    edge = pattern.flat_points[pattern.seams[:, 0]]
+    step = np.repeat(np.linalg.norm(edge[:, 1] - edge[:, 0], axis=1) / SEAM_POINTS, SEAM_POINTS)
+    found, which = np.unique(pairs[met], axis=0, return_inverse=True)
+    return found[np.bincount(which.ravel(), step[met], minlength=len(found)) >= contact]

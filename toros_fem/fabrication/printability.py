@@ -42,6 +42,11 @@ class PrintLimits:
         require_positive(width=self.width, gap=self.gap, hole_area=self.hole_area)
 
     @property
+    def contact(self) -> float:
+        """Length in m along which pieces must meet at a seam to be connected."""
+        return self.width / 2
+
+    @property
     def resolution(self) -> float:
         """Distance in m of the samples by which widths and gaps are measured."""
         return min(self.width, self.gap) / SAMPLES_PER_LIMIT
@@ -118,7 +123,7 @@ def printability(
         limits: Narrower lines and gaps are listed.
     """
     outlines = [panel_outline(pattern, panel) for panel in range(len(pattern.panel_names))]
-    pieces = find_pieces(pattern, regions)
+    pieces = find_pieces(pattern, regions, limits.contact)
     widths = [
         measure_widths(region, outline, panel, limits.width, limits.gap, limits.resolution)
         for panel, (region, outline) in enumerate(zip(regions, outlines, strict=True))

@@ -19,6 +19,8 @@ from toros_fem.meshes.topology import linked
 # notches and junctions blunter than 28° do not count as narrow lines, and neither does the end of
 # a line.
 FACING = 4.0
+# Type of polygons in shapely.
+POLYGON = 3
 # Two borders closer than this fraction of the resolution are the same.
 TOUCHING = 1e-3
 
@@ -52,13 +54,13 @@ class Widths(NamedTuple):
 
 
 class _Samples(NamedTuple):
-    """Points along the border of the print, then along that of the panel, whose ring is −1."""
+    """Points along the rings of polygons."""
 
     points: Floats
     ring: Ints
     arc: Floats  # distance along the ring
     length: Floats  # length of the whole ring
-    free: Bools  # on the border of the print, and not where the panel is cut
+    free: Bools  # not where the panel is cut
 
 
 class _Pairs(NamedTuple):
@@ -83,11 +85,12 @@ def measure_widths(
 ) -> tuple[Widths, Widths]:
     """Measure the widths of lines, and of the gaps between them, on one panel.
 
-    The border is sampled densely. A disc through two samples that contains no other is inscribed.
-    It measures a width where its centre is printed, and a gap where its centre is fabric. The two
-    samples must lie on facing sides: on different rings, or far apart along one ring. The panel's
-    own border limits discs but is no side. A piece or a hole without facing sides, such as a dot,
-    is as wide as the largest disc in it; such a piece has no width if the panel's border cuts it.
+    Print and bare fabric are measured alike, as two regions that share out the panel. The border
+    of a region is sampled densely. A disc through two samples that contains no other is inscribed,
+    and measures a width. The two samples must lie on facing sides: on different rings, or far apart
+    along one ring. The cut edge of the panel is a side only where it leaves less than the limit:
+    slivers along it count, wide rests do not. A piece without facing sides, such as a dot, is as
+    wide as the largest disc in it; one that meets the cut counts below the limit only.
 
     Args:
         region: Printed region, polygons in m.
@@ -100,41 +103,110 @@ def measure_widths(
     Returns:
         Widths of lines, and of gaps.
     """
-    rings, part = shapely.get_rings(shapely.get_parts(region), return_index=True)
-    if not len(rings):
-        return Widths(None, ()), Widths(None, ())
-    samples = _sample(rings, outline.boundary, resolution)
-    shapely.prepare([region, outline])
-    touched = np.zeros(len(rings), dtype=bool)
-    touched[samples.ring[~samples.free & (samples.ring >= 0)]] = True
-    hole = np.concatenate([[False], part[1:] == part[:-1]])
-    facing = _facing(samples, resolution)
-    facing = facing.select(shapely.contains_xy(outline, facing.centre))
-    inside = shapely.contains_xy(region, facing.centre)
     found = []
-    for printed, limit in ((True, width_limit), (False, gap_limit)):
-        pairs = facing.select((inside == printed) & (facing.path > FACING * limit))
-        measured = samples.ring[pairs.ends].ravel()
-        if printed:
-            done = np.union1d(part[measured], part[touched])
-            dots = shapely.get_parts(region)[np.setdiff1d(part, done)]
-        else:
-            bare = np.flatnonzero(hole & ~touched)
-            dots = shapely.polygons(rings[np.setdiff1d(bare, measured)])
+    for polygons, limit in (
+        (region, width_limit),
+        (fabric_of(region, outline, resolution), gap_limit),
+    ):
+        samples, pairs, dots = _facing_sides(polygons, outline.boundary, limit, resolution)
         least = limit - TOUCHING * resolution  # a width equal to the limit is not narrow
         places = [
             _place(samples.points[ends[0]], samples.points[ends[1]], width, panel)
             for ends, width in _thinnest(samples, pairs, least)
         ]
-        places += [_largest_disc(dot, panel, resolution) for dot in dots]
+        for dot, cut in dots:
+            place = _largest_disc(dot, panel, resolution)
+            if not cut or place.width < least:
+                places.append(place)
         places.sort(key=lambda place: place.width)
         narrow = tuple(place for place in places if place.width < least)
         found.append(Widths(places[0] if places else None, narrow))
     return found[0], found[1]
 
 
-def _sample(rings: npt.NDArray[np.object_], cut: BaseGeometry, resolution: float) -> _Samples:
-    """Return samples on the rings of the print and on the border that cuts it."""
+def fabric_of(region: BaseGeometry, outline: BaseGeometry, resolution: float) -> BaseGeometry:
+    """Return the part of a panel that is not printed, without slivers of rounding.
+
+    Args:
+        region: Printed region, polygons in m.
+        outline: Outline of the panel.
+        resolution: Distance in m of the samples that widths are measured by.
+    """
+    return solid(outline.difference(region), resolution)
+
+
+def solid(shape: BaseGeometry, resolution: float) -> BaseGeometry:
+    """Return the polygons of a shape without slivers of rounding.
+
+    Args:
+        shape: A region, in m, and lines and points that are left out.
+        resolution: Distance in m of the samples that widths are measured by.
+    """
+    apart = TOUCHING * resolution
+    thick = shape.buffer(-apart, join_style="mitre").buffer(2 * apart, join_style="mitre")
+    parts = shapely.get_parts(shape.intersection(thick))
+    return shapely.MultiPolygon(list(parts[shapely.get_type_id(parts) == POLYGON]))
+
+
+def narrow_discs(
+    polygons: BaseGeometry, cut: BaseGeometry, limit: float, resolution: float
+) -> tuple[Floats, Bools]:
+    """Return where inscribed discs are smaller than a limit.
+
+    Args:
+        polygons: A region, polygons in m.
+        cut: Border of the panel.
+        limit: Least width in m.
+        resolution: Distance in m of the samples on its border.
+
+    Returns:
+        Centres, (n, 2), in m, and for each whether the cut is one of the two sides.
+    """
+    samples, pairs, dots = _facing_sides(polygons, cut, limit, resolution)
+    thin = pairs.select(pairs.width < limit)
+    places = [(_largest_disc(dot, 0, resolution), at_cut) for dot, at_cut in dots]
+    small = [(place.centre, at_cut) for place, at_cut in places if place.width < limit]
+    at_cut = ~samples.free[thin.ends].all(axis=1)
+    return (
+        np.concatenate([thin.centre, np.reshape([centre for centre, _ in small], (-1, 2))]),
+        np.concatenate([at_cut, np.array([cut_ for _, cut_ in small], dtype=bool)]),
+    )
+
+
+def _facing_sides(
+    polygons: BaseGeometry, cut: BaseGeometry, limit: float, resolution: float
+) -> tuple[_Samples, _Pairs, list[tuple[BaseGeometry, bool]]]:
+    """Return samples of the border, pairs on facing sides, and the pieces that have no such.
+
+    With each piece comes whether it meets the cut.
+    """
+    parts = shapely.get_parts(polygons)
+    parts = parts[shapely.area(parts) > 0]
+    rings, part = shapely.get_rings(parts, return_index=True)
+    if not len(rings):
+        none: Floats = np.empty(0)
+        empty = _Pairs(np.empty((0, 2), np.int64), none, none, np.empty((0, 2)))
+        zero = np.empty(0, np.int64)
+        return _Samples(np.empty((0, 2)), zero, none, none, none > 0), empty, []
+    samples = _sample(rings, cut, resolution)
+    facing = _facing(samples, resolution)
+    shapely.prepare(parts)
+    inside = np.zeros(len(facing.width), dtype=bool)
+    owner = part[samples.ring[facing.ends]]
+    same = owner[:, 0] == owner[:, 1]
+    inside[same] = shapely.contains_xy(parts[owner[same, 0]], facing.centre[same])
+    counts = samples.free[facing.ends].all(axis=1) | (facing.width < limit)
+    pairs = facing.select(inside & counts & (facing.path > FACING * limit))
+    touched = np.zeros(len(parts), dtype=bool)
+    touched[part[samples.ring[~samples.free]]] = True
+    lone = np.setdiff1d(np.arange(len(parts)), part[samples.ring[pairs.ends]].ravel())
+    return samples, pairs, [(parts[k], bool(touched[k])) for k in lone]
+
+
+def _sample(
+    rings: npt.NDArray[np.object_], cut: BaseGeometry, resolution: float
+) -> _Samples:
+    """Return samples on rings of a region that a panel's border cuts."""
     dense, ring = shapely.get_coordinates(shapely.segmentize(rings, resolution), return_index=True)
     last = np.append(ring[1:] != ring[:-1], True)  # a ring's last point repeats its first
     step = np.where(last[:-1], 0, np.linalg.norm(np.diff(dense, axis=0), axis=1))
@@ -142,16 +214,8 @@ def _sample(rings: npt.NDArray[np.object_], cut: BaseGeometry, resolution: float
     first = np.concatenate([[True], last[:-1]])
     arc, length = along - along[first][ring], (along[last] - along[first])[ring]
     shapely.prepare(cut)
-    free = ~shapely.dwithin(cut, shapely.points(dense), TOUCHING * resolution)
-    border = shapely.get_coordinates(shapely.segmentize(cut, resolution))
-    none = np.zeros(len(border))
-    return _Samples(
-        np.concatenate([dense[~last], border]),
-        np.concatenate([ring[~last], none.astype(np.int64) - 1]),
-        np.concatenate([arc[~last], none]),
-        np.concatenate([length[~last], none]),
-        np.concatenate([free[~last], none > 0]),
-    )
+    free = ~shapely.dwithin(cut, shapely.points(dense[~last]), TOUCHING * resolution)
+    return _Samples(dense[~last], ring[~last], arc[~last], length[~last], free)
 
 
 def _facing(samples: _Samples, resolution: float) -> _Pairs:
@@ -172,7 +236,7 @@ def _facing(samples: _Samples, resolution: float) -> _Pairs:
     path = np.minimum(path, samples.length[p] - path)
     path[samples.ring[p] != samples.ring[q]] = np.inf
     chord = np.linalg.norm(samples.points[p] - samples.points[q], axis=1)
-    kept = samples.free[p] & samples.free[q] & (path > FACING * chord)
+    kept = path > FACING * chord
     triangle, k, p, q, path, chord = (a[kept] for a in (triangle, k, p, q, path, chord))
     start, end = mesh.points[p], mesh.points[q]
     one = _circumcentres(mesh.points[mesh.simplices[triangle]])

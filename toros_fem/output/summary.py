@@ -107,6 +107,7 @@ def design_summary(
         "dropped": {
             "islands": len(printed.cleaned.dropped),
             "islands_mm2": 1e6 * sum(piece.area for piece in printed.cleaned.dropped),
+            "islands_bridged": len(printed.cleaned.bridged),
             "holes_filled": len(printed.cleaned.filled),
             "before": printed.before.summary(),
         },

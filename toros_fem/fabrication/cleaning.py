@@ -1,0 +1,135 @@
+"""A print that can be made: smooth contours, wide lines and gaps, no islands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.errors import ParameterError
+from toros_fem.fabrication.contours import panel_outline
+from toros_fem.fabrication.islands import Hole, PrintedPiece, find_holes, find_pieces
+from toros_fem.fabrication.printability import DEFAULT_LIMITS, PrintLimits
+from toros_fem.fabrication.regions import symmetric_regions
+from toros_fem.fabrication.smoothing import smoothed
+from toros_fem.fabrication.thickness import thickened
+from toros_fem.fabrication.widths import fabric_of
+from toros_fem.meshes.mirror import Mirrored
+from toros_fem.meshes.pattern import Pattern
+
+# Width of a bridge to an island, over the least width.
+BRIDGE = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class CleanedRegions:
+    """A print that can be made, and what it was made of.
+
+    Attributes:
+        contours: Regions on each panel before any cleaning, polygons in m.
+        regions: Print on each panel, polygons in m.
+        dropped: Free islands that were removed.
+        bridged: Free islands that were joined to the rest by a line.
+        filled: Holes that were filled.
+    """
+
+    contours: list[BaseGeometry]
+    regions: list[BaseGeometry]
+    dropped: tuple[PrintedPiece, ...]
+    bridged: tuple[PrintedPiece, ...]
+    filled: tuple[Hole, ...]
+
+    def symmetric(self, part: Pattern, whole: Mirrored) -> CleanedRegions:
+        """Return the print mirrored from its part, without differences by rounding.
+
+        Args:
+            part: The part, whose panels are the first of the whole, at the same places.
+            whole: The whole, by `meshes.mirrored`.
+        """
+        return replace(self, regions=symmetric_regions(part, whole, self.regions))
+
+
+def clean(
+    pattern: Pattern,
+    regions: Sequence[BaseGeometry],
+    limits: PrintLimits = DEFAULT_LIMITS,
+    island_area: float = 0.0,
+    smoothing: float | None = None,
+) -> CleanedRegions:
+    """Return regions that can be printed: no thin line or gap, no small hole, no free island.
+
+    Args:
+        pattern: The pattern.
+        regions: Print on each panel, polygons in m.
+        limits: Limits of the printer.
+        island_area: Free islands smaller than this are removed, in m²; larger ones are joined to
+            the rest of their panel by a line, where one fits.
+        smoothing: Length in m of `smoothed`, for contours on a mesh; None for polygons that are
+            smooth.
+
+    Raises:
+        ParameterError: The area is negative.
+    """
+    if not island_area >= 0:
+        raise ParameterError(
+            f"island_area = {island_area} m² must be at least 0; 0 bridges all islands."
+        )
+    outlines = [panel_outline(pattern, panel) for panel in range(len(pattern.panel_names))]
+    made = [
+        _cleaned(region, outline, limits, smoothing)
+        for region, outline in zip(regions, outlines, strict=True)
+    ]
+    filled = tuple(h for h in find_holes(pattern, regions) if h.area < limits.hole_area)
+    dropped, bridged = [], []
+    islands = [p for p in find_pieces(pattern, made, limits.contact) if not p.attached]
+    bridges: list[list[BaseGeometry]] = [[] for _ in made]
+    for island in islands:  # the largest first
+        others = [p.polygon for p in islands if p.panel == island.panel]
+        rest = made[island.panel].difference(shapely.union_all(others).buffer(limits.resolution))
+        rest = shapely.union_all([rest, *bridges[island.panel]])
+        line = None
+        if island.area >= island_area:
+            line = _bridge(island.polygon, rest, outlines[island.panel], limits.width)
+        if line is None:
+            dropped.append(island)
+        else:
+            bridged.append(island)
+            bridges[island.panel] += [island.polygon, line]
+    for panel in sorted({island.panel for island in islands}):
+        gone = [p.polygon for p in dropped if p.panel == panel]
+        left = made[panel].difference(shapely.union_all(gone).buffer(limits.resolution))
+        made[panel] = left
+        if bridges[panel]:
+            joined = shapely.union_all([left, *bridges[panel]])
+            made[panel] = _cleaned(joined, outlines[panel], limits, None)
+    return CleanedRegions(list(regions), made, tuple(dropped), tuple(bridged), filled)
+
+
+def _cleaned(
+    region: BaseGeometry, outline: BaseGeometry, limits: PrintLimits, smoothing: float | None
+) -> BaseGeometry:
+    """Return the print of a panel with smooth and wide lines."""
+    if region.is_empty:
+        return region
+    if fabric_of(region, outline, limits.resolution).is_empty:
+        return outline
+    if smoothing is not None:
+        region = smoothed(region, outline, smoothing)
+    return thickened(region, outline, limits.width, limits.gap, limits.hole_area)
+
+
+def _bridge(
+    island: BaseGeometry, rest: BaseGeometry, outline: BaseGeometry, width: float
+) -> BaseGeometry | None:
+    """Return a line from an island to the rest of its panel; None where the panel has no room."""
+    if rest.is_empty:
+        return None
+    ends = shapely.get_coordinates(shapely.shortest_line(island, rest))
+    way = ends[1] - ends[0]
+    # Into both, so that it meets them over its whole width.
+    way *= BRIDGE * width / 2 / max(float(np.hypot(*way)), 1e-12)
+    line = shapely.LineString([ends[0] - way, ends[1] + way])
+    return line.buffer(BRIDGE * width / 2) & outline if outline.covers(line) else None
