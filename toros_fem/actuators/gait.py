@@ -130,6 +130,7 @@ def write_gait(
     root: float,
     density: Floats,
     figures: Mapping[str, Any],
+    measured: tuple[str, float] | None = None,
 ) -> dict[str, Any]:
     """Write table, pictures and figures of a cycle and return the figures (collective).
 
@@ -144,15 +145,19 @@ def write_gait(
         root: Distance from the centre where the legs begin, in m.
         density: Density of all triangles, (t,), shown as colour.
         figures: Further entries of gait.json.
+        measured: A measured stride in m, drawn beside that of the cycle, after who measured it;
+            None for none.
 
     Raises:
         OutputError: A file cannot be written.
     """
     shapes, feet = walking_positions(gait, pattern, points, directions, root)
     complete = len(points) == len(gait.pressure_fractions)
+    stride = float((feet[-1] - feet[0])[:, 0].mean()) if complete else None
     found = {
         **figures,
-        "stride_mm": 1e3 * float((feet[-1] - feet[0])[:, 0].mean()) if complete else None,
+        "stride_mm": stride and 1e3 * stride,
+        "measured_stride_mm": measured and 1e3 * measured[1],
         "foot_lift_mm": 1e3 * float(feet[:, :, 2].max()),
         "newton_steps": sum(point.result.steps for point in points),
         "equilibria": len(points),
@@ -179,7 +184,7 @@ def write_gait(
 
             view = (15.0, 15.0)
             plot_shapes(folder / "gait.png", pattern.triangles, shown, density, view, columns=4)
-            plot_tracks(folder / "tracks.png", feet, gait.steps)
+            plot_tracks(folder / "tracks.png", feet, gait.steps, stride, measured)
 
         if_plotting(draw)
 
