@@ -80,6 +80,7 @@ def measure_widths(
     width_limit: float,
     gap_limit: float,
     resolution: float,
+    within: BaseGeometry | None = None,
 ) -> tuple[Widths, Widths]:
     """Measure the widths of lines, and of the gaps between them, on one panel.
 
@@ -96,6 +97,8 @@ def measure_widths(
         width_limit, gap_limit: Narrower places are listed, in m. Ends of lines, and bumps lower
             than about twice the limit, have no width of their own.
         resolution: Distance of samples in m; the error is at most this.
+        within: Only discs with their centres in it count, of one tile in a sheet for instance; None
+            takes the outline.
 
     Returns:
         Widths of lines, and of gaps.
@@ -109,7 +112,8 @@ def measure_widths(
     touched[samples.ring[~samples.free & (samples.ring >= 0)]] = True
     hole = np.concatenate([[False], part[1:] == part[:-1]])
     facing = _facing(samples, resolution)
-    facing = facing.select(shapely.contains_xy(outline, facing.centre))
+    counted = outline if within is None else within
+    facing = facing.select(shapely.contains_xy(counted, facing.centre))
     inside = shapely.contains_xy(region, facing.centre)
     found = []
     for printed, limit in ((True, width_limit), (False, gap_limit)):
@@ -126,7 +130,8 @@ def measure_widths(
             _place(samples.points[ends[0]], samples.points[ends[1]], width, panel)
             for ends, width in _thinnest(samples, pairs, least)
         ]
-        places += [_largest_disc(dot, panel, resolution) for dot in dots]
+        discs = [_largest_disc(dot, panel, resolution) for dot in dots]
+        places += [disc for disc in discs if shapely.contains_xy(counted, *disc.centre)]
         places.sort(key=lambda place: place.width)
         narrow = tuple(place for place in places if place.width < least)
         found.append(Widths(places[0] if places else None, narrow))
