@@ -16,8 +16,8 @@ WAVES = 4
 PAIRS = (((0, 1), (1, 0)), ((1, 1), (1, -1)))
 # Probabilities that the families are diagonal, and that the lines of a family are straight.
 DIAGONAL, STRAIGHT = 0.25, 0.25
-# Bounds of the amplitude of wavy lines relative to the distance of a family's lines, and of the
-# width of lines relative to that of the narrowest.
+# Bounds of the amplitude of wavy lines in periods of the family, and of the width of lines relative
+# to that of the narrowest.
 AMPLITUDES, WIDTHS = (0.05, 0.15), (1.0, 2.0)
 # Largest number of waves of a line in one tile.
 MOST_WAVES = 2
@@ -105,22 +105,21 @@ def random_families(
 def _random_family(
     rng: np.random.Generator, normal: tuple[int, int], symmetry: str, narrowest: float
 ) -> LineFamily:
-    width = narrowest * rng.uniform(*WIDTHS)
-    straight, quarter = rng.random() < STRAIGHT, int(rng.integers(4))
+    width, straight = narrowest * rng.uniform(*WIDTHS), rng.random() < STRAIGHT
     amplitude, waves = rng.uniform(*AMPLITUDES), int(rng.integers(1, MOST_WAVES + 1))
-    if straight:
-        return LineFamily(normal, width, quarter / 4)
     # A mirror along or across the lines maps a wave onto itself only if the wave has a crest or a
     # trough there, and a line beside the mirror onto another. Half a turn also maps a wave onto
-    # itself if the centre of the turn is between crest and trough.
+    # itself if the centre of the turn is between crest and trough. Straight lines in a mirror would
+    # do too, but there would be one of them in a period, and such designs came less close to their
+    # targets than those with two.
     flips = [np.abs(op @ normal) for op in SYMMETRIES[symmetry] if np.linalg.det(op) < 0]
     mirrored = any(np.array_equal(flip, np.abs(normal)) for flip in flips)
-    beside = mirrored or quarter % 2 == 1
+    beside = mirrored or bool(rng.random() < 0.5)
     return LineFamily(
         normal,
         width,
         offset=0.25 if beside else 0.0,
-        amplitude=amplitude,
+        amplitude=0.0 if straight else amplitude,
         waves=waves,
-        shift=0.5 * (quarter // 2) + (0.0 if beside else 0.25),
+        shift=0.5 * int(rng.integers(2)) + (0.0 if beside else 0.25),
     )
