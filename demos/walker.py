@@ -194,7 +194,7 @@ def walk(
     if not points:
         return figures
     return write_gait(
-        comm, output, gait, pattern, points, star.directions, star.root, density, figures,
+        comm, output, gait, pattern, points, star.directions, star.root, printed.regions, figures,
         MEASURED_STRIDE if config.motion == "crawl" else None,
     )  # fmt: skip
 

@@ -172,6 +172,7 @@ def _from_lines(
         figures=figures,
         seconds=reporter.seconds,
         field=found.best.relaxed.field,
+        start=found.best.relaxed.start,
     )
     return ActuatorResult(summary, result, printed, problem)
 

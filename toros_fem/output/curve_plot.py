@@ -164,7 +164,8 @@ def plot_tracks(
         x, z = 1e3 * feet[:, k, 0], 1e3 * feet[:, k, 2]
         (line,) = axes.plot(x, z, label=f"foot {k}")
         axes.plot(x[::every], z[::every], "o", ms=4, color=line.get_color())
-        axes.annotate("start", (x[0], z[0]), (4, 4), textcoords="offset points", fontsize=8)
+        axes.plot(x[0], z[0], "s", ms=9, mfc="none", color=line.get_color())
+    axes.plot([], [], "s", ms=9, mfc="none", color="0.3", label="start")
     bars = [] if stride is None else [("simulated cycle", stride, PRINTED)]
     bars += [] if measured is None else [(*measured, MEASURED)]
     low, high = axes.get_ylim()
@@ -191,6 +192,6 @@ def plot_tracks(
     axes.set_xlabel("x in mm")
     axes.set_ylabel("height in mm")
     axes.grid(alpha=0.3)
-    figure.legend(frameon=False, ncols=feet.shape[1], loc="outside lower center")
+    figure.legend(frameon=False, ncols=feet.shape[1] + 1, loc="outside lower center")
     figure.savefig(path, dpi=DPI)
     plt.close(figure)
