@@ -171,7 +171,7 @@ def plot_tracks(
     low, high = axes.get_ylim()
     begin = 1e3 * float(feet[:, :, 0].mean())
     for k, (name, length, colour) in enumerate(bars):
-        height, end = low - (0.12 + 0.14 * k) * (high - low), begin + 1e3 * length
+        height, end = low - (0.14 + 0.16 * k) * (high - low), begin + 1e3 * length
         axes.plot(
             (begin, end),
             (height, height),
@@ -183,10 +183,9 @@ def plot_tracks(
         )
         axes.annotate(
             f"{name}: {1e3 * length:.3g} mm",
-            (max(begin, end), height),
-            (8, 0),
+            (min(begin, end), height),
+            (0, 8),
             textcoords="offset points",
-            va="center",
             fontsize=9,
         )
     axes.set_xlabel("x in mm")
