@@ -20,9 +20,7 @@ from toros_fem.output.drawing import DPI, FABRIC, PRINTED, TARGET, View, draw_sk
 SIDE = View()
 OBLIQUE = View(25.0, 35.0)
 BEHIND = View(0.0, 180.0)
-# Other views, one of which is taken where it shows so much more print than BEHIND.
-OTHERS = tuple(View(elevation, turn) for elevation in (-35.0, 0.0) for turn in range(-135, 180, 45))
-MORE = 1.5
+BELOW = tuple(View(-35.0, float(turn)) for turn in range(0, 360, 45))
 # From this height over width on, all views of a shape stand in one row.
 SLENDER = 2.0
 # Largest width and height in inches of all axes together: of shapes in one row, in two, of states.
@@ -43,8 +41,8 @@ def plot_shape(
 ) -> None:
     """Write a picture of the inflated skin beside its target, in the same scale, in mm.
 
-    The inflated skin is seen from three directions. The last one is from behind, or that which
-    shows the most of the print.
+    The inflated skin is seen from three directions. The last one is from behind if the skin is slim
+    and upright, else from below.
 
     Args:
         path: PNG file to write.
@@ -55,8 +53,9 @@ def plot_shape(
         title: Text above.
     """
     printed, count = cut_triangles(pattern, regions), len(pattern.triangles)
-    last = _towards_print(pattern, positions, printed)
     both = positions if target is None else np.concatenate([positions, target])
+    slender = min(_height_over_width(both, view) for view in (SIDE, OBLIQUE)) > SLENDER
+    last = BEHIND if slender else _towards_print(pattern, positions, printed)
     # The target and the skin beside it are in one frame.
     shown: list[tuple[str, Floats, CutTriangles | None, View, Floats]] = [
         (f"inflated, {name}", positions, printed, view, both if view == SIDE else positions)
@@ -64,7 +63,6 @@ def plot_shape(
     ]
     if target is not None:
         shown.insert(0, ("target, side", target, None, SIDE, both))
-    slender = min(_height_over_width(both, view) for view in (SIDE, OBLIQUE)) > SLENDER
     across = len(shown) if slender or target is None else 2
     figure, grid = _grid(
         [view.project(framed) for *_, view, framed in shown],
@@ -150,24 +148,28 @@ def _grid(
 
 
 def _towards_print(pattern: Pattern, positions: Floats, printed: CutTriangles) -> View:
-    """Return the view from behind, or one that shows much more print, if nothing hides another."""
+    """Return the view from below that shows the most of the print that the other views hide.
+
+    That a part of the skin may hide another is not considered.
+    """
     a, b, c = np.moveaxis(positions[pattern.triangles], 1, 0)
     areas = np.bincount(printed.cell, printed.inside * printed.areas, minlength=len(a))
     normals = np.cross(b - a, c - a) / 2 * (areas / pattern.areas)[:, None]
 
-    def shown(view: View) -> float:
-        return float(np.maximum(normals @ view.directions[2], 0).sum())
+    def seen(view: View) -> Floats:
+        return np.maximum(normals @ view.directions[2], 0)
 
-    best = max(OTHERS, key=shown)
-    return best if shown(best) > MORE * shown(BEHIND) else BEHIND
+    before = np.maximum(seen(SIDE), seen(OBLIQUE))
+
+    def added(view: View) -> float:
+        return float(np.maximum(seen(view) - before, 0).sum())
+
+    return max(BELOW, key=added)
 
 
 def _name(view: View) -> str:
     """Return the words for a view in a title."""
-    if view == BEHIND:
-        return "from behind"
-    below = " from below" if view.elevation < 0 else ""
-    return f"turned by {view.turn:g}°{below}"
+    return "from behind" if view == BEHIND else f"from below, turned by {view.turn:g}°"
 
 
 def _height_over_width(points: Floats, view: View) -> float:
