@@ -191,9 +191,14 @@ def sentence(summary: dict[str, Any]) -> str:
     wrinkles = (
         f"; a sheet that is not kept flat buckles when pulled at {buckled}" if buckled else ""
     )
+    widths = "".join(
+        f", {name} from {made[key]:.2f} mm"
+        for name, key in (("lines", "smallest_width_mm"), ("gaps", "smallest_gap_mm"))
+        if made[key] is not None
+    )
     return (
         f"stiffness {stiffness} N/m as printed{deviation}; contraction {contraction:.2f} along x; "
-        f"{made['islands']} islands{wrinkles}; {seconds:.0f} s"
+        f"{made['islands']} islands{widths}{wrinkles}; {seconds:.0f} s"
     )
 
 
