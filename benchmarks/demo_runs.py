@@ -37,6 +37,11 @@ DEMOS = {
 }
 
 
+def without_curve(config: Any) -> Any:
+    """Return a configuration that leaves the curve over the pressure out, if it has one."""
+    return config.updated(curve_pressure=None) if hasattr(config, "curve_pressure") else config
+
+
 def value_of(summary: dict[str, Any], key: str) -> Any:
     """Return an entry of a summary; dots in the key go down into it."""
     found: Any = summary

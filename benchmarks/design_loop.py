@@ -111,7 +111,7 @@ def design(scene: str, way: str, changes: Mapping[str, Any]) -> dict[str, Any]:
     """Run one design on the ranks that this runs on; return its row."""
     import resource
 
-    from demo_runs import DEMOS
+    from demo_runs import DEMOS, without_curve
     from mpi4py import MPI
 
     from toros_fem.actuators.run import design_actuator
@@ -120,7 +120,7 @@ def design(scene: str, way: str, changes: Mapping[str, Any]) -> dict[str, Any]:
 
     comm = MPI.COMM_WORLD
     demo = DEMOS[scene]
-    config: Any = demo.config.updated(**changes)
+    config: Any = without_curve(demo.config.updated(**changes))
     if way == BEFORE:
         config = config.updated(levels=1)
         if hasattr(config, "whole"):

@@ -21,7 +21,7 @@ from mpi4py import MPI
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from demo_runs import DEMOS, ROOT, Demo, value_of
+from demo_runs import DEMOS, ROOT, Demo, value_of, without_curve
 
 from toros_fem.config import Config
 
@@ -128,7 +128,8 @@ def main() -> None:
     for name in parser.parse_args().only:
         begin = time.perf_counter()
         with tempfile.TemporaryDirectory() as folder:
-            summary = demo_of(name).run(MPI.COMM_WORLD, Path(folder), config_of(name))
+            config = without_curve(config_of(name))
+            summary = demo_of(name).run(MPI.COMM_WORLD, Path(folder), config)
         figures = {
             key: {"value": value_of(summary, key), "relative": relative, "absolute": absolute}
             for key, (relative, absolute) in RUNS[name][1].items()

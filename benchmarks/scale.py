@@ -260,7 +260,7 @@ def _end(problem: Any, case: Any, config: Any) -> dict[str, float]:
             write_fields(folder / "skin.vtu", pattern, positions, {"printed": cells * 1.0})
             plot_pattern(folder / "pattern.png", pattern, regions)
             plot_printability(folder / "made.png", pattern, regions, found, config.print_limits)
-            plot_shape(folder / "shape.png", pattern, positions, case.target, cells * 1.0, "")
+            plot_shape(folder / "shape.png", pattern, positions, case.target, regions, "")
 
     return {"print_s": seconds, "files_s": timed(write)[0]}
 

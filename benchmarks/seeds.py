@@ -66,7 +66,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="file for the rows")
     options = parser.parse_args()
     require_count(1, seeds=options.seeds)
-    whole = bend.BendConfig(whole=True, design_pressure=True, corrections=0)
+    whole = bend.BendConfig(whole=True, design_pressure=True, corrections=0, curve_pressure=None)
     config = coarse_tube(whole) if options.coarse else whole
     rows = []
     with tempfile.TemporaryDirectory() as folder:

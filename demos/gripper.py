@@ -227,9 +227,8 @@ def lift(
     figures = {"mass_kg": config.mass, "sag_mm": 1e3 * float(sag), "gap_mm": gap}
     whole = problem.whole
     assert whole is not None
-    printed = design.printed.cells.astype(np.float64)
-    positions = whole.at_vertices(free)
-    write_grasp(comm, output, whole.pattern.triangles, positions, printed, config.body, figures)
+    positions, regions = whole.at_vertices(free), design.printed.regions
+    write_grasp(comm, output, whole.pattern, positions, regions, config.body, figures)
     return figures
 
 

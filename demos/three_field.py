@@ -44,6 +44,7 @@ class ThreeFieldConfig(TubeConfig):
     levels: int | None = TubeConfig.redefault("levels", 1)
     design_pressure: bool = TubeConfig.redefault("design_pressure", True)
     polish_iterations: int = TubeConfig.redefault("polish_iterations", 0)
+    curve_pressure: float | None = TubeConfig.redefault("curve_pressure", None)
     perimeter_weight: float | None = quantity(
         2e-4, "weight of the perimeter term in the variants that have it", above=0
     )

@@ -4,9 +4,10 @@
     python demos/tile.py --target orthotropic
 
 The print of a square tile of 1 cm is designed so that the fabric has the target stiffness when it
-is pulled by 10 % in any direction and free across. Several random starts are tried and the best is
-continued. All figures are those of the printed pattern, simulated again on a mesh of half the edge
-length.
+is pulled by 10 % in any direction and free across. Several random starts are tried,
+families of straight and wavy lines and long waves of the density by turns, and the best is
+continued; islands and lines or gaps below `--print-width` count against a start and a print. All
+figures are those of the printed pattern, simulated again on a mesh of half the edge length.
 
 Targets: "orthotropic" (2000 N/m along x, 500 along y and at 45°), "tetragonal" (2000 along x and y,
 400 at 45°), "isotropic" (700 everywhere), "anisotropic" (the largest ratio of stiffness along x to
@@ -178,7 +179,7 @@ def run(
 
 def sentence(summary: dict[str, Any]) -> str:
     """Return the result in a sentence."""
-    worst, islands = summary["worst_percent"], summary["islands"]
+    worst, made = summary["worst_percent"], summary["manufacture"]
     seconds = summary["seconds"]["total"]
     if summary["printed"] is None:
         return f"the print has no equilibrium: {summary['printed_failure']}; {seconds:.0f} s"
@@ -190,9 +191,14 @@ def sentence(summary: dict[str, Any]) -> str:
     wrinkles = (
         f"; a sheet that is not kept flat buckles when pulled at {buckled}" if buckled else ""
     )
+    widths = "".join(
+        f", {name} from {made[key]:.2f} mm"
+        for name, key in (("lines", "smallest_width_mm"), ("gaps", "smallest_gap_mm"))
+        if made[key] is not None
+    )
     return (
         f"stiffness {stiffness} N/m as printed{deviation}; contraction {contraction:.2f} along x; "
-        f"{islands} islands{wrinkles}; {seconds:.0f} s"
+        f"{made['islands']} islands{widths}{wrinkles}; {seconds:.0f} s"
     )
 
 

@@ -37,6 +37,8 @@ CHAMBERS = ("body", "front", "rear")
 # Rear feet grip, the body reaches out, front feet grip, rear feet let go, the body draws in.
 PHASES = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [1, 1, 0], [0, 1, 0], [0, 1, 1]], dtype=bool)
 DOWN = (0.0, 0.0, -1.0)
+# Fig. 10 of the paper: distance in m by which the crawling robot gets ahead in a cycle.
+MEASURED_STRIDE = ("paper, measured", 0.025)
 
 
 @dataclass(frozen=True)
@@ -192,8 +194,9 @@ def walk(
     if not points:
         return figures
     return write_gait(
-        comm, output, gait, pattern, points, star.directions, star.root, density, figures
-    )
+        comm, output, gait, pattern, points, star.directions, star.root, printed.regions, figures,
+        MEASURED_STRIDE if config.motion == "crawl" else None,
+    )  # fmt: skip
 
 
 def run(

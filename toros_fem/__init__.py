@@ -52,6 +52,7 @@ from toros_fem.objectives.alignment import AlignedObjective
 from toros_fem.objectives.cross_sections import CrossSectionObjective, CrossSections
 from toros_fem.objectives.gap import Body, GapObjective
 from toros_fem.objectives.metrics import (
+    Measurement,
     Metric,
     bend_angle,
     length_ratio,
@@ -88,6 +89,7 @@ __all__ = [
     "LineField",
     "LineOptions",
     "Material",
+    "Measurement",
     "Metric",
     "NewtonOptions",
     "Perimeter",

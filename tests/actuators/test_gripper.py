@@ -8,6 +8,8 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.actuators.gripper import _body_mesh, _in_room, write_grasp
+from toros_fem.fabrication.contours import panel_outline
+from toros_fem.meshes import cylinder
 from toros_fem.objectives.gap import Body
 
 
@@ -36,9 +38,9 @@ def test_three_fingers_stand_around_the_object() -> None:
 def test_files_of_a_grasp(comm: MPI.Comm, tmp_path: Path) -> None:
     folder = comm.bcast(tmp_path, root=0)
     ball = Body("sphere", 0.04, (0.03, 0.0, 0.02))
-    points, faces = _body_mesh(ball, 8)
-    density = np.full(len(faces), 0.5)
-    write_grasp(comm, folder, faces, points, density, ball, {"sag_mm": 1.5})
+    finger = cylinder(comm, 0.03, 0.01, 5e-3)
+    regions = [panel_outline(finger, panel) for panel in range(3)]
+    write_grasp(comm, folder, finger, finger.points, regions, ball, {"sag_mm": 1.5})
     comm.barrier()
     assert json.loads((folder / "load.json").read_text(encoding="utf-8")) == {"sag_mm": 1.5}
     for name in ("grasp.png", "finger.png"):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.designs import NO_CURVE
 from helpers.scenes import shared
 from mpi4py import MPI
 
@@ -27,6 +28,7 @@ SHORT = TubeConfig(
     iterations=1,
     constrained_iterations=0,
     polish_iterations=0,
+    **NO_CURVE,
 )
 
 
@@ -128,6 +130,22 @@ def test_a_reporter_made_earlier_counts_the_set_up(
     assert made.result.history[-1].metrics["angle_deg"] == made.summary["design"]["angle_deg"]
 
 
+def test_a_run_ends_with_its_curve(
+    comm: MPI.Comm, tmp_path: Path, tube_to_bend: ActuatorCase
+) -> None:
+    folder = shared(comm, tmp_path)
+    config = SHORT.updated(curve_pressure=6e3, curve_steps=1)
+    summary = design_actuator(comm, folder, lambda *_: tube_to_bend, config).summary
+    comm.barrier()
+    with (folder / "curve.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["pressure_pa"]) for row in rows[-2:]] == [5e3, 6e3]
+    for key in ("angle_deg", "length_ratio", "volume_m3"):
+        assert float(rows[-2][key]) == summary[key]
+    assert summary["curve"]["points"] == len(rows)
+    assert summary["curve"]["measured"] == []
+
+
 def case(comm: MPI.Comm, config: TubeConfig) -> ActuatorCase:
     target = bend(np.radians(45), 0.08, neutral=0.01)
     return tube_case(comm, config, target, [bend_metric(45.0)])
@@ -216,7 +234,7 @@ def test_a_design_is_asked_for_what_its_print_misses(comm: MPI.Comm, tmp_path: P
     config = bend_demo.BendConfig(
         length=0.06, edge_length=5e-3, filter_radius=8e-3, levels=1, angle=40.0, seed=1,
         iterations=4, constrained_iterations=0, polish_iterations=0, level_iterations=2,
-        corrections=0,
+        corrections=0, **NO_CURVE,
     )  # fmt: skip
     folder = shared(comm, tmp_path)
     plain = design_actuator(comm, folder, bend_demo.case, config)

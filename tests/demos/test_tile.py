@@ -52,6 +52,8 @@ def test_demo(comm: MPI.Comm, tmp_path: Path) -> None:
     assert history[0].endswith(",worst_percent")
     text = demo.sentence(summary)
     assert f"at most {summary['worst_percent']:.1f} % from the target" in text
+    found = summary["manufacture"]
+    assert f"; {found['islands']} islands, lines from {found['smallest_width_mm']:.2f} mm" in text
 
 
 @pytest.mark.parametrize(

@@ -60,6 +60,11 @@ def test_first_solve_of_a_level_is_warm(comm: MPI.Comm, coarse: tf.DesignResult)
     assert start.level == 1
     assert start.pressures == coarse.pressures
     assert start.history == coarse.history
+    assert start.initial is coarse.initial
+    assert start.initial is not None
+    first = coarse.problem.skin.pattern
+    assert np.array_equal(start.initial.pattern.flat_points, first.flat_points)
+    assert len(start.initial.density) == len(first.panel)
     warm = problem.simulate(start.density, start.state, start.pressures)
     cold = problem.simulate(start.density, None, start.pressures)
     assert warm.objective == pytest.approx(cold.objective, rel=1e-6)

@@ -46,6 +46,10 @@ def test_a_run_goes_on_from_a_result(tube: Skin, tube_solver: EquilibriumSolver)
     assert [row.stage for row in more.history] == [0] * 5 + [1] * 4
     assert more.history[5].objective == pytest.approx(first.final.objective, rel=1e-9)
     assert more.history[:5] == first.history
+    assert first.initial is not None
+    started = tube.gather_cells(problem.with_passive(random_density(tube, 3)))
+    assert first.initial.density == pytest.approx(started)
+    assert more.initial is first.initial
     assert more.final.objective < first.final.objective
     assert more.seconds["equilibrium"] > first.seconds["equilibrium"]
 
@@ -69,6 +73,7 @@ def test_a_run_goes_on_on_another_mesh(
     assert [row.iteration for row in more.history] == [0, 1, 2, 2, 3]
     assert [row.level for row in more.history] == [0, 0, 0, 1, 1]
     assert len(more.density) == len(other.owned_cells)
+    assert more.initial is None, "of another mesh, which is not told"
 
 
 def test_a_design_that_is_good_enough_ends_a_stage(

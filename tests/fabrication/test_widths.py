@@ -171,3 +171,17 @@ def test_slivers_along_the_cut() -> None:
     corner = Polygon([(9.6, -10), (10, -10), (10, -9.6)])
     widths, _ = measured(corner, panel)
     assert len(widths.narrow) == 1, "a crumb in a corner"
+
+
+def test_only_a_part_is_measured() -> None:
+    """Lines, gaps and dots elsewhere do not count, and those inside keep their widths."""
+    lines = [translate(bar(width), 0, y) for width, y in ((1.0, 0), (0.4, 5), (1.5, 6))]
+    shape = lines[0].union(lines[1]).union(lines[2]).union(Point(0, 10).buffer(0.2))
+    part = metres(box(-8, -1, 8, 1))
+    limits = 0.6 * MM, 0.6 * MM, RESOLUTION * MM
+    widths, gaps = measure_widths(metres(shape), metres(PANEL), 0, *limits, part)
+    assert widths.smallest is not None
+    assert widths.smallest.width / MM == pytest.approx(1.0, abs=1e-6)
+    assert widths.narrow == gaps.narrow == ()
+    whole, apart = measured(shape)
+    assert (len(whole.narrow), len(apart.narrow)) == (2, 1)

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+import shapely
 from helpers import surfaces
 from mpi4py import MPI
 
 from toros_fem.meshes import Pattern, cylinder, rectangle, two_panels, unwrap
-from toros_fem.meshes.arrange import arranged, panel_offsets
+from toros_fem.meshes.arrange import Place, arranged, panel_offsets, panel_places
 
 SQUARE = 0.02 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
@@ -71,3 +72,40 @@ def test_panels_that_are_apart_keep_their_places(comm: MPI.Comm) -> None:
     assert np.array(panel_offsets(one, 0.1)) == pytest.approx(
         -one.flat_points.min(axis=0)[None], abs=0
     )
+
+
+@pytest.mark.parametrize(
+    ("page", "turned", "size"),
+    # The wall lies, with both ends above each other beside it; or it stands, with both below it.
+    [((13, 6.5), True, (0.15 + 0.015 + 0.02, 0.0628)), ((4, 9), False, (0.0628, 0.185))],
+)
+def test_slim_panels_fill_a_page(
+    comm: MPI.Comm, page: tuple[float, float], turned: bool, size: tuple[float, float]
+) -> None:
+    pattern = cylinder(comm, 0.15, 0.02, 5e-3, mesh="structured")
+    places = panel_places(pattern, 0.015, page)
+    placed = [
+        place.points(pattern.corners[pattern.panel == k].reshape(-1, 2))
+        for k, place in enumerate(places)
+    ]
+    found = np.array([[points.min(axis=0), points.max(axis=0)] for points in placed])
+    assert [place.turned for place in places] == [turned] * 3
+    assert least_gap(found) >= 0.015 - 1e-12
+    assert found.min(axis=(0, 1)) == pytest.approx([0, 0], abs=1e-12)
+    assert found.max(axis=(0, 1)) == pytest.approx(size, rel=0.02)
+
+
+def test_a_place_turns_points_and_regions_alike() -> None:
+    place = Place(True, np.array([0.1, 0.2]))
+    square = shapely.box(0, 0, 0.02, 0.05)
+    corners = shapely.get_coordinates(square)
+    assert shapely.get_coordinates(place.region(square)) == pytest.approx(place.points(corners))
+    assert place.region(square).area == pytest.approx(square.area)
+    assert place.vectors(np.array([0.0, 1.0])) == pytest.approx([1.0, 0.0]), "clockwise"
+
+
+def test_apart_panels_keep_their_places_in_pictures(comm: MPI.Comm) -> None:
+    pattern = unwrap(comm, surfaces.welded_box(2)).pattern
+    places = panel_places(pattern, 0.1, (1, 1))
+    offsets = np.array([place.offset for place in places])
+    assert np.ptp(offsets, axis=0) == pytest.approx([0, 0], abs=0)

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from toros_fem import errors
 from toros_fem.meshes import bend, contract, cylinder, twist
 from toros_fem.objectives.metrics import (
+    Measurement,
     Metric,
     bend_angle,
     distance,
@@ -84,3 +85,12 @@ def test_values_have_their_units() -> None:
     assert (length.key, length.label) == ("length_ratio", "length over its rest value")
     with pytest.raises(errors.ParameterError, match="must be identifiers"):
         Metric("two words", "deg", 1.0, twist_angle)
+
+
+def test_measurements_belong_to_metrics_of_the_same_target() -> None:
+    metric = Metric("angle", "deg", 180.0, lambda _, __: 0.0)
+    measured = Measurement("angle_deg", 180.0, 13e3, 150.0, "a bench")
+    assert measured.belongs_to(metric)
+    assert not measured.belongs_to(replace(metric, target=90.0))
+    assert not measured.belongs_to(replace(metric, target=None))
+    assert not measured.belongs_to(replace(metric, name="twist"))

@@ -9,6 +9,7 @@ import matplotlib.image
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+import shapely
 from helpers.prints import flawed_tube
 from matplotlib.figure import Figure
 from mpi4py import MPI
@@ -17,8 +18,15 @@ from toros_fem.design.options import Iteration
 from toros_fem.fabrication.contours import panel_outline
 from toros_fem.fabrication.printability import PrintLimits, printability
 from toros_fem.meshes import Pattern, Surface, cylinder, unwrap
-from toros_fem.objectives.metrics import Metric
-from toros_fem.output.curve_plot import plot_convergence, plot_pressure_path, plot_tracks
+from toros_fem.meshes.cut_triangles import cut_triangles
+from toros_fem.objectives.metrics import Measurement, Metric
+from toros_fem.output.curve_plot import (
+    MEASURED,
+    plot_convergence,
+    plot_metrics_over_pressure,
+    plot_pressure_path,
+    plot_tracks,
+)
 from toros_fem.output.drawing import FABRIC, PRINTED, TARGET, View, draw_skin, frame
 from toros_fem.output.pattern_plot import (
     HOLE,
@@ -141,10 +149,10 @@ def test_shape(
     pattern: Pattern, tmp_path: Path, stretch: tuple[float, float, float], with_target: bool
 ) -> None:
     """In a row if slender, else in two; without a target the skin stands alone."""
-    density = (pattern.centroids[:, 1] > 0.02).astype(float)
+    regions = flawed_tube(pattern, 40)
     target = pattern.points * stretch if with_target else None
     picture = tmp_path / "shape.png"
-    plot_shape(picture, pattern, pattern.points * stretch, target, density, "a title")
+    plot_shape(picture, pattern, pattern.points * stretch, target, regions, "a title")
     image = pixels(picture)
     assert (hue(image, TARGET) > 0.02) == with_target
     assert hue(image, PRINTED) > 0.02
@@ -164,6 +172,30 @@ def test_shapes(pattern: Pattern, tmp_path: Path) -> None:
         dark = np.all(half < 0.5, axis=2) & (half[:, :, 2] > half[:, :, 0] + 0.1)
         places.append(np.nonzero(dark)[1].mean() / half.shape[1])
     assert places[1] - places[0] > 0.1
+
+
+def test_print_has_the_border_of_its_contours(pattern: Pattern) -> None:
+    """Stripes on the flat end are dark where they are, whatever triangles they cross."""
+    tip = pattern.panel_index("tip")
+    stripes = shapely.union_all([shapely.box(-1, y, 1, y + 1e-3) for y in (-6e-3, -1e-3, 4e-3)])
+    regions = [shapely.Polygon()] * tip + [panel_outline(pattern, tip) & stripes]
+    figure, axes = plt.subplots(figsize=(6, 6))
+    axes.set_axis_off()
+    frame(axes, pattern.points, View(90, 0))
+    colours = np.tile(FABRIC, (len(pattern.triangles), 1))
+    cut = cut_triangles(pattern, regions)
+    draw_skin(axes, pattern.triangles, pattern.points, colours, View(90, 0), cut)
+    image = shown(figure)
+    rows, columns = np.nonzero(np.any(image < 0.99, axis=2))
+    dark = image[rows, columns, 2] > image[rows, columns, 0]  # fabric is yellow, in shade too
+    pixels = np.stack([columns + 0.5, len(image) - rows - 0.5], axis=1)
+    places = 1e-3 * axes.transData.inverted().transform(pixels)
+    plt.close(figure)
+    near = 1.5e-3 * np.abs(np.diff(axes.transData.inverted().transform(pixels[:2]), axis=0)).max()
+    borders = shapely.union_all([stripes.boundary, panel_outline(pattern, tip).boundary])
+    far = shapely.distance(borders, shapely.points(places)) > near
+    assert np.array_equal(dark[far], shapely.contains_xy(regions[tip], places[far]))
+    assert 0.5 < far.mean() < 1
 
 
 def test_curves(tmp_path: Path) -> None:
@@ -193,6 +225,42 @@ def test_curves(tmp_path: Path) -> None:
     assert np.array_equal(pixels(tmp_path / "watched.png"), same), "it has no target to approach"
     one, two = (pixels(tmp_path / f"{name}.png") for name in ("convergence", "two levels"))
     assert (two < 0.5).sum() > (one < 0.5).sum(), "the finer mesh is marked"
+
+
+def test_metrics_over_pressure(tmp_path: Path) -> None:
+    """A row for each target; measured points and ends without equilibrium have their colour."""
+    angle = Metric("angle", "deg", 90.0, lambda _, __: 0.0)
+    twist, length = replace(angle, name="twist"), replace(angle, name="length", target=None)
+    keys = [metric.key for metric in (angle, twist, length)]
+    rows = [{"pressure_pa": 1e3 * k, **dict.fromkeys(keys, 8.0 * k)} for k in range(1, 9)]
+    measured = [Measurement("angle_deg", 90.0, 6e3, 60.0, "a bench")]
+
+    def drawn(name: str, metrics: list[Metric], *more: Any) -> np.ndarray:
+        plot_metrics_over_pressure(tmp_path / f"{name}.png", rows, metrics, 5e3, *more)
+        return pixels(tmp_path / f"{name}.png")
+
+    plain = drawn("plain", [angle, twist, length])
+    assert fraction(plain, PRINTED) > 1e-3
+    assert fraction(plain, MEASURED) == 0
+    assert np.array_equal(drawn("targets", [angle, twist]), plain), "the length is watched only"
+    assert len(drawn("one", [angle])) < 0.7 * len(plain)
+    assert len(drawn("watched", [length])) < 0.7 * len(plain)
+    upper, lower = np.array_split(drawn("measured", [angle, twist], measured), 2)
+    assert fraction(upper, MEASURED) > 1e-4 > fraction(lower, MEASURED) == 0
+    for half in np.array_split(drawn("broken", [angle, twist], [], (False, True)), 2):
+        assert fraction(half, MEASURED) > 1e-5
+
+
+def test_strides_below_the_tracks(tmp_path: Path) -> None:
+    """True to scale: a measured stride of twice the length is a bar twice as long."""
+    feet = np.random.default_rng(0).random((7, 4, 3)) * [0.1, 0.1, 0.01]
+    lengths = []
+    for stride in (0.02, 0.04):
+        plot_tracks(tmp_path / "tracks.png", feet, 3, 0.01, ("a bench", stride))
+        image = pixels(tmp_path / "tracks.png")
+        there = np.all(np.abs(image - MEASURED) < 0.02, axis=2)
+        lengths.append(there.sum(axis=1).max())
+    assert lengths[1] == pytest.approx(2 * lengths[0], rel=0.05)
 
 
 def test_unwrapped_surface(comm: MPI.Comm, tmp_path: Path) -> None:

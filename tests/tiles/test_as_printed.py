@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from toros_fem.materials import Composite
 from toros_fem.tiles.as_printed import PrintSimulation, measure_print
-from toros_fem.tiles.islands import island_areas
+from toros_fem.tiles.printability import island_areas
 from toros_fem.tiles.stiffness_profile import ProfileSolver
 
 
@@ -30,7 +30,8 @@ def test_print_on_the_finer_mesh(comm: MPI.Comm) -> None:
     assert result.printed.evaluation is not None
     coarser = result.printed.evaluation.equilibrium
     assert (coarser.stiffness > result.profile.stiffness).all()
-    assert result.island_areas == pytest.approx(island_areas(case.tile, result.printed.cells))
+    areas = island_areas(case.tile, result.printed.cells)
+    assert result.printability.island_areas == pytest.approx(areas)
 
 
 def test_measured_print(comm: MPI.Comm) -> None:

@@ -7,33 +7,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import shapely
 from helpers.scenes import shared
 from helpers.tiles import SMALL, small_result
 from mpi4py import MPI
 
-from toros_fem.meshes import tile
 from toros_fem.tiles.as_printed import measure_print
 from toros_fem.tiles.case import Trial
 from toros_fem.tiles.objectives import Contrast
 from toros_fem.tiles.printed_tile import PrintedTile, read_tile
-from toros_fem.tiles.report import repeated, write_tile_results
-
-
-def test_repeated_regions_are_joined(comm: MPI.Comm) -> None:
-    patch = tile(comm, (0.02, 0.01), 2e-3)
-    band = shapely.box(0.0, 0.004, 0.02, 0.006)
-    region = repeated(band, patch, 3, 2)
-    assert region.area == pytest.approx(6 * band.area, rel=1e-6)
-    assert len(shapely.get_parts(region)) == 2
-    assert region.bounds == pytest.approx((0.0, 0.004, 0.06, 0.016))
+from toros_fem.tiles.report import write_tile_results
 
 
 @pytest.mark.slow
 def test_files(comm: MPI.Comm, tmp_path: Path) -> None:
     folder = shared(comm, tmp_path) / "tile"
     case, result = small_result()
-    result = replace(result, trials=(Trial(0.5, 2),), deviations=(0.25, np.inf))
+    result = replace(result, trials=(Trial("lines", 0.5, 2, 3),), deviations=(0.25, np.inf))
     assert result.profile is not None
     measured = measure_print(comm, case, SMALL, result)
     made = PrintedTile(result.printed.cells, (0.01, 0.01), 0.8e-3, symmetry="tetragonal")
@@ -42,7 +31,7 @@ def test_files(comm: MPI.Comm, tmp_path: Path) -> None:
     )
     comm.barrier()
     written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    for key in ("printed", "design", "target", "trials", "inputs", "islands", "buckling"):
+    for key in ("printed", "design", "target", "trials", "inputs", "manufacture", "buckling"):
         assert written[key] == summary[key]
     assert written["ranks"] == comm.size
     assert written["seconds"]["total"] == 3.0
@@ -51,7 +40,9 @@ def test_files(comm: MPI.Comm, tmp_path: Path) -> None:
     assert written["target"]["contraction"] is None
     deviations = result.profile.stiffness / [2000, 1000, 500, 400] - 1
     assert written["worst_percent"] == pytest.approx(100 * np.abs(deviations).max())
-    assert written["trials"] == [{"objective": 0.5, "islands": 2}]
+    trial = {"start": "lines", "objective": 0.5, "islands": 2, "narrow": 3}
+    assert written["trials"] == [trial]
+    assert written["manufacture"] == result.printability.summary()
     assert written["corrections_percent"] == [25.0, None]
     with (folder / "profile.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))

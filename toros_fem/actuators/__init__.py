@@ -3,6 +3,7 @@
 from toros_fem.actuators.case import ActuatorCase, Contact
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.gait import Gait
+from toros_fem.actuators.pressure_curve import PressureCurve, trace_pressure_curve
 from toros_fem.actuators.problem import actuator_problem
 from toros_fem.actuators.run import ActuatorResult, design_actuator
 from toros_fem.actuators.tube import (
@@ -19,9 +20,11 @@ __all__ = [
     "Contact",
     "CrossSectionTubeConfig",
     "Gait",
+    "PressureCurve",
     "TubeConfig",
     "actuator_problem",
     "cross_section_case",
     "design_actuator",
+    "trace_pressure_curve",
     "tube_case",
 ]

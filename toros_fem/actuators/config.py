@@ -125,6 +125,16 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
     estimate_error: bool = quantity(
         False, "also estimate the discretisation error of the metrics on a refined mesh"
     )
+    curve_pressure: float | None = quantity(
+        20e3,
+        "largest pressure up to which the metrics of the print are followed; none leaves this "
+        "curve out",
+        "Pa",
+        above=0,
+    )
+    curve_steps: int = quantity(
+        10, "number of equal steps of the curve from 0 to that pressure", at_least=1
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Bools, Floats
 from toros_fem._validate import require_between, require_count
 from toros_fem.actuators.legs import tip_positions
 from toros_fem.analysis.pressure_path import PressurePathPoint
 from toros_fem.errors import ParameterError
+from toros_fem.meshes.cut_triangles import cut_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.rotation import best_rotation
 from toros_fem.output.files import write_json, write_table
@@ -128,8 +130,9 @@ def write_gait(
     points: Sequence[PressurePathPoint],
     directions: Floats,
     root: float,
-    density: Floats,
+    regions: Sequence[BaseGeometry],
     figures: Mapping[str, Any],
+    measured: tuple[str, float] | None = None,
 ) -> dict[str, Any]:
     """Write table, pictures and figures of a cycle and return the figures (collective).
 
@@ -142,17 +145,21 @@ def write_gait(
             them if the cycle is not complete; then there is no stride.
         directions: Unit vectors along the legs, (f, 2).
         root: Distance from the centre where the legs begin, in m.
-        density: Density of all triangles, (t,), shown as colour.
+        regions: Print on each of its panels, polygons in m.
         figures: Further entries of gait.json.
+        measured: A measured stride in m, drawn beside that of the cycle, after who measured it;
+            None for none.
 
     Raises:
         OutputError: A file cannot be written.
     """
     shapes, feet = walking_positions(gait, pattern, points, directions, root)
     complete = len(points) == len(gait.pressure_fractions)
+    stride = float((feet[-1] - feet[0])[:, 0].mean()) if complete else None
     found = {
         **figures,
-        "stride_mm": 1e3 * float((feet[-1] - feet[0])[:, 0].mean()) if complete else None,
+        "stride_mm": stride and 1e3 * stride,
+        "measured_stride_mm": measured and 1e3 * measured[1],
         "foot_lift_mm": 1e3 * float(feet[:, :, 2].max()),
         "newton_steps": sum(point.result.steps for point in points),
         "equilibria": len(points),
@@ -177,9 +184,16 @@ def write_gait(
             from toros_fem.output.curve_plot import plot_tracks
             from toros_fem.output.shape_plot import plot_shapes
 
-            view = (15.0, 15.0)
-            plot_shapes(folder / "gait.png", pattern.triangles, shown, density, view, columns=4)
-            plot_tracks(folder / "tracks.png", feet, gait.steps)
+            plot_shapes(
+                folder / "gait.png",
+                pattern.triangles,
+                shown,
+                np.zeros(len(pattern.triangles)),
+                view=(15.0, 15.0),
+                columns=4,
+                printed=cut_triangles(pattern, regions),
+            )
+            plot_tracks(folder / "tracks.png", feet, gait.steps, stride, measured)
 
         if_plotting(draw)
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Floats, Ints
+from toros_fem.meshes.cut_triangles import cut_triangles
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.gap import Body
 from toros_fem.output.files import write_json
 from toros_fem.output.writer import if_plotting, write_together
@@ -20,9 +23,9 @@ FINGERS = 3
 def write_grasp(
     comm: MPI.Comm,
     folder: Path,
-    triangles: Ints,
+    pattern: Pattern,
     positions: Floats,
-    density: Floats,
+    regions: Sequence[BaseGeometry],
     body: Body,
     figures: Mapping[str, Any],
 ) -> None:
@@ -33,9 +36,9 @@ def write_grasp(
     Args:
         comm: Communicator.
         folder: Output folder, which exists.
-        triangles: Triangles of one whole finger, (t, 3).
+        pattern: The pattern of one whole finger.
         positions: Positions of its vertices, (n, 3), in m.
-        density: Density of its triangles, (t,), shown as colour.
+        regions: Print on each of its panels, polygons in m.
         body: The object, in the finger's frame.
         figures: Content of load.json.
 
@@ -49,23 +52,32 @@ def write_grasp(
         fingers = [_in_room(positions, body, angle) for angle in around]
         ball, faces = _body_mesh(body)
         points = np.concatenate([*fingers, _in_room(ball, body, 0.0)])
-        count = len(positions)
+        triangles, count = pattern.triangles, len(positions)
         cells = np.concatenate(
             [triangles + k * count for k in range(FINGERS)] + [faces + FINGERS * count]
         )
-        colours = np.concatenate([np.tile(density, FINGERS), np.full(len(faces), np.nan)])
+        bare, other = np.zeros(len(triangles)), np.full(len(faces), np.nan)
+        printed = cut_triangles(pattern, regions)
         shapes = [("closed on the object", points)]
         side = np.concatenate([fingers[0], _in_room(ball, body, 0.0)])
 
         def draw() -> None:
             from toros_fem.output.shape_plot import plot_shapes
 
-            plot_shapes(folder / "grasp.png", cells, shapes, colours, view=(15.0, 25.0))
+            plot_shapes(
+                folder / "grasp.png",
+                cells,
+                shapes,
+                np.append(np.tile(bare, FINGERS), other),
+                view=(15.0, 25.0),
+                printed=printed.repeated(FINGERS, len(triangles)),
+            )
             plot_shapes(
                 folder / "finger.png",
                 np.concatenate([triangles, faces + count]),
                 [("one finger, from the side", side)],
-                np.concatenate([density, np.full(len(faces), np.nan)]),
+                np.append(bare, other),
+                printed=printed,
             )
 
         if_plotting(draw)

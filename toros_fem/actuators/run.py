@@ -14,6 +14,7 @@ from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.discovery import Discovery, densities_last, discover
+from toros_fem.actuators.pressure_curve import curve_figures
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
 from toros_fem.actuators.space_mapping import CLOSE, aims_of, asked_next, largest_error
 from toros_fem.analysis.error_estimate import estimate_error
@@ -31,7 +32,7 @@ from toros_fem.fabrication.as_printed import (
     connect_islands,
     remove_islands,
 )
-from toros_fem.objectives.metrics import UNITS
+from toros_fem.objectives.metrics import UNITS, Measurement
 from toros_fem.output.reporter import DesignReporter
 from toros_fem.output.writer import write_results
 
@@ -66,6 +67,7 @@ def design_actuator(
     config: C,
     reporter: DesignReporter | None = None,
     *,
+    measured: Sequence[Measurement] = (),
     verbose: bool = False,
 ) -> ActuatorResult:
     """Design an actuator and write all results (collective).
@@ -79,6 +81,8 @@ def design_actuator(
     With `config.start` = "relaxed" line families are designed and laid as lines instead, by
     `discover`, and densities come last.
 
+    At the end the metrics of the print are followed over the pressure, by `curve_figures`.
+
     Args:
         comm: Communicator.
         output: Folder for summary, history, pattern, fields and pictures.
@@ -86,6 +90,7 @@ def design_actuator(
         config: All numbers.
         reporter: Reports the progress; None makes one for `output`. One that is made earlier also
             counts the time of the set-up.
+        measured: Measured values of the metrics, drawn beside the curves.
         verbose: Whether to print every Newton step.
 
     Raises:
@@ -94,7 +99,7 @@ def design_actuator(
     """
     reporter = reporter or DesignReporter(comm, output)
     if config.start == "relaxed":
-        return _from_lines(comm, output, case, config, reporter, verbose)
+        return _from_lines(comm, output, case, config, reporter, measured, verbose)
     levels = [config.at_level(level) for level in range(config.level_count)]
     options = config.options
     best: BestStart | None = None
@@ -127,6 +132,7 @@ def design_actuator(
         }
     if config.estimate_error and printed.evaluation is not None:
         figures.update(error_figures(problem, printed.evaluation))
+    figures.update(curve_figures(output, problem, printed, config, measured))
     summary = write_results(
         output, result, printed, config=config, figures=figures, seconds=reporter.seconds
     )
@@ -139,6 +145,7 @@ def _from_lines(
     case: CaseMaker[C],
     config: C,
     reporter: DesignReporter,
+    measured: Sequence[Measurement],
     verbose: bool,
 ) -> ActuatorResult:
     """Design an actuator by line families and write all results (collective)."""
@@ -157,6 +164,7 @@ def _from_lines(
     figures["densities_kept"] = better is not None
     if config.estimate_error and printed.evaluation is not None:
         figures.update(error_figures(problem, printed.evaluation))
+    figures.update(curve_figures(output, problem, printed, config, measured))
     summary = write_results(
         output,
         result,
@@ -165,11 +173,14 @@ def _from_lines(
         figures=figures,
         seconds=reporter.seconds,
         field=found.best.relaxed.field,
+        start=found.best.relaxed.start,
     )
     return ActuatorResult(summary, result, printed, problem)
 
 
-def design_run(case: CaseMaker[C], default: C) -> Callable[..., dict[str, Any]]:
+def design_run(
+    case: CaseMaker[C], default: C, measured: Sequence[Measurement] = ()
+) -> Callable[..., dict[str, Any]]:
     """Return a demo's run, which designs an actuator, writes all results and returns the summary.
 
     It is called as `run(comm, output, config, verbose=…)`, with the arguments of `design_actuator`;
@@ -178,12 +189,16 @@ def design_run(case: CaseMaker[C], default: C) -> Callable[..., dict[str, Any]]:
     Args:
         case: Makes what to design, as of `design_actuator`.
         default: The configuration with its defaults.
+        measured: Measured values of the metrics, as of `design_actuator`.
     """
 
     def run(
         comm: MPI.Comm, output: Path | str, config: C | None = None, *, verbose: bool = False
     ) -> dict[str, Any]:
-        return design_actuator(comm, output, case, config or default, verbose=verbose).summary
+        made = design_actuator(
+            comm, output, case, config or default, measured=measured, verbose=verbose
+        )
+        return made.summary
 
     return run
 

@@ -40,7 +40,7 @@ def trace_pressure_path(
     density: Floats,
     pressures: Sequence[Pressure],
     metrics: Sequence[Metric] = (),
-    start: Floats | None = None,
+    start: Floats | EquilibriumResult | None = None,
 ) -> Iterator[PressurePathPoint]:
     """Yield the equilibria at one pressure after the other (collective).
 
@@ -53,22 +53,35 @@ def trace_pressure_path(
         density: Projected density of its owned triangles.
         pressures: In Pa, in the order in which they act.
         metrics: Metrics to compute at each point.
-        start: As for `EquilibriumSolver.solve`; None starts from the assembled skin.
+        start: As for `EquilibriumSolver.solve`; None starts from the assembled skin. From an
+            equilibrium at this density the first one is reached as each from the one before.
 
     Raises:
         EquilibriumError: There is no equilibrium at one of the pressures; the points before it
             have been yielded.
     """
-    skin, before = solver.skin, None
+    before: EquilibriumResult | None = None
+    if isinstance(start, EquilibriumResult):
+        before, start = start, None
     for pressure in pressures:
         if before is None:
-            result = solver.solve(density, pressure, start=start)
+            before = solver.solve(density, pressure, start=start)
         else:
-            result = _continue(solver, density, before, pressure)
-        positions = skin.gather_vertices(result.positions)
-        measured = {f.key: float(f.measure(skin.pattern, positions)) for f in metrics}
-        yield PressurePathPoint(pressure, positions, measured, result)
-        before = result
+            before = _continue(solver, density, before, pressure)
+        yield measured_point(solver, pressure, before, metrics)
+
+
+def measured_point(
+    solver: EquilibriumSolver,
+    pressure: Pressure,
+    result: EquilibriumResult,
+    metrics: Sequence[Metric],
+) -> PressurePathPoint:
+    """Return an equilibrium with its metrics, as a point of a path (collective)."""
+    skin = solver.skin
+    positions = skin.gather_vertices(result.positions)
+    values = {f.key: float(f.measure(skin.pattern, positions)) for f in metrics}
+    return PressurePathPoint(pressure, positions, values, result)
 
 
 def _continue(

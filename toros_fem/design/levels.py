@@ -15,7 +15,7 @@ from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Iteration
 from toros_fem.design.problem import DesignProblem
 from toros_fem.design.shape_design import ShapeDesign
-from toros_fem.design.warm_start import WarmStart
+from toros_fem.design.warm_start import InitialDensity, WarmStart
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import make_transfer
@@ -37,6 +37,7 @@ class GatheredDesign:
         pressures: Pressure of each chamber in Pa; empty without any.
         history: Rows of the design so far.
         seconds: Wall time so far by phase.
+        initial: The density that the design began with; None where it began with none.
     """
 
     pattern: Pattern
@@ -46,6 +47,7 @@ class GatheredDesign:
     pressures: tuple[float, ...]
     history: tuple[Iteration, ...]
     seconds: Mapping[str, float]
+    initial: InitialDensity | None
 
     def start(self, problem: DesignProblem) -> WarmStart:
         """Return the start of the same design on another mesh (collective).
@@ -75,6 +77,7 @@ class GatheredDesign:
             history=self.history,
             seconds=self.seconds,
             level=self.history[-1].level + 1,
+            initial=self.initial,
         )
 
 
@@ -89,6 +92,7 @@ def gathered(result: DesignResult) -> GatheredDesign:
         pressures=result.pressures,
         history=result.history,
         seconds=result.seconds,
+        initial=result.initial,
     )
 
 

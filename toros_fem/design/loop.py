@@ -16,7 +16,7 @@ from toros_fem.density.projection import Projection
 from toros_fem.design.options import DesignOptions, Iteration, Stage
 from toros_fem.design.problem import DesignProblem, Evaluation
 from toros_fem.design.variables import Scaled, Values, Variables
-from toros_fem.design.warm_start import WarmStart
+from toros_fem.design.warm_start import InitialDensity, WarmStart
 from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.mma.optimizer import MMA
 
@@ -38,6 +38,7 @@ class DesignResult:
             final design.
         reason: Why the loop ended, as a sentence.
         seconds: Wall time by phase.
+        initial: The density that the design began with; None where it began with none.
     """
 
     problem: DesignProblem
@@ -46,6 +47,7 @@ class DesignResult:
     history: tuple[Iteration, ...]
     reason: str
     seconds: dict[str, float]
+    initial: InitialDensity | None = None
 
     @property
     def pressure(self) -> float:
@@ -102,6 +104,7 @@ def optimize(
     if start is None:
         start = problem.start_density(seed) if after is None else after.density
     problem.check_variables(start)
+    initial = problem.initial_density(start) if after is None else after.initial
     loop = _Loop(problem, start, options, callback)
     if after is not None:
         loop.take_over(after, start)
@@ -118,6 +121,7 @@ def optimize(
         history=tuple(loop.history),
         reason=loop.reason,
         seconds=loop.phases,
+        initial=initial,
     )
 
 

@@ -19,6 +19,7 @@ from toros_fem.density.filters import Filter
 from toros_fem.density.length_scale import LengthScaleConstraints
 from toros_fem.density.perimeter import Perimeter
 from toros_fem.density.projection import Projection
+from toros_fem.design.warm_start import InitialDensity
 from toros_fem.errors import DensityError, ParameterError
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
@@ -228,6 +229,19 @@ class DesignProblem(ABC, Generic[R]):
             ParameterError: The seed is negative.
         """
         return random_density(self.skin, seed)
+
+    def initial_density(self, density: Floats) -> InitialDensity | None:
+        """Return a density to begin with on the whole skin, on every rank (collective).
+
+        Where the variables are no densities there is none.
+
+        Args:
+            density: ρ at owned triangles.
+        """
+        cells = self.skin.gather_cells(self.with_passive(density))
+        if self.whole is None:
+            return InitialDensity(self.skin.pattern, cells)
+        return InitialDensity(self.whole.pattern, self.whole.at_cells(cells))
 
     def check(self) -> None:
         """Check what all kinds of problems have in common (collective).

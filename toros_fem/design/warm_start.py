@@ -1,4 +1,4 @@
-"""The start of a design that goes on from another mesh."""
+"""Where a design starts: the density that it began with, and one that was found before."""
 
 from __future__ import annotations
 
@@ -8,6 +8,20 @@ from typing import Any
 
 from toros_fem._types import Floats
 from toros_fem.design.options import Iteration
+from toros_fem.meshes.pattern import Pattern
+
+
+@dataclass(frozen=True, eq=False)
+class InitialDensity:
+    """The density that a design began with on its first mesh, for pictures; on every rank.
+
+    Attributes:
+        pattern: The pattern; that of the whole skin where a part is designed.
+        density: ρ of all triangles, (t,).
+    """
+
+    pattern: Pattern
+    density: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +35,7 @@ class WarmStart:
         history: Rows of the design so far; they come first in the history of the result.
         seconds: Wall time so far by phase.
         level: Number of the new mesh, from 0, for the rows of its history.
+        initial: The density that the design began with; None where it began with none.
     """
 
     density: Floats
@@ -29,3 +44,4 @@ class WarmStart:
     history: tuple[Iteration, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
     level: int = 0
+    initial: InitialDensity | None = None

@@ -82,6 +82,7 @@ def measure_widths(
     width_limit: float,
     gap_limit: float,
     resolution: float,
+    within: BaseGeometry | None = None,
 ) -> tuple[Widths, Widths]:
     """Measure the widths of lines, and of the gaps between them, on one panel.
 
@@ -99,6 +100,8 @@ def measure_widths(
         width_limit, gap_limit: Narrower places are listed, in m. Ends of lines, and bumps lower
             than about twice the limit, have no width of their own.
         resolution: Distance of samples in m; the error is at most this.
+        within: Only discs with their centres in it count, of one tile in a sheet for instance; None
+            takes the outline.
 
     Returns:
         Widths of lines, and of gaps.
@@ -109,6 +112,8 @@ def measure_widths(
         (fabric_of(region, outline, resolution), gap_limit),
     ):
         samples, pairs, dots = _facing_sides(polygons, outline.boundary, limit, resolution)
+        if within is not None:
+            pairs = pairs.select(shapely.contains_xy(within, pairs.centre))
         least = limit - TOUCHING * resolution  # a width equal to the limit is not narrow
         places = [
             _place(samples.points[ends[0]], samples.points[ends[1]], width, panel)
@@ -116,7 +121,8 @@ def measure_widths(
         ]
         for dot, cut in dots:
             place = _largest_disc(dot, panel, resolution)
-            if not cut or place.width < least:
+            here = within is None or shapely.contains_xy(within, *place.centre)
+            if here and (not cut or place.width < least):
                 places.append(place)
         places.sort(key=lambda place: place.width)
         narrow = tuple(place for place in places if place.width < least)

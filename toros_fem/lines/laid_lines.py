@@ -18,11 +18,9 @@ from toros_fem.lines.options import LineOptions
 from toros_fem.lines.stripes import Layout
 from toros_fem.lines.strips import Strip, cleaned, joints_of, ribbons
 from toros_fem.lines.transport import LineMesh
+from toros_fem.meshes.cut_triangles import cut_by_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import scaled_points
-
-# Corners of the pieces that a region is divided into before it is cut by triangles.
-PIECE = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,36 +259,6 @@ def _regions(
 
 def _covered(region: BaseGeometry, corners: Floats) -> Floats:
     """Return the part of triangles (t, 3, 2) that a region covers, (t,)."""
-    triangles = shapely.polygons(corners)
-    whole = shapely.area(triangles)
-    pieces = np.array(_divided(region), dtype=object)
-    found = np.zeros(len(corners))
-    if not len(pieces):
-        return found
-    triangle, piece = shapely.STRtree(pieces).query(triangles, predicate="intersects")
-    area = shapely.area(shapely.intersection(triangles[triangle], pieces[piece]))
-    np.add.at(found, triangle, area)
-    return np.clip(found / whole, 0.0, 1.0)
-
-
-def _divided(region: BaseGeometry) -> list[BaseGeometry]:
-    """Return pieces of a region with few corners each; they only share borders."""
-    done: list[BaseGeometry] = []
-    left = list(shapely.get_parts(region))
-    while left:
-        part = left.pop()
-        if part.geom_type != "Polygon" or part.is_empty:
-            continue
-        if shapely.get_num_coordinates(part) <= PIECE:
-            done.append(part)
-            continue
-        x, y, right, top = part.bounds
-        if right - x > top - y:
-            middle = (x + right) / 2
-            halves = (x, y, middle, top), (middle, y, right, top)
-        else:
-            middle = (y + top) / 2
-            halves = (x, y, right, middle), (x, middle, right, top)
-        for half in halves:
-            left += list(shapely.get_parts(shapely.intersection(part, shapely.box(*half))))
-    return done
+    triangle, parts = cut_by_triangles(region, corners)
+    area = np.bincount(triangle, shapely.area(parts), minlength=len(corners))
+    return np.clip(area / shapely.area(shapely.polygons(corners)), 0.0, 1.0)

@@ -81,6 +81,29 @@ class Metric:
         return f"{value:.3g}{sign}"
 
 
+@dataclass(frozen=True)
+class Measurement:
+    """Measured value of a metric, that a simulation is compared with.
+
+    Attributes:
+        key: The metric's key.
+        target: Target that the measured actuator was designed for, in the metric's unit.
+        pressure: Pressure in Pa.
+        value: The value, in the metric's unit.
+        source: Who measured it, as legends say it.
+    """
+
+    key: str
+    target: float
+    pressure: float
+    value: float
+    source: str
+
+    def belongs_to(self, metric: Metric) -> bool:
+        """Return whether this is a value of a metric with the same target."""
+        return self.key == metric.key and self.target == metric.target
+
+
 # Each unit in words, and as it follows a number.
 UNITS = {
     "deg": ("degrees", "°"),

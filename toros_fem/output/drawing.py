@@ -4,26 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
-from matplotlib.colors import LightSource
+from matplotlib.collections import PathCollection
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Outline
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from mpl_toolkits.mplot3d.proj3d import proj_transform
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem._types import Floats, Ints
+from toros_fem._types import Bools, Floats, Ints
+from toros_fem.meshes.cut_triangles import CutTriangles
 
 FABRIC = np.array([0.93, 0.86, 0.72])
 PRINTED = np.array([0.13, 0.20, 0.33])
 TARGET = np.array([0.62, 0.76, 0.62])
 DPI = 150
-# Direction to the light: to the right, upwards and towards the viewer.
-LIGHT = (-0.35, 0.45, 0.82)
+# Direction to the light: to the left, upwards and towards the viewer.
+LIGHT = np.array([-0.35, 0.45, 0.82])
+# Brightness of a surface across the light, and what it gains towards the light.
+SHADE = 0.65, 0.35
+# Polygons are drawn wider by half of this, in points, so that no line shows between neighbours.
+OVERLAP = 0.4
 
 
 def fill(axes: Axes, shape: BaseGeometry, colour: Floats, edge: str = "none") -> None:
@@ -64,6 +66,10 @@ class View:
         """Return the coordinates (…, 2) of points (…, 3) on the picture."""
         return np.asarray(points @ self.directions[:2].T)
 
+    def depth(self, points: Floats) -> Floats:
+        """Return how far points (…, 3) lie towards the viewer, (…,)."""
+        return np.asarray(points @ self.directions[2])
+
 
 def frame(axes: Axes, points: Floats, view: View) -> None:
     """Set limits and scale of axes in mm to points, (n, 3), in m, seen from a direction."""
@@ -75,9 +81,7 @@ def frame(axes: Axes, points: Floats, view: View) -> None:
 def draw_polygons(axes: Axes, polygons: Sequence[Floats], colours: Floats, view: View) -> None:
     """Draw shaded polygons in space, those behind hidden by those before.
 
-    Matplotlib's three-dimensional axes are square and have no room for ticks in a plane. They are
-    laid over the given axes in the same scale. So the figure must have its final layout, and the
-    limits must be set by `frame`.
+    They are sorted by their mean depth.
 
     Args:
         axes: Axes in mm.
@@ -85,46 +89,21 @@ def draw_polygons(axes: Axes, polygons: Sequence[Floats], colours: Floats, view:
         colours: Colour of each polygon, (p, 3) or (p, 4).
         view: Where the viewer is.
     """
-    figure, directions = axes.figure, view.directions
-    points = 1e3 * np.concatenate(polygons)
-    centre = (points.min(axis=0) + points.max(axis=0)) / 2
-    radius = float(np.linalg.norm(points - centre, axis=1).max())
-    space: Any = figure.add_axes((0, 0, 1, 1), projection="3d", proj_type="ortho", facecolor="none")
-    space.set_in_layout(False)
-    space.set_axis_off()
-    low, high = centre - radius, centre + radius
-    space.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    space.set_box_aspect((1, 1, 1))
-    space.view_init(elev=view.elevation, azim=view.turn - 90)
-    space.apply_aspect()
-    # Matplotlib sets scale and place of its box: they are measured, and the square put accordingly.
-    ends = np.stack([centre, centre + radius * directions[0]])
-    there = space.transAxes.inverted().transform(
-        space.transData.transform(np.transpose(proj_transform(*ends.T, space.get_proj())[:2]))
-    )
-    here = axes.transData.transform(view.project(ends))
-    side = np.ptp(here[:, 0]) / np.ptp(there[:, 0])
-    size = np.array(figure.bbox.size)
-    space.set_position((*((here[0] - side * there[0]) / size), *(side / size)))
-    light = np.asarray(LIGHT) @ directions / np.linalg.norm(LIGHT)
-    space.add_collection3d(
-        Poly3DCollection(
-            [1e3 * np.asarray(polygon) for polygon in polygons],
-            facecolors=colours,
-            edgecolors=colours,
-            linewidths=0.6,
-            shade=True,
-            lightsource=LightSource(
-                azdeg=90 - np.degrees(np.arctan2(light[1], light[0])),
-                altdeg=np.degrees(np.arcsin(light[2])),
-            ),
-        ),
-        autolim=False,
-    )
+    normals = np.array([np.cross(p[1] - p[0], p[2] - p[0]) for p in polygons])
+    depth = np.array([view.depth(polygon).mean() for polygon in polygons])
+    outlines = [Outline(1e3 * view.project(polygon), closed=False) for polygon in polygons]
+    _add(axes, outlines, _shaded(colours, normals, view), np.argsort(depth, kind="stable"))
 
 
-def draw_skin(axes: Axes, triangles: Ints, points: Floats, colours: Floats, view: View) -> None:
-    """Draw the outside of a closed skin; arguments as of `draw_polygons`.
+def draw_skin(
+    axes: Axes,
+    triangles: Ints,
+    points: Floats,
+    colours: Floats,
+    view: View,
+    printed: CutTriangles | None = None,
+) -> None:
+    """Draw the outside of a closed skin, and its print with the borders that it has.
 
     The inside is left out: where two panels lie on each other, as in a flat target, only the one
     towards the viewer is to be seen.
@@ -135,8 +114,62 @@ def draw_skin(axes: Axes, triangles: Ints, points: Floats, colours: Floats, view
         points: Positions of all vertices, (n, 3), in m.
         colours: Colour of each triangle, (t, 3).
         view: Where the viewer is.
+        printed: The print; None for none.
     """
     corners = points[triangles]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    outside = normal @ view.directions[2] > 0
-    draw_polygons(axes, list(corners[outside]), colours[outside], view)
+    sides = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normals = np.asarray(np.cross(*sides), dtype=np.float64)
+    seen = normals @ view.directions[2] > 0
+    flat, depth = 1e3 * view.project(corners), view.depth(corners).mean(axis=1)
+    cut = np.zeros(len(triangles), dtype=bool)
+    if printed is not None:
+        cut[printed.cell] = True
+    cells = np.flatnonzero(seen & ~cut)
+    outlines, inks = [Outline(flat[cell]) for cell in cells], colours[cells]
+    on_top: Bools = np.zeros(len(cells), dtype=bool)
+    if printed is not None:
+        shown = np.flatnonzero(seen[printed.cell])
+        parts, inside = _outlines(printed, flat), printed.inside[shown]
+        outlines += [parts[k] for k in shown]
+        own = np.where(inside[:, None], PRINTED, colours[printed.cell[shown]])
+        cells, inks = np.append(cells, printed.cell[shown]), np.concatenate([inks, own])
+        on_top = np.append(on_top, inside)
+    # The print of a triangle is on top of its fabric, so that it has the border.
+    order = np.lexsort((on_top, cells, depth[cells]))
+    _add(axes, outlines, _shaded(inks, normals[cells], view), order)
+
+
+def _outlines(printed: CutTriangles, corners: Floats) -> list[Outline]:
+    """Return the outline of each polygon, from the corners of the triangles, (t, 3, 2)."""
+    points = printed.corners(corners)
+    codes = np.full(len(points), Outline.LINETO, dtype=Outline.code_type)
+    codes[printed.first[:-1]] = Outline.MOVETO
+    codes[printed.first[1:] - 1] = Outline.CLOSEPOLY
+    starts = printed.first[np.searchsorted(printed.polygon, np.arange(1, len(printed.cell)))]
+    pairs = zip(np.split(points, starts), np.split(codes, starts), strict=True)
+    return [Outline(corner, code) for corner, code in pairs] if len(points) else []
+
+
+def _shaded(colours: Floats, normals: Floats, view: View) -> Floats:
+    """Return colours, (p, 3) or (p, 4), in the light, of polygons with normals of any length."""
+    length = np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)
+    light = LIGHT @ view.directions / np.linalg.norm(LIGHT)
+    brightness = SHADE[0] + SHADE[1] * (normals @ light) / length
+    shaded = np.array(colours, dtype=np.float64)
+    shaded[:, :3] *= brightness[:, None]
+    return shaded
+
+
+def _add(axes: Axes, outlines: Sequence[Outline], colours: Floats, order: Ints) -> None:
+    """Draw filled outlines, those that come first in an order below the others."""
+    sorted_colours = colours[order]
+    axes.add_collection(
+        PathCollection(
+            [outlines[k] for k in order],
+            facecolors=sorted_colours,
+            edgecolors=sorted_colours,
+            linewidths=OVERLAP,
+            joinstyle="bevel",
+        ),
+        autolim=False,
+    )

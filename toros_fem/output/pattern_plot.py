@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import product
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -15,24 +14,25 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.patheffects import withStroke
-from matplotlib.transforms import Bbox
-from shapely.affinity import translate
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Floats
 from toros_fem.fabrication.contours import panel_outline
+from toros_fem.fabrication.islands import PrintedPiece
 from toros_fem.fabrication.printability import Printability, PrintLimits
 from toros_fem.fabrication.widths import LocalWidth
-from toros_fem.meshes.arrange import panel_offsets
+from toros_fem.meshes.arrange import Place, panel_places
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.output.drawing import DPI, FABRIC, PRINTED, fill
+from toros_fem.output.labels import Label, groups, write_labels
 
 ISLAND, NARROW_LINE, NARROW_GAP, HOLE = "#d1242f", "#e0148c", "#0a7fc2", "#2c8f35"
 # Largest number of labels of a kind.
-LABELS = 12
+LABELS = 24
 # Gap between panels that are packed here, as a fraction of the skin's size.
 GAP = 0.1
+# Largest width and height of the panels in inches.
+PAGE = (13.0, 6.5)
 
 
 def plot_pattern(path: Path, pattern: Pattern, regions: Sequence[BaseGeometry]) -> None:
@@ -45,9 +45,9 @@ def plot_pattern(path: Path, pattern: Pattern, regions: Sequence[BaseGeometry]) 
     """
     figure, axes = plt.subplots(layout="constrained")
     draw_panels(axes, pattern, regions)
-    _fit(figure, axes, 9.0, 1.2)
+    _fit(figure, axes, 1.2)
     axes.set_title("flat pattern: fabric (light), printed reinforcement (dark)", pad=18)
-    figure.savefig(path, dpi=DPI)
+    figure.savefig(path, dpi=DPI, bbox_inches="tight")
     plt.close(figure)
 
 
@@ -62,7 +62,8 @@ def plot_printability(
 
     Free islands are red, with their area. Narrow lines and gaps are circled, and the thinnest are
     labelled with their width. The thinnest of all is marked even if it keeps the limit. Small holes
-    are outlined. Where labels overlap, only the first is written.
+    are outlined. Places that are close share a label. What finds no room is left out; the legend
+    says how many places have no label.
 
     Args:
         path: PNG file to write.
@@ -72,36 +73,35 @@ def plot_printability(
         limits: Bounds for narrow lines, narrow gaps and small holes.
     """
     figure, axes = plt.subplots(layout="constrained")
-    offsets = draw_panels(axes, pattern, regions)
-    _fit(figure, axes, 10.0, 2.0)
+    places = draw_panels(axes, pattern, regions)
+    _fit(figure, axes, 2.0)
     islands = printability.free_islands
     holes = [hole for hole in printability.holes if hole.area < limits.hole_area]
-    labels = []
+    marks: list[Floats] = []
     for island in islands:
-        shape = translate(island.polygon, *offsets[island.panel])
-        fill(axes, shape, np.array(to_rgb(ISLAND)), edge=ISLAND)
-        middle = 1e3 * shapely.get_coordinates(shape.point_on_surface())[0]
-        labels.append((f"{1e6 * island.area:.2g} mm²", middle, ISLAND))
+        fill(axes, places[island.panel].region(island.polygon), np.array(to_rgb(ISLAND)), ISLAND)
     for hole in holes:
-        ring = translate(hole.polygon.exterior, *offsets[hole.panel])
+        ring = places[hole.panel].region(hole.polygon.exterior)
         axes.plot(*(1e3 * shapely.get_coordinates(ring).T), color=HOLE, lw=2)
-        middle = 1e3 * shapely.get_coordinates(ring.centroid).T
-        axes.plot(*middle, "s", ms=13, mfc="none", mec=HOLE, mew=2)
+        marks.append(1e3 * shapely.get_coordinates(ring.centroid)[0])
+        axes.plot(*marks[-1], "s", ms=13, mfc="none", mec=HOLE, mew=2)
     handles: list[Artist] = [
         Patch(color=PRINTED, label=f"printed: {printability.number_of_pieces} pieces"),
         Patch(color=ISLAND, label=f"free islands: {len(islands)}"),
     ]
     lines, gaps = printability.narrow_lines, printability.narrow_gaps
+    circled: list[tuple[Floats, Sequence[LocalWidth], str]] = []
     for smallest, narrow, limit, colour, kind in (
         (printability.smallest_width, lines, limits.width, NARROW_LINE, "lines"),
         (printability.smallest_gap, gaps, limits.gap, NARROW_GAP, "gaps"),
     ):
         marked = narrow or ((smallest,) if smallest else ())
         for place in reversed(marked):  # the thinnest on top
-            _mark(axes, place, offsets[place.panel], colour)
-        for place in marked[:LABELS]:
-            at = 1e3 * (np.array(place.centre) + offsets[place.panel])
-            labels.append((f"{1e3 * place.width:.2f} mm", at, colour))
+            _mark(axes, place, places[place.panel], colour)
+        if marked:
+            middles = [places[place.panel].points(np.array(place.centre)) for place in marked]
+            circled.append((1e3 * np.array(middles), marked, colour))
+            marks.extend(circled[-1][0])
         thinnest = f"{1e3 * smallest.width:.2f} mm" if smallest else "none"
         text = f"{kind} under {1e3 * limit:.2g} mm: {len(narrow)}; thinnest {thinnest}"
         handles.append(Line2D([], [], color=colour, marker="o", ms=10, mfc="none", label=text))
@@ -109,71 +109,89 @@ def plot_printability(
         f"holes under {1e6 * limits.hole_area:.2g} mm²: {len(holes)} of {len(printability.holes)}"
     )
     handles.append(Line2D([], [], color=HOLE, marker="s", ms=10, mfc="none", label=text))
-    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False)
+    handles.append(Line2D([], [], ls="none", label="places without a label: 0"))
+    legend = figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False)
     count = len(islands) + len(lines) + len(gaps) + len(holes)
-    verdict = f"{count} places to correct" if count else "nothing to correct"
+    found = {0: "nothing to correct", 1: "1 place to correct"}.get(
+        count, f"{count} places to correct"
+    )
+    figure.suptitle(f"printing the flat pattern: {found}", fontsize=14)
     figure.draw_without_rendering()  # lays the axes out
-    _write_labels(axes, labels)
-    figure.suptitle(f"printing the flat pattern: {verdict}", fontsize=14)
-    figure.savefig(path, dpi=DPI)
+    figure.set_layout_engine("none")
+    labels = [_island_label(island, places[island.panel]) for island in islands]
+    for at, narrow_places, colour in circled:
+        labels += _width_labels(axes, at, [place.width for place in narrow_places], colour)
+    left_out = write_labels(axes, labels, np.reshape(marks, (-1, 2)))
+    left_out += len(islands) + sum(len(marked) for _, marked, _ in circled)
+    left_out -= sum(labelabel.places for labelabel in labels)
+    legend.get_texts()[-1].set_text(f"places without a label: {left_out}")
+    figure.savefig(path, dpi=DPI, bbox_inches="tight")
     plt.close(figure)
 
 
-def draw_panels(axes: Axes, pattern: Pattern, regions: Sequence[BaseGeometry]) -> list[Floats]:
-    """Draw the panels at their places; return the offset of each in m."""
-    offsets = panel_offsets(pattern, GAP * pattern.size)
-    for panel, (offset, region) in enumerate(zip(offsets, regions, strict=True)):
-        outline = translate(panel_outline(pattern, panel), *offset)
+def draw_panels(
+    axes: Axes,
+    pattern: Pattern,
+    regions: Sequence[BaseGeometry],
+    page: tuple[float, float] = PAGE,
+) -> list[Place]:
+    """Draw the panels in mm where they fill a page best; return the place of each.
+
+    Args:
+        axes: The axes.
+        pattern: The pattern.
+        regions: Print on each panel, polygons in m.
+        page: Width and height that the axes will have, in any unit.
+    """
+    places = panel_places(pattern, GAP * pattern.size, page)
+    for panel, (place, region) in enumerate(zip(places, regions, strict=True)):
+        outline = place.region(panel_outline(pattern, panel))
         fill(axes, outline, FABRIC, edge="0.25")
-        fill(axes, translate(region, *offset), PRINTED)
+        fill(axes, place.region(region), PRINTED)
         left, _, right, top = np.array(outline.bounds) * 1e3
         label = pattern.panel_names[panel]
         axes.annotate(label, ((left + right) / 2, top), (0, 4), ha="center",
                       textcoords="offset points")  # fmt: skip
     axes.set_aspect("equal")
+    axes.margins(0.03)
     axes.autoscale_view()
     axes.set_xlabel("mm")
     axes.set_ylabel("mm")
     axes.spines[["top", "right"]].set_visible(False)
-    return offsets
+    return places
 
 
-def _fit(figure: Figure, axes: Axes, size: float, extra: float) -> None:
+def _fit(figure: Figure, axes: Axes, extra: float) -> None:
     """Set the size of a figure in inches, from the panels' and extra height for titles."""
     extent = np.array([axes.dataLim.width, axes.dataLim.height])
-    width, height = size * extent / extent.max()
-    figure.set_size_inches(max(width, size / 2) + 1.0, height + extra)
+    width, height = extent * (np.array(PAGE) / extent).min()
+    figure.set_size_inches(max(width, PAGE[0] / 2) + 1.0, height + extra)
 
 
-def _mark(axes: Axes, place: LocalWidth, offset: Floats, colour: str) -> None:
-    ends = 1e3 * (np.array(place.ends) + offset)
+def _mark(axes: Axes, width: LocalWidth, place: Place, colour: str) -> None:
+    ends = 1e3 * place.points(np.array(width.ends))
     middle = ends.mean(axis=0)
     axes.plot(*ends.T, color=colour, lw=1.5, solid_capstyle="butt")
     axes.plot(*middle, "o", ms=14, mfc="none", mec="white", mew=3.5)
     axes.plot(*middle, "o", ms=14, mfc="none", mec=colour, mew=1.8)
 
 
-def _write_labels(axes: Axes, labels: Sequence[tuple[str, Floats, str]]) -> None:
-    """Write each (text, point, colour) beside its point, unless it would cover another label."""
-    written: list[Bbox] = []
-    for text, at, colour in labels:
-        for right, up in product((10, -10), (5, -13)):
-            label = axes.annotate(
-                text,
-                (at[0], at[1]),
-                (right, up),
-                textcoords="offset points",
-                ha="left" if right > 0 else "right",
-                color=colour,
-                fontweight="bold",
-                zorder=5,
-                path_effects=[withStroke(linewidth=3, foreground="white")],
-            )
-            box = label.get_window_extent()
-            if not any(box.overlaps(other) for other in written):
-                written.append(box)
-                break
-            label.remove()
+def _island_label(island: PrintedPiece, place: Place) -> Label:
+    """Return the label of an island: its area."""
+    middle = place.region(island.polygon).point_on_surface()
+    area = float(f"{1e6 * island.area:.2g}")
+    return Label(f"{area:g} mm²", 1e3 * shapely.get_coordinates(middle)[0], ISLAND)
+
+
+def _width_labels(axes: Axes, at: Floats, widths: Sequence[float], colour: str) -> list[Label]:
+    """Return the labels of places that are given the thinnest first."""
+    labels = []
+    for group in groups(axes, at)[:LABELS]:
+        text = f"{1e3 * widths[group[0]]:.2f} mm"
+        if len(group) > 1:
+            text += f", {len(group)} places"
+        labels.append(Label(text, at[group[0]], colour, len(group)))
+    return labels
 
 
 def plot_variants(

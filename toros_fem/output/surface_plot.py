@@ -69,7 +69,6 @@ def plot_unwrapped(path: Path, unwrapped: Unwrapped) -> None:
         f"{unwrapped.distortion.mean_stretch:.1%} on average"
     )
     figure.colorbar(scale, ax=axes, label="area on the surface / flat area", shrink=0.7)
-    figure.draw_without_rendering()  # lays the axes out
     for space, view in zip(spaces, VIEWS, strict=True):
         _draw_surface(space, unwrapped, colours, view)
     figure.savefig(path, dpi=DPI)

@@ -41,12 +41,14 @@ def write_results(
     figures: Mapping[str, Any] | None = None,
     seconds: Mapping[str, float] | None = None,
     field: LineField | None = None,
+    start: LineField | None = None,
 ) -> dict[str, Any]:
     """Write summary, history, drawing, fields and pictures of a design (collective).
 
     The files are summary.json, history.csv, pattern.svg, skin.vtu, pattern.png, manufacture.png,
-    shape.png and convergence.png; of line families also lines.png. Where the print has no
-    equilibrium, the pictures and fields show the design's own shape.
+    shape.png and convergence.png; of a design that began with densities also design.png, and of
+    line families lines.png. Where the print has no equilibrium, the pictures and fields show the
+    design's own shape.
 
     Args:
         folder: Output folder, made if missing.
@@ -56,6 +58,7 @@ def write_results(
         figures: Further entries of the summary.
         seconds: Further wall times in s, those of `DesignReporter.seconds` for instance.
         field: Line families that the design was made of; None for none.
+        start: Line families that these began with, for lines.png; None leaves them out.
 
     Returns:
         The summary, as in summary.json; equal on all ranks.
@@ -89,6 +92,7 @@ def write_results(
 
     def draw() -> None:
         from toros_fem.output.curve_plot import plot_convergence
+        from toros_fem.output.design_plot import plot_design
         from toros_fem.output.line_plot import plot_line_field
         from toros_fem.output.pattern_plot import plot_pattern, plot_printability
         from toros_fem.output.shape_plot import plot_shape
@@ -106,12 +110,20 @@ def write_results(
             printed.pattern,
             positions,
             target,
-            fields["printed"],
+            printed.regions,
             _title(problem.metrics, summary),
         )
         plot_convergence(folder / "convergence.png", result.history, problem.metrics)
+        if result.initial is not None:
+            plot_design(
+                folder / "design.png",
+                (result.initial.pattern, result.initial.density),
+                printed.pattern,
+                fields["rho_projected"],
+                printed.regions,
+            )
         if field is not None:
-            plot_line_field(folder / "lines.png", field, printed.pattern, printed.regions)
+            plot_line_field(folder / "lines.png", field, printed.pattern, printed.regions, start)
 
     write_together(skin.comm, folder, write)
     return summary

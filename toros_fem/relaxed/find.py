@@ -82,6 +82,7 @@ class RelaxedResult:
     """The result of a relaxed design, equal on all ranks.
 
     Attributes:
+        start: Families of the random start: those of all fixed directions.
         field: Share and direction of the two families in each triangle.
         variables: The variables that they come from, before smoothing, (t, 6).
         positions: Positions of all vertices at the pressure, (n, 3), in m.
@@ -94,6 +95,7 @@ class RelaxedResult:
         reason: Why the second stage ended, as a sentence.
     """
 
+    start: LineField
     field: LineField
     variables: Floats
     positions: Floats
@@ -149,13 +151,15 @@ def find_lines(
     if after is None:
         fixed = FixedDirections(options.directions, options.share_limit)
         first = relaxed_problem(design, fixed, radius, cost, crossing)
-        found = optimize(first, options.stage(0), seed=seed, callback=callback)
+        drawn = first.start_density(seed)
+        start = first.start_field(drawn)
+        found = optimize(first, options.stage(0), start=drawn, callback=callback)
         field = fitted_pair(first.line_field(found.final))
         variables = free.variables(field.shares, field.angles)
         positions = first.shape_of(found.final.equilibrium)
         pressures, history = found.pressures, found.history
     else:
-        variables, positions = after.variables, after.positions
+        start, variables, positions = after.start, after.variables, after.positions
         pressures, history = after.pressures, after.history
     second = relaxed_problem(design, free, radius, cost, crossing)
     own = second.with_passive(variables[skin.owned_cells].ravel())
@@ -171,14 +175,17 @@ def find_lines(
     if after is not None:
         rules = replace(rules, stages=(Stage(options.more_iterations),))
     result = optimize(second, rules, callback=callback, after=warm)
-    return _gathered(second, result, time.perf_counter() - begin)
+    return _gathered(second, result, start, time.perf_counter() - begin)
 
 
-def _gathered(problem: RelaxedProblem, result: DesignResult, seconds: float) -> RelaxedResult:
+def _gathered(
+    problem: RelaxedProblem, result: DesignResult, start: LineField, seconds: float
+) -> RelaxedResult:
     """Return a result on every rank (collective)."""
     final, history = result.final, result.history
     variables = result.density.reshape(-1, problem.families.fields)
     return RelaxedResult(
+        start=start,
         field=problem.line_field(final),
         variables=np.asarray(problem.skin.gather_cells(variables)),
         positions=problem.shape_of(final.equilibrium),

@@ -122,6 +122,17 @@ class RelaxedProblem(ShapeProblem):
         drawn = np.clip(START * np.exp(SPREAD * smooth / deviation), 0, 1)
         return self.with_passive(drawn)
 
+    def initial_density(self, density: Floats) -> None:
+        """Return None: `start_field` shows what a relaxed design begins with."""
+
+    def start_field(self, variables: Floats) -> LineField:
+        """Return the line families of variables, on every rank (collective).
+
+        Args:
+            variables: Those of the owned triangles, before smoothing.
+        """
+        return self._line_field(self.fields(self.with_passive(variables))[1])
+
     def reinforcement(self, evaluation: Evaluation[EquilibriumResult]) -> tuple[float, float]:
         """Return the mean sum of shares, and 0: lines are not grey (collective)."""
         shares = evaluation.projected[:, 1 : 1 + self.families.count].sum(axis=1)
@@ -129,7 +140,10 @@ class RelaxedProblem(ShapeProblem):
 
     def line_field(self, evaluation: Evaluation[EquilibriumResult]) -> LineField:
         """Return the line families of a design, on every rank (collective)."""
-        material, count = self.skin.gather_cells(evaluation.projected), self.families.count
+        return self._line_field(evaluation.projected)
+
+    def _line_field(self, projected: Floats) -> LineField:
+        material, count = self.skin.gather_cells(projected), self.families.count
         shares, cosine, sine = np.split(material[:, 1:], 3, axis=1)
         assert shares.shape[1] == count
         return LineField(self.skin.pattern, shares, np.arctan2(sine, cosine) / 2)

@@ -17,7 +17,7 @@ from toros_fem.materials import Bending
 from toros_fem.mechanics.periodicity import Periodic
 from toros_fem.meshes.skin import sew
 from toros_fem.tiles.case import TileCase, TileConfig, TileResult
-from toros_fem.tiles.islands import island_areas
+from toros_fem.tiles.printability import tile_printability
 from toros_fem.tiles.problem import TileProblem
 from toros_fem.tiles.solver import TileSolver
 from toros_fem.tiles.stiffness_profile import Profile, ProfileSolver, merge_profiles, profiles
@@ -79,8 +79,8 @@ class PrintSimulation:
             profile = self.solver.solve(self.density(printed), gradients=False)
         except NoEquilibriumError as caught:  # raised by all ranks or by none
             failure = str(caught)
-        areas = island_areas(self._tile, printed.cells)
-        return TileResult(problem, result, printed, profile, failure, areas)
+        widths = tile_printability(self._tile, printed.regions[0], printed.cells, printed.limits)
+        return TileResult(problem, result, printed, profile, failure, widths)
 
     def density(self, printed: PrintedDesign) -> Floats:
         """Return the print's density, 0 or 1, at owned triangles of the finer mesh."""

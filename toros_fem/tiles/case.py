@@ -23,6 +23,7 @@ from toros_fem.mechanics.periodicity import Periodic
 from toros_fem.meshes.skin import sew
 from toros_fem.meshes.tile import Tile
 from toros_fem.tiles.objectives import ProfileObjective, ProfileTarget
+from toros_fem.tiles.printability import TilePrintability
 from toros_fem.tiles.problem import TileProblem
 from toros_fem.tiles.solver import TileSolver
 from toros_fem.tiles.stiffness_profile import Profile, ProfileSolver
@@ -39,7 +40,9 @@ class TileConfig(DesignConfig):
     filter_radius: float = DesignConfig.redefault("filter_radius", 0.7e-3)
     island_area: float = DesignConfig.redefault("island_area", 0.1e-6)
     strain: float = quantity(0.1, "strain λ − 1 at which stiffness is computed", above=-1)
-    starts: int = quantity(8, "largest number of random starts", at_least=1)
+    starts: int = quantity(
+        8, "largest number of random starts, lines and waves by turns", at_least=1
+    )
     trial_iterations: int = quantity(
         12, "largest number of steps of each start, at β and again at 4 β", at_least=1
     )
@@ -98,12 +101,16 @@ class Trial:
     """A random start after its first steps.
 
     Attributes:
+        start: What it started from, "lines" or "waves".
         objective: T.
         islands: Number of islands of its print.
+        narrow: Number of places where its lines or gaps are under the printer's limit.
     """
 
+    start: str
     objective: float
     islands: int
+    narrow: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,10 +124,11 @@ class TileResult:
         profile: Profile of the print on the finer mesh, in the directions of the objective; None
             if it has no equilibrium.
         failure: Why there is no profile; empty if there is one.
-        island_areas: Areas in m² of the print's islands, the largest first.
+        printability: Islands, lines and gaps of the print in the endless sheet.
         trials: The random starts after their trial.
-        deviations: Largest relative deviation of each print from the target, before and after each
-            correction; infinite for a print without an equilibrium, empty without a target.
+        deviation: Largest relative deviation of this print from the target; infinite without an
+            equilibrium, 0 without a target.
+        deviations: That of each print, before and after each correction; empty without a target.
     """
 
     problem: TileProblem
@@ -128,8 +136,9 @@ class TileResult:
     printed: PrintedDesign
     profile: Profile | None
     failure: str
-    island_areas: Floats
+    printability: TilePrintability
     trials: tuple[Trial, ...] = ()
+    deviation: float = 0.0
     deviations: tuple[float, ...] = ()
 
 

@@ -18,12 +18,9 @@ from toros_fem.design.problem import DesignProblem, Evaluation, Pressure
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
-from toros_fem.meshes.tile import Tile
 from toros_fem.tiles.objectives import ProfileObjective, ProfileTarget
+from toros_fem.tiles.starts import random_waves
 from toros_fem.tiles.stiffness_profile import Profile, ProfileSolver
-
-# A random start has waves of 0 to WAVES − 1 periods along each side.
-WAVES = 4
 
 
 @dataclass(eq=False)
@@ -112,20 +109,3 @@ class TileProblem(DesignProblem[Profile]):
         if self.target is None:
             return {}
         return {"worst_percent": 100 * self.target.largest_deviation(response)}
-
-
-def random_waves(tile: Tile, seed: int) -> Floats:
-    """Return a random periodic density of long waves at all triangles, (t,), in [0.1, 0.9].
-
-    Args:
-        tile: The tile.
-        seed: Seed of amplitudes and phases.
-    """
-    rng = np.random.default_rng(seed)
-    phase = 2 * np.pi * tile.pattern.centroids @ np.linalg.inv(tile.lattice)
-    density = np.full(len(phase), 0.5)
-    for i in range(WAVES):
-        for j in range(WAVES):
-            amplitude, x, y = rng.standard_normal(), *rng.uniform(0, 2 * np.pi, 2)
-            density += 0.25 * amplitude * np.cos(i * phase[:, 0] + x) * np.cos(j * phase[:, 1] + y)
-    return np.asarray(np.clip(density, 0.1, 0.9))

@@ -3,50 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import shapely
 from mpi4py import MPI
-from shapely.affinity import translate
-from shapely.geometry.base import BaseGeometry
 
-from toros_fem._mpi import on_first_rank
 from toros_fem.config import Config
-from toros_fem.fabrication.printability import Printability, printability
 from toros_fem.fabrication.svg import write_svg
-from toros_fem.meshes.tile import Tile
 from toros_fem.output.files import versions, write_fields, write_json, write_table
 from toros_fem.output.writer import if_plotting, write_together
 from toros_fem.tiles.as_printed import PrintMeasurement
 from toros_fem.tiles.case import TileCase, TileResult
 from toros_fem.tiles.objectives import ProfileTarget
+from toros_fem.tiles.printability import SIDE, repeated
 from toros_fem.tiles.printed_tile import PrintedTile, write_tile
 from toros_fem.tiles.stiffness_profile import Profile
-
-# Number of tiles along each side where lines and gaps are measured; one lies in the middle.
-SIDE = 3
-# Contours of neighbouring tiles meet within rounding; this is the grid to merge them on, relative
-# to the tile.
-SNAP = 1e-7
-
-
-def repeated(region: BaseGeometry, tile: Tile, along: int, across: int) -> BaseGeometry:
-    """Return the union of copies of a tile's region.
-
-    Args:
-        region: Region of one tile, in m.
-        tile: The tile.
-        along, across: Numbers of copies along both lattice vectors.
-    """
-    size = float(np.abs(tile.lattice).max())
-    copies = [
-        translate(region, *(i * tile.lattice[0] + j * tile.lattice[1]))
-        for i in range(along)
-        for j in range(across)
-    ]
-    return shapely.union_all(copies, grid_size=SNAP * size)
 
 
 def write_tile_results(
@@ -79,17 +52,9 @@ def write_tile_results(
         OutputError: A file cannot be written; on all ranks.
     """
     folder, printed, tile, skin = Path(folder), result.printed, case.tile, result.problem.skin
-
-    def measure() -> tuple[BaseGeometry, Printability]:
-        sheet, _ = tile.sheet(SIDE, SIDE)
-        region = repeated(printed.regions[0], tile, SIDE, SIDE)
-        return region, printability(sheet, [region], printed.limits)
-
-    region, widths = on_first_rank(comm, measure)
     summary = {
         **_summary(case, result, measured),
-        "smallest_width_mm": _millimetres(widths.smallest_width),
-        "smallest_gap_mm": _millimetres(widths.smallest_gap),
+        "manufacture": result.printability.summary(),
         "ranks": comm.size,
         "seconds": {**result.result.seconds, **(seconds or {})},
         "versions": versions(),
@@ -116,6 +81,7 @@ def write_tile_results(
     def draw() -> None:
         from toros_fem.tiles import plots
 
+        region = repeated(printed.regions[0], tile, SIDE, SIDE)
         plots.plot_tiles(folder / "pattern.png", tile, region, SIDE)
         plots.plot_history(folder / "convergence.png", result.result.history)
         if measured is not None:
@@ -169,19 +135,13 @@ def _summary(
         "volume_fraction": last.volume_fraction,
         "grey_level": last.grey_level,
         "length_scale": None if limits is None or widths is None else limits.summary(widths),
-        "islands": len(result.island_areas),
-        "island_areas_mm2": (1e6 * result.island_areas).tolist(),
-        "trials": [{"objective": t.objective, "islands": t.islands} for t in result.trials],
+        "trials": [asdict(trial) for trial in result.trials],
         "corrections_percent": deviations,
         "iterations": last.iteration,
         "newton_steps": sum(row.newton_steps for row in design.history),
         "triangles": len(case.tile.pattern.panel),
         "reason": design.reason,
     }
-
-
-def _millimetres(place: Any) -> float | None:
-    return None if place is None else 1e3 * float(place.width)
 
 
 def _target_values(target: ProfileTarget) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Design of a tile from several random starts, with corrections for its print."""
+"""Design of a tile from random lines and waves, with corrections for its print."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem._types import Floats
 from toros_fem.density.projection import Projection
 from toros_fem.design.levels import gathered
 from toros_fem.design.loop import Callback, DesignResult, optimize
@@ -16,20 +17,26 @@ from toros_fem.design.options import DesignOptions, Stage
 from toros_fem.design.warm_start import WarmStart
 from toros_fem.equilibrium.newton import NewtonStep
 from toros_fem.errors import NoEquilibriumError
+from toros_fem.fabrication.as_printed import contour_values
+from toros_fem.fabrication.contours import printed_regions
 from toros_fem.meshes.tile import Tile
 from toros_fem.mma.optimizer import MMAOptions
 from toros_fem.tiles.as_printed import PrintSimulation
 from toros_fem.tiles.case import TileCase, TileConfig, TileResult, Trial, tile_problem
-from toros_fem.tiles.islands import island_areas
 from toros_fem.tiles.objectives import ProfileTarget
+from toros_fem.tiles.printability import TilePrintability, tile_printability
 from toros_fem.tiles.problem import TileProblem
+from toros_fem.tiles.starts import random_lines
 from toros_fem.tiles.stiffness_profile import Profile
 
-# Factor on T of a design that has islands or violates the width constraints: only if its T is
-# smaller by this factor, it is chosen.
+# Factor on T of a start or draft for each kind of flaw, islands and places too narrow for the
+# printer: only if its T is smaller by this factor, it is chosen.
 FLAW_FACTOR = 5.0
-# Multiple of the tolerance; if every print deviates by more, the other draft is tried.
+# Multiple of the tolerance; if every print has flaws or deviates by more, the other draft is tried.
+# Flaws of a print are as bad as this deviation.
 ACCEPTABLE = 2.5
+# Number of random pairs of families of lines, of which the one with the smallest T is a start.
+PAIRS_A_START = 8
 # A stage ends when T falls by a smaller fraction over ten steps.
 MIN_DECREASE = 0.05
 # Factors on β at the end of the trials, and on the design's own mesh. A density of 0.01 in a gap
@@ -47,11 +54,12 @@ def design_tile(
 ) -> TileResult:
     """Design a tile from the best of several random starts, and correct it for its print.
 
-    Profiles have many local minima; a few steps on the coarse mesh show which starts are good. The
-    two best are continued there; one of them has no islands if there is such a start. The better
-    draft is continued on the design's own mesh, with β raised so that little grey is left. Then the
-    target is corrected by the ratio of the design's profile to that of its print on the finer mesh,
-    and the design is continued. If no print comes near the target, the other draft is tried.
+    Profiles have many local minima; a few steps on the coarse mesh show which starts are good. They
+    are families of lines and long waves by turns. The two best are continued there; one of them has
+    no flaws, islands or narrow places, if there is such a start. The better draft is continued on
+    the design's own mesh, with β raised so that little grey is left. Then the target is corrected
+    by the ratio of the design's profile to that of its print on the finer mesh, and the design is
+    continued. If no print without flaws comes near the target, the other draft is tried.
 
     Args:
         batch: Communicator whose ranks share the directions.
@@ -72,11 +80,11 @@ def design_tile(
         Stage(c.trial_iterations, k * c.beta, constrained=c.constrained) for k in (1, DRAFT_BETA)
     )
     options = replace(rules, stages=trial)
-    finalists, trials = _best_starts(problem, coarse.tile, c, options, callback)
+    finalists, trials = _best_starts(problem, coarse, c, options, callback)
     longer = Stage(c.draft_iterations, DRAFT_BETA * c.beta, constrained=c.constrained)
     options = replace(rules, stages=(longer,))
     drafts = [optimize(problem, options, callback=callback, after=one) for one in finalists]
-    drafts.sort(key=lambda one: _rated(problem, coarse.tile, rules, one)[0])
+    drafts.sort(key=lambda one: _rated(problem, coarse.tile, c, rules, one)[0])
     designs = [gathered(draft) for draft in drafts]
     del drafts, finalists
     problem = tile_problem(batch, case, c, log)
@@ -90,12 +98,12 @@ def design_tile(
             failure = caught
             continue
         found.append(replace(result, trials=trials))
-        if not result.deviations or min(result.deviations) <= ACCEPTABLE * c.tolerance:
+        if result.printability.clean and result.deviation <= ACCEPTABLE * c.tolerance:
             break
     if not found:
         assert failure is not None
         raise failure
-    return min(found, key=lambda one: min(one.deviations, default=0.0))
+    return min(found, key=lambda one: _badness(one, c))
 
 
 def _rules(case: TileCase, config: TileConfig) -> DesignOptions:
@@ -126,7 +134,6 @@ def _finished(
     found = simulation.simulate(problem, result)
     if target is None:
         return found
-    best = found
     assert rules.target_objective is not None
     # No direction may deviate by more than the tolerance: a mean over directions is a weaker rule.
     again = replace(
@@ -134,8 +141,9 @@ def _finished(
         stages=(Stage(c.correction_iterations, constrained=c.constrained),),
         target_objective=rules.target_objective / len(problem.solver.angles),
     )
-    deviations = [_deviation(target, found.profile)]
-    while len(deviations) <= c.corrections and found.profile and min(deviations) > c.tolerance:
+    best = found = replace(found, deviation=_deviation(target, found.profile))
+    deviations = [found.deviation]
+    while len(deviations) <= c.corrections and found.profile and _badness(best, c) > c.tolerance:
         corrected = _corrected(target, found.result.final.equilibrium, found.profile)
         result = optimize(
             replace(problem, objective=corrected),
@@ -144,15 +152,15 @@ def _finished(
             after=found.result,
         )
         found = simulation.simulate(problem, result)
-        deviations.append(_deviation(target, found.profile))
-        if deviations[-1] == min(deviations):
-            best = found
+        found = replace(found, deviation=_deviation(target, found.profile))
+        deviations.append(found.deviation)
+        best = min(best, found, key=lambda one: _badness(one, c))
     return replace(best, deviations=tuple(deviations))
 
 
 def _best_starts(
     problem: TileProblem,
-    tile: Tile,
+    case: TileCase,
     config: TileConfig,
     options: DesignOptions,
     callback: Callback | None,
@@ -162,36 +170,78 @@ def _best_starts(
     trials: list[Trial] = []
     failure: NoEquilibriumError | None = None
     for seed in range(config.seed, config.seed + config.starts):
+        of_lines = (seed - config.seed) % 2 == 0
         try:
-            result = optimize(problem, options, seed=seed, callback=callback)
+            start = _lines(problem, case, seed) if of_lines else None
+            result = optimize(problem, options, start=start, seed=seed, callback=callback)
         except NoEquilibriumError as caught:  # raised by all ranks or by none
             failure = caught
             continue
-        rating, islands = _rated(problem, tile, options, result)
-        found.append((rating, seed, islands == 0, result))
-        trials.append(Trial(result.final.objective, islands))
+        rating, made = _rated(problem, case.tile, config, options, result)
+        found.append((rating, seed, made.clean, result))
+        trials.append(
+            Trial(
+                "lines" if of_lines else "waves",
+                result.final.objective,
+                len(made.island_areas),
+                len(made.narrow_lines) + len(made.narrow_gaps),
+            )
+        )
         if options.target_objective is not None and rating <= options.target_objective:
             return [result], tuple(trials)
     if not found:
         assert failure is not None
         raise failure
     best, *others = sorted(found, key=lambda one: one[:2])
-    # Islands depend on the stiffness of narrow gaps. If that fails, a design without them is
-    # needed.
+    # The profile of islands depends on narrow gaps. If that fails, a design without them is needed.
     others.sort(key=lambda one: not one[2])
     return [one[-1] for one in (best, *others[:1])], tuple(trials)
 
 
+def _lines(problem: TileProblem, case: TileCase, seed: int) -> Floats:
+    """Return the best of several random pairs of families of lines at owned triangles.
+
+    Raises:
+        NoEquilibriumError: There is no equilibrium for any pair.
+    """
+    best, least = None, np.inf
+    failure: NoEquilibriumError | None = None
+    rng = np.random.default_rng(seed)
+    for _ in range(PAIRS_A_START):
+        every = random_lines(case.tile, rng, case.symmetry, problem.filter.radius)
+        density = every[problem.skin.owned_cells]
+        try:
+            objective = problem.simulate(density, trial=True).objective
+        except NoEquilibriumError as caught:  # raised by all ranks or by none
+            failure = caught
+            continue
+        if objective < least:
+            best, least = density, objective
+    if best is None:
+        assert failure is not None
+        raise failure
+    return best
+
+
 def _rated(
-    problem: TileProblem, tile: Tile, rules: DesignOptions, result: DesignResult
-) -> tuple[float, int]:
-    """Return T, at least its target, times the factor for flaws; and the number of islands."""
-    filtered = problem.skin.gather_cells(result.final.filtered)
-    islands = len(island_areas(tile, filtered > problem.projection.eta))
+    problem: TileProblem, tile: Tile, config: TileConfig, rules: DesignOptions, result: DesignResult
+) -> tuple[float, TilePrintability]:
+    """Return T, at least its target, times the factors for flaws; and the printability."""
+    eta = problem.projection.eta
+    values = contour_values(problem, result.density)
+    region = printed_regions(tile.pattern, *values, eta)[0]
+    made = tile_printability(tile, region, values[1] > eta, config.print_limits)
     limits, widths = problem.length_scale, result.final.length_scale
     satisfied = limits is None or widths is None or bool(np.all(widths <= limits.epsilon))
+    narrow = bool(made.narrow_lines or made.narrow_gaps) or not satisfied
     rating = max(result.final.objective, rules.target_objective or 0.0)
-    return rating * (1.0 if satisfied and not islands else FLAW_FACTOR), islands
+    return rating * FLAW_FACTOR ** (narrow + (len(made.island_areas) > 0)), made
+
+
+def _badness(print_: TileResult, config: TileConfig) -> float:
+    """Return the deviation of a print, more by `ACCEPTABLE` tolerances if it has flaws."""
+    flaws = 0.0 if print_.printability.clean else ACCEPTABLE * config.tolerance
+    return print_.deviation + flaws
 
 
 def _deviation(target: ProfileTarget, profile: Profile | None) -> float:
