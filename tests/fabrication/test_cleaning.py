@@ -12,7 +12,7 @@ from shapely.geometry import Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.errors import ParameterError
-from toros_fem.fabrication.cleaning import CleanedRegions, clean
+from toros_fem.fabrication.cleaning import CleanedRegions, clean, clean_symmetric
 from toros_fem.fabrication.contours import panel_outline
 from toros_fem.fabrication.islands import find_pieces
 from toros_fem.fabrication.printability import DEFAULT_LIMITS, printability
@@ -112,14 +112,32 @@ def test_symmetric_prints_stay_symmetric(comm: MPI.Comm) -> None:
     ]
     regions = [panel_outline(part, k) for k in range(len(part.panel_names))]
     regions[wall] = shapely.union_all(lines) & panel_outline(part, wall)
-    cleaned = clean(whole.pattern, mirrored_regions(part, whole, regions))
-    even = cleaned.symmetric(part, whole)
-    after = checked(whole.pattern, even)
-    for one, two in zip(cleaned.regions, after, strict=True):
+    onto = mirrored_regions(part, whole, regions)
+    after = checked(whole.pattern, clean_symmetric(part, whole, onto))
+    for one, two in zip(clean(whole.pattern, onto).regions, after, strict=True):
         assert one.symmetric_difference(two).area < 1e-3 * one.area
     again = mirrored_regions(part, whole, part_regions(part, after))
     for one, two in zip(after, again, strict=True):
         assert one.symmetric_difference(two).area < 1e-6 * one.area
+
+
+def test_bridges_get_mirror_images(comm: MPI.Comm) -> None:
+    """The shortest way from an island on the plane lies on one side only."""
+    part = cylinder(comm, 0.04, 0.02, 3e-3, planes=(1,))
+    whole = mirrored(part, (1,))
+    wall = part.panel_index("wall")
+    left, low, right, top = panel_outline(whole.pattern, wall).bounds
+    middle = (left + right) / 2
+    regions = [panel_outline(whole.pattern, k) for k in range(len(part.panel_names))]
+    body = box(left, low, right, low + 10e-3)
+    at = [middle - 8e-3, middle + 8e-3]
+    arms = [box(x - 1e-3, low, x + 1e-3, top - 15e-3) for x in at]
+    island = box(middle - 10e-3, top - 13e-3, middle + 10e-3, top - 9e-3)
+    regions[wall] = shapely.union_all([body, *arms, island])
+    cleaned = clean_symmetric(part, whole, regions)
+    assert len(cleaned.bridged) == 1
+    after = checked(whole.pattern, cleaned)[wall]
+    assert len(after.interiors) == 1, "two bridges enclose fabric"
 
 
 def test_cleaning_twice_changes_nothing(comm: MPI.Comm) -> None:

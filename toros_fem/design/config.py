@@ -56,7 +56,10 @@ class DesignConfig(MaterialConfig):
     perimeter_sharpness: float = quantity(0.5, "w of eq. (15)", above=0)
     move_limit: float = quantity(0.2, "largest change of a density in one step", above=0, at_most=1)
     island_area: float = quantity(
-        20e-6, "free islands smaller than this are not printed", "m²", at_least=0
+        20e-6,
+        "free islands smaller than this are removed, larger ones are joined to the rest",
+        "m²",
+        at_least=0,
     )
     print_width: float = quantity(
         0.6e-3, "thinnest line and gap that the printer makes", "m", above=0

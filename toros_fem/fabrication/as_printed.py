@@ -14,7 +14,7 @@ from toros_fem._types import Bools, Floats
 from toros_fem.design.loop import DesignResult
 from toros_fem.design.problem import DesignProblem, Evaluation
 from toros_fem.errors import NoEquilibriumError
-from toros_fem.fabrication.cleaning import CleanedRegions, clean
+from toros_fem.fabrication.cleaning import CleanedRegions, clean, clean_symmetric
 from toros_fem.fabrication.contours import printed_regions
 from toros_fem.fabrication.printability import (
     DEFAULT_LIMITS,
@@ -186,8 +186,9 @@ def as_printed(
 
     def cleaning() -> CleanedRegions:
         contours = printed_regions(pattern, at_points, at_centroids, problem.projection.eta)
-        found = cleaner(pattern, contours, limits, island_area, smoothing)
-        return found if whole is None else found.symmetric(skin.pattern, whole)
+        if whole is None:
+            return cleaner(pattern, contours, limits, island_area, smoothing)
+        return clean_symmetric(skin.pattern, whole, contours, limits, island_area, smoothing)
 
     def simulate(cells: Bools) -> Evaluation:
         return problem.simulate_binary(cells, result.final)

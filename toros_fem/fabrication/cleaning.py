@@ -42,15 +42,6 @@ class CleanedRegions:
     bridged: tuple[PrintedPiece, ...]
     filled: tuple[Hole, ...]
 
-    def symmetric(self, part: Pattern, whole: Mirrored) -> CleanedRegions:
-        """Return the print mirrored from its part, without differences by rounding.
-
-        Args:
-            part: The part, whose panels are the first of the whole, at the same places.
-            whole: The whole, by `meshes.mirrored`.
-        """
-        return replace(self, regions=symmetric_regions(part, whole, self.regions))
-
 
 def clean(
     pattern: Pattern,
@@ -106,6 +97,36 @@ def clean(
             joined = shapely.union_all([left, *bridges[panel]])
             made[panel] = _cleaned(joined, outlines[panel], limits, None)
     return CleanedRegions(list(regions), made, tuple(dropped), tuple(bridged), filled)
+
+
+def clean_symmetric(
+    part: Pattern,
+    whole: Mirrored,
+    regions: Sequence[BaseGeometry],
+    limits: PrintLimits = DEFAULT_LIMITS,
+    island_area: float = 0.0,
+    smoothing: float | None = None,
+) -> CleanedRegions:
+    """Return regions of a symmetric skin that can be printed, exactly symmetric.
+
+    Args:
+        part: The part that is designed.
+        whole: The whole, by `meshes.mirrored`.
+        regions: Print on each panel of the whole, polygons in m.
+        limits, island_area, smoothing: As of `clean`.
+
+    Raises:
+        ParameterError: The area is negative.
+    """
+
+    def even(made: CleanedRegions) -> list[BaseGeometry]:
+        return symmetric_regions(part, whole, made.regions, limits.resolution)
+
+    found = clean(whole.pattern, regions, limits, island_area, smoothing)
+    made = even(found)
+    if found.bridged:  # bridges get images, which may lie close to others
+        made = even(clean(whole.pattern, made, limits, island_area))
+    return replace(found, regions=made)
 
 
 def _cleaned(

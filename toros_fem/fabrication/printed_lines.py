@@ -9,7 +9,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem._types import Bools, Floats
 from toros_fem.design.problem import DesignProblem, Evaluation, Pressure
 from toros_fem.fabrication.as_printed import PrintedDesign, print_regions
-from toros_fem.fabrication.cleaning import CleanedRegions, clean
+from toros_fem.fabrication.cleaning import CleanedRegions, clean, clean_symmetric
 from toros_fem.fabrication.printability import DEFAULT_LIMITS, PrintLimits
 from toros_fem.fabrication.regions import mirrored_regions, regions_on
 from toros_fem.meshes.pattern import Pattern
@@ -87,5 +87,5 @@ def clean_print(
     """
     if whole is None:
         return clean(part, regions, limits, island_area)
-    found = clean(whole.pattern, mirrored_regions(part, whole, regions), limits, island_area)
-    return found.symmetric(part, whole)
+    onto = mirrored_regions(part, whole, regions)
+    return clean_symmetric(part, whole, onto, limits, island_area)

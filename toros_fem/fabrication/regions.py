@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import shapely
@@ -66,18 +66,24 @@ def mirrored_regions(
         whole: The whole, by `meshes.mirrored`.
         regions: Polygons on each panel of the part, in m.
     """
-    count = len(part.panel)
     pieces: list[list[BaseGeometry]] = [[] for _ in whole.pattern.panel_names]
+    for own, panel, map_ in _images(part, whole):
+        pieces[panel].append(affinity.affine_transform(regions[own], map_))
+    grid = GRID * whole.pattern.size
+    return [p[0] if len(p) == 1 else shapely.union_all(p, grid_size=grid) for p in pieces]
+
+
+def _images(part: Pattern, whole: Mirrored) -> Iterator[tuple[int, int, list[float]]]:
+    """Yield each panel of a part, its panel in each image, and the affine map to it."""
+    count = len(part.panel)
     for image in range(len(whole.cell) // count):
         cells = slice(image * count, (image + 1) * count)
         corners, panels = whole.pattern.flat_triangles[cells], whole.pattern.panel[cells]
-        for panel, region in enumerate(regions):
-            here = np.flatnonzero(part.panel[whole.cell[cells]] == panel)
+        for own in range(len(part.panel_names)):
+            here = np.flatnonzero(part.panel[whole.cell[cells]] == own)
             points = np.unique(corners[here])
-            map_ = _affine(part.flat_points[whole.flat[points]], whole.pattern.flat_points[points])
-            pieces[panels[here[0]]].append(affinity.affine_transform(region, map_))
-    grid = GRID * whole.pattern.size
-    return [p[0] if len(p) == 1 else shapely.union_all(p, grid_size=grid) for p in pieces]
+            source, target = part.flat_points[whole.flat[points]], whole.pattern.flat_points[points]
+            yield own, int(panels[here[0]]), _affine(source, target)
 
 
 def part_regions(part: Pattern, regions: Sequence[BaseGeometry]) -> list[BaseGeometry]:
@@ -91,16 +97,26 @@ def part_regions(part: Pattern, regions: Sequence[BaseGeometry]) -> list[BaseGeo
 
 
 def symmetric_regions(
-    part: Pattern, whole: Mirrored, regions: Sequence[BaseGeometry]
+    part: Pattern, whole: Mirrored, regions: Sequence[BaseGeometry], detail: float
 ) -> list[BaseGeometry]:
-    """Return polygons on each panel of a whole skin, mirrored from those on its part.
+    """Return polygons on each panel of a whole skin, made exactly symmetric.
+
+    They are those of its part, with what only one of the images has.
 
     Args:
         part: The part, whose panels are the first of the whole, at the same places.
         whole: The whole, by `meshes.mirrored`.
-        regions: Polygons on each panel of the whole, in m, symmetric but for rounding.
+        regions: Polygons on each panel of the whole, in m, symmetric but for some pieces.
+        detail: Narrower differences in m count as rounding.
     """
-    return mirrored_regions(part, whole, part_regions(part, regions))
+    own = part_regions(part, regions)
+    for panel, image, map_ in _images(part, whole):
+        there = affinity.affine_transform(regions[image], _inverse(map_))
+        more = (there & panel_outline(part, panel)).difference(own[panel])
+        more = more.buffer(-detail / 2).buffer(detail)
+        if not more.is_empty:
+            own[panel] = own[panel].union(more & there) & panel_outline(part, panel)
+    return mirrored_regions(part, whole, own)
 
 
 def _affine(source: Floats, target: Floats) -> list[float]:
@@ -110,3 +126,9 @@ def _affine(source: Floats, target: Floats) -> list[float]:
     found = np.linalg.lstsq(columns, target, rcond=None)[0]
     linear, offset = found[:2].T, found[2] - found[:2].T @ middle
     return [*linear.ravel().tolist(), *offset.tolist()]
+
+
+def _inverse(map_: list[float]) -> list[float]:
+    """Return the inverse of an affine map of shapely."""
+    inverse = np.linalg.inv(np.reshape(map_[:4], (2, 2)))
+    return [*inverse.ravel().tolist(), *(-inverse @ map_[4:]).tolist()]
