@@ -228,8 +228,8 @@ def _end(problem: Any, case: Any, config: Any) -> dict[str, float]:
     from drawn_lines import helices
 
     from toros_fem.fabrication.as_printed import contour_values
-    from toros_fem.fabrication.contours import printed_regions
     from toros_fem.fabrication.cleaning import clean
+    from toros_fem.fabrication.contours import printed_regions
     from toros_fem.fabrication.printability import printability, printed_cells
     from toros_fem.fabrication.svg import write_svg
     from toros_fem.output.files import write_fields

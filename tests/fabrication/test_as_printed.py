@@ -68,6 +68,7 @@ def test_printed_design(tube: Skin, tube_solver: EquilibriumSolver, result: Desi
     whole = as_printed(problem, holed, PrintLimits(hole_area=1e-3))
     assert len(whole.cleaned.filled) == len(whole.before.holes) > 0
     assert not whole.after.holes
+
     # Contours alone are the projected density rounded.
     def as_it_is(pattern: Pattern, regions: Sequence[BaseGeometry], *_: object) -> CleanedRegions:
         return CleanedRegions(list(regions), list(regions), (), (), ())

@@ -9,8 +9,8 @@ from mpi4py import MPI
 from shapely.geometry import Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.fabrication.contours import panel_outline
 from toros_fem.fabrication.cleaning import clean
+from toros_fem.fabrication.contours import panel_outline
 from toros_fem.fabrication.islands import find_holes, find_pieces
 from toros_fem.fabrication.printability import PrintLimits, printability
 from toros_fem.meshes import Pattern, cylinder

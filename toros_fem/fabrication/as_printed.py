@@ -188,7 +188,9 @@ def as_printed(
         contours = printed_regions(pattern, at_points, at_centroids, problem.projection.eta)
         if whole is None:
             return cleaner(pattern, contours, limits, island_area, smoothing)
-        return clean_symmetric(skin.pattern, whole, contours, limits, island_area, smoothing)
+        return clean_symmetric(
+            skin.pattern, whole, contours, limits, island_area=island_area, smoothing=smoothing
+        )
 
     def simulate(cells: Bools) -> Evaluation:
         return problem.simulate_binary(cells, result.final)

@@ -104,6 +104,7 @@ def clean_symmetric(
     whole: Mirrored,
     regions: Sequence[BaseGeometry],
     limits: PrintLimits = DEFAULT_LIMITS,
+    *,
     island_area: float = 0.0,
     smoothing: float | None = None,
 ) -> CleanedRegions:

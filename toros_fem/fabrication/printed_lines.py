@@ -12,6 +12,7 @@ from toros_fem.fabrication.as_printed import PrintedDesign, print_regions
 from toros_fem.fabrication.cleaning import CleanedRegions, clean, clean_symmetric
 from toros_fem.fabrication.printability import DEFAULT_LIMITS, PrintLimits
 from toros_fem.fabrication.regions import mirrored_regions, regions_on
+from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import make_transfer
 
@@ -88,4 +89,4 @@ def clean_print(
     if whole is None:
         return clean(part, regions, limits, island_area)
     onto = mirrored_regions(part, whole, regions)
-    return clean_symmetric(part, whole, onto, limits, island_area)
+    return clean_symmetric(part, whole, onto, limits, island_area=island_area)

@@ -130,5 +130,6 @@ def _affine(source: Floats, target: Floats) -> list[float]:
 
 def _inverse(map_: list[float]) -> list[float]:
     """Return the inverse of an affine map of shapely."""
-    inverse = np.linalg.inv(np.reshape(map_[:4], (2, 2)))
-    return [*inverse.ravel().tolist(), *(-inverse @ map_[4:]).tolist()]
+    inverse: Floats = np.linalg.inv(np.reshape(map_[:4], (2, 2)))
+    offset = -inverse @ np.array(map_[4:])
+    return [*inverse.ravel().tolist(), *offset.tolist()]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import reduce
+from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -57,7 +58,7 @@ def _smooth_ring(points: Floats, cut: BaseGeometry, length: float) -> Floats:
     # Runs between two points on the cut, each with both of these.
     stops = np.flatnonzero(~free)
     pieces = []
-    for a, b in zip(stops[:-1], stops[1:], strict=True):
+    for a, b in pairwise(stops):
         run = closed[a : b + 1]
         if b > a + 1 or not _along(run, cut, length):
             run = _averaged(_even(run, length), length, "ends")
@@ -82,8 +83,7 @@ def _even(line: Floats, length: float) -> Floats:
 def _averaged(points: Floats, length: float, border: str) -> Floats:
     """Return evenly spaced points (n, 2), averaged along a ring or between fixed ends."""
     if border == "wrap":
-        step = np.linalg.norm(points[1] - points[0])
-        sigma = length / max(step, STEP * length / 2)
+        sigma = 1 / STEP
         once = gaussian_filter1d(points, sigma, axis=0, mode="wrap")
         return np.asarray(2 * once - gaussian_filter1d(once, sigma, axis=0, mode="wrap"))
     # An odd continuation at both ends keeps them.

@@ -16,8 +16,8 @@ EXCESS = 0.015
 SAMPLES = 1 / 15
 # Distance of discs along a line, over their radius.
 APART = 0.2
-# A line that meets the border of the panel along less than this many limits crosses it, and does not
-# run along it.
+# A line that meets the border of the panel along less than this many limits crosses it, and does
+# not run along it.
 CROSSING = 6.0
 # Radius of corners over half the least width: with 1, lines of just that width would part.
 ROUND = 0.95
@@ -78,7 +78,7 @@ def thickened(
         if number < WIDENING:
             region = region.difference(gaps.union(*tight))
         else:
-            region = region.union(gaps.union(tight[0], tight[1] & False))
+            region = region.union(gaps.union(tight[0], np.zeros_like(tight[1])))
         region = region.union(lines.union(*thin))
         region = within(region)
     return region
@@ -151,12 +151,13 @@ def _necks(region: BaseGeometry, depth: float, apart: float) -> Floats:
 
     Widths between facing sides leave out necks of short pieces.
     """
-    ways = []
+    ways: list[BaseGeometry] = []
     for piece in shapely.get_parts(region):
         left = shapely.get_parts(piece.buffer(-depth, quad_segs=QUARTER))
         # Each with the nearest of those before it.
-        for k in range(1, len(left)):
-            ways.append(shapely.shortest_line(left[k], shapely.union_all(left[:k])))
+        ways += [
+            shapely.shortest_line(left[k], shapely.union_all(left[:k])) for k in range(1, len(left))
+        ]
     if not ways:
         return np.empty((0, 2))
     return shapely.get_coordinates(shapely.segmentize(ways, apart))
@@ -179,9 +180,7 @@ def _without_corners(lost: BaseGeometry, limit: float) -> BaseGeometry:
     return shapely.union_all(parts[np.hypot(*(high - low).T) >= limit])
 
 
-def _rounded(
-    region: BaseGeometry, outline: BaseGeometry, width: float, gap: float
-) -> BaseGeometry:
+def _rounded(region: BaseGeometry, outline: BaseGeometry, width: float, gap: float) -> BaseGeometry:
     """Return a region with round corners, but where it meets the border of its panel."""
     longer = _opened(_beyond(region, outline, max(width, gap)), ROUND * width / 2)
     closed = longer.buffer(ROUND * gap / 2, quad_segs=QUARTER)

@@ -209,9 +209,7 @@ def _facing_sides(
     return samples, pairs, [(parts[k], bool(touched[k])) for k in lone]
 
 
-def _sample(
-    rings: npt.NDArray[np.object_], cut: BaseGeometry, resolution: float
-) -> _Samples:
+def _sample(rings: npt.NDArray[np.object_], cut: BaseGeometry, resolution: float) -> _Samples:
     """Return samples on rings of a region that a panel's border cuts."""
     dense, ring = shapely.get_coordinates(shapely.segmentize(rings, resolution), return_index=True)
     last = np.append(ring[1:] != ring[:-1], True)  # a ring's last point repeats its first
