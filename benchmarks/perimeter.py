@@ -6,8 +6,7 @@
 
 Designs the coarse bending tube of `demos/three_field.py`, and a coarse walker, with one setting of
 the term after the other. The number of steps is the same in all. Each design is thresholded, and
-simulated again as printed; islands, pieces, border and widths are those of the bare contours. No
-islands are removed.
+its bare contours are measured and simulated again: nothing is cleaned, and no islands are removed.
 
 The JSON file is written after each design. Designs that are in it already are not repeated; delete
 the file after a change of the code. `--docs` writes the tables into docs/optimisation.md. A design
@@ -28,6 +27,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 from scipy.optimize import minimize
+from shapely.geometry.base import BaseGeometry
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
@@ -44,6 +44,9 @@ from toros_fem.design.loop import DesignResult
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.errors import NoEquilibriumError
 from toros_fem.fabrication.as_printed import as_printed
+from toros_fem.fabrication.cleaning import CleanedRegions
+from toros_fem.fabrication.printability import PrintLimits
+from toros_fem.meshes import Pattern
 
 PAGE = Path(__file__).parent.parent / "docs" / "optimisation.md"
 # The tables stand between these lines of the page.
@@ -197,6 +200,17 @@ def designed(setting: Setting, *, quick: bool = False) -> tuple[ShapeDesign, Des
     return problem, replace(result, problem=problem)
 
 
+def uncleaned(
+    pattern: Pattern,
+    contours: Sequence[BaseGeometry],
+    limits: PrintLimits,
+    island_area: float,
+    smoothing: float | None,
+) -> CleanedRegions:
+    """Return the bare contours as a print; arguments as of `cleaning.clean`."""
+    return CleanedRegions(list(contours), list(contours), (), (), ())
+
+
 def row_of(setting: Setting, *, quick: bool = False) -> Row:
     """Design one setting; return it with its figures, or with its failure."""
     row: Row = {"setting": asdict(setting)}
@@ -204,7 +218,7 @@ def row_of(setting: Setting, *, quick: bool = False) -> Row:
         problem, result = designed(setting, quick=quick)
     except NoEquilibriumError as failure:
         return {**row, "failure": str(failure)}
-    made = as_printed(problem, result)
+    made = as_printed(problem, result, cleaner=uncleaned)
     last, metric = result.history[-1], problem.metrics[0]
     response = None if made.evaluation is None else made.evaluation.equilibrium
     parts = len(made.pattern.panel) // len(problem.skin.pattern.panel)
