@@ -31,6 +31,7 @@ from toros_fem.objectives.shape import ShapeObjective
 
 RADIUS, LENGTH = 0.01, 0.06  # m, of the tube
 FILTER = 8e-3  # m
+PAPERS_W = 0.5  # of eq. (15)
 PRESSURE = 5e3  # Pa
 CELLS = 20
 # Smooth enough for differences of second order to be seen.
@@ -83,7 +84,7 @@ def tight_case(formulation: str, sides: int) -> GradientCase:
         projection=STEP,
         passive=np.where(wall, np.nan, 1.0),
         pressure_bounds=(1e3, 2e4),
-        perimeter=Perimeter(skin, FILTER),
+        perimeter=Perimeter(skin, FILTER, PAPERS_W),
         perimeter_weight=1e-4,
         length_scale=LengthScaleConstraints(skin, cone, widths(), wall),
     )
@@ -153,7 +154,7 @@ def projection(sides: int) -> Measured:
 def perimeter(sides: int) -> Measured:
     """Of the perimeter by ρ̄; along its gradient, since random signs would cancel."""
     skin = tube(sides)
-    term = Perimeter(skin, FILTER)
+    term = Perimeter(skin, FILTER, PAPERS_W)
     projected = random_density(skin, 6, spread=0.4)
     gradient, seconds = timed(lambda: term.backward(projected))
     direction = gradient / COMM.allreduce(float(np.abs(gradient).max()), op=MPI.MAX)

@@ -41,6 +41,7 @@ from toros_fem.meshes import Skin, cylinder, sew, tile
 
 FRACTIONS = (0.7, 0.85, 1.15, 2.5)
 RADIUS = 2.4e-3
+PAPERS_W = 0.5  # of eq. (15)
 REACH = 4 * RADIUS  # half the length of line that counts
 TILE = 0.02
 
@@ -159,9 +160,9 @@ def perimeters(edges: list[int]) -> list[dict[str, Any]]:
         skin = sew(MPI.COMM_SELF, pattern.pattern)
         u, v = skin.pattern.centroids[skin.owned_cells].T
         stripes = ((u + 2 * v) % TILE < 0.45 * TILE).astype(float)
-        window = 0.07 * TILE
-        ours = Perimeter(skin, window, lattice=pattern.lattice).forward(stripes)
-        papers = Perimeter(skin, window, lattice=pattern.lattice, area_weighted=False)
+        window, lattice = 0.07 * TILE, pattern.lattice
+        ours = Perimeter(skin, window, PAPERS_W, lattice=lattice).forward(stripes)
+        papers = Perimeter(skin, window, PAPERS_W, lattice=lattice, area_weighted=False)
         rows.append(
             {
                 "study": "perimeter",

@@ -3,12 +3,15 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers.scenes import shared
 from mpi4py import MPI
 
 from demos import three_field
 from toros_fem import errors
+from toros_fem.actuators.problem import actuator_problem
+from toros_fem.density.field import random_density
 
 SMALL = three_field.ThreeFieldConfig(
     length=0.08,
@@ -24,12 +27,23 @@ SMALL = three_field.ThreeFieldConfig(
 def test_variants_take_the_same_number_of_steps() -> None:
     found = three_field.variants(SMALL)
     assert {c.iterations + c.constrained_iterations for c in found.values()} == {4}
-    assert [c.perimeter_weight for c in found.values()] == [None, None, None, 1e-4, 1e-4]
+    assert [c.perimeter_weight for c in found.values()] == [None, None, None, None, 1e-4, 1e-4]
     assert [bool(c.constrained_iterations) for c in found.values()] == [
-        False, False, True, False, True,
+        False, False, False, True, False, True,
     ]  # fmt: skip
     with pytest.raises(errors.ParameterError, match="perimeter_weight = None"):
         three_field.variants(SMALL.updated(perimeter_weight=None))
+
+
+def test_first_variant_has_no_filter_and_no_projection(comm: MPI.Comm) -> None:
+    config = three_field.variants(SMALL)["no filter"]
+    with pytest.warns(UserWarning, match="filter radius"):
+        problem = actuator_problem(comm, three_field.case(comm, config), config)
+    density = random_density(problem.skin, 1)
+    filtered, projected = problem.fields(density)
+    assert np.array_equal(filtered, density)
+    designed = problem.designed
+    assert projected[designed] == pytest.approx(density[designed], abs=1e-6)
 
 
 @pytest.mark.slow
@@ -44,4 +58,5 @@ def test_table_and_strip(comm: MPI.Comm, tmp_path: Path) -> None:
     by_name = {row["variant"]: row for row in rows}
     assert by_name["filter only"]["grey_level"] > 1.1 * by_name["projection"]["grey_level"]
     assert by_name["perimeter"]["shape_designed"] != by_name["projection"]["shape_designed"]
-    assert (folder / "three_field.png").read_bytes().startswith(b"\x89PNG")
+    for name in ("three_field.png", "fig4.png", "fig5.png"):
+        assert (folder / name).read_bytes().startswith(b"\x89PNG")

@@ -17,9 +17,10 @@ def test_edge_factor_against_the_table() -> None:
     for row in table("perimeter_soft_erode"):
         kappa = float(row["kappa = sum_i A_i P_i/(L r_w)"])
         assert edge_factor(float(row["w"])) == pytest.approx(kappa, abs=2e-6)
+        assert edge_factor(-float(row["w"])) == -edge_factor(float(row["w"]))
 
 
-@pytest.mark.parametrize("sharpness", [0.5, 20.0])
+@pytest.mark.parametrize("sharpness", [0.5, 20.0, -20.0])
 def test_perimeter_of_stripes_on_a_torus(sharpness: float) -> None:
     """Straight slanting stripes on a periodic tile: the length of their borders, for any w."""
     size, n = 0.02, 60
@@ -31,7 +32,7 @@ def test_perimeter_of_stripes_on_a_torus(sharpness: float) -> None:
 
 
 @pytest.mark.parametrize("area_weighted", [True, False])
-@pytest.mark.parametrize("sharpness", [0.5, 8.0])
+@pytest.mark.parametrize("sharpness", [0.5, 8.0, -8.0])
 def test_perimeter_taylor(
     sharpness: float, area_weighted: bool, tube: Skin, comm: MPI.Comm
 ) -> None:
@@ -62,8 +63,43 @@ def test_perimeter_of_uniform_print_is_zero(tube: Skin) -> None:
     )
     assert abs(make(1.0)) < 1e-12
     assert abs(make(0.0)) < 1e-12
-    with pytest.raises(ParameterError, match="sharpness"):
-        Perimeter(tube, 7e-3, -0.5)
+    with pytest.raises(ParameterError, match="sharpness = 0"):
+        Perimeter(tube, 7e-3, 0.0)
+
+
+def test_erosion_of_fabric_counts_islands_more_than_of_print() -> None:
+    """A disc smaller than the window; its hole in the print is the other way round."""
+    skin = sew(MPI.COMM_SELF, square(n=60, size=0.02))
+    radius, window = 1.6e-3, 2.4e-3
+    middle = skin.pattern.centroids[skin.owned_cells] - 0.01
+    disc = (np.hypot(*middle.T) < radius).astype(float)
+    of_print, of_fabric = (Perimeter(skin, window, w) for w in (40.0, -40.0))
+    # All of the disc is removed, and a ring as wide as the window is added.
+    border = 2 * np.pi * radius
+    assert of_print.forward(disc) == pytest.approx(np.pi * radius**2 / window, rel=0.05)
+    assert of_fabric.forward(disc) == pytest.approx(border + np.pi * window, rel=0.05)
+    assert of_print.forward(disc) < border < of_fabric.forward(disc)
+    assert of_print.forward(1 - disc) == pytest.approx(of_fabric.forward(disc), rel=1e-10)
+    assert of_fabric.forward(1 - disc) == pytest.approx(of_print.forward(disc), rel=1e-10)
+
+
+@pytest.mark.parametrize("sharpness", [0.5, 20.0, -20.0])
+def test_no_pattern_shortens_the_border(sharpness: float, tube: Skin, comm: MPI.Comm) -> None:
+    """On any mesh and at the borders of panels the length is positive, and its slope 0 at none.
+
+    With the paper's ρ̄ in place of its mean, print on some triangles has a negative length.
+    """
+    areas = tube.pattern.areas[tube.owned_cells]
+    term = Perimeter(tube, 7e-3, sharpness)
+    for uniform in (0.0, 0.4, 1.0):
+        slope = term.backward(np.full(len(areas), uniform))
+        assert np.abs(slope).max() < 1e-10 * areas.max() / abs(edge_factor(sharpness) * 7e-3)
+    steepest = Perimeter(tube, 7e-3, sharpness, area_weighted=False).backward(np.zeros(len(areas)))
+    rewarded = (steepest < 0).astype(float)
+    assert comm.allreduce(float(rewarded @ steepest)) < 0
+    assert term.forward(rewarded) > 0.1
+    for seed in range(3):
+        assert term.forward(random_density(tube, seed, spread=0.4)) > 0
 
 
 def test_integers_are_numbers(comm: MPI.Comm) -> None:

@@ -28,6 +28,7 @@ from toros_fem.output.curve_plot import (
     plot_tracks,
 )
 from toros_fem.output.drawing import FABRIC, PRINTED, TARGET, View, draw_skin, frame
+from toros_fem.output.field_plot import plot_fields
 from toros_fem.output.pattern_plot import (
     HOLE,
     ISLAND,
@@ -98,6 +99,20 @@ def test_variants(pattern: Pattern, tmp_path: Path) -> None:
     left, right = np.array_split(pixels(tmp_path / "variants.png"), 2, axis=1)
     assert fraction(left, PRINTED) > 0.1 > 0.02 > fraction(right, PRINTED)
     assert fraction(right, FABRIC) > 0.3
+
+
+def test_fields(pattern: Pattern, tmp_path: Path) -> None:
+    """Two rows of designs, each with its fields side by side; dark is dense."""
+    half = (pattern.centroids[:, 1] > 0.02).astype(float)
+    fields = {"ρ": np.zeros_like(half), "ρ̄": half}
+    designs = [(str(k), fields) for k in range(4)]
+    plot_fields(tmp_path / "fields.png", pattern, "wall", designs)
+    image = pixels(tmp_path / "fields.png")
+    upper, lower = np.array_split(image, 2)
+    for row, number in ((upper, 3), (lower, 1)):
+        columns = np.all(row < 0.02, axis=2).mean(axis=0)
+        dark = (columns > 0.2) & (columns < 0.6)
+        assert np.count_nonzero(np.diff(dark.astype(int)) == 1) == number
 
 
 @pytest.mark.parametrize("view", [View(), View(25, 35), View(-40, 200)])

@@ -27,6 +27,7 @@ from toros_fem.objectives.metrics import Metric, swelling
 from toros_fem.output.writer import (
     if_plotting,
     write_comparison,
+    write_pictures,
     write_pressure_path,
     write_results,
     write_together,
@@ -167,6 +168,19 @@ def test_comparison(comm: MPI.Comm, tmp_path: Path, tube: Skin) -> None:
     comm.barrier()
     assert json.loads((folder / "table.json").read_text(encoding="utf-8")) == {"rows": [1, 2]}
     assert (folder / "table.png").stat().st_size > 5000
+
+
+def test_pictures_are_drawn_on_the_first_rank(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder, drawn = shared(comm, tmp_path), []
+
+    def draw(path: Path) -> None:
+        drawn.append(path.name)
+        path.write_text(path.name, encoding="utf-8")
+
+    write_pictures(comm, folder / "new", {"a.png": draw, "b.png": draw})
+    comm.barrier()
+    assert drawn == (["a.png", "b.png"] if comm.rank == 0 else [])
+    assert (folder / "new" / "b.png").read_text(encoding="utf-8") == "b.png"
 
 
 def test_no_pictures_without_matplotlib(capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from toros_fem.config import Config, quantity
 from toros_fem.density.filters import FILTERS
+from toros_fem.density.perimeter import SHARPNESS
 from toros_fem.materials import Composite, Material
 
 
@@ -53,7 +54,9 @@ class DesignConfig(MaterialConfig):
         None, "weight of the perimeter term; none leaves it out", above=0
     )
     perimeter_window: float = quantity(1.0, "radius of the perimeter's window over R", above=0)
-    perimeter_sharpness: float = quantity(0.5, "w of eq. (15)", above=0)
+    perimeter_sharpness: float = quantity(
+        SHARPNESS, "w of eq. (15): above 0 it erodes the print, as in the paper, below 0 the fabric"
+    )
     move_limit: float = quantity(0.2, "largest change of a density in one step", above=0, at_most=1)
     island_area: float = quantity(
         20e-6,

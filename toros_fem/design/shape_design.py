@@ -13,7 +13,7 @@ from toros_fem._types import Floats
 from toros_fem._validate import require_names
 from toros_fem.density.filters import make_filter
 from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.density.perimeter import Perimeter
+from toros_fem.density.perimeter import SHARPNESS, Perimeter
 from toros_fem.density.projection import Projection
 from toros_fem.design.problem import Bounds, Pressure
 from toros_fem.design.shape_problem import ShapeProblem
@@ -60,7 +60,7 @@ class ShapeDesign(ShapeProblem):
             constraints out.
         perimeter_weight: Weight of the perimeter term; None leaves it out.
         perimeter_window: Radius of its window in m; None takes R.
-        perimeter_sharpness: w of eq. (15).
+        perimeter_sharpness: w of eq. (15), as of `Perimeter`.
         weights, relative: Factors on each vertex in the objective, as of `ShapeObjective`.
         objective: Makes another objective of the sewn skin; None takes `ShapeObjective`.
         metrics: Numbers that the design is judged by, the most important first; None takes the
@@ -97,7 +97,7 @@ class ShapeDesign(ShapeProblem):
         length_scale: LengthScale | None = DEFAULT_LENGTH_SCALE,
         perimeter_weight: float | None = None,
         perimeter_window: float | None = None,
-        perimeter_sharpness: float = 0.5,
+        perimeter_sharpness: float = SHARPNESS,
         weights: Floats | None = None,
         relative: Floats | None = None,
         objective: Callable[[Skin], Objective] | None = None,

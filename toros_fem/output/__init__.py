@@ -3,7 +3,12 @@
 from toros_fem.output.files import write_fields, write_json, write_table
 from toros_fem.output.reporter import DesignReporter
 from toros_fem.output.summary import design_summary
-from toros_fem.output.writer import write_comparison, write_pressure_path, write_results
+from toros_fem.output.writer import (
+    write_comparison,
+    write_pictures,
+    write_pressure_path,
+    write_results,
+)
 
 __all__ = [
     "DesignReporter",
@@ -11,6 +16,7 @@ __all__ = [
     "write_comparison",
     "write_fields",
     "write_json",
+    "write_pictures",
     "write_pressure_path",
     "write_results",
     "write_table",

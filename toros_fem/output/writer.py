@@ -180,6 +180,28 @@ def write_comparison(
     write_together(comm, folder, write)
 
 
+def write_pictures(
+    comm: MPI.Comm, folder: str | Path, pictures: Mapping[str, Callable[[Path], None]]
+) -> None:
+    """Write pictures, each by a function of its path (collective).
+
+    Args:
+        comm: Communicator.
+        folder: Output folder, made if missing.
+        pictures: For the name of each file what draws it, called on the first rank only.
+
+    Raises:
+        OutputError: A file cannot be written; on all ranks.
+    """
+    folder = Path(folder)
+
+    def draw() -> None:
+        for name, picture in pictures.items():
+            picture(folder / name)
+
+    write_together(comm, folder, lambda: if_plotting(draw))
+
+
 def write_pressure_path(
     comm: MPI.Comm,
     folder: str | Path,
