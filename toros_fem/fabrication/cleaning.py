@@ -20,8 +20,10 @@ from toros_fem.fabrication.widths import fabric_of
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 
-# Width of a bridge to an island, over the least width.
+# Width of a bridge to an island, over the least width, and over the smoothing length: so wide that
+# the mesh of the density sees it too.
 BRIDGE = 2.0
+SEEN = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +76,7 @@ def clean(
         for region, outline in zip(regions, outlines, strict=True)
     ]
     filled = tuple(h for h in find_holes(pattern, regions) if h.area < limits.hole_area)
+    width = max(BRIDGE * limits.width, 0.0 if smoothing is None else SEEN * smoothing)
     dropped, bridged = [], []
     islands = [p for p in find_pieces(pattern, made, limits.contact) if not p.attached]
     bridges: list[list[BaseGeometry]] = [[] for _ in made]
@@ -83,7 +86,7 @@ def clean(
         rest = shapely.union_all([rest, *bridges[island.panel]])
         line = None
         if island.area >= island_area:
-            line = _bridge(island.polygon, rest, outlines[island.panel], limits.width)
+            line = _bridge(island.polygon, rest, outlines[island.panel], width)
         if line is None:
             dropped.append(island)
         else:
@@ -152,6 +155,6 @@ def _bridge(
     ends = shapely.get_coordinates(shapely.shortest_line(island, rest))
     way = ends[1] - ends[0]
     # Into both, so that it meets them over its whole width.
-    way *= BRIDGE * width / 2 / max(float(np.hypot(*way)), 1e-12)
+    way *= width / 2 / max(float(np.hypot(*way)), 1e-12)
     line = shapely.LineString([ends[0] - way, ends[1] + way])
-    return line.buffer(BRIDGE * width / 2) & outline if outline.covers(line) else None
+    return line.buffer(width / 2) & outline if outline.covers(line) else None
