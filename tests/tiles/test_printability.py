@@ -4,17 +4,22 @@ import numpy as np
 import pytest
 import shapely
 from mpi4py import MPI
-from shapely.affinity import translate
+from shapely.affinity import affine_transform, translate
+from shapely.geometry import Point, box
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem.fabrication.cleaning import CleanedRegions
 from toros_fem.fabrication.printability import PrintLimits, printed_cells
 from toros_fem.meshes import Tile, tile
 from toros_fem.tiles.printability import (
     TilePrintability,
     island_areas,
     repeated,
+    tile_cleaner,
     tile_printability,
 )
+
+SIZE = 0.01
 
 
 def measured(patch: Tile, region: BaseGeometry) -> TilePrintability:
@@ -93,3 +98,72 @@ def test_islands(comm: MPI.Comm) -> None:
     )
     assert len(island_areas(patch, np.ones(len(x), dtype=bool))) == 0
     assert len(island_areas(patch, np.zeros(len(x), dtype=bool))) == 0
+
+
+@pytest.fixture(scope="module")
+def sheet_tile(comm: MPI.Comm) -> Tile:
+    return tile(comm, SIZE, 0.2e-3)
+
+
+def cleaned(
+    patch: Tile, region: BaseGeometry, island_area: float = 1e-6, symmetry: str = "none"
+) -> CleanedRegions:
+    """The print of a region; checked to keep all limits among its equals."""
+    made = tile_cleaner(patch, symmetry)(patch.pattern, [region], PrintLimits(), island_area, None)
+    (one,) = made.regions
+    found = tile_printability(patch, one, printed_cells(patch.pattern, [one]), PrintLimits())
+    assert found.clean
+    return made
+
+
+def test_lines_on_the_border_count_with_both_halves(sheet_tile: Tile) -> None:
+    """One of 0.8 mm stays, one of 0.4 mm gets the least width, although halves are thinner."""
+    for half, width in ((0.4e-3, 0.8e-3), (0.2e-3, 0.609e-3)):
+        line = box(0, 0, SIZE, half) | box(0, SIZE - half, SIZE, SIZE)
+        made = cleaned(sheet_tile, line)
+        assert made.regions[0].area == pytest.approx(width * SIZE, rel=0.01)
+
+
+def test_gaps_across_the_border(sheet_tile: Tile) -> None:
+    plate = box(0, 0.2e-3, SIZE, 8e-3)
+    made = cleaned(sheet_tile, plate | box(0, 8.4e-3, SIZE, SIZE))
+    heights = sorted(
+        p.area / SIZE for p in shapely.get_parts(repeated(made.regions[0], sheet_tile, 1, 3))
+    )
+    assert made.regions[0].area < plate.area + 1.6e-3 * SIZE
+    assert heights[-1] == pytest.approx(8e-3 + 1.4e-3, rel=0.02)
+
+
+def test_islands_are_removed_or_joined_everywhere(sheet_tile: Tile) -> None:
+    line, island = box(0, 1e-3, SIZE, 2e-3), Point(0.01, 6e-3).buffer(1e-3)
+    here = (island | Point(0, 6e-3).buffer(1e-3)) & box(0, 0, SIZE, SIZE)
+    gone = cleaned(sheet_tile, line | here, island_area=1e-5)
+    assert len(gone.dropped) == 1
+    assert gone.regions[0].area == pytest.approx(line.area, rel=1e-2)
+    joined = cleaned(sheet_tile, line | here)
+    assert [len(joined.dropped), len(joined.bridged)] == [0, 1]
+    assert joined.regions[0].area == pytest.approx((line | here).area + 1.2e-3 * 3e-3, rel=0.03)
+
+
+def test_smooth_contours_go_on_across_the_border(sheet_tile: Tile) -> None:
+    steps = [box(x, 4e-3, x + 0.5e-3, 6e-3 + 0.2e-3 * (k % 2))
+             for k, x in enumerate(0.5e-3 * i for i in range(20))]  # fmt: skip
+    region = shapely.union_all(steps)
+    made = tile_cleaner(sheet_tile, "none")(sheet_tile.pattern, [region], PrintLimits(), 0.0, 1e-3)
+    left, right = (made.regions[0] & box(x, 0, x + 1e-4, SIZE) for x in (0, SIZE - 1e-4))
+    assert left.bounds[3] == pytest.approx(right.bounds[3], abs=1e-5)
+    assert left.bounds[3] == pytest.approx(6.1e-3, abs=2e-5)
+
+
+def test_tetragonal_prints_stay_so(sheet_tile: Tile) -> None:
+    """A net whose islands and thin lines are cleaned alike in all images."""
+    net = box(0, 0, SIZE, 0.7e-3) | box(0, 9.3e-3, SIZE, SIZE) | box(0, 0, 0.7e-3, SIZE)
+    net |= box(9.3e-3, 0, SIZE, SIZE)
+    spots = [Point(x, y).buffer(0.9e-3) for x in (3e-3, 7e-3) for y in (3.2e-3, 6.8e-3)]
+    spots += [Point(y, x).buffer(0.9e-3) for x in (3e-3, 7e-3) for y in (3.2e-3, 6.8e-3)]
+    made = cleaned(sheet_tile, shapely.union_all([net, *spots]), 0.0, "tetragonal")
+    one = made.regions[0]
+    assert made.bridged
+    for turn in ([0, -1, 1, 0, SIZE, 0], [-1, 0, 0, 1, SIZE, 0], [0, 1, 1, 0, 0, 0]):
+        image = affine_transform(one, turn)
+        assert image.symmetric_difference(one).area < 1e-6 * one.area

@@ -86,7 +86,7 @@ def clean(
         rest = shapely.union_all([rest, *bridges[island.panel]])
         line = None
         if island.area >= island_area:
-            line = _bridge(island.polygon, rest, outlines[island.panel], width)
+            line = bridge(island.polygon, rest, outlines[island.panel], width)
         if line is None:
             dropped.append(island)
         else:
@@ -146,10 +146,17 @@ def _cleaned(
     return thickened(region, outline, limits.width, limits.gap, limits.hole_area)
 
 
-def _bridge(
+def bridge(
     island: BaseGeometry, rest: BaseGeometry, outline: BaseGeometry, width: float
 ) -> BaseGeometry | None:
-    """Return a line from an island to the rest of its panel; None where the panel has no room."""
+    """Return a line from an island to the rest of its panel; None where the panel has no room.
+
+    Args:
+        island: A polygon in m.
+        rest: Other print.
+        outline: Outline of the panel.
+        width: Width of the line in m.
+    """
     if rest.is_empty:
         return None
     ends = shapely.get_coordinates(shapely.shortest_line(island, rest))

@@ -17,7 +17,7 @@ from toros_fem.materials import Bending
 from toros_fem.mechanics.periodicity import Periodic
 from toros_fem.meshes.skin import sew
 from toros_fem.tiles.case import TileCase, TileConfig, TileResult
-from toros_fem.tiles.printability import tile_printability
+from toros_fem.tiles.printability import tile_cleaner, tile_printability
 from toros_fem.tiles.problem import TileProblem
 from toros_fem.tiles.solver import TileSolver
 from toros_fem.tiles.stiffness_profile import Profile, ProfileSolver, merge_profiles, profiles
@@ -64,7 +64,7 @@ class PrintSimulation:
     """
 
     def __init__(self, batch: MPI.Comm, case: TileCase, config: TileConfig) -> None:
-        self._tile, self._config = case.tile, config
+        self._case, self._tile, self._config = case, case.tile, config
         self._fine = case.fine or case.tile
         skin = sew(MPI.COMM_SELF, self._fine.pattern)
         solver = TileSolver(skin, config.composite, Periodic(self._fine))
@@ -73,7 +73,13 @@ class PrintSimulation:
     def simulate(self, problem: TileProblem, result: DesignResult) -> TileResult:
         """Print a design and simulate the print (collective)."""
         c = self._config
-        printed = as_printed(problem, result, c.print_limits, island_area=c.island_area)
+        printed = as_printed(
+            problem,
+            result,
+            c.print_limits,
+            island_area=c.island_area,
+            cleaner=tile_cleaner(self._tile, self._case.symmetry),
+        )
         profile, failure = None, ""
         try:
             profile = self.solver.solve(self.density(printed), gradients=False)

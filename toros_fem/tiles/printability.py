@@ -1,21 +1,30 @@
-"""Printability of a tile in the endless sheet: islands, thinnest line and gap."""
+"""A tile's print in the endless sheet: islands, thinnest line and gap, and how it is cleaned."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
 import shapely
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
-from shapely.affinity import translate
+from shapely.affinity import affine_transform, translate
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem._types import Bools, Floats
+from toros_fem._types import Bools, Floats, Ints
+from toros_fem.fabrication.as_printed import Cleaner
+from toros_fem.fabrication.cleaning import BRIDGE, SEEN, CleanedRegions, bridge
+from toros_fem.fabrication.islands import PrintedPiece, find_holes
 from toros_fem.fabrication.printability import PrintLimits
+from toros_fem.fabrication.smoothing import smoothed
+from toros_fem.fabrication.thickness import thickened
 from toros_fem.fabrication.widths import LocalWidth, measure_widths
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.tile import Tile
+from toros_fem.meshes.tile_symmetry import SYMMETRIES
 from toros_fem.meshes.topology import edges_of, following
 
 # Number of tiles along each side where lines and gaps are measured; one lies in the middle.
@@ -91,6 +100,100 @@ def tile_printability(
     return TilePrintability(
         island_areas(tile, printed), lines.smallest, gaps.smallest, lines.narrow, gaps.narrow
     )
+
+
+def tile_cleaner(tile: Tile, symmetry: str) -> Cleaner:
+    """Return what `fabrication.clean` is for panels: lines and gaps go on across a tile's border.
+
+    `SIDE` × `SIDE` tiles are cleaned, and the one in the middle is kept. Pieces that end inside
+    are islands: they do not reach their own periodic images.
+
+    Args:
+        tile: The tile.
+        symmetry: Symmetry that the print keeps exactly, as for `Tile.symmetry_maps`.
+    """
+
+    def cleaned(
+        pattern: Pattern,
+        regions: Sequence[BaseGeometry],
+        limits: PrintLimits,
+        island_area: float,
+        smoothing: float | None,
+    ) -> CleanedRegions:
+        sides = np.diagonal(tile.lattice)
+        sheet = shapely.box(0, 0, *(SIDE * sides))
+        shift = SIDE // 2 * sides
+        middle = shapely.box(*shift, *(shift + sides))
+
+        def made(one: BaseGeometry, length: float | None) -> BaseGeometry:
+            many = repeated(one, tile, SIDE, SIDE)
+            many = many if length is None else smoothed(many, sheet, length)
+            return thickened(many, sheet, limits.width, limits.gap, limits.hole_area)
+
+        def everywhere(shape: BaseGeometry) -> BaseGeometry:
+            steps = range(-SIDE, SIDE + 1)
+            return shapely.union_all(
+                [translate(shape, *(np.array(step) * sides)) for step in product(steps, repeat=2)]
+            )
+
+        def even(sheets: BaseGeometry) -> BaseGeometry:
+            one = translate(sheets & middle, *-shift)
+            return symmetric_region(one, sides, symmetry, limits.resolution)
+
+        sheets = made(regions[0], smoothing)
+        pieces = shapely.get_parts(sheets)
+        loose = ~shapely.dwithin(sheet.boundary, pieces, limits.resolution)
+        rest = shapely.union_all(pieces[~loose])
+        width = max(BRIDGE * limits.width, 0.0 if smoothing is None else SEEN * smoothing)
+        dropped, bridged = [], []
+        for island in pieces[loose & shapely.contains(middle, shapely.centroid(pieces))]:
+            line = bridge(island, rest, sheet, width) if island.area >= island_area else None
+            found = PrintedPiece(0, island, main=False, attached=False)
+            if line is None:
+                dropped.append(found)
+                sheets = sheets.difference(everywhere(island.buffer(limits.resolution)))
+            else:
+                bridged.append(found)
+                sheets = sheets.union(everywhere(line))
+        filled = tuple(h for h in find_holes(pattern, regions) if h.area < limits.hole_area)
+        one = even(sheets)
+        if bridged:  # bridges get images, which may lie close to others
+            one = even(made(one, None))
+        return CleanedRegions(list(regions), [one], tuple(dropped), tuple(bridged), filled)
+
+    return cleaned
+
+
+def symmetric_region(
+    region: BaseGeometry, sides: Floats, symmetry: str, detail: float
+) -> BaseGeometry:
+    """Return the region of a tile made exactly symmetric.
+
+    It is that of a fundamental part of the tile, with what only one of the images has.
+
+    Args:
+        region: Region of one tile, in m, symmetric but for some pieces.
+        sides: Sides of the tile, (2,), in m.
+        symmetry: One of `SYMMETRIES`.
+        detail: Narrower differences in m count as rounding.
+    """
+    operations, (x, y) = SYMMETRIES[symmetry], sides / 2
+
+    def image(shape: BaseGeometry, operation: Ints) -> BaseGeometry:
+        offset = sides / 2 - operation @ (sides / 2)
+        return affine_transform(shape, [*operation.ravel(), *offset])
+
+    for operation in operations[1:]:
+        there = image(region, operation)
+        more = there.difference(region).buffer(-detail / 2).buffer(detail)
+        region = region.union(more & there)
+    corners = {
+        "none": [(0, 0), (2 * x, 0), (2 * x, 2 * y), (0, 2 * y)],
+        "tetragonal": [(x, y), (2 * x, y), (2 * x, 2 * y)],
+    }.get(symmetry, [(x, y), (2 * x, y), (2 * x, 2 * y), (x, 2 * y)])
+    part = region & shapely.Polygon(corners)
+    images = [image(part, operation) for operation in operations]
+    return shapely.union_all(images, grid_size=SNAP * float(sides.max()))
 
 
 def repeated(region: BaseGeometry, tile: Tile, along: int, across: int) -> BaseGeometry:
