@@ -19,6 +19,7 @@ import argparse
 import copy
 import json
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -138,7 +139,10 @@ def problem_of(setting: Setting, *, quick: bool = False) -> tuple[ShapeDesign, i
         perimeter_sharpness=setting.sharpness,
         perimeter_window=setting.window,
     )
-    problem = actuator_problem(comm, case(comm, config), config)
+    with warnings.catch_warnings():
+        # Without a filter the radius is too small on purpose.
+        warnings.filterwarnings("ignore", "filter radius", UserWarning)
+        problem = actuator_problem(comm, case(comm, config), config)
     if setting.exponent is not None:
         problem = problem.with_projection(PowerLaw(exponent=setting.exponent))
     if setting.papers_sum:
