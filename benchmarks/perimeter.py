@@ -263,7 +263,7 @@ STUDIES: dict[str, tuple[str, list[Setting]]] = {
         [
             WITHOUT,
             replace(CHOSEN, sharpness=0.5, papers_sum=True),
-            *[replace(CHOSEN, sharpness=w) for w in (0.5, 20.0, -5.0, -20.0)],
+            *[replace(CHOSEN, sharpness=w) for w in (0.5, 20.0, -5.0, -20.0, -100.0)],
         ],
     ),
     "weight": ("weight", [replace(CHOSEN, weight=a) for a in (3e-5, 1e-4, 2e-4, 5e-4)]),
@@ -280,7 +280,9 @@ STUDIES: dict[str, tuple[str, list[Setting]]] = {
             replace(FREE, weight=1e-4, sharpness=0.5, papers_sum=True),
             replace(FREE, weight=1e-4, sharpness=20.0),
             replace(FREE, weight=1e-4, sharpness=-20.0),
+            replace(FREE, weight=1e-4, sharpness=-100.0),
             replace(FREE, weight=3e-5, sharpness=-20.0),
+            replace(FREE, weight=1e-4, sharpness=-20.0, order="late"),
         ],
     ),
     "seeds": (

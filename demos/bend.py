@@ -59,6 +59,8 @@ class BendConfig(SymmetricConfig, TubeConfig):
     )
 
     corrections: int = TubeConfig.redefault("corrections", 6)
+    # Fewer islands, a shorter border, and nearer to the target: docs/optimisation.md.
+    perimeter_weight: float | None = TubeConfig.redefault("perimeter_weight", 1e-4)
 
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
 

@@ -81,7 +81,7 @@ class Perimeter:
         near = Neighbourhood(skin.pattern, window, lattice, whole)
         (self._matrix,) = neighbour_matrices(skin, near, mean_weights)
         self._weight: Floats = np.ones(len(skin.owned_cells))
-        self._linear = self._weight  # factor on ρ̄, before F is taken off
+        self._linear: Floats = self._weight  # factor on ρ̄, before F is taken off
         if area_weighted:
             length = edge_factor(sharpness) * window
             self._weight = np.asarray(areas[skin.owned_cells] / length)
