@@ -11,7 +11,7 @@ printed all over, as end plates are. Its wall is designed, at the 5 kPa that the
 towards +x, and the inner side of the bend keeps its length, because a skin under pressure does not
 shorten. The end plate at the tip counts as much as all the rest, so that the design reaches the
 angle and not only the shape. Constraints on the widths of lines and gaps act after the first
-stage. The pattern is then thresholded, cleaned of islands, and simulated again as printed.
+stage. The pattern is then thresholded, cleaned so that it can be printed, and simulated again.
 
 The target is symmetric about the plane y = 0, so half the tube is designed, in about half the time.
 Files, pictures and figures are those of the whole. A whole tube (`--whole`) may also find patterns
