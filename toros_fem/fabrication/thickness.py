@@ -106,10 +106,11 @@ class _Discs:
         # the cut are seen without that.
         longer = _beyond(region, self._outline, self.limit, CROSSING * self.limit)
         for shape in (longer, region):
-            if not _doubtful(shape, self._least):
+            near = _doubtful(shape, self._least)
+            if near.is_empty:
                 continue
             centres, at_cut = narrow_discs(
-                shape, self._outline.boundary, self._least, self.resolution
+                shape, self._outline.boundary, self._least, self.resolution, near
             )
             inside = shapely.contains_xy(self._outline, centres)
             if inside.any():
@@ -130,14 +131,14 @@ class _Discs:
         return shapely.MultiPoint(points).buffer(self.radius, quad_segs=QUARTER)
 
 
-def _doubtful(region: BaseGeometry, limit: float) -> bool:
-    """Return whether a region may be narrower than a limit somewhere; False is certain."""
+def _doubtful(region: BaseGeometry, limit: float) -> BaseGeometry:
+    """Return where a region may be narrower than a limit; nowhere else it is."""
     core = region.buffer(-limit / 2, quad_segs=QUARTER)
     if _pieces_and_holes(core) != _pieces_and_holes(region):
-        return True
+        return region
     # What a disc cannot reach is a corner, if it is small.
     lost = region.difference(core.buffer((1 + ARC) * limit / 2, quad_segs=QUARTER))
-    return not _without_corners(lost, limit).is_empty
+    return _without_corners(lost, limit)
 
 
 def _pieces_and_holes(region: BaseGeometry) -> tuple[int, int]:

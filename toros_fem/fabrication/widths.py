@@ -155,20 +155,25 @@ def solid(shape: BaseGeometry, resolution: float) -> BaseGeometry:
 
 
 def narrow_discs(
-    polygons: BaseGeometry, cut: BaseGeometry, limit: float, resolution: float
+    polygons: BaseGeometry,
+    cut: BaseGeometry,
+    limit: float,
+    resolution: float,
+    near: BaseGeometry,
 ) -> tuple[Floats, Bools]:
-    """Return where inscribed discs are smaller than a limit.
+    """Return where inscribed discs are smaller than a limit, close to some places.
 
     Args:
         polygons: A region, polygons in m.
         cut: Border of the panel.
         limit: Least width in m.
         resolution: Distance in m of the samples on its border.
+        near: These places; sides further away are left out, which saves most of the time.
 
     Returns:
         Centres, (n, 2), in m, and for each whether the cut is one of the two sides.
     """
-    samples, pairs, dots = _facing_sides(polygons, cut, limit, resolution)
+    samples, pairs, dots = _facing_sides(polygons, cut, limit, resolution, near)
     thin = pairs.select(pairs.width < limit)
     places = [(_largest_disc(dot, 0, resolution), at_cut) for dot, at_cut in dots]
     small = [(place.centre, at_cut) for place, at_cut in places if place.width < limit]
@@ -180,7 +185,11 @@ def narrow_discs(
 
 
 def _facing_sides(
-    polygons: BaseGeometry, cut: BaseGeometry, limit: float, resolution: float
+    polygons: BaseGeometry,
+    cut: BaseGeometry,
+    limit: float,
+    resolution: float,
+    near: BaseGeometry | None = None,
 ) -> tuple[_Samples, _Pairs, list[tuple[BaseGeometry, bool]]]:
     """Return samples of the border, pairs on facing sides, and the pieces that have no such.
 
@@ -188,13 +197,15 @@ def _facing_sides(
     """
     parts = shapely.get_parts(polygons)
     parts = parts[shapely.area(parts) > 0]
+    if near is not None:
+        parts = parts[shapely.intersects(parts, near)]
     rings, part = shapely.get_rings(parts, return_index=True)
     if not len(rings):
         none: Floats = np.empty(0)
         empty = _Pairs(np.empty((0, 2), np.int64), none, none, np.empty((0, 2)))
         zero = np.empty(0, np.int64)
         return _Samples(np.empty((0, 2)), zero, none, none, none > 0), empty, []
-    samples = _sample(rings, cut, resolution)
+    samples = _sample(rings, cut, resolution, None if near is None else near.buffer(2 * limit))
     facing = _facing(samples, resolution)
     shapely.prepare(parts)
     inside = np.zeros(len(facing.width), dtype=bool)
@@ -209,17 +220,26 @@ def _facing_sides(
     return samples, pairs, [(parts[k], bool(touched[k])) for k in lone]
 
 
-def _sample(rings: npt.NDArray[np.object_], cut: BaseGeometry, resolution: float) -> _Samples:
-    """Return samples on rings of a region that a panel's border cuts."""
+def _sample(
+    rings: npt.NDArray[np.object_],
+    cut: BaseGeometry,
+    resolution: float,
+    within: BaseGeometry | None,
+) -> _Samples:
+    """Return samples, inside some area, on rings of a region that a panel's border cuts."""
     dense, ring = shapely.get_coordinates(shapely.segmentize(rings, resolution), return_index=True)
     last = np.append(ring[1:] != ring[:-1], True)  # a ring's last point repeats its first
     step = np.where(last[:-1], 0, np.linalg.norm(np.diff(dense, axis=0), axis=1))
     along = np.concatenate([[0], np.cumsum(step)])
     first = np.concatenate([[True], last[:-1]])
     arc, length = along - along[first][ring], (along[last] - along[first])[ring]
+    kept = ~last
+    if within is not None:
+        shapely.prepare(within)
+        kept &= shapely.contains_xy(within, dense)
     shapely.prepare(cut)
-    free = ~shapely.dwithin(cut, shapely.points(dense[~last]), TOUCHING * resolution)
-    return _Samples(dense[~last], ring[~last], arc[~last], length[~last], free)
+    free = ~shapely.dwithin(cut, shapely.points(dense[kept]), TOUCHING * resolution)
+    return _Samples(dense[kept], ring[kept], arc[kept], length[kept], free)
 
 
 def _facing(samples: _Samples, resolution: float) -> _Pairs:
