@@ -9,8 +9,8 @@ always printed, so that this panel keeps its length. The target follows from the
 sphere the finger goes as far as it reaches. The edges of a box are sharper than a finger can bend:
 its outer panel would have to stretch fourfold. So the finger bends evenly from its root on, touches
 the lower edge, and its tip ends below the box. The distance of the inner panel from the object,
-where it is to touch, also counts. The printed finger is simulated again. The summary gives the remaining gap, and how it
-changes when the object's weight hangs on the fingers.
+where it is to touch, also counts. The printed finger is simulated again. The summary gives the
+remaining gap, and how it changes when the object's weight hangs on the fingers.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ class WalkerConfig(ActuatorConfig):
         0.03, "length of a leg that bends, from its root; the rest stays straight", "m", above=0
     )
     foot_length: float | None = quantity(
-        0.015, "length of a leg's end that is all printed; none leaves it to the design", "m", above=0
+        0.015, "length of a leg's end that is printed; none leaves it to the design", "m", above=0
     )
     cross_sections: int = quantity(6, "number of cross-sections of the leg", at_least=1)
     centreline_weight: float = quantity(
