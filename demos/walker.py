@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem.actuators.case import ActuatorCase
@@ -56,6 +57,9 @@ class WalkerConfig(ActuatorConfig):
     edge_length: float = quantity(1.8e-3, "edge length of the mesh", "m", above=0)
     bent_length: float = quantity(
         0.03, "length of a leg that bends, from its root; the rest stays straight", "m", above=0
+    )
+    foot_length: float | None = quantity(
+        0.015, "length of a leg's end that is printed; none leaves it to the design", "m", above=0
     )
     cross_sections: int = quantity(6, "number of cross-sections of the leg", at_least=1)
     centreline_weight: float = quantity(
@@ -124,6 +128,7 @@ def case(comm: MPI.Comm, config: WalkerConfig) -> ActuatorCase:
         pattern=pattern,
         target=target(pattern.points),
         supports=rest_on_body(pattern, star.body_radius, (0, 1)),
+        passive=foot_density(pattern, config),
         metrics=(tip_angle_metric(angle, along, DOWN, star.root),),
         cross_sections=leg_cross_sections(
             pattern,
@@ -137,6 +142,18 @@ def case(comm: MPI.Comm, config: WalkerConfig) -> ActuatorCase:
         start=np.where(pattern.panel == pattern.panel_index("top"), 0.35, 0.65),
         symmetry=(0, 1),
     )
+
+
+def foot_density(pattern: Pattern, config: WalkerConfig) -> npt.NDArray[np.float64] | None:
+    """Return the prescribed density of all triangles, (t,): 1 in the feet, NaN elsewhere.
+
+    Without feet there is none.
+    """
+    if config.foot_length is None:
+        return None
+    star = config.star
+    reach = (plane_centroids(pattern) @ star.directions.T).max(axis=1)
+    return np.where(reach > star.reach - config.foot_length, 1.0, np.nan)
 
 
 def chambers(pattern: Pattern, star: Star) -> Chambers:

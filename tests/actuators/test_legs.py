@@ -39,6 +39,18 @@ def test_measured_angle_of_a_leg(quarter: Pattern, degrees: float) -> None:
     assert metric.measure(quarter, bent(quarter.points)) == pytest.approx(degrees, abs=0.5)
 
 
+def test_part_of_a_leg_by_which_its_angle_is_measured(quarter: Pattern) -> None:
+    """A leg that bends all along has turned further at its end."""
+    bent = stand(1.0, 0.08, directions=[ALONG[:2]], root=WALKER.root)(quarter.points)
+    found = [
+        tip_angle_metric(0.0, ALONG, DOWN, WALKER.root, outer_count=count).measure(quarter, bent)
+        for count in (2, 4, 8)
+    ]
+    assert found[0] > found[1] + 2 > found[2] + 4
+    with pytest.raises(errors.ParameterError, match="outer_count = 12 must be"):
+        tip_angle_metric(0.0, ALONG, DOWN, WALKER.root, outer_count=12)
+
+
 def test_cross_sections_of_a_leg(quarter: Pattern) -> None:
     found = leg_cross_sections(quarter, ALONG, WALKER.root, 5, 0.1, 0.03)
     assert set(np.unique(found.labels)) == {-1, 0, 1, 2, 3, 4}

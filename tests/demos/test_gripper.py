@@ -18,18 +18,43 @@ def test_target_goes_around_the_object(comm: MPI.Comm, shape: str) -> None:
     gap, angle = case.metrics
     assert gap.key == "gap_mm"
     assert gap.target == 0.0
-    assert gap.measure(case.pattern, case.target) < 0.2
+    # Nowhere where it is to touch is the target farther from the box than at its ends.
+    begin, end = config.touching
+    touching = demo.touching_vertices(case.pattern, config)
+    assert touching.any()
+    bound = 0.2 if shape == "sphere" else 1.1 * farthest(config, (end - begin) / 2) + 0.2
+    assert gap.measure(case.pattern, case.target) < bound
     assert gap.measure(case.pattern, case.pattern.points) > 2
-    # The outer third of the finger has turned by a part of the whole angle.
+    # The outer quarter of the finger has turned by a part of the whole angle.
     assert angle.target is not None
-    assert 0 < angle.target <= config.wrap_angle + 1e-6
+    assert 0 < angle.target <= np.degrees(config.bend_angle) + 1e-6
+    inner = case.target[case.pattern.vertices_of("top")]
+    inside, _ = config.body.distance(inner)
+    assert inside.min() > -0.5e-3, "the target does not enter the object"
+
+
+def farthest(config: demo.GripperConfig, half: float) -> float:
+    """Return in mm how far the target leaves a box's edge at a distance along the finger."""
+    return float(1e3 * half**2 / 2 * (1 / config.body.radius - 1 / config.bend_radius))
 
 
 def test_finger_starts_to_bend_where_its_tip_comes_to_end() -> None:
     config = demo.GripperConfig(finger_length=0.09, size=0.04, wrap_angle=90.0)
     assert config.bend_start == pytest.approx(0.09 - np.pi / 2 * 0.02)
-    box = config.updated(shape="box", tail_length=0.015)
-    assert box.bend_start == pytest.approx(0.09 - 0.015 - np.pi / 2 * 0.005)
+    box = config.updated(shape="box", tail_length=0.012, edge_bend_radius=0.03)
+    assert box.bend_start == pytest.approx(0.09 - 0.012 - np.pi / 2 * 0.03)
+
+
+@pytest.mark.parametrize("angle", [45.0, 70.0])
+def test_edge_of_the_box_is_where_the_finger_has_turned(angle: float) -> None:
+    """The edge's surface and the bend have one point and one tangent in common."""
+    config = demo.GripperConfig(shape="box", edge_angle=angle, inflated_depth=0.0)
+    turn, bend = np.radians(angle), config.bend_radius
+    out = np.array([np.sin(turn), 0.0, -np.cos(turn)])
+    centre = np.array([config.bend_start, 0.0, bend])
+    distance, gradient = config.body.distance((centre + bend * out)[None])
+    assert distance == pytest.approx([0.0], abs=1e-12)
+    assert gradient[0] == pytest.approx(out, abs=1e-9)
 
 
 def test_touching_strip_and_backbone(comm: MPI.Comm) -> None:
@@ -44,8 +69,22 @@ def test_touching_strip_and_backbone(comm: MPI.Comm) -> None:
     assert np.nanmin(case.passive[top]) == 1.0
 
 
+def test_another_angle_leaves_the_object_in_place(comm: MPI.Comm) -> None:
+    config = SMALL.updated(shape="box")
+    _, angle = demo.case(comm, config).metrics
+    assert angle.target is not None
+    asked = config.asked({"angle_deg": angle.target + 8})
+    case = demo.case(comm, asked)
+    _, further = case.metrics
+    assert further.target == angle.target + 8
+    assert further.measure(case.pattern, case.target) == pytest.approx(further.target, abs=0.5)
+    assert asked.body == config.body
+
+
 def test_bad_values() -> None:
     with pytest.raises(errors.ParameterError, match="shape = 'egg' must be one of"):
         SMALL.updated(shape="egg")
     with pytest.raises(errors.ParameterError, match="unknown parameter 'wrap_angel'; did you mean"):
         SMALL.updated(wrap_angel=80.0)
+    with pytest.raises(errors.ParameterError, match=r"bend at 0.00\d+ m, inside its mount"):
+        SMALL.updated(shape="box", finger_length=0.08)

@@ -35,6 +35,19 @@ def test_another_angle(comm: MPI.Comm) -> None:
     assert angle.target == 72
 
 
+def test_feet_are_printed(comm: MPI.Comm) -> None:
+    case = demo.case(comm, SMALL)
+    assert case.passive is not None
+    foot = case.passive == 1
+    along = case.pattern.points @ [*SMALL.star.directions[0], 0.0]
+    assert SMALL.foot_length is not None
+    begin = SMALL.star.reach - SMALL.foot_length
+    assert along[case.pattern.triangles[foot]].min() > begin - SMALL.edge_length
+    assert along[case.pattern.triangles[~foot]].max() < begin + SMALL.edge_length
+    assert np.isnan(case.passive[~foot]).all()
+    assert demo.case(comm, SMALL.updated(foot_length=None)).passive is None
+
+
 def test_chambers_of_the_whole(comm: MPI.Comm) -> None:
     pattern = walker(comm, 6e-3, SMALL.star)
     found = demo.chambers(pattern, SMALL.star)

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem._types import Floats, Ints
+from toros_fem._validate import require_between
 from toros_fem.errors import ParameterError
 from toros_fem.mechanics.supports import Supports, symmetry_plane
 from toros_fem.meshes.pattern import Pattern
@@ -71,24 +72,34 @@ def leg_cross_sections(
 
 
 def tip_angle_metric(
-    target: float, along: npt.ArrayLike, toward: npt.ArrayLike, root: float, name: str = "angle"
+    target: float,
+    along: npt.ArrayLike,
+    toward: npt.ArrayLike,
+    root: float,
+    name: str = "angle",
+    outer_count: int = OUTER_CROSS_SECTIONS,
 ) -> Metric:
-    """Return the angle in degrees by which the outer third of a leg or finger has turned.
+    """Return the angle in degrees by which the outer part of a leg or finger has turned.
 
-    It is the `metrics.turn_angle` of all vertices of that third, after the cross-sections that
-    come before it.
+    It is the `metrics.turn_angle` of all vertices of that part, after the cross-sections that
+    come before it. The part should be one that the target leaves straight.
 
     Args:
         target: Target angle in degrees.
         along, toward: Unit vectors, (3,): along the leg, and the direction that it bends towards.
         root: Where the leg begins, in m along `along`.
         name: Name of the metric.
+        outer_count: Number of twelfths of the leg that the outer part has.
+
+    Raises:
+        ParameterError: The outer part is not 1 to 11 twelfths of the leg.
     """
+    require_between(1, CROSS_SECTIONS - 1, outer_count=outer_count)
 
     def measure(pattern: Pattern, positions: Floats) -> float:
         vertices = leg_vertices(pattern, along, root)
         labels = label_cross_sections(pattern, vertices, along, CROSS_SECTIONS, border=False)
-        first_outer = CROSS_SECTIONS - OUTER_CROSS_SECTIONS
+        first_outer = CROSS_SECTIONS - outer_count
         inner = section_vertices(labels)[:first_outer]
         outer = np.flatnonzero(labels >= first_outer)
         return float(np.degrees(turn_angle(pattern, positions, [*inner, outer], along, toward)))

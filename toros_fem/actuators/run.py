@@ -346,12 +346,14 @@ def _corrected(
 ) -> tuple[DesignResult, PrintedDesign]:
     """Ask the design for what its print misses, and return the best print (collective).
 
-    The design is continued on the finest mesh with targets beyond those of the problem.
+    The design is continued on the finest mesh with targets beyond those of the problem. Metrics
+    whose target no field holds only count for which print is best.
     """
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
     aims = aims_of(problem.metrics)
-    if not aims or not set(aims) <= set(config.TARGETS):
+    free = {key: aim for key, aim in aims.items() if key in config.TARGETS}
+    if not free:
         return result, printed
 
     def answer(asked: Mapping[str, float], of: DesignResult, made: PrintedDesign) -> _Corrected:
@@ -363,12 +365,12 @@ def _corrected(
         before = made.printed.before
         return not (before.narrow_lines or before.narrow_gaps or before.free_islands)
 
-    rounds = [answer({key: aim.target for key, aim in aims.items()}, result, printed)]
+    rounds = [answer({key: aim.target for key, aim in free.items()}, result, printed)]
     for _ in range(config.corrections):
         last = rounds[-1]
         if not last.metrics or (largest_error(last.metrics, aims) < CLOSE and clean(last)):
             break
-        asked = asked_next(rounds, aims)
+        asked = asked_next(rounds, free)
         try:
             other = finest.asked(asked)
         except ParameterError:  # beyond what the targets' fields allow
