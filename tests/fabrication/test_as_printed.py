@@ -63,10 +63,6 @@ def test_printed_design(tube: Skin, tube_solver: EquilibriumSolver, result: Desi
     assert printed.evaluation is not None
     mine = printed.cells[tube.owned_cells]
     assert np.array_equal(printed.evaluation.projected > 0.5, mine)
-    holed = optimize(problem, DesignOptions((Stage(3),)), start=random_density(tube, 5))
-    whole = as_printed(problem, holed, PrintLimits(hole_area=1e-3))
-    assert len(whole.cleaned.filled) == len(whole.before.holes) > 0
-    assert not whole.after.holes
 
     # Contours alone are the projected density rounded.
     def as_it_is(pattern: Pattern, regions: Sequence[BaseGeometry], *_: object) -> CleanedRegions:
