@@ -59,7 +59,7 @@ class WalkerConfig(ActuatorConfig):
         0.03, "length of a leg that bends, from its root; the rest stays straight", "m", above=0
     )
     foot_length: float | None = quantity(
-        0.015, "length of a leg's end that is printed; none leaves it to the design", "m", above=0
+        None, "length of a leg's end that is printed; none leaves it to the design", "m", above=0
     )
     cross_sections: int = quantity(6, "number of cross-sections of the leg", at_least=1)
     centreline_weight: float = quantity(
@@ -108,6 +108,8 @@ def coarse(config: WalkerConfig) -> WalkerConfig:
     return config.updated(
         edge_length=2.8e-3,
         filter_radius=4.3e-3,
+        # T hardly depends on the print in the feet: few steps would leave holes and blobs there.
+        foot_length=0.015,
         levels=1,
         iterations=40,
         constrained_iterations=30,

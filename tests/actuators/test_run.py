@@ -1,6 +1,7 @@
 """A design run: polishing, prints and refined meshes without equilibrium, the closing sentence."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from toros_fem.design import shape_problem
 from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.equilibrium.solver import EquilibriumError
 from toros_fem.meshes import Skin, bend
+from toros_fem.objectives.metrics import Metric
 from toros_fem.output.reporter import DesignReporter
 
 SHORT = TubeConfig(
@@ -249,3 +251,23 @@ def test_a_design_is_asked_for_what_its_print_misses(comm: MPI.Comm, tmp_path: P
     final = made.result.final
     objective = made.problem.objective.forward(final.equilibrium.positions)
     assert final.shape == pytest.approx(objective)
+
+
+@pytest.mark.slow
+def test_a_metric_without_a_field_does_not_prevent_corrections(
+    comm: MPI.Comm, tmp_path: Path
+) -> None:
+    config = bend_demo.BendConfig(
+        length=0.06, edge_length=5e-3, filter_radius=8e-3, levels=1, angle=40.0, seed=1,
+        iterations=4, constrained_iterations=0, polish_iterations=0, level_iterations=2,
+        corrections=1, **NO_CURVE,
+    )  # fmt: skip
+    height = Metric("height", "mm", 50.0, lambda _, x: float(1e3 * x[:, 2].max()))
+
+    def case(comm: MPI.Comm, config: bend_demo.BendConfig) -> ActuatorCase:
+        bent = bend_demo.case(comm, config)
+        return replace(bent, metrics=(*bent.metrics, height))
+
+    made = design_actuator(comm, shared(comm, tmp_path), case, config)
+    assert made.summary["height_target_mm"] == 50.0
+    assert made.summary["iterations"] == config.iterations + config.level_iterations

@@ -36,16 +36,16 @@ def test_another_angle(comm: MPI.Comm) -> None:
 
 
 def test_feet_are_printed(comm: MPI.Comm) -> None:
-    case = demo.case(comm, SMALL)
+    config = SMALL.updated(foot_length=0.02)
+    case = demo.case(comm, config)
     assert case.passive is not None
     foot = case.passive == 1
-    along = case.pattern.points @ [*SMALL.star.directions[0], 0.0]
-    assert SMALL.foot_length is not None
-    begin = SMALL.star.reach - SMALL.foot_length
-    assert along[case.pattern.triangles[foot]].min() > begin - SMALL.edge_length
-    assert along[case.pattern.triangles[~foot]].max() < begin + SMALL.edge_length
+    along = case.pattern.points @ [*config.star.directions[0], 0.0]
+    begin = config.star.reach - 0.02
+    assert along[case.pattern.triangles[foot]].min() > begin - config.edge_length
+    assert along[case.pattern.triangles[~foot]].max() < begin + config.edge_length
     assert np.isnan(case.passive[~foot]).all()
-    assert demo.case(comm, SMALL.updated(foot_length=None)).passive is None
+    assert demo.case(comm, config.updated(foot_length=None)).passive is None
 
 
 def test_chambers_of_the_whole(comm: MPI.Comm) -> None:
