@@ -26,10 +26,10 @@ def test_print_on_the_finer_mesh(comm: MPI.Comm) -> None:
     assert result.failure == ""
     alone = ProfileSolver(simulation.solver.tile, case.angles, 0.1).solve(density)
     assert result.profile.stress == pytest.approx(alone.stress, rel=1e-9)
-    # The design's own mesh has longer edges.
+    # The design's own mesh has longer edges, which makes the print stiffer.
     assert result.printed.evaluation is not None
     coarser = result.printed.evaluation.equilibrium
-    assert coarser.stiffness == pytest.approx(result.profile.stiffness, rel=0.02)
+    assert (coarser.stiffness > result.profile.stiffness).all()
     areas = island_areas(case.tile, result.printed.cells)
     assert result.printability.island_areas == pytest.approx(areas)
 
