@@ -26,10 +26,11 @@ def test_print_on_the_finer_mesh(comm: MPI.Comm) -> None:
     assert result.failure == ""
     alone = ProfileSolver(simulation.solver.tile, case.angles, 0.1).solve(density)
     assert result.profile.stress == pytest.approx(alone.stress, rel=1e-9)
-    # The design's own mesh has longer edges, which makes the print stiffer.
+    # The design's own mesh sees the same print, but lines of two edges only to a fifth.
     assert result.printed.evaluation is not None
     coarser = result.printed.evaluation.equilibrium
-    assert (coarser.stiffness > result.profile.stiffness).all()
+    assert coarser.stiffness == pytest.approx(result.profile.stiffness, rel=0.2)
+    assert (coarser.stiffness != result.profile.stiffness).all()
     areas = island_areas(case.tile, result.printed.cells)
     assert result.printability.island_areas == pytest.approx(areas)
 
