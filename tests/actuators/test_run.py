@@ -3,6 +3,7 @@
 import csv
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from toros_fem.actuators import run
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.problem import actuator_problem
 from toros_fem.actuators.run import design_actuator, summary_sentence
+from toros_fem.actuators.space_mapping import asked_next
 from toros_fem.actuators.tube import TubeConfig, bend_metric, tube_case
 from toros_fem.design import shape_problem
 from toros_fem.design.shape_problem import ShapeProblem
@@ -78,7 +80,8 @@ def test_polishing_removes_islands(
     monkeypatch.setattr(shape_problem, "random_density", spotted)
     config = SHORT.updated(move_limit=0.01, island_area=0.0)
     left = design_actuator(comm, folder / "left", lambda *_: tube_to_bend, config).summary
-    assert left["manufacture"]["islands"] == 1
+    assert left["dropped"]["before"]["islands"] == left["dropped"]["islands_bridged"] == 1
+    assert left["manufacture"]["islands"] == 0
     polished = config.updated(polish_iterations=2)
     gone = design_actuator(comm, folder / "gone", lambda *_: tube_to_bend, polished).summary
     assert gone["iterations"] == left["iterations"] + 2
@@ -255,7 +258,7 @@ def test_a_design_is_asked_for_what_its_print_misses(comm: MPI.Comm, tmp_path: P
 
 @pytest.mark.slow
 def test_a_metric_without_a_field_does_not_prevent_corrections(
-    comm: MPI.Comm, tmp_path: Path
+    comm: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     config = bend_demo.BendConfig(
         length=0.06, edge_length=5e-3, filter_radius=8e-3, levels=1, angle=40.0, seed=1,
@@ -268,6 +271,13 @@ def test_a_metric_without_a_field_does_not_prevent_corrections(
         bent = bend_demo.case(comm, config)
         return replace(bent, metrics=(*bent.metrics, height))
 
+    asked = []
+
+    def spied(*given: Any) -> dict[str, float]:
+        asked.append(asked_next(*given))
+        return asked[-1]
+
+    monkeypatch.setattr(run, "asked_next", spied)
     made = design_actuator(comm, shared(comm, tmp_path), case, config)
     assert made.summary["height_target_mm"] == 50.0
-    assert made.summary["iterations"] == config.iterations + config.level_iterations
+    assert [set(found) for found in asked] == [{"angle_deg"}]
