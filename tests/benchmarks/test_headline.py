@@ -14,7 +14,7 @@ ROWS = {
     "inflate": ("`inflate.py`", "radius 181 %"),
     "bend": ("`bend.py`", "179.4°"),
     "contract": ("`contract.py`", "8.1 %"),
-    "twist": ("`twist.py`", "299.0°"),
+    "twist": ("`twist.py`", "298.9°"),
     "bend_twist": ("`bend_twist.py`", "93.3° and 59.3°"),
     "walker": ("`walker.py`", "92.0°"),
     "walker_crawl": ("`walker.py --motion crawl`", "61.7° of 60°"),
