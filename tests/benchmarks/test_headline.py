@@ -15,7 +15,7 @@ ROWS = {
     "bend": ("`bend.py`", "179.4°"),
     "contract": ("`contract.py`", "8.1 %"),
     "twist": ("`twist.py`", "298.9°"),
-    "bend_twist": ("`bend_twist.py`", "93.3° and 59.3°"),
+    "bend_twist": ("`bend_twist.py`", "91.2° and 60.0°"),
     "walker": ("`walker.py`", "92.0°"),
     "walker_crawl": ("`walker.py --motion crawl`", "61.7° of 60°"),
     "gripper": ("`gripper.py`", "mean gap 0.9 mm"),

@@ -26,7 +26,7 @@ from toros_fem.fabrication.printability import (
 from toros_fem.meshes.pattern import Pattern
 
 # Smoothing length of contours, over the edge length of the mesh.
-SMOOTHING = 0.75
+SMOOTHING = 0.5
 
 Cleaner = Callable[
     [Pattern, Sequence[BaseGeometry], PrintLimits, float, float | None], CleanedRegions

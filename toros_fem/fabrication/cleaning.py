@@ -23,7 +23,7 @@ from toros_fem.meshes.pattern import Pattern
 # Width of a bridge to an island, over the least width, and over the smoothing length: so wide that
 # the mesh of the density sees it too.
 BRIDGE = 2.0
-SEEN = 2.0
+SEEN = 3.0
 
 
 @dataclass(frozen=True, eq=False)
