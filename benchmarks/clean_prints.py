@@ -19,7 +19,6 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import shapely
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
@@ -32,6 +31,7 @@ from toros_fem._validate import require_count
 from toros_fem.actuators.run import ActuatorResult, design_actuator
 from toros_fem.errors import NoEquilibriumError
 from toros_fem.fabrication import panel_outline, printed_cells
+from toros_fem.fabrication.thickness import pieces_and_holes
 
 FILE = Path(__file__).parent / "clean_prints.json"
 CASES = {
@@ -94,13 +94,10 @@ def bare_metrics(made: ActuatorResult) -> dict[str, float] | None:
 def survives(region: BaseGeometry, outline: BaseGeometry, depth: float) -> bool:
     """Return whether nothing parts or vanishes when print, or fabric, is eroded by a depth."""
     fabric = outline.difference(region).buffer(-1e-4 * depth).buffer(1e-4 * depth)
-    return all(counts(shape) == counts(shape.buffer(-depth)) for shape in (region, fabric))
-
-
-def counts(shape: BaseGeometry) -> tuple[int, int]:
-    """Return the numbers of pieces and of holes."""
-    parts = [part for part in shapely.get_parts(shape) if not part.is_empty]
-    return len(parts), sum(len(part.interiors) for part in parts)
+    return all(
+        pieces_and_holes(shape) == pieces_and_holes(shape.buffer(-depth))
+        for shape in (region, fabric)
+    )
 
 
 def report(rows: list[dict[str, Any]]) -> str:

@@ -76,7 +76,7 @@ def clean(
         for region, outline in zip(regions, outlines, strict=True)
     ]
     filled = tuple(h for h in find_holes(pattern, regions) if h.area < limits.hole_area)
-    width = max(BRIDGE * limits.width, 0.0 if smoothing is None else SEEN * smoothing)
+    width = bridge_width(limits, smoothing)
     dropped, bridged = [], []
     islands = [p for p in find_pieces(pattern, made, limits.contact) if not p.attached]
     bridges: list[list[BaseGeometry]] = [[] for _ in made]
@@ -144,6 +144,11 @@ def _cleaned(
     if smoothing is not None:
         region = smoothed(region, outline, smoothing)
     return thickened(region, outline, limits.width, limits.gap, limits.hole_area)
+
+
+def bridge_width(limits: PrintLimits, smoothing: float | None) -> float:
+    """Return the width in m of a line that joins an island; arguments as of `clean`."""
+    return max(BRIDGE * limits.width, 0.0 if smoothing is None else SEEN * smoothing)
 
 
 def bridge(

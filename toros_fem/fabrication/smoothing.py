@@ -51,7 +51,7 @@ def _smooth_ring(points: Floats, cut: BaseGeometry, length: float) -> Floats:
         closed = np.concatenate([points, points[:1]])
         if shapely.length(shapely.linestrings(closed)) < SHORTEST * length:
             return points
-        return _averaged(_even(closed, length)[:-1], length, "wrap")
+        return _averaged(_even(closed, length)[:-1], closed=True)
     begin = int(np.argmin(free))
     points, free = np.roll(points, -begin, axis=0), np.roll(free, -begin)
     closed, free = np.concatenate([points, points[:1]]), np.append(free, False)
@@ -61,7 +61,7 @@ def _smooth_ring(points: Floats, cut: BaseGeometry, length: float) -> Floats:
     for a, b in pairwise(stops):
         run = closed[a : b + 1]
         if b > a + 1 or not _along(run, cut, length):
-            run = _averaged(_even(run, length), length, "ends")
+            run = _averaged(_even(run, length), closed=False)
         pieces.append(run[:-1])
     return np.concatenate(pieces)
 
@@ -80,10 +80,10 @@ def _even(line: Floats, length: float) -> Floats:
     )
 
 
-def _averaged(points: Floats, length: float, border: str) -> Floats:
+def _averaged(points: Floats, *, closed: bool) -> Floats:
     """Return evenly spaced points (n, 2), averaged along a ring or between fixed ends."""
-    if border == "wrap":
-        sigma = 1 / STEP
+    sigma = 1 / STEP
+    if closed:
         once = gaussian_filter1d(points, sigma, axis=0, mode="wrap")
         return np.asarray(2 * once - gaussian_filter1d(once, sigma, axis=0, mode="wrap"))
     # An odd continuation at both ends keeps them.
@@ -91,7 +91,6 @@ def _averaged(points: Floats, length: float, border: str) -> Floats:
     back = 2 * points[0] - points[:0:-1]
     on = 2 * points[-1] - points[-2::-1]
     longer = np.concatenate([back, points, on])
-    sigma = 1 / STEP
     once = gaussian_filter1d(longer, sigma, axis=0, mode="nearest")
     twice = 2 * once - gaussian_filter1d(once, sigma, axis=0, mode="nearest")
     inner = np.asarray(twice[n - 1 : 2 * n - 1])

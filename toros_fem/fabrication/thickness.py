@@ -134,14 +134,14 @@ class _Discs:
 def _doubtful(region: BaseGeometry, limit: float) -> BaseGeometry:
     """Return where a region may be narrower than a limit; nowhere else it is."""
     core = region.buffer(-limit / 2, quad_segs=QUARTER)
-    if _pieces_and_holes(core) != _pieces_and_holes(region):
+    if pieces_and_holes(core) != pieces_and_holes(region):
         return region
     # What a disc cannot reach is a corner, if it is small.
     lost = region.difference(core.buffer((1 + ARC) * limit / 2, quad_segs=QUARTER))
     return _without_corners(lost, limit)
 
 
-def _pieces_and_holes(region: BaseGeometry) -> tuple[int, int]:
+def pieces_and_holes(region: BaseGeometry) -> tuple[int, int]:
     """Return the number of pieces of a region, and of all their holes."""
     pieces = [piece for piece in shapely.get_parts(region) if not piece.is_empty]
     return len(pieces), sum(len(piece.interiors) for piece in pieces)

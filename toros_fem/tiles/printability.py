@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Bools, Floats, Ints
 from toros_fem.fabrication.as_printed import Cleaner
-from toros_fem.fabrication.cleaning import BRIDGE, SEEN, CleanedRegions, bridge
+from toros_fem.fabrication.cleaning import CleanedRegions, bridge, bridge_width
 from toros_fem.fabrication.islands import PrintedPiece, find_holes
 from toros_fem.fabrication.printability import PrintLimits
 from toros_fem.fabrication.smoothing import smoothed
@@ -144,7 +144,7 @@ def tile_cleaner(tile: Tile, symmetry: str) -> Cleaner:
         pieces = shapely.get_parts(sheets)
         loose = ~shapely.dwithin(sheet.boundary, pieces, limits.resolution)
         rest = shapely.union_all(pieces[~loose])
-        width = max(BRIDGE * limits.width, 0.0 if smoothing is None else SEEN * smoothing)
+        width = bridge_width(limits, smoothing)
         dropped, bridged = [], []
         for island in pieces[loose & shapely.contains(middle, shapely.centroid(pieces))]:
             line = bridge(island, rest, sheet, width) if island.area >= island_area else None
