@@ -28,6 +28,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from page_tables import replaced
+
 FOLDER = Path(__file__).parent
 PAGE = FOLDER.parent / "docs" / "discovery.md"
 # The tables stand between these lines of the page.
@@ -316,11 +318,7 @@ def with_tables(page: str, text: str) -> str:
     Raises:
         ValueError: The page has no such marks.
     """
-    before, found, rest = page.partition(BEGIN)
-    _, also, after = rest.partition(END)
-    if not found or not also:
-        raise ValueError(f"the page needs the lines {BEGIN!r} and {END!r}.")
-    return f"{before}{BEGIN}\n\n{text}\n\n{END}{after}"
+    return replaced(page, BEGIN, END, text)
 
 
 def main() -> int:

@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from page_tables import replaced
 from scipy.optimize import minimize
 from shapely.geometry.base import BaseGeometry
 
@@ -383,11 +384,7 @@ def with_tables(page: str, text: str) -> str:
     Raises:
         ValueError: The page has no such marks.
     """
-    before, found, rest = page.partition(BEGIN)
-    _, also, after = rest.partition(END)
-    if not found or not also:
-        raise ValueError(f"the page needs the lines {BEGIN!r} and {END!r}.")
-    return f"{before}{BEGIN}\n\n{text}\n\n{END}{after}"
+    return replaced(page, BEGIN, END, text)
 
 
 def complete(settings: Sequence[Setting], file: Path | None, *, quick: bool) -> list[Row]:

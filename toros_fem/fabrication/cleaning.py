@@ -81,11 +81,11 @@ def clean(
     islands = [p for p in find_pieces(pattern, made, limits.contact) if not p.attached]
     bridges: list[list[BaseGeometry]] = [[] for _ in made]
     for island in islands:  # the largest first
-        others = [p.polygon for p in islands if p.panel == island.panel]
-        rest = made[island.panel].difference(shapely.union_all(others).buffer(limits.resolution))
-        rest = shapely.union_all([rest, *bridges[island.panel]])
         line = None
         if island.area >= island_area:
+            others = shapely.union_all([p.polygon for p in islands if p.panel == island.panel])
+            rest = made[island.panel].difference(others.buffer(limits.resolution))
+            rest = shapely.union_all([rest, *bridges[island.panel]])
             line = bridge(island.polygon, rest, outlines[island.panel], width)
         if line is None:
             dropped.append(island)
