@@ -15,6 +15,7 @@ if not (Path(__file__).parent / "forms").is_dir():
 from toros_fem import errors, meshes
 from toros_fem.analysis.error_estimate import ErrorEstimate, estimate_error
 from toros_fem.analysis.pressure_path import PressurePathPoint, trace_pressure_path
+from toros_fem.analysis.states import FoundStates, find_states
 from toros_fem.density.field import random_density
 from toros_fem.density.filters import make_filter
 from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
@@ -25,6 +26,7 @@ from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Stage
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.shape_problem import ShapeProblem
+from toros_fem.equilibrium.diagnostics import Condition
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import TorosError
@@ -72,6 +74,7 @@ __all__ = [
     "Body",
     "Chambers",
     "Composite",
+    "Condition",
     "CrossSectionObjective",
     "CrossSections",
     "DesignOptions",
@@ -81,6 +84,7 @@ __all__ = [
     "EquilibriumResult",
     "EquilibriumSolver",
     "ErrorEstimate",
+    "FoundStates",
     "GapObjective",
     "Knit",
     "LaidLines",
@@ -117,6 +121,7 @@ __all__ = [
     "errors",
     "estimate_error",
     "find_lines",
+    "find_states",
     "lay_lines",
     "length_ratio",
     "make_filter",

@@ -7,7 +7,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from toros_fem.equilibrium.continuation import ContinuationResult
-from toros_fem.equilibrium.diagnostics import failure, success
+from toros_fem.equilibrium.diagnostics import Condition, failure, success
 from toros_fem.materials import Composite
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.load_case import LoadCase
@@ -17,6 +17,7 @@ from toros_fem.meshes import Skin, sew
 
 OUTCOMES = PETSc.SNES.ConvergedReason
 LOAD = LoadCase(np.array([2e3]))
+USUAL = Condition()
 
 
 @pytest.fixture(scope="module")
@@ -30,12 +31,12 @@ def said(model: SkinModel, outcome: int, load_factor: float | None) -> str:
 
 
 def test_success_and_its_warnings(tube: Skin, model: SkinModel) -> None:
-    assert success(model, LOAD, 1e-11, [1.0]) == "A stable equilibrium was found at 2000 Pa."
-    assert "a residual of 3e-06 of the load" in success(model, LOAD, 3e-6, [1.0])
+    assert success(model, LOAD, 1e-11, [1.0], USUAL) == "A stable equilibrium was found at 2000 Pa."
+    assert "a residual of 3e-06 of the load" in success(model, LOAD, 3e-6, [1.0], USUAL)
     upper = tube.pattern.points[tube.pattern.triangles].mean(axis=1)[:, 2] > 0.03
     chambers = Chambers(("low", "high"), upper.astype(int))
     two = SkinModel(tube, Composite(bending=None), clamp(tube.pattern, ["base"]), chambers)
-    assert "chamber 'high' has a volume of -2e-06" in success(two, LOAD, 0.0, [1e-5, -2e-6])
+    assert "chamber 'high' has a volume of -2e-06" in success(two, LOAD, 0.0, [1e-5, -2e-6], USUAL)
 
 
 @pytest.mark.parametrize(

@@ -108,7 +108,7 @@ class ShapeDesign(ShapeProblem):
         weight: Weight | None = None,
         force: Floats | None = None,
         options: NewtonOptions | None = None,
-        log: Callable[[NewtonStep], None] | None = None,
+        log: Callable[[NewtonStep | str], None] | None = None,
     ) -> None:
         self._given: dict[str, Any] = {
             "target": target,

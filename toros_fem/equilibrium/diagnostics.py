@@ -1,26 +1,104 @@
-"""Sentences that say why a solve ended."""
+"""Condition of an equilibrium, and sentences that say why a solve ended."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from petsc4py import PETSc
 
+from toros_fem._mpi import largest
 from toros_fem._types import Floats
 from toros_fem.equilibrium.continuation import ContinuationResult
 from toros_fem.equilibrium.newton import STAGNATED
 from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.stretch_bounds import singular_values
 
 # A hinge folded by more than this angle, in rad, is near the angle where its energy jumps.
 FOLDED = math.radians(170)
+# Under pressure a skin is blown up where it is stretched by more than this factor and uses more
+# than this fraction of the bounds.
+BLOWN_UP, USED = 3.0, 0.5
 
 
-def success(model: SkinModel, load: LoadCase, residual: float, volumes: Sequence[float]) -> str:
-    """Return the sentence for an equilibrium, with a warning about rounding or a crossed wall."""
+@dataclass(frozen=True)
+class Condition:
+    """What a user should know of an equilibrium before trusting it.
+
+    Attributes:
+        snapped: Whether the skin jumps on the way from its start: no path of stable equilibria
+            connects the two. None where the start is no equilibrium that the solver knows, or
+            where the path was not followed, as in trials.
+        critical_load: Factor on the load at which the tangent is expected to be singular, a limit
+            point or a bifurcation, if that is within 5 % of the load; otherwise None. Trials do
+            not look for it.
+        blown_up: Whether a pressure stretches the skin to more than three times its length and
+            nothing but the stretch bounds holds it.
+        folded_edges: Number of edges that are folded by more than 170 degrees.
+    """
+
+    snapped: bool | None = None
+    critical_load: float | None = None
+    blown_up: bool = False
+    folded_edges: int = 0
+
+    @property
+    def sentences(self) -> str:
+        """What is not as usual, as sentences; empty where all is."""
+        found = []
+        if self.snapped:
+            found.append(
+                "The skin snapped: no path of stable equilibria leads here from the start."
+            )
+        if self.critical_load is not None:
+            found.append(
+                "It is near a limit point or a bifurcation, expected at about "
+                f"{self.critical_load:.3f} times the load: small changes may move it far."
+            )
+        if self.blown_up:
+            found.append(
+                "The skin is blown up: only the stretch bounds hold it. Lower the pressure, or set "
+                "the bounds c1 and c2 that the cloth has."
+            )
+        if self.folded_edges:
+            found.append(
+                f"{self.folded_edges} edges are folded by more than {math.degrees(FOLDED):.0f} "
+                "degrees: the skin lies on itself there, and contact is not modelled."
+            )
+        return " ".join(found)
+
+
+def condition_of(
+    model: SkinModel, state: Floats, snapped: bool | None, critical: float | None
+) -> Condition:
+    """Return the condition of an equilibrium under the load that acts (collective)."""
+    corners = model.corners(state)
+    big, _ = singular_values(model.bounds.gradient(corners))
+    comm = model.skin.comm
+    stretch = largest(comm, float(big.max(initial=0.0)))
+    held = stretch > BLOWN_UP and model.bounds.worst(corners) > USED
+    return Condition(
+        snapped=snapped,
+        critical_load=critical,
+        blown_up=model.load.largest > 0 and held,
+        folded_edges=model.count_folds(state, FOLDED) // 2,  # each edge is seen from both sides
+    )
+
+
+def success(
+    model: SkinModel,
+    load: LoadCase,
+    residual: float,
+    volumes: Sequence[float],
+    condition: Condition,
+) -> str:
+    """Return the sentence for an equilibrium, with warnings: rounding, a crossed wall, a snap."""
     found = f"A stable equilibrium was found at {load}."
+    if condition.sentences:
+        found += f" {condition.sentences}"
     if residual > STAGNATED:
         found += f" Rounding leaves a residual of {residual:.0e} of the load."
     if model.chambers is not None and min(volumes) < 0:

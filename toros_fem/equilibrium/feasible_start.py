@@ -6,9 +6,9 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem._types import Bools, Floats
-from toros_fem.equilibrium.harmonic_extension import flat_laplacian, harmonic_extension
 from toros_fem.materials import Composite
 from toros_fem.mechanics.stretch_bounds import StretchBounds
+from toros_fem.meshes.harmonic_extension import flat_laplacian, harmonic_extension
 from toros_fem.meshes.pattern import Pattern
 
 # Fraction of the bounds above which a triangle is relaxed.

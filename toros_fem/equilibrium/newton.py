@@ -93,9 +93,11 @@ class NewtonResult(Attempt):
 
     Attributes:
         history: One row for each step, and the row that ends the solve.
+        definite: Whether no shift was needed and no saddle was met on the way.
     """
 
     history: tuple[NewtonStep, ...]
+    definite: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +151,7 @@ class RegularisedNewton:
         self._history: list[NewtonStep] = []
         # Neighbouring designs need like shifts in their first steps.
         self._shift, self._stiffness, self._refused = first, 0.0, first > 0
-        self._first = True
+        self._first = self._definite = True
         self._cg_iterations = 0
         self._clock = time.perf_counter()
 
@@ -184,7 +186,8 @@ class RegularisedNewton:
             monitor,
             finish=finish,
         )
-        return NewtonResult(point.state, outcome, len(self._history), tuple(self._history))
+        history = tuple(self._history)
+        return NewtonResult(point.state, outcome, len(history), history, self._definite)
 
     def _iterate(
         self,
@@ -375,6 +378,7 @@ class RegularisedNewton:
             lower = shift / 4 if shift >= 4 * SMALLEST_SHIFT else 0.0
             self._first, self._first_shift = False, shift if refused else lower
         self._refused = refused and not self._refused
+        self._definite &= shift == 0
         self._shift = shift
 
     def _softest(self, residual: Floats, seed: int) -> Floats:
@@ -383,6 +387,7 @@ class RegularisedNewton:
         The curvature is measured by the diagonal: the material part would hide the buckling mode.
         """
         self._shift, diagonal, self._has_factors = 0.0, FIRST_DIAGONAL, False
+        self._definite = False
         while not self.factor.factorise(diagonal=diagonal) and diagonal < LARGEST_SHIFT:
             diagonal *= 4
         # A start that is the same on any number of ranks: drawn by assembled vertex.

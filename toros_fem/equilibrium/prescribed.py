@@ -8,8 +8,8 @@ import numpy as np
 
 from toros_fem._mpi import largest
 from toros_fem._types import Floats
-from toros_fem.equilibrium.harmonic_extension import flat_laplacian, harmonic_extension
 from toros_fem.mechanics.model import SkinModel
+from toros_fem.meshes.harmonic_extension import flat_laplacian, harmonic_extension
 from toros_fem.meshes.mirror import FLAT
 
 

@@ -88,7 +88,7 @@ class SnesSolver:
         outcome = int(self._snes.getConvergedReason())
         if outcome > 0 and not self.newton.stable(state):
             outcome = int(PETSc.SNES.ConvergedReason.DIVERGED_INNER)
-        return NewtonResult(state, outcome, 0, ())
+        return NewtonResult(state, outcome, 0, (), False)
 
     def _residual(self, _: PETSc.SNES, x: PETSc.Vec, f: PETSc.Vec) -> None:
         f.array_w[:] = self._model.residual(x.array_r)
@@ -134,6 +134,7 @@ class Attempts:
     Attributes:
         history: Rows of all of them.
         last: Where the last one ended.
+        definite: Whether none of them needed a shift or met a saddle.
 
     Args:
         solver: The SNES.
@@ -145,6 +146,7 @@ class Attempts:
         self._factorisations = solver.factor.count
         self.history: list[NewtonStep] = []
         self.last: Floats | None = None
+        self.definite = True
 
     def __call__(
         self, start: Floats, max_steps: int | None = None, *, trial: bool = False
@@ -153,6 +155,7 @@ class Attempts:
         found = self._solver(start, near=self._near, max_steps=max_steps, trial=trial)
         self._near = found.converged
         self.history.extend(found.history)
+        self.definite &= found.definite
         self.last = found.state
         return found
 

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from toros_fem._mpi import norm, raise_together
+from toros_fem._mpi import largest, norm, raise_together
 from toros_fem._types import Floats
 from toros_fem.equilibrium.continuation import Attempt, ContinuationResult, run_continuation
-from toros_fem.equilibrium.diagnostics import failure, success
+from toros_fem.equilibrium.diagnostics import Condition, condition_of, failure, success
 from toros_fem.equilibrium.newton import NewtonStep
 from toros_fem.equilibrium.options import NewtonOptions
+from toros_fem.equilibrium.path import PathPoint, critical_load, find_jump, leads_back
 from toros_fem.equilibrium.prescribed import PrescribedDisplacement
 from toros_fem.equilibrium.snes import Attempts, SnesSolver
 from toros_fem.errors import NoEquilibriumError, ParameterError
@@ -32,6 +33,11 @@ FIRST_INCREMENT = 1 / 16
 FEW_STEPS = 40
 # Factor on `max_steps` for the last attempt, which starts where the first cold one stopped.
 MORE_STEPS = 6
+# A skin is flat where it encloses less than this fraction of a sphere of its area. It is opened by
+# a pressure that, times its size over its stiffness, is OPENING, and lowered by LOWERED each time.
+FLAT, OPENING, LOWERED = 0.2, 0.4, 1.7
+# Fraction of the skin's size by which two states may differ and be the same.
+SAME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +58,7 @@ class EquilibriumResult:
         volumes: Volume of each chamber in m³.
         stretch_use: Largest fraction of the stretch bounds that a triangle uses, < 1.
         residual: Norm of the first variation over the applied load.
+        condition: Whether it snapped, is near a limit point, blown up or folded.
         steps: Number of Newton steps, each with the tangent at its state.
         modified_steps: Number of modified Newton steps, with an older tangent.
         factorisations: Number of factorisations of the tangent, retries with a shift included.
@@ -70,6 +77,7 @@ class EquilibriumResult:
     volumes: tuple[float, ...]
     stretch_use: float
     residual: float
+    condition: Condition
     steps: int
     modified_steps: int
     factorisations: int
@@ -122,7 +130,8 @@ class EquilibriumSolver:
         composite: Materials and stretch bounds.
         supports: Fixed components and directions.
         options: Tolerance and limits.
-        log: Called with every row of a solve's history as it comes, on every rank.
+        log: Called with every row of a solve's history as it comes, and with a sentence where the
+            equilibrium snapped, is near a limit point, blown up or folded; on every rank.
         chambers: Pressure chambers; None for one.
         weight: The skin's own weight; None for none.
         families: Number of line families of relaxed designs, which then take the place of
@@ -136,7 +145,7 @@ class EquilibriumSolver:
         composite: Composite,
         supports: Supports,
         options: NewtonOptions | None = None,
-        log: Callable[[NewtonStep], None] | None = None,
+        log: Callable[[NewtonStep | str], None] | None = None,
         *,
         chambers: Chambers | None = None,
         weight: Weight | None = None,
@@ -304,12 +313,85 @@ class EquilibriumSolver:
         self._factorised_at = None
         attempts = Attempts(self._snes, near=near is not None)
         end = self._continue(attempts, state, request, near, cold=cold, trial=trial, direct=direct)
-        result = self._result(attempts, end, request.load, trial=trial, direct=direct)
+        snapped = critical = None
+        if end.load_factor == 1.0 and not direct:
+            point = PathPoint(request.density, request.load, end.state)
+            if near is not None:
+                snapped, point = self._connect(attempts, _point(near), point)
+                end = ContinuationResult(point.state, 1.0, end.outcome)
+            critical = critical_load(self.model, self._factor, point)
+        result = self._result(
+            attempts, end, request.load, snapped, critical, trial=trial, direct=direct
+        )
         if result.converged:
             self._factorised_at = None if trial else result
             kept = [near] if near is not None else self._known[-1:]
             self._known = [*kept, _Known(request, result)]
         return result
+
+    def snapped(self, before: EquilibriumResult, after: EquilibriumResult) -> bool | None:
+        """Return whether a skin snaps between two equilibria of this solver (collective).
+
+        Args:
+            before: The equilibrium from which the other one started.
+            after: The last equilibrium of this solver.
+
+        Returns:
+            None where an equilibrium between the two is not found.
+
+        Raises:
+            ParameterError: The solver has been used for another solve since.
+        """
+        self._require_last(after)
+        known = {k.result: _point(k) for k in self._known}
+        if before not in known:
+            raise ParameterError(
+                "the equilibrium before is not known any more: the solver has been used since. "
+                "Solve from it again."
+            )
+        attempts = Attempts(self._snes)
+        answer, end = self._connect(attempts, known[before], known[after])
+        if end is not known[after]:
+            answer = True  # the path leads elsewhere
+        if attempts.last is not None:
+            self.model.set_density(known[after].density)
+            self.model.set_load(known[after].load)
+            self._snes.newton.stable(after.state)  # its factors again
+        return answer
+
+    def _connect(
+        self, attempts: Attempts, begin: PathPoint, end: PathPoint
+    ) -> tuple[bool | None, PathPoint]:
+        """Return whether the path between two equilibria jumps, and its end (collective).
+
+        The tangent at the end is factorised, before and after.
+        """
+        comm, size = self.skin.comm, self.skin.pattern.size
+
+        def same(a: Floats, b: Floats) -> bool:
+            return largest(comm, float(np.abs(a - b).max(initial=0.0))) <= SAME * size
+
+        def distance(a: Floats, b: Floats) -> float:
+            return norm(comm, (a - b) * self.model.free)
+
+        if same(begin.state, end.state):
+            return False, end
+        if leads_back(self.model, self._factor, begin, end) and attempts.definite:
+            return False, end
+
+        def attempt(start: Floats, fraction: float) -> Attempt:
+            density, load = begin.towards(end, fraction)
+            self.model.set_density(density)
+            self.model.set_load(load)
+            return attempts(self._prescribed(start, load.displacement))
+
+        jumps, reached = find_jump(distance, attempt, begin, end)
+        if not same(reached, end.state):
+            end = PathPoint(end.density, end.load, reached)
+        self.model.set_density(end.density)
+        self.model.set_load(end.load)
+        self._snes.newton.stable(end.state)
+        return jumps, end
 
     def _max_steps(self, *, trial: bool) -> int:
         """Return the largest number of steps of one attempt."""
@@ -372,6 +454,10 @@ class EquilibriumSolver:
             return attempts(self._prescribed(start, under.displacement), max_steps, trial=trial)
 
         most = self._snes.max_steps
+        if cold and not direct:
+            opened = self._opened(attempt, density, load)
+            if opened is not None:
+                return opened
         first = attempt(state, density, load, self._max_steps(trial=trial))
         if first.converged:
             return ContinuationResult(first.state, 1.0, first.outcome)
@@ -426,11 +512,40 @@ class EquilibriumSolver:
             return ContinuationResult(found.state, 1.0, found.outcome)
         return by_load
 
+    def _opened(
+        self, attempt: Callable[..., Attempt], density: Floats, load: LoadCase
+    ) -> ContinuationResult | None:
+        """Open a flat skin by a larger pressure, then lower that to the requested one (collective).
+
+        A pressure that hardly strains a flat skin crumples it: it stops in the first of many
+        stable states. From the open skin crumples spread evenly, and the energy ends lower.
+
+        Returns:
+            The equilibrium; None if the skin is not flat, the pressure alone opens it, or a solve
+            fails.
+        """
+        model, pattern = self.model, self.skin.pattern
+        dead = load.force is not None or load.weight_fraction > 0 or load.displacement is not None
+        if not model.closed or load.largest == 0 or dead:
+            return None
+        sphere = pattern.areas.sum() ** 1.5 / (6 * np.sqrt(np.pi))
+        model.set_density(density)
+        factor = OPENING * model.mean_modulus() / (load.largest * pattern.size)
+        if model.volume(model.assembled) > FLAT * sphere or factor <= LOWERED:
+            return None
+        found = attempt(model.assembled, density, load.scaled(factor))
+        while found.converged and factor > 1:
+            factor = max(1.0, factor / LOWERED)
+            found = attempt(found.state, density, load.scaled(factor))
+        return ContinuationResult(found.state, 1.0, found.outcome) if found.converged else None
+
     def _result(
         self,
         attempts: Attempts,
         end: ContinuationResult,
         load: LoadCase,
+        snapped: bool | None,
+        critical: float | None,
         *,
         trial: bool,
         direct: bool,
@@ -442,10 +557,13 @@ class EquilibriumSolver:
         state.setflags(write=False)
         volumes = tuple(float(v) for v in model.volumes(state))
         residual = norm(self.skin.comm, model.residual(state)) / self._snes.newton.reference(state)
+        condition = condition_of(model, state, snapped, critical)
+        if load_factor == 1.0 and condition.sentences and self.log is not None:
+            self.log(condition.sentences)
         if load_factor == 1.0 and trial:
             reason = f"A state near an equilibrium was found at {load}; `finish` completes it."
         elif load_factor == 1.0:
-            reason = success(model, load, residual, volumes)
+            reason = success(model, load, residual, volumes, condition)
         else:
             assert attempts.last is not None
             steps = self._max_steps(trial=trial)
@@ -463,8 +581,13 @@ class EquilibriumSolver:
             volumes=volumes,
             stretch_use=model.bounds.worst(model.corners(state)),
             residual=residual,
+            condition=condition,
             steps=attempts.steps,
             modified_steps=attempts.modified_steps,
             factorisations=attempts.factorisations,
             history=tuple(attempts.history),
         )
+
+
+def _point(known: _Known) -> PathPoint:
+    return PathPoint(known.request.density, known.request.load, known.result.state)

@@ -21,10 +21,10 @@ def print_line(text: str) -> None:
     sys.stdout.flush()
 
 
-def print_step(comm: MPI.Comm) -> Callable[[NewtonStep], None]:
+def print_step(comm: MPI.Comm) -> Callable[[NewtonStep | str], None]:
     """Return a log for `EquilibriumSolver` that prints each Newton step on the first rank."""
 
-    def show(row: NewtonStep) -> None:
+    def show(row: NewtonStep | str) -> None:
         if comm.rank == 0:
             print_line(f"    {row}")
 

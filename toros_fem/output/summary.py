@@ -87,6 +87,7 @@ def design_summary(
         "pressure_pa": final.equilibrium.pressure,
         "volume_m3": simulated and parts * simulated.equilibrium.volume,
         "stretch_use": simulated and simulated.equilibrium.stretch_use,
+        "equilibrium": simulated and simulated.equilibrium.reason,
         "printed_objective": simulated and simulated.shape,
         "printed_failure": printed.failure or None,
         "objective_first": first.objective,

@@ -146,7 +146,7 @@ def tile_problem(
     batch: MPI.Comm,
     case: TileCase,
     config: TileConfig,
-    log: Callable[[NewtonStep], None] | None = None,
+    log: Callable[[NewtonStep | str], None] | None = None,
 ) -> TileProblem:
     """Build the design problem of a tile; each rank sews the whole tile (collective).
 

@@ -27,7 +27,7 @@ from toros_fem.tiles.sheet import TileSheet
 from toros_fem.tiles.solver import TileSolver
 from toros_fem.tiles.stiffness_profile import profiles
 
-Log = Callable[[NewtonStep], None]
+Log = Callable[[NewtonStep | str], None]
 
 
 @dataclass(frozen=True, eq=False)

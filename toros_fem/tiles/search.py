@@ -50,7 +50,7 @@ def design_tile(
     case: TileCase,
     config: TileConfig,
     callback: Callback | None = None,
-    log: Callable[[NewtonStep], None] | None = None,
+    log: Callable[[NewtonStep | str], None] | None = None,
 ) -> TileResult:
     """Design a tile from the best of several random starts, and correct it for its print.
 

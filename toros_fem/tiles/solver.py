@@ -84,7 +84,7 @@ class TileSolver:
         composite: Composite,
         periodic: Periodic,
         options: NewtonOptions | None = None,
-        log: Callable[[NewtonStep], None] | None = None,
+        log: Callable[[NewtonStep | str], None] | None = None,
     ) -> None:
         bending = composite.bending
         if periodic.flat:

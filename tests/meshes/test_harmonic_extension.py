@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.equilibrium.harmonic_extension import flat_laplacian, harmonic_extension
 from toros_fem.meshes import Skin, rectangle
+from toros_fem.meshes.harmonic_extension import flat_laplacian, harmonic_extension
 
 
 def test_a_linear_function_is_harmonic() -> None:
