@@ -13,7 +13,7 @@ from drawn_lines import helices
 from mpi4py import MPI
 
 from toros_fem.actuators.tube import TubeConfig, plain_tube
-from toros_fem.analysis.pressure_path import trace_pressure_path
+from toros_fem.analysis.trace import trace
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.meshes import Pattern, sew
 from toros_fem.objectives.metrics import Metric, shortening, swelling, twist_angle
@@ -78,7 +78,7 @@ def simulate(case: Case, pressures: Sequence[float]) -> list[Row]:
     ]
     rows: list[Row] = []
     try:
-        for point in trace_pressure_path(solver, density[skin.owned_cells], pressures, metrics):
+        for point in trace(solver, density[skin.owned_cells], pressures, metrics):
             figures = {"pressure_kpa": 1e-3 * float(np.max(point.pressure)), **point.metrics}
             rows.append({**inputs, **figures})
     except EquilibriumError as caught:

@@ -21,7 +21,7 @@ from mpi4py import MPI
 
 from toros_fem.actuators.config import SkinConfig
 from toros_fem.actuators.tube import SymmetricConfig, TubeSizes, plain_planes, plain_tube
-from toros_fem.analysis.pressure_path import trace_pressure_path
+from toros_fem.analysis.trace import trace
 from toros_fem.command_line import run_from_command_line
 from toros_fem.config import quantity
 from toros_fem.equilibrium.solver import EquilibriumSolver
@@ -71,9 +71,7 @@ def run(
     solver = EquilibriumSolver(skin, config.composite, supports, log=log)
     levels = np.linspace(0.0, config.highest_pressure, config.levels + 1)
     metrics = [metric.of_whole(planes) for metric in METRICS]
-    points = list(
-        trace_pressure_path(solver, density[skin.owned_cells], [*map(float, levels)], metrics)
-    )
+    points = list(trace(solver, density[skin.owned_cells], [*map(float, levels)], metrics))
     radius = np.array([point.metrics["radius_percent"] for point in points])
     half = int(np.argmin(np.abs(levels - config.pressure)))
     figures = {

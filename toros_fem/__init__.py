@@ -13,9 +13,12 @@ if not (Path(__file__).parent / "forms").is_dir():
     __path__.append(str(Path(__file__).parent.parent))
 
 from toros_fem import errors, meshes
+from toros_fem.analysis.arc_length import ArcLengthOptions
 from toros_fem.analysis.error_estimate import ErrorEstimate, estimate_error
-from toros_fem.analysis.pressure_path import PressurePathPoint, trace_pressure_path
+from toros_fem.analysis.limit_points import LimitPoint, limit_points
+from toros_fem.analysis.path_point import PathPoint
 from toros_fem.analysis.states import FoundStates, find_states
+from toros_fem.analysis.trace import trace
 from toros_fem.density.field import random_density
 from toros_fem.density.filters import make_filter
 from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
@@ -69,6 +72,7 @@ from toros_fem.relaxed.find import RelaxedOptions, RelaxedResult, find_lines
 
 __all__ = [
     "AlignedObjective",
+    "ArcLengthOptions",
     "Bending",
     "Bladder",
     "Body",
@@ -90,14 +94,15 @@ __all__ = [
     "LaidLines",
     "LengthScale",
     "LengthScaleConstraints",
+    "LimitPoint",
     "LineField",
     "LineOptions",
     "Material",
     "Measurement",
     "Metric",
     "NewtonOptions",
+    "PathPoint",
     "Perimeter",
-    "PressurePathPoint",
     "PrintLimits",
     "PrintedDesign",
     "Projection",
@@ -124,6 +129,7 @@ __all__ = [
     "find_states",
     "lay_lines",
     "length_ratio",
+    "limit_points",
     "make_filter",
     "meshes",
     "optimize",
@@ -137,7 +143,7 @@ __all__ = [
     "spread_force",
     "swelling",
     "symmetry_plane",
-    "trace_pressure_path",
+    "trace",
     "twist_angle",
     "write_results",
 ]

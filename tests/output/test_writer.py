@@ -13,7 +13,7 @@ import pytest
 from helpers.scenes import shared
 from mpi4py import MPI
 
-from toros_fem.analysis.pressure_path import trace_pressure_path
+from toros_fem.analysis.trace import trace
 from toros_fem.design.config import DesignConfig
 from toros_fem.design.loop import DesignResult
 from toros_fem.equilibrium.solver import EquilibriumSolver
@@ -115,9 +115,7 @@ def test_pressure_path(comm: MPI.Comm, tmp_path: Path, tube_solver: EquilibriumS
     skin = tube_solver.skin
     density = np.zeros(len(skin.pattern.triangles))
     radius = Metric("radius", "percent", 100.0, lambda of, x: 100 * swelling(of, x))
-    points = list(
-        trace_pressure_path(tube_solver, density[skin.owned_cells], [0.0, 500.0, 1e3], [radius])
-    )
+    points = list(trace(tube_solver, density[skin.owned_cells], [0.0, 500.0, 1e3], [radius]))
     folder, figures = shared(comm, tmp_path) / "path", {"note": 1}
     summary = write_pressure_path(
         comm, folder, skin.pattern, points, density, [radius], figures=figures
@@ -144,7 +142,7 @@ def test_pressure_path_of_half_a_tube_shows_the_whole(comm: MPI.Comm, tmp_path: 
     solver = EquilibriumSolver(skin, Composite(bending=None), supports)
     density: np.ndarray = np.arange(len(half.panel)) / len(half.panel)
     wide = Metric("radius", "ratio", 1.0, swelling).of_whole((1,))
-    points = list(trace_pressure_path(solver, density[skin.owned_cells], [0.0, 500.0], [wide]))
+    points = list(trace(solver, density[skin.owned_cells], [0.0, 500.0], [wide]))
     folder = shared(comm, tmp_path)
     summary = write_pressure_path(comm, folder, half, points, density, [wide], whole=images)
     comm.barrier()

@@ -1,14 +1,20 @@
-"""Equilibria along a path of pressures, and the discretisation error of a result."""
+"""Paths of equilibria through loads and limit points, other states, and the error of a result."""
 
+from toros_fem.analysis.arc_length import ArcLengthOptions
 from toros_fem.analysis.error_estimate import ErrorEstimate, estimate_error
-from toros_fem.analysis.pressure_path import PressurePathPoint, trace_pressure_path
+from toros_fem.analysis.limit_points import LimitPoint, limit_points
+from toros_fem.analysis.path_point import PathPoint
 from toros_fem.analysis.states import FoundStates, find_states
+from toros_fem.analysis.trace import trace
 
 __all__ = [
+    "ArcLengthOptions",
     "ErrorEstimate",
     "FoundStates",
-    "PressurePathPoint",
+    "LimitPoint",
+    "PathPoint",
     "estimate_error",
     "find_states",
-    "trace_pressure_path",
+    "limit_points",
+    "trace",
 ]

@@ -97,6 +97,13 @@ class PetscFactor:
             return False
         return self._package != "mumps" or self._mumps_outcome(values)
 
+    @property
+    def negative_pivots(self) -> int | None:
+        """Number of negative pivots of MUMPS' last factors; None where the matrix is singular."""
+        factor = self._pc.getFactorMatrix()
+        singular = factor.getMumpsInfog(1) == SINGULAR
+        return None if singular else int(factor.getMumpsInfog(12))
+
     def solve(self, rhs: Floats) -> Floats:
         """Solve with the last factors, for and at the owned unknowns."""
         self._rhs.array[:] = rhs

@@ -174,6 +174,7 @@ class EquilibriumSolver:
         *,
         force: Floats | None = None,
         displacement: Floats | None = None,
+        weight_fraction: float = 1.0,
         start: Floats | None = None,
         raise_on_failure: bool = True,
         trial: bool = False,
@@ -190,6 +191,7 @@ class EquilibriumSolver:
             force: Dead forces in N on all assembled vertices, (n, 3).
             displacement: Displacement of the fixed components in m, (n, 3); None takes that of the
                 supports.
+            weight_fraction: Fraction of the skin's own weight that acts, if it has one.
             start: Owned unknowns to start from, for example those of a neighbouring equilibrium;
                 or positions of the owned nodes, (n, 3), for example of a solver with another
                 bending term. Fixed components are moved to their prescribed positions. None starts
@@ -215,7 +217,7 @@ class EquilibriumSolver:
             pressure,
             force=force,
             displacement=displacement,
-            weight_fraction=0.0 if model.weight is None else 1.0,
+            weight_fraction=0.0 if model.weight is None else weight_fraction,
         )
         model.check(density)
         state = self._start(start)
@@ -262,6 +264,10 @@ class EquilibriumSolver:
         # It may be rejected yet: the design before stays known.
         self._known = [*recent, self._known[-1]]
         return found
+
+    def forget_last(self) -> None:
+        """Forget the last equilibrium: its model has been used for something else since."""
+        self._factorised_at = None
 
     @property
     def linear_solver(self) -> str:

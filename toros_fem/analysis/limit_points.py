@@ -1,0 +1,55 @@
+"""Limit points of a path: where its load factor turns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from toros_fem.analysis.path_point import PathPoint
+from toros_fem.errors import ParameterError
+
+
+@dataclass(frozen=True)
+class LimitPoint:
+    """A turn of the load factor between two points of a path.
+
+    Attributes:
+        load_factor: Its largest or smallest value there.
+        largest: Whether it is a maximum.
+        after: Index of the point before it.
+        fraction: Place between the two points, from 0 to 1, by arc length.
+    """
+
+    load_factor: float
+    largest: bool
+    after: int
+    fraction: float
+
+
+def limit_points(points: Sequence[PathPoint]) -> list[LimitPoint]:
+    """Return the limit points of a path by arc length.
+
+    Between two points the load factor is the cubic with its values and rates at both. The error
+    falls with the fourth power of their distance.
+
+    Raises:
+        ParameterError: The path was not followed by arc length.
+    """
+    found = []
+    for k, (one, two) in enumerate(pairwise(points)):
+        rates = one.load_rate, two.load_rate
+        if one.arc_length is None or two.arc_length is None or None in rates:
+            raise ParameterError('limit points are known on a path by="arc-length" only.')
+        step = two.arc_length - one.arc_length
+        begin, end = (step * float(rate or 0.0) for rate in rates)
+        if begin * end >= 0:
+            continue
+        rise = two.load_factor - one.load_factor
+        cubic = np.poly1d([begin + end - 2 * rise, 3 * rise - 2 * begin - end, begin, 0.0])
+        places = [float(r.real) for r in cubic.deriv().roots if abs(r.imag) < 1e-12]
+        place = next(p for p in places if 0 <= p <= 1)
+        found.append(LimitPoint(one.load_factor + float(cubic(place)), begin > 0, k, place))
+    return found

@@ -1,0 +1,138 @@
+"""Paths of equilibria, by pressure or by arc length."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Literal, overload
+
+import numpy as np
+
+from toros_fem._types import Floats
+from toros_fem._validate import require_choice
+from toros_fem.analysis.arc_length import ArcLengthOptions, follow_arc
+from toros_fem.analysis.path_point import PathPoint, Pressure
+from toros_fem.analysis.pressure_path import follow_pressures
+from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.errors import ParameterError
+from toros_fem.mechanics.load_case import make_load_case
+from toros_fem.objectives.metrics import Metric
+
+PATHS = ("pressure", "arc-length")
+Start = Floats | EquilibriumResult | None
+Stop = Callable[[PathPoint], bool] | None
+
+
+@overload
+def trace(
+    solver: EquilibriumSolver,
+    density: Floats,
+    pressure: Sequence[Pressure],
+    metrics: Sequence[Metric] = (),
+    start: Start = None,
+    *,
+    by: Literal["pressure"] = "pressure",
+    force: Floats | None = None,
+    stop: Stop = None,
+) -> Iterator[PathPoint]: ...
+
+
+@overload
+def trace(
+    solver: EquilibriumSolver,
+    density: Floats,
+    pressure: Pressure,
+    metrics: Sequence[Metric] = (),
+    start: Start = None,
+    *,
+    by: Literal["arc-length"],
+    force: Floats | None = None,
+    stop: Stop = None,
+    options: ArcLengthOptions | None = None,
+) -> Iterator[PathPoint]: ...
+
+
+def trace(
+    solver: EquilibriumSolver,
+    density: Floats,
+    pressure: Pressure | Sequence[Pressure],
+    metrics: Sequence[Metric] = (),
+    start: Start = None,
+    *,
+    by: Literal["pressure", "arc-length"] = "pressure",
+    force: Floats | None = None,
+    stop: Stop = None,
+    options: ArcLengthOptions | None = None,
+) -> Iterator[PathPoint]:
+    """Return an iterator over the equilibria along a path, found one by one (collective).
+
+    By pressure, the stable equilibria at one pressure after the other. Where the skin snaps, the
+    equilibrium depends on the path. So each is reached from the one before, at once or, where that
+    fails, in smaller increments of the pressures. Only the first may start from the assembled skin,
+    if no start is given.
+
+    By arc length, one load factor scales pressures, dead forces and weight. The path goes on
+    through limit points, where the load factor turns, and along unstable equilibria.
+
+    Args:
+        solver: Equilibrium solver.
+        density: Projected density of its owned triangles.
+        pressure: In Pa. By pressure, all pressures in the order in which they act. By arc length,
+            the pressure at load factor 1, one for all chambers or one for each.
+        metrics: Metrics to compute at each point.
+        start: As for `EquilibriumSolver.solve`, for the first point; None starts from the assembled
+            skin. By pressure, from an equilibrium at this density the first one is reached as each
+            from the one before.
+        by: "pressure" or "arc-length".
+        force: Dead forces in N on all assembled vertices, (n, 3); by arc length those at load
+            factor 1.
+        stop: Called with each point, on every rank, with equal results; the path ends with the
+            point for which it returns True. None follows the path to its end.
+        options: Ends and density of a path by arc length; None takes the defaults.
+
+    Raises:
+        ParameterError: A value is not admissible, an option has no meaning on this path, or no load
+            acts.
+        DensityError: The density does not fit, or leaves [0, 1].
+        OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
+        EquilibriumError: While iterating: the path could not be followed further; the points before
+            have been yielded.
+    """
+    require_choice("by", by, PATHS)
+    if by == "pressure":
+        if options is not None:
+            raise ParameterError('options are those of a path by="arc-length"; leave them out.')
+        levels = _levels(pressure)
+        return _until(follow_pressures(solver, density, levels, metrics, start, force), stop)
+    model = solver.model
+    load = make_load_case(
+        solver.skin.pattern,
+        model.supports,
+        len(model.load.pressures),
+        np.asarray(pressure, dtype=np.float64),
+        force=force,
+        weight_fraction=0.0 if model.weight is None else 1.0,
+    )
+    if not (load.pressures.any() or load.force is not None or load.weight_fraction):
+        raise ParameterError(
+            "no load acts that a load factor could scale; give a pressure, a force or a weight."
+        )
+    model.check(density)
+    state = start.state if isinstance(start, EquilibriumResult) else start
+    path = follow_arc(solver, density, load, metrics, state, options or ArcLengthOptions())
+    return _until(path, stop)
+
+
+def _levels(pressure: Pressure | Sequence[Pressure]) -> Sequence[Pressure]:
+    if isinstance(pressure, float | int):
+        raise ParameterError(
+            f'pressure = {pressure} Pa is one number; a path by="pressure" needs all pressures, in '
+            "the order in which they act."
+        )
+    return pressure
+
+
+def _until(path: Iterator[PathPoint], stop: Stop) -> Iterator[PathPoint]:
+    for point in path:
+        yield point
+        if stop is not None and stop(point):
+            return
