@@ -26,8 +26,8 @@ from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.gait import Gait, write_gait
 from toros_fem.actuators.legs import leg_cross_sections, rest_on_body, tip_angle_metric
 from toros_fem.actuators.run import ActuatorResult, design_actuator, summary_sentence
-from toros_fem.analysis.path_point import PathPoint
 from toros_fem.analysis.trace import trace
+from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.command_line import run_from_command_line
 from toros_fem.config import quantity
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
@@ -202,7 +202,7 @@ def walk(
     fractions = [np.ones(len(CHAMBERS)), *gait.pressure_fractions]
     levels = [(pressure * fraction).tolist() for fraction in fractions]
     figures = {"chambers": CHAMBERS, "pressure_pa": pressure, "triangles": len(density)}
-    points: list[PathPoint] = []
+    points: list[TracePoint] = []
     try:
         path = trace(solver, density[skin.owned_cells], levels, legs, start[skin.owned_vertices])
         points.extend(path)

@@ -16,9 +16,9 @@ from toros_fem import errors, meshes
 from toros_fem.analysis.arc_length import ArcLengthOptions
 from toros_fem.analysis.error_estimate import ErrorEstimate, estimate_error
 from toros_fem.analysis.limit_points import LimitPoint, limit_points
-from toros_fem.analysis.path_point import PathPoint
 from toros_fem.analysis.states import FoundStates, find_states
 from toros_fem.analysis.trace import trace
+from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.density.field import random_density
 from toros_fem.density.filters import make_filter
 from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
@@ -101,7 +101,6 @@ __all__ = [
     "Measurement",
     "Metric",
     "NewtonOptions",
-    "PathPoint",
     "Perimeter",
     "PrintLimits",
     "PrintedDesign",
@@ -115,6 +114,7 @@ __all__ = [
     "SumObjective",
     "Supports",
     "TorosError",
+    "TracePoint",
     "Weight",
     "__version__",
     "as_printed",

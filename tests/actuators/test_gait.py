@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from toros_fem import errors
 from toros_fem.actuators.gait import Gait, walking_positions
 from toros_fem.actuators.legs import tip_positions
-from toros_fem.analysis.path_point import PathPoint
+from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.meshes import WALKER, plane_centroids, walker
 
 
@@ -37,7 +37,7 @@ def test_feet_that_grip_stay(comm: MPI.Comm) -> None:
         moved = pattern.points.copy()
         moved[legs & (moved[:, 0] > 0), 0] += back
         result: Any = None
-        points.append(PathPoint(0.0, moved @ tilt.T + 0.7, {}, result))
+        points.append(TracePoint(0.0, moved @ tilt.T + 0.7, {}, result))
     shapes, feet = walking_positions(gait, pattern, points, WALKER.directions, WALKER.root)
     assert feet[0, :, 2] == pytest.approx(0.0, abs=1e-9)
     front = WALKER.directions[:, 0] > 0
@@ -63,7 +63,7 @@ def test_a_step_on_other_feet_loses_no_ground(comm: MPI.Comm) -> None:
         moved = pattern.points.copy()
         moved[legs, 0] += back
         result: Any = None
-        points.append(PathPoint(0.0, moved, {}, result))
+        points.append(TracePoint(0.0, moved, {}, result))
     shapes, feet = walking_positions(gait, pattern, points, WALKER.directions, WALKER.root)
     body = ~legs & (np.hypot(*pattern.points[:, :2].T) < 0.01)
     ahead = [shape[body, 0].mean() for shape in shapes]

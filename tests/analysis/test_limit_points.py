@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from toros_fem.analysis.limit_points import limit_points
-from toros_fem.analysis.path_point import PathPoint
+from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.errors import ParameterError
 
 
-def point(load_factor: float, at: float | None, rate: float | None) -> PathPoint:
-    return PathPoint(0.0, np.zeros((1, 3)), {}, SimpleNamespace(), load_factor, 0, at, rate)  # type: ignore[arg-type]
+def point(load_factor: float, at: float | None, rate: float | None) -> TracePoint:
+    return TracePoint(0.0, np.zeros((1, 3)), {}, SimpleNamespace(), load_factor, 0, at, rate)  # type: ignore[arg-type]
 
 
 def test_a_cubic_is_exact() -> None:

@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem._types import Bools, Floats
 from toros_fem._validate import require_between, require_count
 from toros_fem.actuators.legs import tip_positions
-from toros_fem.analysis.path_point import PathPoint
+from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.cut_triangles import cut_triangles
 from toros_fem.meshes.pattern import Pattern
@@ -81,7 +81,7 @@ class Gait:
 def walking_positions(
     gait: Gait,
     pattern: Pattern,
-    points: Sequence[PathPoint],
+    points: Sequence[TracePoint],
     directions: Floats,
     root: float,
 ) -> tuple[list[Floats], Floats]:
@@ -127,7 +127,7 @@ def write_gait(
     folder: Path,
     gait: Gait,
     pattern: Pattern,
-    points: Sequence[PathPoint],
+    points: Sequence[TracePoint],
     directions: Floats,
     root: float,
     regions: Sequence[BaseGeometry],

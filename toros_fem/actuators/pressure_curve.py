@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from toros_fem.actuators.config import ActuatorConfig
-from toros_fem.analysis.path_point import PathPoint, measured_point
 from toros_fem.analysis.trace import trace
+from toros_fem.analysis.trace_point import TracePoint, measured_point
 from toros_fem.design.problem import Evaluation
 from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult
@@ -39,7 +39,7 @@ class PressureCurve:
             None if the curve was followed to its end.
     """
 
-    points: tuple[PathPoint, ...]
+    points: tuple[TracePoint, ...]
     unfilled_at: float | None
     failure_below: str | None
     failure_above: str | None
@@ -72,10 +72,10 @@ def trace_pressure_curve(
     empty = float(sum(solver.model.volumes(solver.model.assembled)))
     lower, higher = _pressures(begin.pressure, largest, steps, further)
 
-    def follow(pressures: Sequence[float]) -> tuple[list[PathPoint], str | None]:
+    def follow(pressures: Sequence[float]) -> tuple[list[TracePoint], str | None]:
         """Return the points as long as the skin is filled, and why there are no more."""
         levels = [[float(p) for p in pressure * ratios] for pressure in pressures]
-        found: list[PathPoint] = []
+        found: list[TracePoint] = []
         try:
             for point in trace(solver, made.projected, levels, problem.metrics, start=begin):
                 found.append(point)

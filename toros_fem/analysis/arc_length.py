@@ -9,8 +9,9 @@ import numpy as np
 
 from toros_fem._mpi import dot, largest, norm
 from toros_fem._types import Floats
-from toros_fem.analysis.path_point import PathPoint, measured_point
+from toros_fem.analysis.trace_point import TracePoint, measured_point
 from toros_fem.config import Config, quantity
+from toros_fem.equilibrium.diagnostics import condition_of
 from toros_fem.equilibrium.newton import RESOLVED, STAGNATED, STUCK, UNRESOLVED
 from toros_fem.equilibrium.petsc_factor import PetscFactor
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
@@ -107,7 +108,7 @@ def follow_arc(
     metrics: Sequence[Metric],
     start: Floats | None,
     options: ArcLengthOptions,
-) -> Iterator[PathPoint]:
+) -> Iterator[TracePoint]:
     """Yield equilibria along a path of loads times a load factor (collective).
 
     Args:
@@ -125,7 +126,7 @@ def follow_arc(
     """
     first = solver.solve(
         density,
-        (options.first * load.pressures).tolist(),
+        [options.first * float(p) for p in load.pressures],
         force=None if load.force is None else options.first * load.force,
         weight_fraction=options.first * load.weight_fraction,
         start=start,
@@ -220,6 +221,7 @@ class _ArcLength:
             volumes=volumes,
             stretch_use=model.bounds.worst(model.corners(point.state)),
             residual=point.residual,
+            condition=condition_of(model, point.state, snapped=None, critical=None),
             steps=point.steps,
             modified_steps=0,
             factorisations=self._factorisations - self._counted,

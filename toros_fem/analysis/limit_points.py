@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from toros_fem.analysis.path_point import PathPoint
+from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.errors import ParameterError
 
 
@@ -29,7 +29,7 @@ class LimitPoint:
     fraction: float
 
 
-def limit_points(points: Sequence[PathPoint]) -> list[LimitPoint]:
+def limit_points(points: Sequence[TracePoint]) -> list[LimitPoint]:
     """Return the limit points of a path by arc length.
 
     Between two points the load factor is the cubic with its values and rates at both. The error

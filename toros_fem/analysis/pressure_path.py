@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from toros_fem._types import Floats
-from toros_fem.analysis.path_point import PathPoint, Pressure, measured_point
+from toros_fem.analysis.trace_point import Pressure, TracePoint, measured_point
 from toros_fem.equilibrium.continuation import Attempt, ContinuationResult, run_continuation
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
 from toros_fem.objectives.metrics import Metric
@@ -23,7 +23,7 @@ def follow_pressures(
     metrics: Sequence[Metric],
     start: Floats | EquilibriumResult | None,
     force: Floats | None,
-) -> Iterator[PathPoint]:
+) -> Iterator[TracePoint]:
     """Yield the equilibria at one pressure after the other (collective); `trace` has the arguments.
 
     Raises:

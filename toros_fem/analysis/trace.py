@@ -10,8 +10,8 @@ import numpy as np
 from toros_fem._types import Floats
 from toros_fem._validate import require_choice
 from toros_fem.analysis.arc_length import ArcLengthOptions, follow_arc
-from toros_fem.analysis.path_point import PathPoint, Pressure
 from toros_fem.analysis.pressure_path import follow_pressures
+from toros_fem.analysis.trace_point import Pressure, TracePoint
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.mechanics.load_case import make_load_case
@@ -19,7 +19,7 @@ from toros_fem.objectives.metrics import Metric
 
 PATHS = ("pressure", "arc-length")
 Start = Floats | EquilibriumResult | None
-Stop = Callable[[PathPoint], bool] | None
+Stop = Callable[[TracePoint], bool] | None
 
 
 @overload
@@ -33,7 +33,7 @@ def trace(
     by: Literal["pressure"] = "pressure",
     force: Floats | None = None,
     stop: Stop = None,
-) -> Iterator[PathPoint]: ...
+) -> Iterator[TracePoint]: ...
 
 
 @overload
@@ -48,7 +48,7 @@ def trace(
     force: Floats | None = None,
     stop: Stop = None,
     options: ArcLengthOptions | None = None,
-) -> Iterator[PathPoint]: ...
+) -> Iterator[TracePoint]: ...
 
 
 def trace(
@@ -62,7 +62,7 @@ def trace(
     force: Floats | None = None,
     stop: Stop = None,
     options: ArcLengthOptions | None = None,
-) -> Iterator[PathPoint]:
+) -> Iterator[TracePoint]:
     """Return an iterator over the equilibria along a path, found one by one (collective).
 
     By pressure, the stable equilibria at one pressure after the other. Where the skin snaps, the
@@ -131,7 +131,7 @@ def _levels(pressure: Pressure | Sequence[Pressure]) -> Sequence[Pressure]:
     return pressure
 
 
-def _until(path: Iterator[PathPoint], stop: Stop) -> Iterator[PathPoint]:
+def _until(path: Iterator[TracePoint], stop: Stop) -> Iterator[TracePoint]:
     for point in path:
         yield point
         if stop is not None and stop(point):

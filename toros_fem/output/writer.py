@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem._mpi import on_first_rank
 from toros_fem._types import Floats
-from toros_fem.analysis.path_point import PathPoint
+from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.config import Config
 from toros_fem.design.loop import DesignResult
 from toros_fem.errors import OutputError
@@ -206,7 +206,7 @@ def write_pressure_path(
     comm: MPI.Comm,
     folder: str | Path,
     pattern: Pattern,
-    points: Sequence[PathPoint],
+    points: Sequence[TracePoint],
     density: Floats,
     metrics: Sequence[Metric],
     *,

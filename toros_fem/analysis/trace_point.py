@@ -13,7 +13,7 @@ Pressure = float | Sequence[float]
 
 
 @dataclass(frozen=True, eq=False)
-class PathPoint:
+class TracePoint:
     """One equilibrium of a path.
 
     Attributes:
@@ -48,9 +48,9 @@ def measured_point(
     pressure: Pressure,
     result: EquilibriumResult,
     metrics: Sequence[Metric],
-) -> PathPoint:
+) -> TracePoint:
     """Return an equilibrium with its metrics, as a point of a path (collective)."""
     skin = solver.skin
     positions = skin.gather_vertices(result.positions)
     values = {f.key: float(f.measure(skin.pattern, positions)) for f in metrics}
-    return PathPoint(pressure, positions, values, result)
+    return TracePoint(pressure, positions, values, result)
