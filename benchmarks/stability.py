@@ -1,33 +1,36 @@
 """Robustness of the equilibrium solver: scenes x designs x loads x starts.
 
     scripts/fenicsx python3 benchmarks/stability.py --quick
+    scripts/fenicsx python3 benchmarks/stability.py --workers 2 --rows output/stability/rows.jsonl \\
+        --json benchmarks/stability.json --docs
 
 Every case must end in a stable equilibrium, or in a typed error where there is none. Residual,
 stretches and the sign of the tangent are computed again from the state, by other means than the
 solver's. Where the solver gives up, a longer search looks for the equilibrium. The exit code is 1
-if a result is wrong, or a case that has a solution failed. It runs on one rank; without --quick for
-hours.
+if a result is wrong, or a case that has a solution failed. It runs on one rank. All cases take an
+hour of one core; `--cases 500 --seed 1` draws some.
 """
 
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, astuple, dataclass, field, replace
+from functools import cache
 from pathlib import Path
-from types import FrameType
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+from page_tables import replaced
+from shared_rows import complete, deadline
 from stability_judge import Finding, Judge
 from stability_oracle import search_equilibrium
-from stability_report import CaseResult, Report, Row
+from stability_report import Case, CaseResult, Report, Row
 from stability_scenes import BUILDERS, DESIGNS, Floats, Scene, build, loads_of, neighbour
 
+from toros_fem._validate import require_count
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import TorosError
@@ -36,19 +39,10 @@ CONTRASTS = (15.0, 300.0, 1e4)
 STARTS = ("cold", "continuation", "warm", "up_down")
 # Wall time in s after which a case counts as hanging.
 LONGEST = 300.0
+PAGE = Path(__file__).parent.parent / "docs" / "stability.md"
+MARKS = ("<!-- the matrix -->", "<!-- end of the matrix -->")
 # Up and down again: shapes that differ by more than this fraction of the size are two equilibria.
 SAME_SHAPE = 1e-5
-
-
-@dataclass(frozen=True)
-class Case:
-    """One cell of the matrix."""
-
-    scene: str
-    design: str
-    contrast: float
-    load: float
-    start: str
 
 
 def full_matrix(scene: str) -> list[Case]:
@@ -140,39 +134,18 @@ def play(run: Run, scene: Scene, case: Case) -> tuple[EquilibriumResult, float |
     return again, float(moved / scene.skin.pattern.size)
 
 
-@contextmanager
-def deadline(seconds: float) -> Iterator[None]:
-    """Raise TimeoutError in the block after a wall time: a hang must not stop the matrix."""
-
-    def ring(number: int, frame: FrameType | None) -> None:
-        raise TimeoutError(f"gave up after {seconds:g} s")
-
-    before = signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
-
-
 class Stage:
-    """One scene with its solvers, one for each contrast: all share the compiled forms."""
+    """One scene; every case has a solver of its own, so that it does not depend on others."""
 
     def __init__(self, name: str) -> None:
         self.scene = build(name)
-        self._solvers: dict[tuple[float, bool], EquilibriumSolver] = {}
-        self._verdicts: dict[Case, tuple[bool, str]] = {}
 
     def solver(self, contrast: float, *, many_steps: bool = False) -> EquilibriumSolver:
-        """Return the solver at a contrast; with `many_steps` it has few levels of load."""
-        key = (contrast, many_steps)
-        if key not in self._solvers:
-            options = NewtonOptions(max_steps=400, min_increment=1.0) if many_steps else None
-            self._solvers[key] = EquilibriumSolver(
-                self.scene.skin, self.scene.composite(contrast), self.scene.supports, options
-            )
-        return self._solvers[key]
+        """Return a solver at a contrast; with `many_steps` it has few levels of load."""
+        options = NewtonOptions(max_steps=400, min_increment=1.0) if many_steps else None
+        return EquilibriumSolver(
+            self.scene.skin, self.scene.composite(contrast), self.scene.supports, options
+        )
 
     def owned(self, design: str) -> Floats:
         """Return a design's densities in the order of the solver's."""
@@ -180,23 +153,14 @@ class Stage:
 
     def judge(self, contrast: float) -> Judge:
         """Return an independent check of states at a contrast."""
-        return Judge(self.scene, self.scene.composite(contrast))
+        scene = self.scene
+        return Judge(scene.skin, scene.composite(contrast))
 
-    def solvable(self, case: Case) -> tuple[bool, str]:
-        """Return whether the oracle solves a case, whatever its start."""
-        key = Case(case.scene, case.design, case.contrast, case.load, "")
-        if key not in self._verdicts:
-            self._verdicts[key] = search_equilibrium(
-                self.judge(case.contrast),
-                self.solver(case.contrast, many_steps=True),
-                self.owned(case.design),
-                case.load,
-            )
-        return self._verdicts[key]
 
-    def forget(self) -> None:
-        """Drop the solvers: after an exception their state is unknown."""
-        self._solvers.clear()
+@cache
+def stage_of(name: str) -> Stage:
+    """Return a scene, made once in a process."""
+    return Stage(name)
 
 
 def attempt(stage: Stage, case: Case) -> CaseResult:
@@ -219,7 +183,6 @@ def attempt(stage: Stage, case: Case) -> CaseResult:
         result, reason = None, f"{type(error).__name__}: {error}"
     except Exception as error:  # the matrix is to show it, not to stop at it
         result, kind, reason = None, "exception", f"{type(error).__name__}: {error}"
-        stage.forget()
     seconds = time.perf_counter() - begin
     # A failed solve that got nowhere returns its start and says so: no equilibrium is claimed.
     if run is not None and result is not None:
@@ -234,58 +197,91 @@ def attempt(stage: Stage, case: Case) -> CaseResult:
         away = "Back in the same shape" if moved <= SAME_SHAPE else "Back in ANOTHER shape"
         reason += f" {away}: it differs by {moved:.1e} of the size."
     row = Row(
-        case.scene, case.design, case.contrast, case.load, case.start, kind, reason, steps,
-        finding.residual, finding.sign, seconds,
-    )  # fmt: skip
+        *astuple(case), kind, reason, steps, finding.residual, finding.sign, seconds
+    )
     faults = [*finding.faults, *([reason] if kind == "exception" else [])]
     return CaseResult(row, "wrong" if faults else kind, "; ".join(faults), moved)
 
 
-def settle(stage: Stage, cases: list[Case], outcomes: list[CaseResult]) -> None:
+def play_case(case: Case) -> dict[str, Any]:
+    """Return the outcome of a case as it goes into the file of rows."""
+    try:
+        stage = stage_of(case.scene)
+    except Exception as error:  # a scene that is not supported is a finding, not the end
+        reason = f"the scene could not be built: {type(error).__name__}: {error}"
+        row = Row(*astuple(case), "exception", reason, 0, None, None, 0.0)
+        return asdict(CaseResult(row, "wrong", reason, None))
+    return asdict(attempt(stage, case))
+
+
+def ask_oracle(case: Case) -> dict[str, Any]:
+    """Return whether the oracle solves a case, whatever its start, and what it found."""
+    stage = stage_of(case.scene)
+    try:
+        with deadline(LONGEST):
+            solvable, finding = search_equilibrium(
+                stage.judge(case.contrast),
+                stage.solver(case.contrast, many_steps=True),
+                stage.owned(case.design),
+                case.load,
+            )
+    except TimeoutError as error:
+        solvable, finding = False, f"the oracle {error}"
+    return {"solvable": solvable, "finding": finding}
+
+
+def settle(outcomes: list[CaseResult], file: Path | None, workers: int) -> None:
     """Tell errors that are right from those of cases that another way solves."""
-    same = lambda c: (c.design, c.contrast, c.load)  # noqa: E731
+    same = lambda row: replace(row.case, start="")  # noqa: E731
     by_start = {
-        same(case): case.start
-        for case, outcome in zip(cases, outcomes, strict=True)
+        same(outcome.row): outcome.row.start
+        for outcome in outcomes
         if outcome.verdict == "converged"
     }
-    for case, outcome in zip(cases, outcomes, strict=True):
-        if outcome.verdict != "error":
-            continue
-        if same(case) in by_start:
-            solvable, judgement = True, f"the start {by_start[same(case)]!r} converged"
+    errors = [outcome for outcome in outcomes if outcome.verdict == "error"]
+    unknown = {
+        f"oracle: {same(outcome.row).label()}": same(outcome.row)
+        for outcome in errors
+        if same(outcome.row) not in by_start
+    }
+    verdicts = complete(unknown, ask_oracle, file, workers)
+    for outcome in errors:
+        key = same(outcome.row)
+        if key in by_start:
+            solvable, judgement = True, f"the start {by_start[key]!r} converged"
         else:
-            try:
-                with deadline(LONGEST):
-                    solvable, judgement = stage.solvable(case)
-            except TimeoutError as error:
-                solvable, judgement = False, f"the oracle {error}"
-                stage.forget()
+            found = verdicts[f"oracle: {key.label()}"]
+            solvable, judgement = found["solvable"], found["finding"]
         outcome.verdict = "failed" if solvable else "error right"
         outcome.why = judgement
         outcome.row.reason += f" Judged: {judgement}."
 
 
-def absent(case: Case, error: Exception) -> CaseResult:
-    """The outcome of a case whose scene could not even be built."""
-    reason = f"the scene could not be built: {type(error).__name__}: {error}"
-    row = Row(
-        case.scene, case.design, case.contrast, case.load, case.start, "exception", reason, 0,
-        None, None, 0.0,
-    )  # fmt: skip
-    return CaseResult(row, "wrong", reason, None)
+class Progress:
+    """Prints what needs a look at once, and a line for every hundred cases."""
+
+    def __init__(self, cases: int) -> None:
+        self._cases, self._new, self._begin = cases, 0, time.perf_counter()
+
+    def __call__(self, key: str, row: dict[str, Any]) -> None:
+        """Count a new row."""
+        self._new += 1
+        if row["verdict"] != "converged":
+            print(f"{row['verdict'].upper()}: {key}: {row['why'] or row['row']['reason']}")
+        if self._new % 100 == 0:
+            seconds = time.perf_counter() - self._begin
+            print(f"{self._new} new of {self._cases} cases, {seconds:.0f} s", flush=True)
 
 
-def play_scene(name: str, *, quick: bool) -> list[CaseResult]:
-    """All cases of one scene."""
-    cases = quick_matrix(name) if quick else full_matrix(name)
-    try:
-        stage = Stage(name)
-    except Exception as error:  # a scene that is not supported is a finding, not the end
-        return [absent(case, error) for case in cases]
-    outcomes = [attempt(stage, case) for case in cases]
-    settle(stage, cases, outcomes)
-    return outcomes
+def chosen_cases(options: argparse.Namespace, scenes: list[str]) -> list[Case]:
+    """Return the cases that the command line asks for."""
+    matrix = quick_matrix if options.quick else full_matrix
+    cases = [case for name in scenes for case in matrix(name)]
+    if options.cases is None:
+        return cases
+    # The first of one permutation: more cases with the same seed are the same and others.
+    order = np.random.default_rng(options.seed).permutation(len(cases))
+    return [cases[k] for k in order[: options.cases]]
 
 
 def main() -> int:
@@ -293,29 +289,48 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--quick", action="store_true", help="60 cases, about two minutes")
+    parser.add_argument("--quick", action="store_true", help="60 cases, about a minute")
     parser.add_argument("--only", default="", help="scenes with this in their name")
+    parser.add_argument("--cases", type=int, help="number of cases drawn; default: all")
+    parser.add_argument("--seed", type=int, default=0, help="of the draw")
+    parser.add_argument("--workers", type=int, default=1, help="number of processes")
+    parser.add_argument(
+        "--rows",
+        type=Path,
+        help="JSON lines of finished cases; a rerun with the same code skips those in it",
+    )
     parser.add_argument("--json", type=Path, help="file for the rows")
+    parser.add_argument("--from", type=Path, dest="source", help="run nothing, read this file")
+    parser.add_argument("--docs", action="store_true", help="write the tables into the page")
+    parser.add_argument("--page", type=Path, default=PAGE, help="the page")
     parser.add_argument("--output", type=Path, default=Path("output/stability"), help="folder")
     options = parser.parse_args()
     if MPI.COMM_WORLD.size > 1:
-        parser.error("one rank only: the checks are dense and serial.")
+        parser.error("one rank only: the checks are dense and serial. --workers takes processes.")
+    require_count(1, workers=options.workers)
+    if options.cases is not None:
+        require_count(1, cases=options.cases)
     scenes = [name for name in BUILDERS if options.only in name]
     if not scenes:
         parser.error(f"no scene has {options.only!r} in its name; there are {list(BUILDERS)}.")
-    report = Report()
-    for name in scenes:
-        begin = time.perf_counter()
-        outcomes = play_scene(name, quick=options.quick)
-        report.add(outcomes)
-        counts = report.count(outcomes)
-        listed = ", ".join(f"{counts[verdict]} {verdict}" for verdict in counts if counts[verdict])
-        print(f"{name:15} {listed}; {time.perf_counter() - begin:.1f} s", flush=True)
+    if options.source:
+        report = Report.read(options.source)
+    else:
+        cases = chosen_cases(options, scenes)
+        tasks = {case.label(): case for case in cases}
+        rows = complete(tasks, play_case, options.rows, options.workers, Progress(len(tasks)))
+        outcomes = [CaseResult.of(row) for row in rows.values()]
+        settle(outcomes, options.rows, options.workers)
+        report = Report(outcomes)
     report.print_tables()
     options.output.mkdir(parents=True, exist_ok=True)
     report.draw(options.output / "stability.png")
     if options.json:
         report.write(options.json)
+    if options.docs:
+        page = options.page.read_text(encoding="utf-8")
+        page = replaced(page, *MARKS, report.markdown())
+        options.page.write_text(page, encoding="utf-8")
     return 1 if report.wrong or report.failed else 0
 
 

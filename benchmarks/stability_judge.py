@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, eigvalsh
 from scipy.sparse import csr_array, triu
-from stability_scenes import Floats, Scene
+from stability_scenes import Floats
 
 from toros_fem.materials import Composite
 from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.tangent import UpperTangent
+from toros_fem.meshes import Skin
 
 # Residual over the applied load that an equilibrium may have.
 RESIDUAL = 1e-8
@@ -60,22 +61,24 @@ def scaled_tangent(model: SkinModel, state: Floats) -> tuple[Floats, Floats]:
 
 
 class Judge:
-    """Checks the states of one scene."""
+    """Checks the states of one skin."""
 
-    def __init__(self, scene: Scene, composite: Composite) -> None:
-        self._scene, self._composite = scene, composite
-        corner = scene.skin.pattern.corners
+    def __init__(self, skin: Skin, composite: Composite) -> None:
+        self._skin, self._composite = skin, composite
+        corner = skin.pattern.corners
         chart = np.stack([corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]], axis=2)
         self._inverse = np.linalg.inv(chart)
 
-    def check(self, model: SkinModel, density: Floats, pressure: float, state: Floats) -> Finding:
-        """Check whether a state is a stable equilibrium at a density and a pressure."""
+    def check(
+        self, model: SkinModel, density: Floats, load: LoadCase | float, state: Floats
+    ) -> Finding:
+        """Check whether a state is a stable equilibrium at a density and a load or pressure."""
         if not np.isfinite(state).all():
             return Finding(None, -1, [f"{np.sum(~np.isfinite(state))} positions are not finite"])
         model.set_density(density)
-        model.set_load(LoadCase(np.array([pressure])))
+        model.set_load(load if isinstance(load, LoadCase) else LoadCase(np.array([load])))
         force = np.linalg.norm(model.residual(state))
-        residual = float(force / self._load(model, pressure, state))
+        residual = float(force / self._load(model, state))
         lowest, noise = self._lowest(model, state)
         faults = self._outside(model.positions(state))
         if not residual <= RESIDUAL:
@@ -84,14 +87,19 @@ class Judge:
             faults.append(f"the tangent's lowest eigenvalue is {lowest:.2e}, noise {noise:.0e}")
         return Finding(residual, -1 if lowest < -noise else 1, faults)
 
-    def _load(self, model: SkinModel, pressure: float, state: Floats) -> float:
-        """Norm of the pressure's force; without pressure, that of the reactions."""
-        if pressure > 0:
-            return pressure * float(np.linalg.norm(model.volume_gradient(state)))
-        return float(np.linalg.norm(model.reaction(state)))
+    def _load(self, model: SkinModel, state: Floats) -> float:
+        """Norm of the applied load; without any, or where supports move, that of the reactions.
+
+        It is at least the force of a strain of 1e-4 where no load is applied.
+        """
+        load = float(np.linalg.norm(model.applied_load(state)))
+        if load > 0 and model.load.displacement is None:
+            return load
+        least = 1e-4 * model.mean_modulus() * float(np.sqrt(self._skin.pattern.areas.sum()))
+        return max(load or least, float(np.linalg.norm(model.reaction(state))))
 
     def _outside(self, positions: Floats) -> list[str]:
-        skin = self._scene.skin
+        skin = self._skin
         x = skin.gather_vertices(positions)[skin.pattern.triangles]
         edges = np.stack([x[:, 1] - x[:, 0], x[:, 2] - x[:, 0]], axis=2)
         stretch = np.linalg.svd(edges @ self._inverse, compute_uv=False)

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import dolfinx
 import matplotlib.pyplot as plt
@@ -21,6 +22,22 @@ import toros_fem
 VERDICTS = ("converged", "error right", "failed", "wrong")
 MANY_STEPS = 60
 MARKERS = {"error right": ("o", "0.35"), "failed": ("X", "tab:red"), "wrong": ("D", "magenta")}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One cell of the matrix; without a start, all its cases."""
+
+    scene: str
+    design: str
+    contrast: float
+    load: float
+    start: str
+
+    def label(self) -> str:
+        """The case in one line."""
+        label = f"{self.scene} {self.design} x{self.contrast:g} {self.load:g} Pa {self.start}"
+        return label.strip()
 
 
 @dataclass
@@ -39,9 +56,14 @@ class Row:
     min_pivot_sign: int | None
     seconds: float
 
+    @property
+    def case(self) -> Case:
+        """The cell of the matrix."""
+        return Case(self.scene, self.design, self.contrast, self.load, self.start)
+
     def label(self) -> str:
         """The case in one line."""
-        return f"{self.scene} {self.design} x{self.contrast:g} {self.load:g} Pa {self.start}"
+        return self.case.label()
 
 
 @dataclass
@@ -60,16 +82,17 @@ class CaseResult:
     why: str
     moved: float | None
 
+    @classmethod
+    def of(cls, kept: dict[str, Any]) -> CaseResult:
+        """Return what `asdict` made a dictionary of."""
+        return cls(**{**kept, "row": Row(**kept["row"])})
+
 
 class Report:
     """Gathers outcomes."""
 
-    def __init__(self) -> None:
-        self._outcomes: list[CaseResult] = []
-
-    def add(self, outcomes: Sequence[CaseResult]) -> None:
-        """Add outcomes."""
-        self._outcomes += outcomes
+    def __init__(self, outcomes: Sequence[CaseResult]) -> None:
+        self._outcomes = list(outcomes)
 
     @staticmethod
     def count(outcomes: Sequence[CaseResult]) -> dict[str, int]:
