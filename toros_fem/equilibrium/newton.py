@@ -241,7 +241,7 @@ class RegularisedNewton:
             fraction, new = self._search(point, direction, rounding, escaping=done)
             full = fraction == 1.0 and self._shift == 0.0 and not inexact
             exact = not (done or inexact)
-            stuck = exact and self._stuck(point, new, direction, full=full)
+            stuck = exact and self._stuck(point, new, direction, fraction)
             if stuck and residual <= UNRESOLVED:
                 self._record(point, residual, 0.0)
                 return point, int(outcomes.CONVERGED_SNORM_RELATIVE)  # K is factorised, unshifted
@@ -256,6 +256,8 @@ class RegularisedNewton:
                     return point, int(outcomes.DIVERGED_LINE_SEARCH)
                 self._shift, self._refused = max(FIRST_SHIFT, 16 * self._shift), True
                 continue
+            if inexact and residual <= UNRESOLVED and new.size > STUCK * point.size:
+                self._has_factors = False  # only the exact direction tells rounding
             if not done:
                 new = self._correct(point, new, fraction)
             # Newton's residual falls quadratically; that of a modified step by twice this factor.
@@ -344,15 +346,14 @@ class RegularisedNewton:
         """Return the norm in N by which rounded positions may change the residual."""
         return 8 * float(np.finfo(float).eps) * self.model.skin.pattern.size * self._stiffness
 
-    def _stuck(self, old: _Point, new: _Point | None, direction: Floats, *, full: bool) -> bool:
+    def _stuck(self, old: _Point, new: _Point | None, direction: Floats, fraction: float) -> bool:
         """Return whether rounding limits the residual: Newton's step is negligible.
 
         Where stretching is far stiffer than bending, its rounding alone may exceed the load.
         """
-        if new is None:
-            if self._shift > 0:
-                return False
-        elif not full or new.size <= STUCK * old.size:
+        if self._shift > 0:
+            return False
+        if new is not None and fraction == 1.0 and new.size <= STUCK * old.size:
             return False
         if old.size > self._rounding():
             return False
