@@ -30,8 +30,8 @@ class Condition:
 
     Attributes:
         snapped: Whether the skin jumps on the way from its start: no path of stable equilibria
-            connects the two. None where the start is no equilibrium that the solver knows, or
-            where the path was not followed, as in trials.
+            connects the two. None where the start is no equilibrium of this design that the solver
+            knows, or where the path was not followed, as in trials.
         critical_load: Factor on the load at which the tangent is expected to be singular, a limit
             point or a bifurcation, if that is within 5 % of the load; otherwise None. Trials do
             not look for it.

@@ -322,7 +322,8 @@ class EquilibriumSolver:
         snapped = critical = None
         if end.load_factor == 1.0 and not direct:
             point = PathPoint(request.density, request.load, end.state)
-            if near is not None:
+            # Between two designs there is no path that a skin takes.
+            if near is not None and self._same_design(near.request.density, request.density):
                 snapped, point = self._connect(attempts, _point(near), point)
                 end = ContinuationResult(point.state, 1.0, end.outcome)
             critical = critical_load(self.model, self._factor, point)
@@ -364,6 +365,9 @@ class EquilibriumSolver:
             self.model.set_load(known[after].load)
             self._snes.newton.stable(after.state)  # its factors again
         return answer
+
+    def _same_design(self, one: Floats, two: Floats) -> bool:
+        return largest(self.skin.comm, float(np.abs(one - two).max(initial=0.0))) == 0
 
     def _connect(
         self, attempts: Attempts, begin: PathPoint, end: PathPoint
@@ -536,7 +540,7 @@ class EquilibriumSolver:
             return None
         sphere = pattern.areas.sum() ** 1.5 / (6 * np.sqrt(np.pi))
         model.set_density(density)
-        factor = OPENING * model.mean_modulus() / (load.largest * pattern.size)
+        factor = OPENING * model.soft_modulus() / (load.largest * pattern.size)
         if model.volume(model.assembled) > FLAT * sphere or factor <= LOWERED:
             return None
         found = attempt(model.assembled, density, load.scaled(factor))

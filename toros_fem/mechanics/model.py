@@ -403,9 +403,20 @@ class SkinModel:
     def mean_modulus(self) -> float:
         """Return the mean over the flat area of h (2μ + λ), the bladder's included, in N/m."""
         area = float(self.skin.pattern.areas.sum())
+        return dot(self.skin.comm, self._moduli(), self._areas) / area + self._rubber
+
+    def soft_modulus(self) -> float:
+        """Return the harmonic mean over the flat area of h (2μ + λ), in N/m: the soft parts count.
+
+        The bladder's is included.
+        """
+        area = float(self.skin.pattern.areas.sum())
+        return area / dot(self.skin.comm, 1 / (self._moduli() + self._rubber), self._areas)
+
+    @property
+    def _rubber(self) -> float:
         bladder = self.composite.bladder  # μ = E/3, λ = 2 μ
-        rubber = 0.0 if bladder is None else 4 / 3 * bladder.membrane_stiffness
-        return dot(self.skin.comm, self._moduli(), self._areas) / area + rubber
+        return 0.0 if bladder is None else 4 / 3 * bladder.membrane_stiffness
 
     def _moduli(self, sheet: Floats | float = 1.0, courses: Floats | float = 1.0) -> Floats:
         """Return h (2μ + λ) of the owned triangles in N/m, without the bladder's.
