@@ -70,7 +70,7 @@ class Sheet:
     def of(cls, name: str, ratio: float) -> Sheet:
         """Make the sheet for a filter and R/h."""
         side = 2 * (REACH + 2 * RADIUS)
-        pattern = cylinder(MPI.COMM_SELF, side, side / np.pi, RADIUS / ratio, caps=False)
+        pattern = cylinder(MPI.COMM_SELF, side, side / np.pi, RADIUS / ratio, caps=None)
         skin = sew(MPI.COMM_SELF, pattern)
         points = pattern.centroids[skin.owned_cells] - pattern.flat_points.mean(axis=0)
         inside = np.linalg.norm(points, axis=1) < REACH

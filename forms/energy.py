@@ -109,6 +109,7 @@ def skin_forms(
     shifts: Sequence[Any] | None = None,
     lines: Lines | None = None,
     knit: Family | None = None,
+    origin: Any | None = None,
 ) -> SkinForms:
     """Return energy, first variation, tangent and density sensitivity of a skin, eqs. (8-10, 19).
 
@@ -208,12 +209,13 @@ def skin_forms(
 
     volume = volume_variation = None
     if pressure is not None:
-        enclosed = enclosed_volume(corners) / flat_area(jacobian)
+        arms = corners if origin is None else [corner - origin for corner in corners]
+        enclosed = enclosed_volume(arms) / flat_area(jacobian)
         volume = (enclosed if chosen is None else chosen * enclosed) * dx
         volume_variation = ufl.derivative(volume, q, test)
         energy += -pressure * enclosed * dx
         residual += ufl.derivative(-pressure * enclosed * dx, q, test)
-        pressure_blocks(blocks, nodes[:3], jacobian, geometric * pressure)
+        pressure_blocks(blocks, [components(arm) for arm in arms], jacobian, geometric * pressure)
 
     tangent = balanced_sum([value * entries[n] for n, value in enumerate(blocks.upper())]) * dx
     return SkinForms(

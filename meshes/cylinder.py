@@ -1,4 +1,4 @@
-"""A capped tube: one rectangle rolled up, and two round end caps."""
+"""A tube: one rectangle rolled up, and round caps at both ends, one, or none."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from toros_fem._validate import require_choice, require_positive
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Panel, Pattern
-from toros_fem.meshes.sheet import ringed_disc, sector
+from toros_fem.meshes.sheet import grid, ringed_disc, sector
 
 WALL, BASE, TIP = "wall", "base", "tip"
+KINDS = ("unstructured", "structured", "left", "union-jack", "crossed")
 # Rounding of a coordinate, as a fraction of the tube's diameter or perimeter.
 TINY = 1e-9
 
@@ -27,7 +28,7 @@ def cylinder(
     edge_length: float,
     *,
     mesh: str = "unstructured",
-    caps: bool = True,
+    caps: str | None = "both",
     planes: Sequence[int] = (),
 ) -> Pattern:
     """Make a tube along z from z = 0 (panel "base") to z = length (panel "tip") (collective).
@@ -47,18 +48,25 @@ def cylinder(
         length: Length of the tube in m.
         diameter: Diameter of the circle through the vertices, in m.
         edge_length: Target edge length in m.
-        mesh: "unstructured" (gmsh, frontal Delaunay) or "structured" (right triangles with one
-            diagonal direction, on which the curvature "average" is exact for quadratics).
-        caps: Whether the ends are closed. An open tube cannot carry pressure.
+        mesh: "unstructured" (gmsh, frontal Delaunay); or rows of rectangles, each divided by the
+            diagonal that falls along u ("structured", on which the curvature "average" is exact
+            for quadratics), by the one that rises ("left"), by both in turn ("union-jack"), or in
+            four ("crossed"). The centres of crossed rectangles lie on the circle, so that this
+            mesh alone of them is rolled up with a small strain.
+        caps: Ends that are closed: "both", "base", "tip", or None. An open end carries pressure
+            only where a symmetry plane holds it: `symmetry_plane(pattern, 2)` at z = 0,
+            `symmetry_plane(pattern, 2, at=length)` at the tip.
         planes: Symmetry planes that cut the tube: () for the whole, (1,) for the half at y ≥ 0,
             (0, 1) for the quarter that also has x ≥ 0. The cut is not sewn.
 
     Raises:
         ParameterError: A size is not positive, or too large for a tube of six sides and two rows;
-            or the planes are others.
+            or the planes, the caps or the kind of mesh are others.
     """
     require_positive(length=length, diameter=diameter, edge_length=edge_length)
-    require_choice("mesh", mesh, ("unstructured", "structured"))
+    require_choice("mesh", mesh, KINDS)
+    if caps is not None:
+        require_choice("caps", caps, ("both", BASE, TIP))
     bound = min(np.pi * diameter / 5.5, length / 1.5)
     require_positive(edge_length=edge_length, at_most=bound)
     if set(planes) not in (set(), {1}, {0, 1}) or len(set(planes)) < len(planes):
@@ -76,8 +84,8 @@ def cylinder(
     end = begin + sides * chord
 
     def build() -> Pattern:
-        if mesh == "structured":
-            wall = _grid(sides, rows, begin, end, length)
+        if mesh != "unstructured":
+            wall = _grid(sides, rows, begin, end, length, mesh)
             cap = ringed_disc(around, radius, parts) if caps else None
         else:
             corner = np.array([[begin, 0], [end, 0], [end, length], [begin, length]])
@@ -88,7 +96,8 @@ def cylinder(
             wall, cap = meshes[0], (meshes[1] if caps else None)
         panels = [_wall_panel(*wall, radius, around * chord, begin)]
         if cap is not None:
-            panels += [_cap_panel(BASE, *cap, 0.0), _cap_panel(TIP, *cap, length)]
+            ends = ((BASE, 0.0), (TIP, length))
+            panels += [_cap_panel(name, *cap, z) for name, z in ends if caps in ("both", name)]
         if planes:  # the cut is exactly in its plane
             for panel in panels:
                 panel.points[np.abs(panel.points) < TINY * diameter] = 0.0
@@ -126,10 +135,8 @@ def _cap_panel(name: str, flat: Floats, triangles: Ints, height: float) -> Panel
     return Panel(name, flat, triangles, points)
 
 
-def _grid(around: int, rows: int, begin: float, end: float, length: float) -> tuple[Floats, Ints]:
-    u, v = np.meshgrid(np.linspace(begin, end, around + 1), np.linspace(0, length, rows + 1))
-    node = np.arange((rows + 1) * (around + 1)).reshape(rows + 1, around + 1)
-    a, b, c, d = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
-    lower, upper = np.stack([a, b, c], axis=2), np.stack([b, d, c], axis=2)
-    triangles = np.stack([lower, upper], axis=2).reshape(-1, 3)
-    return np.column_stack([u.ravel(), v.ravel()]), triangles
+def _grid(
+    around: int, rows: int, begin: float, end: float, length: float, kind: str
+) -> tuple[Floats, Ints]:
+    unit, triangles = grid(around, rows, "right" if kind == "structured" else kind)
+    return unit * [(end - begin) / around, length / rows] + [begin, 0.0], triangles

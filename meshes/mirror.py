@@ -48,22 +48,23 @@ class Mirrored:
 _WHOLES: WeakKeyDictionary[Pattern, dict[tuple[int, ...], Mirrored]] = WeakKeyDictionary()
 
 
-def plane_border(pattern: Pattern, axis: int) -> Ints:
-    """Return the free half-edges, (k,), in a coordinate plane through the origin.
+def plane_border(pattern: Pattern, axis: int, at: float = 0.0) -> Ints:
+    """Return the free half-edges, (k,), in a plane across a coordinate axis.
 
     Args:
         pattern: Half a skin, or a quarter.
         axis: Normal of the plane, 0 for x = 0, …
+        at: Coordinate of the plane in m.
 
     Raises:
         ParameterError: There is none: the skin is not cut there.
     """
-    flat = np.abs(pattern.points[:, axis]) <= FLAT * pattern.size
+    flat = np.abs(pattern.points[:, axis] - at) <= FLAT * pattern.size
     border = pattern.edges.border[flat[pattern.free_edges].all(axis=1)]
     if len(border) == 0:
         raise ParameterError(
-            f"no free edge lies in the plane {'xyz'[axis]} = 0. Cut the skin there, and put the "
-            "plane through the origin."
+            f"no free edge lies in the plane {'xyz'[axis]} = {at:g} m. Cut the skin there; by "
+            "default the plane goes through the origin."
         )
     return pattern.edges.twins[border, 0]
 

@@ -222,8 +222,8 @@ class Pattern:
             raise OpenSkinError(
                 f"pressure needs a closed skin, but {len(self.free_edges)} edges are free, the "
                 f"first between vertices {a} and {b} at {self.points[a]} and {self.points[b]} m. "
-                "Sew them to a neighbour, add a cap, let a symmetry plane through the origin "
-                "close a border that lies in it (symmetry_plane), or set the pressure to 0."
+                "Sew them to a neighbour, add a cap, let a symmetry plane close a border that "
+                "lies in it (symmetry_plane), or set the pressure to 0."
             )
 
     @cached_property

@@ -14,7 +14,7 @@ from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Pattern
 
 SHEET = "sheet"
-KINDS = ("right", "equilateral", "crossed", "union-jack", "unstructured")
+KINDS = ("right", "left", "equilateral", "crossed", "union-jack", "unstructured")
 
 Place = Callable[[Floats], Floats]
 
@@ -52,9 +52,9 @@ def rectangle(
         comm: Communicator.
         length, width: Size in m.
         edge_length: Target edge length in m; the sides are divided evenly.
-        mesh: "right" triangles with one diagonal direction, "equilateral" ones (halved at two
-            borders), "crossed" (four around each square's centre), "union-jack" (diagonals that
-            alternate), or "unstructured" (gmsh).
+        mesh: "right" triangles with diagonals that fall along the length, "left" with diagonals
+            that rise, "equilateral" ones (halved at two borders), "crossed" (four around each
+            square's centre), "union-jack" (diagonals that alternate), or "unstructured" (gmsh).
         place: As in `one_panel`.
 
     Raises:
@@ -178,7 +178,7 @@ def grid(along: int, across: int, kind: str) -> tuple[Floats, Ints]:
         parts = [np.stack([one, two, middle], axis=1) for one, two in corners]
     else:
         i, j = np.divmod(np.arange(len(a)), along)
-        rising = ((i + j) % 2 == 1) if kind == "union-jack" else np.zeros(len(a), dtype=bool)
+        rising = ((i + j) % 2 == 1) if kind == "union-jack" else np.full(len(a), kind == "left")
         parts = [
             np.stack([a, b, np.where(rising, c, d)], axis=1),
             np.stack([c, d, np.where(rising, a, b)], axis=1),

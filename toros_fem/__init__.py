@@ -42,7 +42,7 @@ from toros_fem.lines.lay_lines import lay_lines
 from toros_fem.lines.options import LineOptions
 from toros_fem.materials import Bending, Bladder, Composite, Knit, Material
 from toros_fem.mechanics.chambers import Chambers
-from toros_fem.mechanics.dead_loads import Weight, spread_force
+from toros_fem.mechanics.dead_loads import Weight, point_force, spread_force
 from toros_fem.mechanics.supports import (
     Supports,
     build_in,
@@ -135,6 +135,7 @@ __all__ = [
     "optimize",
     "optimize_levels",
     "pin",
+    "point_force",
     "printed_lines",
     "random_density",
     "refinements",

@@ -35,6 +35,26 @@ class Material:
         require_between(0.0, 0.5, poisson=self.poisson)
         _store_floats(self, "young", "poisson", "thickness")
 
+    @classmethod
+    def from_lame(cls, mu: float, lam: float, thickness: float) -> Material:
+        """Return the sheet of given Lamé parameters of plane stress, those of eq. (1).
+
+        ν = λ/(λ + 2μ) and E = 2μ(1 + ν). λ is not that of the solid material: from λ₃ in three
+        dimensions follows λ = 2μλ₃/(λ₃ + 2μ); μ is the same.
+
+        Args:
+            mu: μ in Pa.
+            lam: λ in Pa, 0 to 2μ, which is Poisson's ratio 0 to 0.5.
+            thickness: h in m.
+
+        Raises:
+            ParameterError: A value is out of its bounds.
+        """
+        require_positive(mu=mu)
+        require_between(0.0, 2 * mu, lam=lam)
+        poisson = lam / (lam + 2 * mu)
+        return cls(2 * mu * (1 + poisson), poisson, thickness)
+
     @property
     def mu(self) -> float:
         """Plane-stress Lamé parameter μ = E/(2(1+ν)) in Pa."""

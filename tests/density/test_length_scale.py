@@ -89,7 +89,7 @@ def test_thin_lines_and_gaps_are_caught_wide_ones_pass(
     """One straight line across a sheet, no finer resolved than docs/optimisation.md asks for."""
     radius = 2.4e-3
     edge = radius / ratio
-    pattern = cylinder(MPI.COMM_SELF, 0.05, 0.016, edge, caps=False)
+    pattern = cylinder(MPI.COMM_SELF, 0.05, 0.016, edge, caps=None)
     skin = sew(MPI.COMM_SELF, pattern)
     flat = make_filter(name, skin, radius)
     limits = LengthScaleConstraints(

@@ -290,7 +290,7 @@ def test_bad_input(tube_solver: EquilibriumSolver, comm: MPI.Comm) -> None:
 
 
 def test_open_skin_under_pressure(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured", caps=False)
+    pattern = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured", caps=None)
     skin = sew(comm, pattern)
     solver = EquilibriumSolver(skin, Composite(), clamp(pattern, ["wall"]))
     with pytest.raises(errors.OpenSkinError, match="edges are free"):

@@ -45,7 +45,7 @@ def test_islands_and_holes() -> None:
 
 def test_pieces_across_seams(comm: MPI.Comm) -> None:
     """A body that runs out at the tube's seam, its other half, and a spot that meets nothing."""
-    pattern = cylinder(comm, 0.04, 0.02, 2e-3, caps=False)
+    pattern = cylinder(comm, 0.04, 0.02, 2e-3, caps=None)
     width = np.ptp(pattern.flat_points[:, 0])
     shapes = {
         "body": box(0.02, 0.02, width, 0.03),

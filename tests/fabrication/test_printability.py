@@ -65,7 +65,7 @@ def test_tube_with_flaws(comm: MPI.Comm) -> None:
 
 def test_lines_of_a_field(comm: MPI.Comm) -> None:
     """A field linear across slanted lines keeps their widths and gaps, cut by the seam or not."""
-    pattern = cylinder(comm, 0.08, 0.02, 1.5e-3, caps=False)
+    pattern = cylinder(comm, 0.08, 0.02, 1.5e-3, caps=None)
     along = np.array([np.sin(0.8), np.cos(0.8)])
 
     def density(points: np.ndarray) -> np.ndarray:

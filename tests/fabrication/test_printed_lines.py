@@ -79,7 +79,7 @@ def test_lines_on_another_mesh_are_scaled_with_its_panels(comm: MPI.Comm) -> Non
 
 
 def test_lines_of_other_panels_are_refused(comm: MPI.Comm) -> None:
-    capped, bare = (cylinder(comm, 0.06, 0.02, 5e-3, caps=caps) for caps in (True, False))
+    capped, bare = (cylinder(comm, 0.06, 0.02, 5e-3, caps=caps) for caps in ("both", None))
     with pytest.raises(PanelError, match="2 regions for 3 panels"):
         regions_on(capped, [NOTHING] * 2, capped)
     with pytest.raises(PanelError, match="same panels"):

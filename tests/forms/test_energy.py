@@ -39,7 +39,7 @@ def loaded(request: pytest.FixtureRequest, tube: Skin, comm: MPI.Comm) -> SkinMo
     bending, mirrored = SCENES[request.param]
     skin, supports = tube, clamp(tube.pattern, ["base"])
     if mirrored:
-        skin = sew(comm, cylinder(comm, 0.06, 0.02, 4.5e-3, caps=False))
+        skin = sew(comm, cylinder(comm, 0.06, 0.02, 4.5e-3, caps=None))
         # The guided borders themselves are free, so that all derivatives there are seen.
         points, border = skin.pattern.points, skin.pattern.free_edges
         along = points[border[:, 1]] - points[border[:, 0]]

@@ -274,7 +274,7 @@ def test_panels_as_chambers_and_errors(grid: Skin, two: EquilibriumSolver) -> No
     four[pattern.cells_of("tip")] = 3
     with pytest.raises(errors.ParameterError, match="meets others at three points or more"):
         find_walls(pattern, Chambers(tuple("abcd"), four), fixed)
-    opened = cylinder(grid.comm, LENGTH, 2 * RADIUS, 5e-3, mesh="structured", caps=False)
+    opened = cylinder(grid.comm, LENGTH, 2 * RADIUS, 5e-3, mesh="structured", caps=None)
     side = (centres(opened)[:, 0] > 0).astype(int)
     with pytest.raises(errors.ParameterError, match="both ends fixed in symmetry planes"):
         find_walls(opened, Chambers(("a", "b"), side), clamp(opened, ["wall"]))

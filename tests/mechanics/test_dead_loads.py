@@ -14,7 +14,7 @@ from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.materials import Bladder, Composite
 from toros_fem.mechanics.chambers import Chambers
-from toros_fem.mechanics.dead_loads import Weight, spread_force
+from toros_fem.mechanics.dead_loads import Weight, point_force, spread_force
 from toros_fem.mechanics.supports import clamp, displace
 from toros_fem.meshes import Skin, sew
 from toros_fem.objectives.shape import ShapeObjective
@@ -115,3 +115,36 @@ def test_ranks_agree_on_a_scene_that_has_it_all(tube: Skin, comm: MPI.Comm) -> N
     assert found[1][2].reactions(found[1][1]) == pytest.approx(
         found[3][2].reactions(found[3][1]), abs=1e-6
     )
+
+
+def test_force_at_a_point(tube: Skin) -> None:
+    """It has the right sum and the right moment, wherever it acts."""
+    pattern, pull = tube.pattern, np.array([0.3, -0.2, 0.5])
+    corner = pattern.points[pattern.triangles[7]]
+    inside = np.array([0.2, 0.5, 0.3]) @ corner
+    found = point_force(pattern, inside, pull)
+    assert found[pattern.triangles[7]] == pytest.approx(np.outer([0.2, 0.5, 0.3], pull), abs=1e-12)
+    assert np.cross(pattern.points, found).sum(axis=0) == pytest.approx(
+        np.cross(inside, pull), abs=1e-15
+    )
+    panel = pattern.panel_names[pattern.panel[7]]
+    flat = point_force(pattern, [0.2, 0.5, 0.3] @ pattern.corners[7], pull, panel)
+    assert flat == pytest.approx(found, abs=1e-12)
+    vertex = int(pattern.triangles[7, 1])
+    alone = point_force(pattern, pattern.points[vertex] * 1.0001, pull)
+    assert alone[vertex] == pytest.approx(pull, rel=0.01)
+    assert alone.sum(axis=0) == pytest.approx(pull)
+
+
+def test_force_beside_the_skin(tube: Skin) -> None:
+    pattern = tube.pattern
+    with pytest.raises(errors.ParameterError, match="away from the assembled skin; at most"):
+        point_force(pattern, [0.1, 0.0, 0.0], [0, 0, 1])
+    with pytest.raises(errors.ParameterError, match="away from panel 'tip'"):
+        point_force(pattern, [0.1, 0.0], [0, 0, 1], "tip")
+    with pytest.raises(errors.ParameterError, match="need the name of their panel"):
+        point_force(pattern, [0.0, 0.0], [0, 0, 1])
+    with pytest.raises(errors.ParameterError, match="force = .* must be a finite vector"):
+        point_force(pattern, [0.0, 0.0], [0, np.nan, 1], "tip")
+    with pytest.raises(errors.PanelError, match="no panel is named 'top'"):
+        point_force(pattern, [0.0, 0.0], [0, 0, 1], "top")

@@ -60,7 +60,7 @@ def test_the_wall_is_in_the_tangent_of_its_border_alone(grid: Skin) -> None:
 
 
 def test_open_skin_has_no_volume(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, LENGTH, 2 * RADIUS, 5e-3, mesh="structured", caps=False)
+    pattern = cylinder(comm, LENGTH, 2 * RADIUS, 5e-3, mesh="structured", caps=None)
     skin = sew(comm, pattern)
     model = SkinModel(skin, Composite(bending=None), clamp(pattern, ["wall"]))
     assert not model.closed

@@ -33,8 +33,9 @@ def test_cylinder(comm: MPI.Comm, mesh: str) -> None:
     assert flat.max(axis=0) == pytest.approx([perimeter, 0.06], rel=1e-12)
 
 
-def test_structured_cylinder_is_isometric() -> None:
-    tube = cylinder(MPI.COMM_SELF, 0.06, 0.02, 4e-3, mesh="structured", caps=False)
+@pytest.mark.parametrize("mesh", ["structured", "left", "union-jack"])
+def test_structured_cylinder_is_isometric(mesh: str) -> None:
+    tube = cylinder(MPI.COMM_SELF, 0.06, 0.02, 4e-3, mesh=mesh, caps=None)
     for i in range(3):
         flat = tube.corners[:, i] - tube.corners[:, i - 1]
         round_ = tube.points[tube.triangles[:, i]] - tube.points[tube.triangles[:, i - 1]]
@@ -94,7 +95,7 @@ def _around(tube: Pattern) -> int:
 
 
 def test_open_half_cylinder_keeps_both_cuts_and_rims() -> None:
-    half = cylinder(MPI.COMM_SELF, 0.06, 0.02, 5e-3, mesh="structured", caps=False, planes=(1,))
+    half = cylinder(MPI.COMM_SELF, 0.06, 0.02, 5e-3, mesh="structured", caps=None, planes=(1,))
     assert len(half.free_edges) == 2 * 12 + 2 * 6
     assert len(mirrored(half, (1,)).pattern.free_edges) == 2 * 12
 
@@ -103,3 +104,38 @@ def test_open_half_cylinder_keeps_both_cuts_and_rims() -> None:
 def test_cylinder_planes(comm: MPI.Comm, planes: tuple[int, ...]) -> None:
     with pytest.raises(errors.ParameterError, match=r"planes = .* must be \(\) for the whole"):
         cylinder(comm, 0.06, 0.02, 5e-3, planes=planes)
+
+
+@pytest.mark.parametrize("planes", [(), (1,)])
+@pytest.mark.parametrize("mesh", ["unstructured", "crossed"])
+def test_one_cap(comm: MPI.Comm, mesh: str, planes: tuple[int, ...]) -> None:
+    """The other end is a free border; the numbers of triangles add up to those of the whole."""
+    made = {
+        caps: cylinder(comm, 0.06, 0.02, 4e-3, mesh=mesh, caps=caps, planes=planes)
+        for caps in ("both", "base", "tip", None)
+    }
+    assert made["base"].panel_names == ("wall", "base")
+    assert made["tip"].panel_names == ("wall", "tip")
+    count = {caps: len(pattern.panel) for caps, pattern in made.items()}
+    assert count["base"] + count["tip"] == count["both"] + count[None]
+    for caps, height in (("base", 0.06), ("tip", 0.0)):
+        tube = made[caps]
+        rim = tube.free_edges[np.isclose(tube.points[tube.free_edges][:, :, 2], height).all(1)]
+        assert len(rim) == round(np.pi * 0.02 / 4e-3) // (2 if planes else 1)
+        if not planes:
+            assert len(rim) == len(tube.free_edges)
+    with pytest.raises(errors.ParameterError, match="caps = 'none' must be one of 'both'"):
+        cylinder(comm, 0.06, 0.02, 4e-3, caps="none")
+
+
+def test_diagonals_of_the_wall() -> None:
+    """Each rectangle is cut the other way by "left"; by turns; or in four."""
+    rising = {}
+    for mesh in ("structured", "left", "union-jack", "crossed"):
+        tube = cylinder(MPI.COMM_SELF, 0.06, 0.02, 4e-3, mesh=mesh, caps=None)
+        sides = tube.corners - np.roll(tube.corners, 1, axis=1)
+        across = sides[(np.abs(sides) > 1e-6).all(axis=2)]
+        rising[mesh] = (across[:, 0] * across[:, 1] > 0).mean()
+    assert rising == pytest.approx(
+        {"structured": 0, "left": 1, "union-jack": 0.5, "crossed": 0.5}, abs=0.01
+    )

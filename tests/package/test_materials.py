@@ -36,6 +36,24 @@ def test_bad_material(changes: dict[str, float]) -> None:
         Material(**{**good, **changes})
 
 
+@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.5])
+def test_lame_parameters(poisson: float) -> None:
+    """They are those of plane stress, and lead back to the moduli."""
+    made = Material(2.6e7, poisson, 4e-4)
+    back = Material.from_lame(made.mu, made.lam, made.thickness)
+    assert back.young == pytest.approx(made.young, rel=1e-14)
+    assert back.poisson == pytest.approx(poisson, rel=1e-14)
+    if poisson < 0.5:  # from three dimensions
+        solid = made.young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+        assert made.lam == pytest.approx(2 * made.mu * solid / (solid + 2 * made.mu), rel=1e-14)
+
+
+@pytest.mark.parametrize(("mu", "lam", "name"), [(0.0, 1.0, "mu"), (1.0, 2.1, "lam")])
+def test_bad_lame_parameters(mu: float, lam: float, name: str) -> None:
+    with pytest.raises(errors.ParameterError, match=f"{name} = "):
+        Material.from_lame(mu, lam, 1e-3)
+
+
 def test_bad_bending_and_bladder() -> None:
     for wrong in ({"curvature": "cubic"}, {"seams": "glued"}, {"rest": "round"}):
         with pytest.raises(errors.ParameterError, match=next(iter(wrong.values()))):

@@ -1,7 +1,7 @@
 """Energy, forces and tangent of a skin, eqs. (1-10), with its supports and loads."""
 
 from toros_fem.mechanics.chambers import Chambers, chambers_of_panels
-from toros_fem.mechanics.dead_loads import Weight, spread_force
+from toros_fem.mechanics.dead_loads import Weight, point_force, spread_force
 from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.relaxed_model import RelaxedModel
@@ -28,6 +28,7 @@ __all__ = [
     "clamp_where",
     "displace",
     "pin",
+    "point_force",
     "spread_force",
     "symmetry_plane",
 ]

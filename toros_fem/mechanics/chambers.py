@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem._types import Floats, Ints
+from toros_fem._types import Bools, Floats, Ints
 from toros_fem.errors import ParameterError
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.pattern import Pattern
@@ -87,12 +87,13 @@ class Wall:
     """Wall between two chambers: the fan of their common border about its mean c.
 
     The volume v = Σ xᵢ·(xᵢ₊₁ × c)/6 = c·g/6 with g = Σ xᵢ × xᵢ₊₁ is that of the fan's cone from
-    the origin, by the sum in eq. (7). Arguments x are the positions of its vertices, (m, 3), in m.
+    the origin, by the sum in eq. (7). Arguments x are the positions of its vertices from the
+    origin of `Supports.closure`, (m, 3), in m.
 
     Attributes:
         vertices: Assembled vertices in order, as the triangles of the first side run, (m,).
-        closed: Whether the last vertex is connected to the first; else both ends lie in symmetry
-            planes through the origin, and the missing part does too.
+        closed: Whether the last vertex is connected to the first; else both ends lie in planes
+            through the origin, and the missing part does too.
         sides: The two chambers.
         weights: Weight of each vertex in c, (m,).
         kept: 1 for the components of c, 0 across the symmetry planes that c lies in, (3,).
@@ -103,6 +104,11 @@ class Wall:
     sides: tuple[int, int]
     weights: Floats
     kept: Floats
+
+    @property
+    def linked(self) -> Bools:
+        """Whether two vertices have an entry in the second derivative, (m, m): all have."""
+        return np.ones((len(self.vertices), len(self.vertices)), dtype=bool)
 
     def volume(self, x: Floats) -> float:
         """Return v in m³."""
@@ -139,6 +145,76 @@ class Wall:
         if not self.closed:
             after[-1] = before[0] = 0
         return np.asarray(after - before)
+
+
+@dataclass(frozen=True, eq=False)
+class Lid:
+    """Wall that is missing in a symmetry plane without the origin: the fan of the border's edges.
+
+    The edges from i to j, as the skin's triangles run, are joined to the foot a of the origin in
+    the plane: v = Σ a·(xᵢ × xⱼ)/6. Where the border ends in planes through the origin, so does the
+    fan. Arguments x are the positions of its vertices from the origin, (m, 3), in m.
+
+    Attributes:
+        vertices: Assembled vertices, (m,).
+        edges: Ends i, j of the border's edges among them, (k, 2).
+        apex: a, from the origin, (3,), in m.
+        sides: The chamber, and −1 for the outside.
+    """
+
+    vertices: Ints
+    edges: Ints
+    apex: Floats
+    sides: tuple[int, int]
+
+    @property
+    def linked(self) -> Bools:
+        """Whether two vertices have an entry in the second derivative, (m, m)."""
+        found = np.zeros((len(self.vertices), len(self.vertices)), dtype=bool)
+        found[self.edges[:, 0], self.edges[:, 1]] = True
+        return np.asarray(found | found.T)
+
+    def volume(self, x: Floats) -> float:
+        """Return v in m³."""
+        one, two = x[self.edges].transpose(1, 0, 2)
+        return float(np.cross(one, two).sum(axis=0) @ self.apex) / 6
+
+    def gradient(self, x: Floats) -> Floats:
+        """Return dv/dx, (m, 3), in m²."""
+        out = np.zeros_like(x)
+        np.add.at(out, self.edges[:, 0], np.cross(x[self.edges[:, 1]], self.apex))
+        np.add.at(out, self.edges[:, 1], np.cross(self.apex, x[self.edges[:, 0]]))
+        return out / 6
+
+    def hessian(self, x: Floats) -> Floats:
+        """Return d²v/dx², (3 m, 3 m), in m: a constant."""
+        count = len(x)
+        turn = _skew(self.apex[None])[0]
+        out = np.zeros((count, count, 3, 3))
+        np.add.at(out, (self.edges[:, 0], self.edges[:, 1]), -turn)
+        np.add.at(out, (self.edges[:, 1], self.edges[:, 0]), turn)
+        return np.asarray(out.transpose(0, 2, 1, 3).reshape(3 * count, 3 * count) / 6)
+
+
+def find_lids(pattern: Pattern, chambers: Chambers | None, supports: Supports) -> list[Lid]:
+    """Return the lids of all chambers; none if the skin is not closed.
+
+    Raises:
+        ParameterError: What closes a border is not unique.
+    """
+    if not supports.close(pattern):
+        return []
+    closure, lids = supports.closure(pattern), []
+    for (axis, at), border in zip(closure.planes, closure.borders, strict=True):
+        ends = half_edges(pattern.triangles)[border]
+        owner = np.zeros(len(border), dtype=np.int64)
+        if chambers is not None:
+            owner = chambers.of_cell[border // 3]
+        apex = np.where(np.arange(3) == axis, at - closure.origin[axis], 0.0)
+        for chamber in np.unique(owner):
+            vertices, edges = np.unique(ends[owner == chamber], return_inverse=True)
+            lids.append(Lid(vertices, edges.reshape(-1, 2), apex, (int(chamber), -1)))
+    return lids
 
 
 def _skew(a: Floats) -> Floats:
@@ -220,7 +296,8 @@ def _wall(
         raise ParameterError(
             f"the border between chambers {sides[0]} and {sides[1]} runs from vertex {path[0]} to "
             f"{path[-1]}: it must be a loop, or have both ends fixed in symmetry planes, or join "
-            "other borders at both. Move the chambers' borders, or simulate the whole skin."
+            "other borders at both; of two planes across one axis, only that nearer to the origin "
+            "may cut it. Move the chambers' borders, or simulate the whole skin."
         )
     weights: Floats = np.ones(len(path))  # a mirrored whole has the inner ones twice as often
     weights[[0, -1]] = 0.5

@@ -13,6 +13,9 @@ from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import Refinement
 
+# Largest distance of the place of a force from the skin, as a fraction of the skin's size.
+ON_SKIN = 0.01
+
 
 @dataclass(frozen=True)
 class Weight:
@@ -70,10 +73,97 @@ def spread_force(pattern: Pattern, panel: str, force: Sequence[float] | Floats) 
         PanelError: There is no such panel.
         ParameterError: The force is no finite vector.
     """
-    total = np.asarray(force, dtype=np.float64)
-    if total.shape != (3,) or not np.isfinite(total).all():
-        raise ParameterError(f"force = {force} must be a finite vector (3,), in N.")
+    total = _vector("force", force, 3, "N")
     cells = pattern.cells_of(panel)
     third = np.repeat(pattern.areas[cells] / 3, 3)
     areas = np.bincount(pattern.triangles[cells].ravel(), third, minlength=len(pattern.points))
     return np.asarray(np.outer(areas / areas.sum(), total))
+
+
+def point_force(
+    pattern: Pattern,
+    place: Sequence[float] | Floats,
+    force: Sequence[float] | Floats,
+    panel: str | None = None,
+) -> Floats:
+    """Return a dead force at one point of the skin.
+
+    The vertices of the triangle there bear it by their barycentric coordinates, so that it has the
+    right moment too. At a vertex that vertex bears it alone.
+
+    Args:
+        pattern: The pattern.
+        place: The point in m: assembled coordinates (3,), of which the nearest point of the
+            assembled skin is taken; or flat coordinates (2,) in the chart of `panel`.
+        force: The force in N, (3,).
+        panel: Name of the panel of flat coordinates; None for assembled ones.
+
+    Returns:
+        Forces in N on all assembled vertices, (n, 3).
+
+    Raises:
+        PanelError: There is no such panel.
+        ParameterError: An array is no finite vector of its length; or the point is not on the
+            skin: further from it than `ON_SKIN` of the skin's size.
+    """
+    whole = _vector("force", force, 3, "N")
+    flat = panel is not None
+    at = _vector("place", place, 2 if flat else 3, "m")
+    cells = np.arange(len(pattern.panel)) if panel is None else pattern.cells_of(panel)
+    corners = pattern.corners[cells] if flat else pattern.points[pattern.triangles[cells]]
+    weights = _nearest_weights(corners, at)
+    away = np.linalg.norm(np.einsum("cik,ci->ck", corners, weights) - at, axis=1)
+    nearest = int(np.argmin(away))
+    if away[nearest] > ON_SKIN * pattern.size:
+        where = f"panel {panel!r}" if flat else "the assembled skin"
+        raise ParameterError(
+            f"place = {at} m is {away[nearest]:.3g} m away from {where}; at most "
+            f"{ON_SKIN * pattern.size:.3g} m are allowed. Give a point on it."
+        )
+    forces = np.zeros((len(pattern.points), 3))
+    np.add.at(forces, pattern.triangles[cells[nearest]], np.outer(weights[nearest], whole))
+    return forces
+
+
+def _vector(name: str, values: Sequence[float] | Floats, size: int, unit: str) -> Floats:
+    found = np.asarray(values, dtype=np.float64)
+    if found.shape != (size,) or not np.isfinite(found).all():
+        raise ParameterError(
+            f"{name} = {values} must be a finite vector ({size},), in {unit}"
+            + (
+                "; flat coordinates (2,) need the name of their panel."
+                if name == "place" and found.shape != (size,)
+                else "."
+            )
+        )
+    return found
+
+
+def _nearest_weights(corners: Floats, at: Floats) -> Floats:
+    """Return barycentric coordinates (c, 3) of the point of each triangle nearest to a point."""
+    inside = _projected(corners, at)
+    beyond = (inside < 0).any(axis=1)
+    best = np.full(len(corners), np.inf)
+    found = inside.copy()
+    for i in range(3):  # outside, the nearest point is on an edge
+        a, b = corners[:, i], corners[:, (i + 1) % 3]
+        along = b - a
+        share = np.einsum("ck,ck->c", at - a, along) / np.einsum("ck,ck->c", along, along)
+        share = np.clip(share, 0.0, 1.0)
+        distance = np.linalg.norm(a + share[:, None] * along - at, axis=1)
+        closer = beyond & (distance < best)
+        best[closer] = distance[closer]
+        row = np.zeros((len(corners), 3))
+        row[:, i], row[:, (i + 1) % 3] = 1 - share, share
+        found[closer] = row[closer]
+    return found
+
+
+def _projected(corners: Floats, at: Floats) -> Floats:
+    """Return barycentric coordinates (c, 3) of a point's projection onto triangles' planes."""
+    u, v, w = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0], at - corners[:, 0]
+    uu, uv, vv = (np.einsum("ck,ck->c", *pair) for pair in ((u, u), (u, v), (v, v)))
+    uw, vw = (np.einsum("ck,ck->c", side, w) for side in (u, v))
+    area = uu * vv - uv**2
+    one, two = (vv * uw - uv * vw) / area, (uu * vw - uv * uw) / area
+    return np.stack([1 - one - two, one, two], axis=1)

@@ -154,6 +154,7 @@ class SkinModel:
             lattice_shifts,
             lines,
             courses(skin, composite),
+            fem.Constant(domain, self._pressure.origin) if self._pressure.origin.any() else None,
         )
         self._energy = fem.form(self.ufl_forms.energy)
         self._residual = fem.form(self.ufl_forms.residual)

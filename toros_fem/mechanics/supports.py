@@ -29,6 +29,25 @@ def _no_normals() -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
+class Closure:
+    """Planes that close the free borders of a skin, for its volume.
+
+    A cone from the origin over a wall that is missing in a plane through the origin has no volume.
+    Where planes cut the skin on both sides, as z = 0 and z = L do, one of them does not contain
+    the origin: there a lid must be counted.
+
+    Attributes:
+        origin: Point from which cones are taken, (3,), in m.
+        planes: Axis and coordinate in m of the plane of each lid.
+        borders: Free half-edges that bound each lid, (k,).
+    """
+
+    origin: Floats
+    planes: tuple[tuple[int, float], ...]
+    borders: tuple[Ints, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Supports:
     """Fixed position components, and free edges at which the sheet keeps its direction.
 
@@ -42,6 +61,7 @@ class Supports:
         displacement: Displacement in m of the fixed components from their assembled positions,
             shape (n, 3); None leaves all at their assembled positions. It is part of the load and
             raised together with it.
+        planes: Axis and coordinate in m of each symmetry plane that closes a free border.
 
     Raises:
         ParameterError: `guided` and `normals` do not fit together, or a normal is zero; or the
@@ -52,6 +72,7 @@ class Supports:
     guided: Ints = field(default_factory=_no_edges)
     normals: Floats = field(default_factory=_no_normals)
     displacement: Floats | None = None
+    planes: tuple[tuple[int, float], ...] = ()
 
     def __post_init__(self) -> None:
         require_displacement(self.displacement, self.fixed.shape)
@@ -79,6 +100,7 @@ class Supports:
             np.concatenate([self.guided, other.guided]),
             np.concatenate([self.normals, other.normals]),
             displacement,
+            tuple(dict.fromkeys(self.planes + other.planes)),
         )
 
     def refined(self, finer: Refinement) -> Supports:
@@ -91,25 +113,59 @@ class Supports:
         if self.displacement is not None:
             displacement = finer.at_vertices(self.displacement)
         if not len(self.guided):
-            return Supports(fixed, displacement=displacement)
+            return Supports(fixed, displacement=displacement, planes=self.planes)
         count = len(self.fixed)
         known = edge_keys(finer.ends[count:], count)
         middle = count + np.searchsorted(known, edge_keys(self.guided, count))
         halves = np.stack([self.guided, np.repeat(middle[:, None], 2, axis=1)], axis=2)
         normals = np.repeat(self.normals, 2, axis=0)
-        return Supports(fixed, halves.reshape(-1, 2), normals, displacement)
+        return Supports(fixed, halves.reshape(-1, 2), normals, displacement, self.planes)
 
     def close(self, pattern: Pattern) -> bool:
-        """Return whether a pressure can act: the skin is closed, or symmetry planes close it.
+        """Return whether a pressure can act: the skin is closed, or planes close it.
 
-        A wall that is missing in a coordinate plane through the origin contributes nothing to the
-        volume of eq. (7).
+        A free border is closed by a symmetry plane, or by a coordinate plane through the origin in
+        which it is fixed.
         """
-        ends, there = pattern.free_edges, self._at_zero(pattern)
-        return bool((there[ends[:, 0]] & there[ends[:, 1]]).any(axis=1).all())
+        return bool((self._closing_planes(pattern)[0] >= 0).all())
+
+    def closure(self, pattern: Pattern) -> Closure:
+        """Return how planes close the free borders of a skin that they close.
+
+        Raises:
+            ParameterError: A border lies in two planes, or runs from one lid to another.
+        """
+        axis, position = self._closing_planes(pattern)
+        origin = self._origin
+        off = (axis >= 0) & (position != origin[axis])
+        lids = []
+        borders = np.full(len(pattern.points), -1)
+        for k, at in sorted(set(zip(axis[off].tolist(), position[off].tolist(), strict=True))):
+            edges = pattern.free_edges[off & (axis == k) & (position == at)]
+            for j, other in self.planes:
+                if (j, other) != (k, at) and self._held(pattern, j, other)[edges].all(axis=1).any():
+                    raise ParameterError(
+                        f"a free edge lies in both planes {'xyz'[k]} = {at:g} m and {'xyz'[j]} = "
+                        f"{other:g} m, so that what closes it is not unique. Move a plane."
+                    )
+            there = borders[edges]
+            if ((there >= 0) & (there != k)).any():
+                raise ParameterError(
+                    f"planes cut the skin on both sides along {'xyz'[k]} and along "
+                    f"{'xyz'[there[there >= 0].max()]}, and a border runs from the one to the "
+                    "other. Let one of the four planes be no symmetry plane: simulate more."
+                )
+            borders[edges] = k
+            lids.append((k, at))
+        numbers = pattern.edges.twins[pattern.edges.border, 0]
+        return Closure(
+            origin,
+            tuple(lids),
+            tuple(numbers[off & (axis == k) & (position == at)] for k, at in lids),
+        )
 
     def in_planes(self, pattern: Pattern) -> Bools:
-        """Return whether each vertex lies in the symmetry plane across x, y or z, (n, 3).
+        """Return whether each vertex lies in the plane of `closure`'s origin across x, y, z, (n, 3).
 
         Where edges are guided their normals decide, since a clamp may fix more components.
         """
@@ -118,13 +174,40 @@ class Supports:
         for k in range(2):
             np.logical_or.at(across, self.guided[:, k], np.abs(self.normals) > 0.999 * lengths)
         guided = np.asarray(across.any(axis=1))[:, None]
-        return np.asarray(self._at_zero(pattern) & (across | ~guided))
+        held = [self._held(pattern, k, at) for k, at in enumerate(self._origin)]
+        return np.asarray(np.stack(held, axis=1) & (across | ~guided))
 
-    def _at_zero(self, pattern: Pattern) -> Bools:
-        """Whether each component is fixed at 0."""
-        there = pattern.points if self.displacement is None else pattern.points + self.displacement
-        at_rest = np.abs(pattern.points) <= FLAT * pattern.size
-        return np.asarray(self.fixed & at_rest & (np.abs(there) <= FLAT * pattern.size))
+    @property
+    def _origin(self) -> Floats:
+        """A point, (3,), in one plane across each axis that has planes: if possible at 0."""
+        origin = np.zeros(3)
+        for axis in range(3):
+            found = [at for k, at in self.planes if k == axis]
+            origin[axis] = min(found, key=abs, default=0.0)
+        return origin
+
+    def _closing_planes(self, pattern: Pattern) -> tuple[Ints, Floats]:
+        """Axis and coordinate of the plane that closes each free edge; axis −1 without one.
+
+        Planes through `_origin` come first: there nothing is missing from the volume.
+        """
+        ends, origin = pattern.free_edges, self._origin
+        axis = np.full(len(ends), -1)
+        position = np.zeros(len(ends))
+        planes = [*self.planes, *((k, 0.0) for k in range(3))]
+        for k, at in sorted(planes, key=lambda plane: plane[1] == origin[plane[0]]):
+            inside = self._held(pattern, k, at)[ends].all(axis=1)
+            axis[inside], position[inside] = k, at
+        return axis, position
+
+    def _held(self, pattern: Pattern, axis: int, at: float) -> Bools:
+        """Whether each vertex is fixed in a plane, and stays there."""
+        rest = pattern.points[:, axis] - at
+        moved = rest if self.displacement is None else rest + self.displacement[:, axis]
+        near = FLAT * pattern.size
+        return np.asarray(
+            self.fixed[:, axis] & (np.abs(rest) <= near) & (np.abs(moved) <= near)
+        )
 
     def require_no_rigid_motion(self, pattern: Pattern, *, bends: bool = True) -> None:
         """Check that no rigid motion of the assembled skin is left free.
@@ -301,24 +384,30 @@ def pin(pattern: Pattern, panel: str | None = None) -> Supports:
     return Supports(whole)
 
 
-def symmetry_plane(pattern: Pattern, axis: int) -> Supports:
-    """Fix the free border of half a skin in its mirror plane, a coordinate plane.
+def symmetry_plane(pattern: Pattern, axis: int, at: float = 0.0) -> Supports:
+    """Fix the free border of half a skin in its mirror plane, across a coordinate axis.
 
-    The border slides in the plane and the sheet stays perpendicular to it.
+    The border slides in the plane and the sheet stays perpendicular to it. The plane closes the
+    border for a pressure. Several planes are joined by `|`; two across one axis bound a section of
+    a skin that repeats.
 
     Args:
-        pattern: Half a skin, or a quarter; the plane goes through the origin.
-        axis: 0, 1 or 2 for the plane x = 0, y = 0 or z = 0.
+        pattern: Half a skin, or a quarter, or a section.
+        axis: 0, 1 or 2 for the plane x = at, y = at or z = at.
+        at: Coordinate of the plane in m.
 
     Raises:
         ParameterError: No free edge lies in the plane.
     """
     if axis not in (0, 1, 2):
         raise ParameterError(f"axis = {axis!r} must be 0, 1 or 2, for x, y or z.")
-    border = half_edges(pattern.triangles)[plane_border(pattern, axis)]
+    if not np.isfinite(at):
+        raise ParameterError(f"at = {at} must be a finite coordinate in m.")
+    border = half_edges(pattern.triangles)[plane_border(pattern, axis, at)]
     fixed = np.zeros((len(pattern.points), 3), dtype=bool)
     fixed[border.ravel(), axis] = True
-    return Supports(fixed, border, np.tile(np.eye(3)[axis], (len(border), 1)))
+    normals = np.tile(np.eye(3)[axis], (len(border), 1))
+    return Supports(fixed, border, normals, planes=((axis, float(at)),))
 
 
 def build_in(pattern: Pattern, vertices: Bools) -> Supports:
