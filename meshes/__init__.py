@@ -3,6 +3,7 @@
 from toros_fem.meshes.cylinder import cylinder
 from toros_fem.meshes.deformed import from_mesh
 from toros_fem.meshes.mirror import Mirrored, mirrored
+from toros_fem.meshes.moulded import moulded
 from toros_fem.meshes.outline import plane_centroids, two_panels
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import rounded
@@ -39,6 +40,7 @@ __all__ = [
     "from_mesh",
     "gripper",
     "mirrored",
+    "moulded",
     "plane_centroids",
     "read_surface",
     "rectangle",

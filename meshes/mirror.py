@@ -125,6 +125,7 @@ def _doubled(part: Mirrored, axis: int) -> Mirrored:
             points=np.concatenate([pattern.points, flip * pattern.points[~shared]]),
             panel_names=names,
             seam_tolerance=pattern.seam_tolerance,
+            moulded=pattern.moulded,
         ),
         vertex=np.concatenate([part.vertex, part.vertex[~shared]]),
         cell=np.concatenate([part.cell, part.cell]),

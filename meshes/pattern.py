@@ -71,6 +71,8 @@ class Pattern:
             is free of stress; for bending, the assembled one may be chosen instead.
         panel_names: A name for each panel.
         seam_tolerance: Largest relative difference of length of two edges sewn together.
+        moulded: Whether triangles have charts of their own, as of `meshes.moulded`, so that
+            neither places nor directions on a panel mean anything beyond one triangle.
 
     Raises:
         PatternError: The arrays do not fit together or hold NaN.
@@ -85,6 +87,7 @@ class Pattern:
     points: Floats
     panel_names: tuple[str, ...]
     seam_tolerance: float = 1e-6
+    moulded: bool = False
 
     def __post_init__(self) -> None:
         for name, kind, width in (
@@ -224,6 +227,21 @@ class Pattern:
                 f"first between vertices {a} and {b} at {self.points[a]} and {self.points[b]} m. "
                 "Sew them to a neighbour, add a cap, let a symmetry plane close a border that "
                 "lies in it (symmetry_plane), or set the pressure to 0."
+            )
+
+    def require_flat_panels(self, purpose: str) -> None:
+        """Check that panels are flat pieces of cloth.
+
+        Args:
+            purpose: What needs them, for the message.
+
+        Raises:
+            PatternError: The skin is moulded.
+        """
+        if self.moulded:
+            raise PatternError(
+                f"{purpose} needs flat panels, but this skin is moulded: each of its triangles has "
+                "a chart of its own. Cut it from flat panels (meshes.unwrap), or leave this out."
             )
 
     @cached_property

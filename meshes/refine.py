@@ -60,6 +60,7 @@ def refine(pattern: Pattern) -> Refinement:
             points=pattern.points[vertices].mean(axis=1),
             panel_names=pattern.panel_names,
             seam_tolerance=pattern.seam_tolerance,
+            moulded=pattern.moulded,
         ),
         cell=np.repeat(np.arange(len(tri)), 4),
         ends=vertices,

@@ -130,7 +130,10 @@ def make_transfer(source: Pattern, target: Pattern) -> Transfer:
     Raises:
         PanelError: The names of the panels are not the same, or a panel has another size or
             outline.
+        PatternError: A skin is moulded.
     """
+    for pattern in (source, target):
+        pattern.require_flat_panels("transfer between meshes")
     if sorted(source.panel_names) != sorted(target.panel_names):
         raise PanelError(
             f"the panels are named {list(source.panel_names)} on one mesh and "

@@ -18,7 +18,7 @@ from toros_fem.design.options import DesignOptions, Stage
 from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.materials import Composite
-from toros_fem.mechanics.chambers import Chambers, Wall, chambers_of_panels, find_walls
+from toros_fem.mechanics.chambers import Chambers, Lid, Wall, chambers_of_panels, find_walls
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.supports import clamp, symmetry_plane
 from toros_fem.mechanics.tangent import UpperTangent
@@ -147,6 +147,20 @@ def test_derivatives_of_a_wall(closed: bool) -> None:
     assert (wall.hessian(x) @ y.ravel()).reshape(5, 3) == pytest.approx(gap, rel=1e-12, abs=1e-14)
 
 
+def test_derivatives_of_a_lid() -> None:
+    rng = np.random.default_rng(0)
+    lid = Lid(np.arange(4), np.array([[0, 1], [1, 2], [2, 3]]), np.array([0, 0, 0.7]), (0, -1))
+    x, y = rng.standard_normal((2, 4, 3))
+    slope = float((lid.gradient(x) * y).sum())
+    rates = taylor_rates(lambda h: lid.volume(x + h * y), slope, 0.01)
+    assert rates == pytest.approx(2, abs=0.1)
+    gap = lid.gradient(x + 0.5 * y) - lid.gradient(x - 0.5 * y)  # quadratic: exact
+    hessian = lid.hessian(x)
+    assert (hessian @ y.ravel()).reshape(4, 3) == pytest.approx(gap, rel=1e-12, abs=1e-14)
+    blocks = np.abs(hessian).reshape(4, 3, 4, 3).max(axis=(1, 3)) > 0
+    assert np.array_equal(blocks, lid.linked)
+
+
 def test_axial_balance_across_a_wall(comm: MPI.Comm) -> None:
     """Each part of a tube pulls along with its pressure times the section; the wall takes the rest.
 
@@ -179,19 +193,23 @@ def test_axial_balance_across_a_wall(comm: MPI.Comm) -> None:
     assert ring[1] - ring[0] > ring[2] - ring[1]
 
 
+@pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (0.03, -0.02, 0.05)])
 @pytest.mark.parametrize(("planes", "along"), [((1,), False), ((0, 1), False), ((1,), True)])
-def test_cut_skin_equals_the_whole(comm: MPI.Comm, planes: tuple[int, ...], along: bool) -> None:
-    """A wall across the axis, and one along it that goes through one plane."""
+def test_cut_skin_equals_the_whole(
+    comm: MPI.Comm, planes: tuple[int, ...], along: bool, at: tuple[float, ...]
+) -> None:
+    """A wall across the axis, and one along it that goes through one plane, anywhere."""
     pattern = box()
     middle = centres(pattern)
+    pattern = dataclasses.replace(pattern, points=pattern.points + at)
     part = part_of(pattern, np.all([middle[:, k] > 0 for k in planes], axis=0))
 
     def solver_of(of: Pattern) -> EquilibriumSolver:
         fixed = clamp(of, ["bottom"])
         if of is part:
             for k in planes:
-                fixed = fixed | symmetry_plane(of, k)
-        side = centres(of)[:, 0] > 0 if along else centres(of)[:, 2] > 0.01
+                fixed = fixed | symmetry_plane(of, k, at[k])
+        side = (centres(of) - at)[:, 0] > 0 if along else (centres(of) - at)[:, 2] > 0.01
         chambers = Chambers(("one", "other"), side.astype(int))
         composite = Composite(bending=None, fabric=TABLE_A)
         return EquilibriumSolver(sew(comm, of), composite, fixed, chambers=chambers)

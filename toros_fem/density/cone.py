@@ -38,6 +38,7 @@ class ConeFilter:
 
     Raises:
         ParameterError: The radius is not positive, or does not fit the tile.
+        PatternError: The skin is moulded.
 
     Warns:
         UserWarning: The radius is under 1.5 edge lengths and hardly filters.

@@ -62,6 +62,7 @@ class Neighbourhood:
 
     Raises:
         ParameterError: The radius is not positive, or a tile is not wider than twice the radius.
+        PatternError: The skin is moulded; the Helmholtz filter takes it.
     """
 
     def __init__(
@@ -72,6 +73,7 @@ class Neighbourhood:
         whole: Mirrored | None = None,
     ) -> None:
         require_positive(radius=radius)
+        pattern.require_flat_panels("a search on the panels (cone filter, perimeter)")
         self.radius = radius
         cells: Ints = np.arange(len(pattern.panel), dtype=np.int64)
         points, panel = pattern.centroids, pattern.panel

@@ -213,8 +213,12 @@ def print_regions(
         cleaning: Returns the regions on each of its panels; called on the first rank.
         simulate: Evaluates a binary pattern, given for the owned triangles.
         limits: Limits of the printer.
+
+    Raises:
+        PatternError: The skin is moulded.
     """
     skin = problem.skin
+    pattern.require_flat_panels("a print")
 
     def inspect() -> tuple[CleanedRegions, Printability, Printability, Bools]:
         cleaned = cleaning()

@@ -66,7 +66,9 @@ def lay_lines(
 
     Raises:
         ParameterError: `printed` does not fit the pattern, or the options the field.
+        PatternError: The skin is moulded.
     """
+    field.pattern.require_flat_panels("laying lines")
     options = options or LineOptions()
     widths = [options.width_of(k, field.families) for k in range(field.families)]
     count = len(field.pattern.panel)

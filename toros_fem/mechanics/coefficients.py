@@ -56,9 +56,11 @@ def courses(skin: Skin, composite: Composite) -> Family | None:
     Raises:
         ParameterError: A panel has no grain.
         PanelError: There is no panel of a name.
+        PatternError: The skin is moulded.
     """
     if composite.knit is None:
         return None
+    skin.pattern.require_flat_panels("the grain of a knit")
     angle = _grain(composite.knit, skin.pattern)
     element = basix.ufl.element("DG", "triangle", 0, shape=(2,))
     space = fem.functionspace(skin.mesh, element)

@@ -165,7 +165,7 @@ class Supports:
         )
 
     def in_planes(self, pattern: Pattern) -> Bools:
-        """Return whether each vertex lies in the plane of `closure`'s origin across x, y, z, (n, 3).
+        """Return whether each vertex lies in `closure`'s plane across x, y or z, (n, 3).
 
         Where edges are guided their normals decide, since a clamp may fix more components.
         """
@@ -205,9 +205,7 @@ class Supports:
         rest = pattern.points[:, axis] - at
         moved = rest if self.displacement is None else rest + self.displacement[:, axis]
         near = FLAT * pattern.size
-        return np.asarray(
-            self.fixed[:, axis] & (np.abs(rest) <= near) & (np.abs(moved) <= near)
-        )
+        return np.asarray(self.fixed[:, axis] & (np.abs(rest) <= near) & (np.abs(moved) <= near))
 
     def require_no_rigid_motion(self, pattern: Pattern, *, bends: bool = True) -> None:
         """Check that no rigid motion of the assembled skin is left free.

@@ -1,0 +1,132 @@
+"""Moulded skins: at rest in a doubly curved shape, and inflated as a sphere; what they refuse."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.models import pressurize
+from helpers.scenes import TABLE_A, table
+from helpers.surfaces import cap
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem._mpi import norm
+from toros_fem.analysis.error_estimate import estimate_error
+from toros_fem.density.filters import make_filter
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.lines.field import LineField
+from toros_fem.lines.lay_lines import lay_lines
+from toros_fem.materials import Bending, Composite, Knit
+from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.supports import Supports, clamp_where, symmetry_plane
+from toros_fem.meshes import Pattern, moulded, sew
+from toros_fem.meshes.refine import refine
+from toros_fem.meshes.transfer import make_transfer
+
+RADIUS, AT = 0.01, 0.03
+
+
+def half_sphere(rows: int) -> Pattern:
+    surface, _ = cap(rows, np.pi / 2, RADIUS)
+    return moulded(surface.points + [0, 0, AT], surface.triangles)
+
+
+def rim_of(pattern: Pattern) -> Supports:
+    """The rim held, and closed by its plane."""
+    return replace(clamp_where(pattern, lambda x: x[:, 2] < AT + 1e-6), planes=((2, AT),))
+
+
+def test_charts_are_congruent_and_apart() -> None:
+    pattern = half_sphere(4)
+    for i in range(3):
+        flat = pattern.corners[:, i] - pattern.corners[:, i - 1]
+        there = pattern.points[pattern.triangles]
+        space = there[:, i] - there[:, i - 1]
+        assert np.linalg.norm(flat, axis=1) == pytest.approx(np.linalg.norm(space, axis=1))
+    low, high = pattern.corners.min(axis=1), pattern.corners.max(axis=1)
+    one, two = np.triu_indices(len(low), 1)
+    apart = (low[one] > high[two]) | (low[two] > high[one])
+    assert apart.any(axis=1).all()
+    assert refine(pattern).pattern.moulded
+
+
+@pytest.mark.parametrize("curvature", ["average", "quadratic", "midedge"])
+def test_without_load_it_is_at_rest(comm: MPI.Comm, curvature: str) -> None:
+    pattern = half_sphere(4)
+    skin = sew(comm, pattern)
+    held = rim_of(pattern)
+    bending = Bending(curvature=curvature, rest="assembled")
+    solver = EquilibriumSolver(skin, Composite(bending=bending), held)
+    model, density = solver.model, np.full(len(skin.owned_cells), 0.5)
+    model.set_density(density)
+    pressurize(model, 0.0)
+    scale = model.mean_modulus() * RADIUS
+    assert abs(model.energy(model.assembled)) < 1e-12 * scale * RADIUS
+    assert norm(comm, model.residual(model.assembled)) < 1e-12 * scale
+    flat = SkinModel(skin, Composite(bending=Bending(curvature=curvature)), held)
+    flat.set_density(density)
+    assert flat.energy(flat.assembled) > 1e-9 * scale * RADIUS, "moments, in a shape bent from flat"
+    loaded = solver.solve(density, 1e3)
+    assert loaded.volume > 1.001 * model.volume(model.assembled)
+
+
+def test_half_a_sphere_grows_as_the_sphere_of_eq_1(comm: MPI.Comm) -> None:
+    """At second order, up to stretches of 1.46."""
+    rows = [r for r in table("gent_cylinder_inflation") if r["mat"] == "A"]
+    sheet = Composite(fabric=TABLE_A, c1=1.8, c2=2.0, bending=None)
+    for pressure in ("1000", "10000"):
+        row = next(r for r in rows if r["P_Pa"] == pressure)
+        off = []
+        for n in (4, 8):
+            pattern = half_sphere(n)
+            fixed = np.zeros((len(pattern.points), 3), dtype=bool)
+            fixed[0, :2] = True  # the pole
+            fixed[np.argmax(pattern.points[:, 0]), 1] = True
+            supports = Supports(fixed) | symmetry_plane(pattern, 2, AT)
+            skin = sew(comm, pattern)
+            solver = EquilibriumSolver(skin, sheet, supports)
+            found = solver.solve(np.zeros(len(skin.owned_cells)), float(pressure))
+            stretch = (found.volume / (2 / 3 * np.pi * RADIUS**3)) ** (1 / 3)
+            off.append(abs(stretch / float(row["lambda_sphere"]) - 1))
+        assert off[1] < 0.006
+        assert np.log2(off[0] / off[1]) == pytest.approx(2, abs=0.3)
+
+
+def test_a_membrane_is_refined_as_a_polyhedron(comm: MPI.Comm) -> None:
+    pattern = half_sphere(3)
+    skin = sew(comm, pattern)
+    held = rim_of(pattern)
+    solver = EquilibriumSolver(skin, Composite(bending=None), held)
+    density = np.zeros(len(skin.owned_cells))
+    result = solver.solve(density, 500.0)
+    top = [lambda _, x: float(x[:, 2].max())]
+    (found,) = estimate_error(solver, density, result, top)
+    assert 0 < found.error < 0.2 * (found.value - AT)
+
+
+def test_what_needs_flat_panels_is_refused(comm: MPI.Comm) -> None:
+    pattern = half_sphere(4)
+    skin = sew(comm, pattern)
+    with pytest.raises(errors.PatternError, match=r"cone filter.* needs flat panels"):
+        make_filter("cone", skin, 6e-3)
+    density = np.random.default_rng(0).random(len(pattern.panel))[skin.owned_cells]
+    filtered = make_filter("helmholtz", skin, 6e-3).forward(density)
+    assert np.std(filtered) < 0.7 * np.std(density)
+    with pytest.raises(errors.PatternError, match="grain of a knit needs flat panels"):
+        SkinModel(skin, Composite(knit=Knit(2.0)), rim_of(pattern))
+    with pytest.raises(errors.PatternError, match="transfer between meshes needs flat panels"):
+        make_transfer(pattern, pattern)
+    count = len(pattern.panel)
+    field = LineField(pattern, np.full((count, 1), 0.3), np.zeros((count, 1)))
+    with pytest.raises(errors.PatternError, match="laying lines needs flat panels"):
+        lay_lines(field)
+
+
+def test_arrays_that_are_no_surface() -> None:
+    points = np.eye(3)
+    with pytest.raises(errors.PatternError, match="have shapes"):
+        moulded(points[:, :2], [[0, 1, 2]])
+    with pytest.raises(errors.PatternError, match="among the 3 points"):
+        moulded(points, [[0, 1, 3]])
+    with pytest.raises(errors.PatternError, match="triangle 0 has an edge of length 0 m"):
+        moulded(points[[0, 0, 1]], [[0, 1, 2]])
