@@ -66,7 +66,7 @@ def moulded(
     return Pattern(
         flat_points=flat.reshape(-1, 2),
         flat_triangles=np.arange(3 * len(corners)).reshape(-1, 3),
-        panel=np.zeros(len(corners)) if panel is None else np.asarray(panel),
+        panel=np.asarray(0 * number if panel is None else panel, dtype=np.int64),
         sewn=corners.ravel(),
         points=places,
         panel_names=tuple(panel_names),

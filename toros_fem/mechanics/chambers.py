@@ -207,9 +207,7 @@ def find_lids(pattern: Pattern, chambers: Chambers | None, supports: Supports) -
     closure, lids = supports.closure(pattern), []
     for (axis, at), border in zip(closure.planes, closure.borders, strict=True):
         ends = half_edges(pattern.triangles)[border]
-        owner = np.zeros(len(border), dtype=np.int64)
-        if chambers is not None:
-            owner = chambers.of_cell[border // 3]
+        owner = 0 * border if chambers is None else chambers.of_cell[border // 3]
         apex = np.where(np.arange(3) == axis, at - closure.origin[axis], 0.0)
         for chamber in np.unique(owner):
             vertices, edges = np.unique(ends[owner == chamber], return_inverse=True)
