@@ -196,9 +196,7 @@ def attempt(stage: Stage, case: Case) -> CaseResult:
     if moved is not None:
         away = "Back in the same shape" if moved <= SAME_SHAPE else "Back in ANOTHER shape"
         reason += f" {away}: it differs by {moved:.1e} of the size."
-    row = Row(
-        *astuple(case), kind, reason, steps, finding.residual, finding.sign, seconds
-    )
+    row = Row(*astuple(case), kind, reason, steps, finding.residual, finding.sign, seconds)
     faults = [*finding.faults, *([reason] if kind == "exception" else [])]
     return CaseResult(row, "wrong" if faults else kind, "; ".join(faults), moved)
 

@@ -11,7 +11,6 @@ from toros_fem._types import Floats
 from toros_fem.equilibrium.continuation import Attempt
 from toros_fem.equilibrium.path import PathPoint, find_jump
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
-from toros_fem.errors import ParameterError
 from toros_fem.materials import Composite, Material
 from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.supports import Supports, clamp
@@ -97,13 +96,17 @@ def test_a_limit_point_is_seen_from_near(arch: Arch) -> None:
     assert arch.pushed(critical * 6.8e-3 * 1.01, near).condition.snapped is True
 
 
-def test_snapped_needs_the_last_results(arch: Arch) -> None:
+def test_a_completed_trial_knows_its_path(arch: Arch) -> None:
+    """As on a path of loads, which is made of trials that are completed."""
     free = arch.pushed(0.0)
-    below = arch.pushed(4e-3, free)
-    assert arch.solver.snapped(free, below) is False
-    assert arch.solver.solve_tangent(np.ones_like(below.state), below).any()
-    with pytest.raises(ParameterError, match="not known any more"):
-        arch.solver.snapped(arch.pushed(0.0), arch.pushed(1e-3, below))
+    for force, snapped in ((6e-3, False), (25e-3, True)):
+        forces = np.zeros((len(arch.middle), 3))
+        forces[arch.middle, 2] = -force / arch.middle.sum()
+        trial = arch.solver.solve(arch.density, 0.0, force=forces, start=free.state, trial=True)
+        assert trial.condition.snapped is None
+        free = arch.solver.finish(trial)
+        assert free.condition.snapped is snapped
+        assert arch.solver.solve_tangent(np.ones_like(free.state), free).any()
 
 
 def test_a_skin_blown_up_to_its_bounds_says_so(comm: MPI.Comm) -> None:

@@ -116,10 +116,20 @@ class _Request:
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """An equilibrium that later solves may start from."""
+    """An equilibrium that later solves may start from.
+
+    Of a trial also where it came from, and whether no negative curvature was met on the way.
+    """
 
     request: _Request
     result: EquilibriumResult
+    origin: PathPoint | None = None
+    definite: bool = True
+
+    @property
+    def point(self) -> PathPoint:
+        """The equilibrium alone."""
+        return PathPoint(self.request.density, self.request.load, self.result.state)
 
 
 class EquilibriumSolver:
@@ -319,60 +329,41 @@ class EquilibriumSolver:
         self._factorised_at = None
         attempts = Attempts(self._snes, near=near is not None)
         end = self._continue(attempts, state, request, near, cold=cold, trial=trial, direct=direct)
+        origin = near and (near.point if near.origin is None else near.origin)
+        # Between two designs there is no path that a skin takes.
+        if origin is not None and not self._same_design(origin.density, request.density):
+            origin = None
         snapped = critical = None
-        if end.load_factor == 1.0 and not direct:
+        if end.load_factor == 1.0 and not trial:
             point = PathPoint(request.density, request.load, end.state)
-            # Between two designs there is no path that a skin takes.
-            if near is not None and self._same_design(near.request.density, request.density):
-                snapped, point = self._connect(attempts, _point(near), point)
+            if origin is not None:
+                assert near is not None
+                definite = attempts.definite and near.definite
+                snapped, point = self._connect(attempts, origin, point, definite=definite)
                 end = ContinuationResult(point.state, 1.0, end.outcome)
-            critical = critical_load(self.model, self._factor, point)
+            if origin is not None or not direct:
+                critical = critical_load(self.model, self._factor, point)
         result = self._result(
             attempts, end, request.load, snapped, critical, trial=trial, direct=direct
         )
         if result.converged:
             self._factorised_at = None if trial else result
             kept = [near] if near is not None else self._known[-1:]
-            self._known = [*kept, _Known(request, result)]
+            found = _Known(request, result)
+            if trial:
+                found = _Known(request, result, origin, attempts.definite)
+            self._known = [*kept, found]
         return result
-
-    def snapped(self, before: EquilibriumResult, after: EquilibriumResult) -> bool | None:
-        """Return whether a skin snaps between two equilibria of this solver (collective).
-
-        Args:
-            before: The equilibrium from which the other one started.
-            after: The last equilibrium of this solver.
-
-        Returns:
-            None where an equilibrium between the two is not found.
-
-        Raises:
-            ParameterError: The solver has been used for another solve since.
-        """
-        self._require_last(after)
-        known = {k.result: _point(k) for k in self._known}
-        if before not in known:
-            raise ParameterError(
-                "the equilibrium before is not known any more: the solver has been used since. "
-                "Solve from it again."
-            )
-        attempts = Attempts(self._snes)
-        answer, end = self._connect(attempts, known[before], known[after])
-        if end is not known[after]:
-            answer = True  # the path leads elsewhere
-        if attempts.last is not None:
-            self.model.set_density(known[after].density)
-            self.model.set_load(known[after].load)
-            self._snes.newton.stable(after.state)  # its factors again
-        return answer
 
     def _same_design(self, one: Floats, two: Floats) -> bool:
         return largest(self.skin.comm, float(np.abs(one - two).max(initial=0.0))) == 0
 
     def _connect(
-        self, attempts: Attempts, begin: PathPoint, end: PathPoint
+        self, attempts: Attempts, begin: PathPoint, end: PathPoint, *, definite: bool
     ) -> tuple[bool | None, PathPoint]:
         """Return whether the path between two equilibria jumps, and its end (collective).
+
+        Without a negative curvature on the way (`definite`) the tangent may settle it.
 
         The tangent at the end is factorised, before and after.
         """
@@ -386,7 +377,7 @@ class EquilibriumSolver:
 
         if same(begin.state, end.state):
             return False, end
-        if leads_back(self.model, self._factor, begin, end) and attempts.definite:
+        if definite and leads_back(self.model, self._factor, begin, end):
             return False, end
 
         def attempt(start: Floats, fraction: float) -> Attempt:
@@ -597,7 +588,3 @@ class EquilibriumSolver:
             factorisations=attempts.factorisations,
             history=tuple(attempts.history),
         )
-
-
-def _point(known: _Known) -> PathPoint:
-    return PathPoint(known.request.density, known.request.load, known.result.state)
