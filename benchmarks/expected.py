@@ -26,7 +26,13 @@ from demo_runs import DEMOS, ROOT, Demo, value_of, without_curve
 from toros_fem.config import Config
 
 FOLDER = ROOT / "demos" / "expected"
-SHORT = {"iterations": 4, "constrained_iterations": 2, "polish_iterations": 0, "corrections": 0}
+SHORT = {
+    "iterations": 4,
+    "constrained_iterations": 2,
+    "polish_iterations": 0,
+    "corrections": 0,
+    "estimate_error": False,
+}
 SHORT_TUBE = {**SHORT, "edge_length": 5.5e-3, "filter_radius": 8.5e-3}
 WHOLE = {"whole": True}
 SHORT_LINES = {
@@ -36,6 +42,7 @@ SHORT_LINES = {
     "second_laid_width": 3e-3,
     "print_edge_length": 3e-3,
     "corrections": 0,
+    "estimate_error": False,
 }
 # Endings of the names of further runs of a demo: on a part of the tube, with a designed pressure,
 # or with the length kept.

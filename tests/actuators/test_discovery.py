@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from helpers.designs import NO_CURVE
+from helpers.designs import DESIGN_ALONE
 from helpers.scenes import shared
 from mpi4py import MPI
 
@@ -37,7 +37,7 @@ TINY = twist.TwistConfig().updated(
     cross_sections=4,
     twist=60.0,
     pressure=8e3,
-    **NO_CURVE,
+    **DESIGN_ALONE,
 )
 
 

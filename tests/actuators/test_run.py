@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.designs import NO_CURVE
+from helpers.designs import DESIGN_ALONE
 from helpers.scenes import shared
 from mpi4py import MPI
 
@@ -32,7 +32,7 @@ SHORT = TubeConfig(
     iterations=1,
     constrained_iterations=0,
     polish_iterations=0,
-    **NO_CURVE,
+    **DESIGN_ALONE,
 )
 
 
@@ -89,7 +89,7 @@ def test_polishing_removes_islands(
     assert gone["manufacture"]["islands"] == 0
 
 
-def fails(*_: object) -> None:
+def fails(*_: object, **__: object) -> None:
     """In place of a simulation."""
     raise EquilibriumError("made to fail", None)  # type: ignore[arg-type]
 
@@ -119,6 +119,7 @@ def test_a_refined_mesh_without_equilibrium_loses_nothing(
     assert summary["angle_error_deg"] is summary["angle_refined_deg"] is None
     assert summary["angle_deg"] is not None
     assert "±" not in summary_sentence(summary)
+    assert "no equilibrium on the refined mesh" in summary_sentence(summary)
     comm.barrier()
     assert (folder / "pattern.svg").exists()
 
@@ -239,7 +240,7 @@ def test_a_design_is_asked_for_what_its_print_misses(comm: MPI.Comm, tmp_path: P
     config = bend_demo.BendConfig(
         length=0.06, edge_length=5e-3, filter_radius=8e-3, levels=1, angle=40.0, seed=1,
         iterations=4, constrained_iterations=0, polish_iterations=0, level_iterations=2,
-        corrections=0, **NO_CURVE,
+        corrections=0, **DESIGN_ALONE,
     )  # fmt: skip
     folder = shared(comm, tmp_path)
     plain = design_actuator(comm, folder, bend_demo.case, config)
@@ -263,7 +264,7 @@ def test_a_metric_without_a_field_does_not_prevent_corrections(
     config = bend_demo.BendConfig(
         length=0.06, edge_length=5e-3, filter_radius=8e-3, levels=1, angle=40.0, seed=1,
         iterations=4, constrained_iterations=0, polish_iterations=0, level_iterations=2,
-        corrections=1, **NO_CURVE,
+        corrections=1, **DESIGN_ALONE,
     )  # fmt: skip
     height = Metric("height", "mm", 50.0, lambda _, x: float(1e3 * x[:, 2].max()))
 

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from toros_fem.analysis.error_estimate import estimate_error
 from toros_fem.equilibrium.options import NewtonOptions
-from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.materials import Bending, Composite
 from toros_fem.mechanics.supports import Supports, build_in, clamp, symmetry_plane
@@ -102,6 +102,27 @@ def test_half_a_tube_is_refined_with_its_plane(comm: MPI.Comm) -> None:
     (by_hand,) = estimate_error(solver, density, result, [corner], weight, fixed)
     assert by_rule.refined == pytest.approx(by_hand.refined, rel=1e-8)
     assert by_rule.refined != by_rule.value
+
+
+def test_a_refined_mesh_that_is_not_reached_at_once(
+    comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The load is raised anew, with the same result; unless the estimate is to be direct."""
+    pattern = cylinder(comm, 0.05, 0.02, 6e-3)
+    solver = EquilibriumSolver(sew(comm, pattern), Composite(), clamp(pattern, ["base"]))
+    density = spine(pattern)[solver.skin.owned_cells]
+    result = solver.solve(density, 1e3)
+    (at_once,) = estimate_error(solver, density, result, [angle], direct=True)
+
+    def fails(_: EquilibriumSolver, trial: EquilibriumResult) -> EquilibriumResult:
+        raise EquilibriumError("made to fail", trial)
+
+    monkeypatch.setattr(EquilibriumSolver, "finish", fails)
+    with pytest.raises(EquilibriumError, match="made to fail"):
+        estimate_error(solver, density, result, [angle], direct=True)
+    (anew,) = estimate_error(solver, density, result, [angle])
+    assert anew.refined == pytest.approx(at_once.refined, rel=1e-5)
+    assert anew.error > 0.01
 
 
 def test_what_is_not_refined(comm: MPI.Comm) -> None:

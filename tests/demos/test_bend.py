@@ -12,7 +12,6 @@ from typing import Any
 import meshio
 import numpy as np
 import pytest
-from helpers.designs import NO_CURVE
 from helpers.scenes import ROOT, shared
 from mpi4py import MPI
 
@@ -31,8 +30,7 @@ SMALL = demo.BendConfig(
     corrections=0,
     seed=7,
     perimeter_weight=None,
-    estimate_error=True,
-    **NO_CURVE,
+    curve_pressure=None,
 )
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
-from helpers.designs import NO_CURVE
+from helpers.designs import DESIGN_ALONE
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
@@ -45,7 +45,7 @@ def test_design_from_files(comm: MPI.Comm, folder: Path) -> None:
     case = ActuatorCase(pattern, target, pin(pattern), metrics=(off,), aligned=True)
     config = ActuatorConfig(
         filter_radius=7e-3, pressure=3e3, iterations=8, constrained_iterations=0,
-        polish_iterations=0, **NO_CURVE,
+        polish_iterations=0, **DESIGN_ALONE,
     )  # fmt: skip
     done = design_actuator(comm, folder / "out", lambda *_: case, config)
     first, last = done.summary["objective_first"], done.summary["objective_last"]

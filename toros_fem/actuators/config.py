@@ -123,7 +123,7 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
         at_least=0,
     )
     estimate_error: bool = quantity(
-        False, "also estimate the discretisation error of the metrics on a refined mesh"
+        True, "estimate the discretisation error of the metrics on a refined mesh"
     )
     curve_pressure: float | None = quantity(
         20e3,

@@ -224,6 +224,8 @@ def summary_sentence(summary: dict[str, Any]) -> str:
         if length is not None:
             metrics.append(f"length {length:.3f} times the rest value")
     first, last = summary["objective_first"], summary["objective_last"]
+    if "refined" in summary:
+        metrics.append("no equilibrium on the refined mesh, so that the error is not known")
     steps = f"objective down {first / last:.0f} times" if last > 0 else f"objective {last:g}"
     if laid:
         rounds = summary["lines"]["rounds"]
@@ -237,17 +239,24 @@ def summary_sentence(summary: dict[str, Any]) -> str:
 def error_figures(problem: ShapeDesign, made: Evaluation) -> dict[str, Any]:
     """Return each metric on a refined mesh and its estimated error, by key (collective).
 
-    All are None if the refined mesh has no equilibrium; the key "refined" then says why.
+    All are None if the refined mesh has no equilibrium near that of the given one; the key
+    "refined" then says why. "refined_seconds" is the wall time of the refined simulation.
     """
     metrics = problem.metrics
+    if not metrics:
+        return {}
     try:
         found = estimate_error(
-            problem.solver, made.projected, made.equilibrium, [m.measure for m in metrics]
+            problem.solver,
+            made.projected,
+            made.equilibrium,
+            [m.measure for m in metrics],
+            direct=True,
         )
     except EquilibriumError as caught:  # raised by all ranks or by none
         keys = [f"{m.name}_{kind}_{m.unit}" for m in metrics for kind in ("refined", "error")]
         return {**dict.fromkeys(keys), "refined": str(caught)}
-    figures = {}
+    figures: dict[str, Any] = {"refined_seconds": found[0].seconds}
     for metric, estimate in zip(metrics, found, strict=True):
         figures[f"{metric.name}_refined_{metric.unit}"] = estimate.refined
         figures[f"{metric.name}_error_{metric.unit}"] = estimate.error
