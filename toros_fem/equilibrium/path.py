@@ -27,7 +27,7 @@ EXPLAINED = 0.5
 # has LEAP of the whole motion, the state jumps there.
 HALVINGS, NARROW, LEAP = 7, 1 / 16, 0.5
 # A path is smooth where this many halvings have left less than SMOOTH of the whole motion.
-SMOOTH_HALVINGS, SMOOTH = 3, 0.3
+SMOOTH_HALVINGS, SMOOTH = 2, 0.35
 
 
 @dataclass(frozen=True, eq=False)

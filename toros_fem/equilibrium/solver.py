@@ -118,18 +118,14 @@ class _Request:
 class _Known:
     """An equilibrium that later solves may start from.
 
-    Of a trial also where it came from, and whether no negative curvature was met on the way.
+    Its origin is the point of its path to judge a later one by: the state itself, or where a trial
+    came from, with whether no negative curvature was met on the way.
     """
 
     request: _Request
     result: EquilibriumResult
-    origin: PathPoint | None = None
+    origin: PathPoint | None
     definite: bool = True
-
-    @property
-    def point(self) -> PathPoint:
-        """The equilibrium alone."""
-        return PathPoint(self.request.density, self.request.load, self.result.state)
 
 
 class EquilibriumSolver:
@@ -329,7 +325,7 @@ class EquilibriumSolver:
         self._factorised_at = None
         attempts = Attempts(self._snes, near=near is not None)
         end = self._continue(attempts, state, request, near, cold=cold, trial=trial, direct=direct)
-        origin = near and (near.point if near.origin is None else near.origin)
+        origin = near and near.origin
         # Between two designs there is no path that a skin takes.
         if origin is not None and not self._same_design(origin.density, request.density):
             origin = None
@@ -349,7 +345,8 @@ class EquilibriumSolver:
         if result.converged:
             self._factorised_at = None if trial else result
             kept = [near] if near is not None else self._known[-1:]
-            found = _Known(request, result)
+            here = PathPoint(request.density, request.load, result.state)
+            found = _Known(request, result, here)
             if trial:
                 found = _Known(request, result, origin, attempts.definite)
             self._known = [*kept, found]
