@@ -1,4 +1,4 @@
-"""Skins of `limit_points.py`, which snap: a hinged roof, a tube without stretch bounds."""
+"""Skins of `limit_points.py`: a roof and a lid that snap, a tube that bulges, closed forms."""
 
 from __future__ import annotations
 
@@ -9,10 +9,13 @@ import numpy.typing as npt
 from accuracy_scenes import COMM, table_a
 from accuracy_sheets import elastic
 from accuracy_tubes import RADIUS, half_tube
+from scipy.optimize import brentq
 
 from toros_fem.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.supports import Supports, symmetry_plane
+from toros_fem.materials import Bending, Composite, Material
+from toros_fem.mechanics.supports import Supports, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, rectangle, sew
+from toros_fem.meshes.pattern import Panel
 
 Floats = npt.NDArray[np.float64]
 
@@ -21,6 +24,8 @@ ROOF_RADIUS, ROOF_HALF_LENGTH, ROOF_ANGLE = 2.54, 0.254, 0.1
 ROOF_YOUNG, ROOF_POISSON = 3102.75e6, 0.3
 ROOF_LOAD = 3000.0
 ROOF_THICKNESSES = (12.7e-3, 6.35e-3)
+# The lid: half side, sag of its middle, depth of its box, in m.
+LID_HALF, LID_SAG, LID_DEPTH = 0.02, 2e-3, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,3 +87,91 @@ def middle_radius(pattern: Pattern, positions: Floats) -> float:
     """Return the radius in the tube's plane of symmetry over the assembled one."""
     middle = np.abs(pattern.points[:, 2]) < 1e-9
     return float(np.linalg.norm(positions[middle, :2], axis=1).mean() / RADIUS)
+
+
+def bulge(material: Material, pressure: float, radius: float) -> tuple[float, float]:
+    """Return hoop stretches of a long capped tube that has bulged: far away, in the bulge's middle.
+
+    The tube is a membrane without stretch bounds. Along its meridian W − λ₁ W₁ and the axial force
+    do not change (Pipkin 1968), far away it is a homogeneous tube, and where the meridian is
+    parallel to the axis this leaves one more state.
+
+    Args:
+        material: Of the tube.
+        pressure: In Pa, below the largest one of a homogeneous tube.
+        radius: Of the tube at rest, in m.
+    """
+    mu, lam, h = material.mu, material.lam, material.thickness
+
+    def along(hoop: float) -> float:  # from h W₁ = P R λ₂²/2, the force on the caps
+        force = pressure * radius * hoop**2 / 2 / h
+        return float((force + 2 * mu - lam * (hoop - 2)) / (2 * mu + lam))
+
+    def invariant(hoop: float) -> float:
+        a, b = along(hoop) - 1, hoop - 1
+        energy = mu * (a * a + b * b) + lam / 2 * (a + b) ** 2
+        return float(energy - (a + 1) * (2 * mu * a + lam * (a + b)))
+
+    def unbalanced(hoop: float) -> float:
+        a, b = along(hoop) - 1, hoop - 1
+        return float(h * (2 * mu * b + lam * (a + b)) - pressure * radius * hoop * (a + 1))
+
+    far: float = brentq(unbalanced, 1.0, 2.2886)
+    level = invariant(far)
+    # The invariant has an extremum at each homogeneous state; the bulge lies beyond the second.
+    second: float = brentq(unbalanced, 2.2886, 100.0)
+    middle: float = brentq(lambda hoop: invariant(hoop) - level, second, 100.0)
+    return far, middle
+
+
+def facet(name: str, corners: Floats, count: int, *, inward: bool) -> Panel:
+    """Return a flat triangle divided into count² triangles, as a panel.
+
+    Args:
+        name: Of the panel.
+        corners: Of the triangle, (3, 3), in m.
+        count: Edges along a side.
+        inward: Whether its outer side is the one from which the corners turn clockwise.
+    """
+    steps = [(i, j) for j in range(count + 1) for i in range(count + 1 - j)]
+    number = {step: k for k, step in enumerate(steps)}
+    triangles = []
+    for i, j in steps:
+        if i + j < count:
+            triangles.append([number[i, j], number[i + 1, j], number[i, j + 1]])
+        if i + j < count - 1:
+            triangles.append([number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]])
+    shares = np.array([(1 - (i + j) / count, i / count, j / count) for i, j in steps])
+    side, up = corners[1] - corners[0], corners[2] - corners[0]
+    length = float(np.linalg.norm(side))
+    foot = float(up @ side) / length
+    height = float(np.linalg.norm(up - foot * side / length))
+    flat = shares @ np.array([[0.0, 0.0], [length, 0.0], [foot, height]])
+    order = [0, 2, 1] if inward else [0, 1, 2]
+    sign = [1.0, -1.0] if inward else [1.0, 1.0]
+    return Panel(name, flat * sign, np.array(triangles)[:, order], shares @ corners)
+
+
+def lid(count: int) -> tuple[Scene, int]:
+    """Return a box with a printed lid, moulded so that it sags, and the lid's middle.
+
+    The lid is four triangles, all printed. The box is fabric that is held in place. At load factor
+    1 the pressure is 1 kPa.
+
+    Args:
+        count: Edges along a side of a triangle.
+    """
+    ring = LID_HALF * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    panels = []
+    for name, depth, inward in (("lid", LID_SAG, False), ("box", LID_DEPTH, True)):
+        for k in range(4):
+            corners = np.array([ring[k], ring[(k + 1) % 4], [0.0, 0.0, -depth]])
+            panels.append(facet(f"{name} {k}", corners, count, inward=inward))
+    pattern = Pattern.from_panels(panels, tolerance=1e-9)
+    skin = sew(COMM, pattern)
+    composite = Composite(bending=Bending(rest="assembled"))
+    supports = clamp(pattern, [f"box {k}" for k in range(4)])
+    solver = EquilibriumSolver(skin, composite, supports)
+    middle = int(np.argmin(np.linalg.norm(pattern.points - [0.0, 0.0, -LID_SAG], axis=1)))
+    density = np.where(pattern.panel < 4, 1.0, 0.0)[skin.owned_cells]
+    return Scene(pattern, solver, density, pressure=1e3), middle

@@ -253,6 +253,28 @@ def test_profiles_of_tiles_converge(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @ALONE
+def test_paths_through_limit_points(tmp_path: Path) -> None:
+    """The roof snaps at the published load, the tube bulges as its closed form, the lid pops."""
+    picture = tmp_path / "paths.png"
+    found, _ = written(tmp_path, "limit_points.py", "--quick", "--picture", str(picture))
+    thick, thin = found["roof"]
+    assert thick["largest_error_of_load"] < 0.05
+    assert len(thick["limits"]) == len(thin["limits"]) == 2
+    assert thick["limits"][0] == pytest.approx(0.743, rel=0.02)
+    assert thin["limits"][1] < 0
+    (tube,) = found["tube"]
+    assert 0 < tube["limit_error"] < 0.01
+    assert tube["largest_error_of_bulge"] < 0.005
+    assert min(tube["load_factor"][-5:]) == 1.2
+    (lid,) = found["lid"]
+    pops, stays = lid["limits"]
+    assert stays < 0 < pops
+    assert max(lid["negative_eigenvalues"]) > 0 == lid["negative_eigenvalues"][-1]
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.slow
+@ALONE
 def test_crossed_lines_beside_the_relaxed_material(tmp_path: Path) -> None:
     """The relaxed material is near simulated nets, and exact for one family of stiff lines."""
     picture = tmp_path / "lines.png"

@@ -48,7 +48,7 @@ class ArcLengthOptions(Config):
         0.1, "largest change of the load factor between two points", above=0
     )
     largest_movement: float = quantity(
-        0.05, "largest movement of a vertex between two points, over the skin's size", above=0
+        0.02, "largest movement of a vertex between two points, over the skin's size", above=0
     )
     lowest: float | None = quantity(0.0, "load factor at which the path ends when it falls to it")
     highest: float | None = quantity(1.0, "load factor at which the path ends when it rises to it")
