@@ -24,6 +24,10 @@ def test_a_cubic_is_exact() -> None:
     assert lower.load_factor == pytest.approx(-2, abs=1e-12)
     assert upper.fraction == pytest.approx(0.8 / 1.3)
     assert not limit_points(path[1:3])
+    # A point may be a limit point itself.
+    through = [point(cubic(s), s, cubic.deriv()(s)) for s in (-1.5, -1.0, -0.5)]
+    (only,) = limit_points(through)
+    assert (only.load_factor, only.fraction) == (2.0, 1.0)
 
 
 def test_paths_by_pressure_have_none() -> None:

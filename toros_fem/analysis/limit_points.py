@@ -45,11 +45,12 @@ def limit_points(points: Sequence[TracePoint]) -> list[LimitPoint]:
             raise ParameterError('limit points are known on a path by="arc-length" only.')
         step = two.arc_length - one.arc_length
         begin, end = (step * float(rate or 0.0) for rate in rates)
-        if begin * end >= 0:
+        if (begin > 0) == (end > 0):
             continue
         rise = two.load_factor - one.load_factor
         cubic = np.poly1d([begin + end - 2 * rise, 3 * rise - 2 * begin - end, begin, 0.0])
-        places = [float(r.real) for r in cubic.deriv().roots if abs(r.imag) < 1e-12]
-        place = next(p for p in places if 0 <= p <= 1)
+        # The rates have different signs, so that one root lies between, up to rounding.
+        root = min(cubic.deriv().roots, key=lambda r: abs(r - 0.5))
+        place = float(np.clip(root.real, 0.0, 1.0))
         found.append(LimitPoint(one.load_factor + float(cubic(place)), begin > 0, k, place))
     return found
