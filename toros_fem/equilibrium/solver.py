@@ -325,7 +325,7 @@ class EquilibriumSolver:
         self._factorised_at = None
         attempts = Attempts(self._snes, near=near is not None)
         end = self._continue(attempts, state, request, near, cold=cold, trial=trial, direct=direct)
-        origin = near and near.origin
+        origin = None if near is None else near.origin
         # Between two designs there is no path that a skin takes.
         if origin is not None and not self._same_design(origin.density, request.density):
             origin = None
