@@ -17,10 +17,15 @@ from mpi4py import MPI
 from demos import twist
 from toros_fem.actuators import discovery, space_mapping
 from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.discovery import Discovery, densities_last, discover
+from toros_fem.actuators.discovery import (
+    Discovery,
+    densities_last,
+    discover,
+    metrics_on_coarser_mesh,
+)
 from toros_fem.actuators.line_widths import LARGEST, mended_widths
 from toros_fem.actuators.run import design_actuator
-from toros_fem.errors import NoEquilibriumError
+from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.fabrication.regions import regions_on
 from toros_fem.lines.widths import width_changes
 
@@ -70,6 +75,18 @@ def test_the_print_is_that_of_the_lines(found: Discovery) -> None:
     assert printed == pytest.approx(region.area, rel=0.1)
     assert best.printed.after.summary()["islands"] == 0
     assert found.result().final is best.printed.evaluation
+
+
+@pytest.mark.slow
+def test_the_print_on_a_coarser_mesh(comm: MPI.Comm, found: Discovery) -> None:
+    with pytest.raises(ParameterError, match="no coarser mesh to compare with"):
+        metrics_on_coarser_mesh(comm, twist.case, TINY, found)
+    ratio, other = metrics_on_coarser_mesh(
+        comm, twist.case, TINY.updated(print_edge_length=2e-3), found
+    )
+    assert ratio == pytest.approx(1.25)  # edges as long as lines are wide
+    assert other["twist_deg"] == pytest.approx(found.best.metrics["twist_deg"], rel=0.2)
+    assert other["twist_deg"] != pytest.approx(found.best.metrics["twist_deg"], rel=1e-4)
 
 
 @pytest.mark.slow

@@ -46,6 +46,9 @@ FINE = 0.05
 
 C = TypeVar("C", bound=ActuatorConfig)
 
+# Least ratio of edge lengths of two meshes whose difference tells an error.
+COARSER = 1.15
+
 
 @dataclass(frozen=True, eq=False)
 class Round:
@@ -325,6 +328,44 @@ class _Search(Generic[C]):
                 f"{self.rounds[0].printed.failure} Ask for less, or for finer lines (laid_width)."
             )
         return Discovery(tuple(self.rounds), *best, self.seconds)
+
+
+def metrics_on_coarser_mesh(
+    comm: MPI.Comm, case: CaseMaker[C], config: C, found: Discovery
+) -> tuple[float, Mapping[str, float]]:
+    """Return how much longer edges can be, at most 2 times, and the best print's metrics then.
+
+    Edges are no longer than lines are wide. It is collective.
+
+    Args:
+        comm: Communicator.
+        case: Makes what was designed.
+        config: As of `discover`.
+        found: What it returned.
+
+    Raises:
+        NoEquilibriumError: The print has no equilibrium on that mesh.
+        ParameterError: Edges are nearly as long as lines are wide already.
+    """
+    given = config.print_edge_length
+    ratio = min(2.0, min(config.laid_widths) / given)
+    if ratio < COARSER:
+        raise ParameterError(
+            f"print_edge_length = {given} m is so near to the width of the lines, "
+            f"{min(config.laid_widths)} m, that there is no coarser mesh to compare with. Give "
+            "shorter edges."
+        )
+    best = found.best
+    evaluation = best.printed.evaluation
+    assert evaluation is not None
+    coarser = config.updated(print_edge_length=ratio * given)
+    near = found.case.pattern, found.problem.shape_of(evaluation.equilibrium)
+    pressures = evaluation.equilibrium.pressures
+    plain = case(comm, coarser.of_print)
+    _, _, problem, printed = _printed(comm, plain, coarser, near, best.laid, pressures, False)
+    if printed.evaluation is None:
+        raise NoEquilibriumError(printed.failure)
+    return ratio, problem.metrics_of(printed.evaluation.equilibrium)
 
 
 def densities_last(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,11 +14,16 @@ from mpi4py import MPI
 from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
-from toros_fem.actuators.discovery import Discovery, densities_last, discover
+from toros_fem.actuators.discovery import (
+    Discovery,
+    densities_last,
+    discover,
+    metrics_on_coarser_mesh,
+)
 from toros_fem.actuators.pressure_curve import curve_figures
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
 from toros_fem.actuators.space_mapping import CLOSE, aims_of, asked_next, largest_error
-from toros_fem.analysis.error_estimate import estimate_error
+from toros_fem.analysis.error_estimate import LEAST_ORDER, estimate_error
 from toros_fem.design.levels import optimize_levels
 from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.options import DesignOptions
@@ -25,7 +31,7 @@ from toros_fem.design.problem import Evaluation
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.starts import BestStart, best_start
 from toros_fem.equilibrium.solver import EquilibriumError
-from toros_fem.errors import ParameterError
+from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.fabrication.as_printed import (
     PrintedDesign,
     as_printed,
@@ -162,8 +168,10 @@ def _from_lines(
     assert isinstance(problem, ShapeDesign)
     figures: dict[str, Any] = {"seed": config.seed, "start": "random", **found.figures()}
     figures["densities_kept"] = better is not None
-    if config.estimate_error and printed.evaluation is not None:
+    if config.estimate_error and better is not None and printed.evaluation is not None:
         figures.update(error_figures(problem, printed.evaluation))
+    elif config.estimate_error:
+        figures.update(_error_of_lines(comm, case, config, found))
     figures.update(curve_figures(output, problem, printed, config, measured))
     summary = write_results(
         output,
@@ -224,8 +232,11 @@ def summary_sentence(summary: dict[str, Any]) -> str:
         if length is not None:
             metrics.append(f"length {length:.3f} times the rest value")
     first, last = summary["objective_first"], summary["objective_last"]
-    if "refined" in summary:
-        metrics.append("no equilibrium on the refined mesh, so that the error is not known")
+    metrics.extend(
+        f"nothing to compare with on a {mesh} mesh, so that its error is unknown"
+        for mesh in ("refined", "coarser")
+        if mesh in summary
+    )
     steps = f"objective down {first / last:.0f} times" if last > 0 else f"objective {last:g}"
     if laid:
         rounds = summary["lines"]["rounds"]
@@ -240,7 +251,7 @@ def error_figures(problem: ShapeDesign, made: Evaluation) -> dict[str, Any]:
     """Return each metric on a refined mesh and its estimated error, by key (collective).
 
     All are None if the refined mesh has no equilibrium near that of the given one; the key
-    "refined" then says why. "refined_seconds" is the wall time of the refined simulation.
+    "refined" then says why. "error_seconds" is the wall time that this took.
     """
     metrics = problem.metrics
     if not metrics:
@@ -256,10 +267,34 @@ def error_figures(problem: ShapeDesign, made: Evaluation) -> dict[str, Any]:
     except EquilibriumError as caught:  # raised by all ranks or by none
         keys = [f"{m.name}_{kind}_{m.unit}" for m in metrics for kind in ("refined", "error")]
         return {**dict.fromkeys(keys), "refined": str(caught)}
-    figures: dict[str, Any] = {"refined_seconds": found[0].seconds}
+    figures: dict[str, Any] = {"error_seconds": found[0].seconds}
     for metric, estimate in zip(metrics, found, strict=True):
         figures[f"{metric.name}_refined_{metric.unit}"] = estimate.refined
         figures[f"{metric.name}_error_{metric.unit}"] = estimate.error
+    return figures
+
+
+def _error_of_lines(
+    comm: MPI.Comm, case: CaseMaker[C], config: C, found: Discovery
+) -> dict[str, Any]:
+    """Return each metric of laid lines on a coarser mesh and its estimated error (collective).
+
+    The mesh of a print of lines is so fine already that a refined one would take longer than the
+    design. All are None if there is no coarser mesh, or no equilibrium on it; the key "coarser"
+    then says why.
+    """
+    metrics, begin = found.problem.metrics, time.perf_counter()
+    try:
+        ratio, other = metrics_on_coarser_mesh(comm, case, config, found)
+    except (NoEquilibriumError, ParameterError) as caught:  # raised by all ranks or by none
+        keys = [f"{m.name}_{kind}_{m.unit}" for m in metrics for kind in ("coarser", "error")]
+        return {**dict.fromkeys(keys), "coarser": str(caught)}
+    figures: dict[str, Any] = {"error_seconds": time.perf_counter() - begin}
+    caution = 1 / (ratio**LEAST_ORDER - 1)
+    for metric in metrics:
+        value, coarser = found.best.metrics[metric.key], other[metric.key]
+        figures[f"{metric.name}_coarser_{metric.unit}"] = coarser
+        figures[f"{metric.name}_error_{metric.unit}"] = caution * abs(value - coarser)
     return figures
 
 
