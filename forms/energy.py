@@ -34,6 +34,13 @@ from toros_fem.forms.membrane import (
 )
 from toros_fem.forms.periodic import placed
 from toros_fem.forms.pressure import enclosed_volume, pressure_blocks
+from toros_fem.forms.tension_field import (
+    relaxed_membrane,
+    relaxed_value,
+    tension_field,
+    tension_pairs,
+    tension_stress,
+)
 from toros_fem.forms.weight import weight_potential
 
 
@@ -110,6 +117,7 @@ def skin_forms(
     lines: Lines | None = None,
     knit: Family | None = None,
     origin: Any | None = None,
+    residual_stiffness: Any | None = None,
 ) -> SkinForms:
     """Return energy, first variation, tangent and density sensitivity of a skin, eqs. (8-10, 19).
 
@@ -139,6 +147,8 @@ def skin_forms(
             stretching and in bending. None for a skin without.
         knit: Courses of the plain fabric, which the reinforcement does not have; None where the
             fabric is isotropic.
+        residual_stiffness: Fraction of the stiffness that a tension field keeps against
+            compression; None for a sheet that takes compression as eq. (1) does.
     """
     space = q.ufl_function_space()
     mesh = space.ufl_domain()
@@ -163,21 +173,42 @@ def skin_forms(
     C = right_cauchy_green(deformation_gradient(corners, jacobian))
     s, p = stretch_invariants(C)
     sheet = mixed("mu"), mixed("lam")
-    energy = barrier_value(C, *sheet, *bounds) * dx
-    stretching = barrier_membrane(s, p, *sheet, *bounds)
+    state = None
+    if residual_stiffness is None:
+        energy = barrier_value(C, *sheet, *bounds) * dx
+        stretching = barrier_membrane(s, p, *sheet, *bounds)
+    else:
+        state = tension_field(C, *sheet, *bounds)
+        energy = relaxed_value(C, sheet, bounds, residual_stiffness) * dx
+        stretching = relaxed_membrane(s, p, state, sheet, bounds, residual_stiffness)
     if bladder is not None:
         energy += neo_hooke(s, p, bladder) * dx
         stretching += neo_hooke(s, p, bladder)
     nodes = [components(node) for node in patch]
     blocks = Blocks(len(nodes))
-    pairs = membrane_pairs(nodes[:3], jacobian, sheet, bounds, bladder, geometric)
+    if state is None:
+        pairs = membrane_pairs(nodes[:3], jacobian, sheet, bounds, bladder, geometric)
+    else:
+        # Without its rotations of stress, the tangent must also resist wrinkling: it is the shift.
+        kept = residual_stiffness + (1 - residual_stiffness) * (1 - geometric)
+        kept = ufl.conditional(state.taut, residual_stiffness, kept)
+        pairs = sum_of_pairs(
+            membrane_pairs(
+                nodes[:3], jacobian, sheet, bounds, bladder, geometric,
+                lambda s, p: relaxed_membrane(s, p, state, sheet, bounds, kept),
+            ),
+            tension_pairs(nodes[:3], jacobian, sheet, bounds, residual_stiffness),
+        )  # fmt: skip
     if families:
         energy += stretching_energy(families, C) * dx
         more = stretching_pairs(families, nodes[:3], jacobian, geometric)
         pairs = sum_of_pairs(pairs, more)
     residual = ufl.derivative(stretching * dx, q, test)
+    change = ufl.derivative(C, q, test)
+    if state is not None:
+        stress = tension_stress(state, sheet, bounds, residual_stiffness)
+        residual += ufl.inner(stress, change) * dx
     if families:
-        change = ufl.derivative(C, q, test)
         residual += ufl.inner(stretching_stress(families, C), change) * dx
     blocks.add_edges(pairs)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import ufl
@@ -103,6 +103,7 @@ def membrane_pairs(
     bounds: tuple[Any, Any],
     bladder: Any | None,
     geometric: Any,
+    density: Callable[[Any, Any], Any] | None = None,
 ) -> EdgePairs:
     """Return the second variation of ψ(s, p), eq. (1), per flat area, by the edges e₁ and e₂.
 
@@ -117,10 +118,11 @@ def membrane_pairs(
         bounds: c₁ and c₂.
         bladder: Shear modulus times thickness of `neo_hooke`; None for none.
         geometric: 1 for the whole, 0 for its part made positive, without rotations of stress.
+        density: ψ(s, p) in the place of eq. (1); None for eq. (1).
     """
     gradient = deformation_gradient([ufl.as_vector(corner) for corner in corners], jacobian)
     s, p = (ufl.variable(value) for value in stretch_invariants(right_cauchy_green(gradient)))
-    psi = barrier_membrane(s, p, *stiffness, *bounds)
+    psi = barrier_membrane(s, p, *stiffness, *bounds) if density is None else density(s, p)
     if bladder is not None:
         psi += neo_hooke(s, p, bladder)
     d_s, d_p = ufl.diff(psi, s), ufl.diff(psi, p)

@@ -104,6 +104,40 @@ class Bending:
         require_choice("rest", self.rest, RESTS)
 
 
+WRINKLINGS = ("tension-field",)
+
+
+@dataclass(frozen=True)
+class Membrane:
+    """Stretching of a sheet: whether it takes compression, eq. (1), or wrinkles.
+
+    Attributes:
+        wrinkling: "tension-field" lets the sheet wrinkle finely without resistance, so that it
+            carries no compression (Pipkin 1986); None takes eq. (1) as it stands, and wrinkles
+            are those that the mesh resolves.
+        residual_stiffness: Fraction of the stiffness that a tension field keeps against
+            compression, 1e-9 to 1e-2. Without any, the equilibrium of a slack sheet is not
+            unique; docs/materials.md has its effect on results.
+
+    Raises:
+        ParameterError: The wrinkling is not one of the choices, or the fraction is out of bounds.
+    """
+
+    wrinkling: str | None = None
+    residual_stiffness: float = 1e-5
+
+    def __post_init__(self) -> None:
+        if self.wrinkling is not None:
+            require_choice("wrinkling", self.wrinkling, WRINKLINGS)
+        require_between(1e-9, 1e-2, residual_stiffness=self.residual_stiffness)
+        _store_floats(self, "residual_stiffness")
+
+    @property
+    def relaxed(self) -> bool:
+        """Whether the sheet carries no compression."""
+        return self.wrinkling is not None
+
+
 @dataclass(frozen=True)
 class Bladder:
     """Thin airtight layer of incompressible rubber that moves with the skin.
@@ -179,9 +213,11 @@ class Composite:
         bending: Bending resistance; None makes the skin a membrane.
         bladder: A rubber layer under both materials; None for none.
         knit: Courses of the fabric; None for an isotropic fabric.
+        membrane: Whether the sheet takes compression or wrinkles.
 
     Raises:
-        ParameterError: A bound is not above 1, or bending, bladder or knit has another type.
+        ParameterError: A bound is not above 1; membrane, bending, bladder or knit has another
+            type; or a sheet that wrinkles has a bladder or a knit, which take compression.
     """
 
     fabric: Material = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3)
@@ -191,8 +227,16 @@ class Composite:
     bending: Bending | None = Bending()
     bladder: Bladder | None = None
     knit: Knit | None = None
+    membrane: Membrane = Membrane()
 
     def __post_init__(self) -> None:
+        if not isinstance(self.membrane, Membrane):
+            raise ParameterError(f"membrane = {self.membrane!r} must be a Membrane.")
+        if self.membrane.relaxed and (self.bladder is not None or self.knit is not None):
+            raise ParameterError(
+                f"wrinkling = {self.membrane.wrinkling!r}: a bladder and a knit take compression "
+                "and have no relaxed energy here. Use None for both, or wrinkling = None."
+            )
         if not isinstance(self.knit, Knit | None):
             raise ParameterError(f"knit = {self.knit!r} must be a Knit, or None.")
         if not isinstance(self.bladder, Bladder | None):

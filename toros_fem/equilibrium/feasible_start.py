@@ -35,7 +35,13 @@ def relaxed_into_bounds(
         Positions of all vertices; None if the bounds cannot be met in this way.
     """
     triangles = pattern.triangles
-    bounds = StretchBounds(MPI.COMM_SELF, pattern.corners, composite.c1, composite.c2)
+    bounds = StretchBounds(
+        MPI.COMM_SELF,
+        pattern.corners,
+        composite.c1,
+        composite.c2,
+        wrinkles=composite.membrane.relaxed,
+    )
     found, laplacian = np.array(positions), None
     for rings in range(1, ROUNDS + 1):
         use = bounds.use(found[triangles])

@@ -155,6 +155,9 @@ class SkinModel:
             lines,
             courses(skin, composite),
             fem.Constant(domain, self._pressure.origin) if self._pressure.origin.any() else None,
+            fem.Constant(domain, composite.membrane.residual_stiffness)
+            if composite.membrane.relaxed
+            else None,
         )
         self._energy = fem.form(self.ufl_forms.energy)
         self._residual = fem.form(self.ufl_forms.residual)
@@ -179,7 +182,9 @@ class SkinModel:
         owned = domain.topology.index_map(2).size_local
         self._dofs = self.space.dofmap.list[:owned, :size].reshape(owned, size // 3, 3)
         flat = domain.geometry.x[: 3 * owned].reshape(owned, 3, 3)[:, :, :2]
-        self.bounds = StretchBounds(skin.comm, flat, composite.c1, composite.c2)
+        self.bounds = StretchBounds(
+            skin.comm, flat, composite.c1, composite.c2, wrinkles=composite.membrane.relaxed
+        )
         self._areas = skin.pattern.areas[skin.owned_cells]
 
     def _without_rotation(self) -> Bools:

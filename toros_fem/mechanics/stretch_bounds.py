@@ -32,13 +32,18 @@ class StretchBounds:
         comm: Communicator; all methods are collective.
         flat: Flat corners of the owned triangles, (n, 3 corners, 2), in m.
         c1, c2: Bounds of eq. (1).
+        wrinkles: Whether the sheet wrinkles instead of taking compression. Then only the upper
+            bounds count: where it wrinkles, the natural width keeps the other ones by itself.
     """
 
-    def __init__(self, comm: MPI.Comm, flat: Floats, c1: float, c2: float) -> None:
+    def __init__(
+        self, comm: MPI.Comm, flat: Floats, c1: float, c2: float, *, wrinkles: bool = False
+    ) -> None:
         self._comm = comm
         chart = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
         self._inverse_chart = np.ascontiguousarray(np.linalg.inv(chart).transpose(1, 2, 0))
         self._c1, self._c2 = c1, c2
+        self._least = 0.0 if wrinkles else -np.inf
 
     def gradient(self, corners: Floats) -> Floats:
         """Return deformation gradients (n, 3, 2) from corner positions (n, 3 corners, 3)."""
@@ -51,8 +56,10 @@ class StretchBounds:
     def _use(self, F: Floats) -> Floats:
         """Fraction of the admissible range that each triangle uses: < 1 inside, ≥ 1 outside."""
         big, small = singular_values(F)
-        single = np.maximum(np.abs(big - 1), np.abs(small - 1)) / (self._c1 - 1)
-        use = np.maximum(single, np.abs(big + small - 2) / (self._c2 - 1))
+        strains = (np.maximum(strain, self._least) for strain in (big - 1, small - 1))
+        single = np.maximum(*map(np.abs, strains)) / (self._c1 - 1)
+        joint = np.maximum(big + small - 2, self._least)
+        use = np.maximum(single, np.abs(joint) / (self._c2 - 1))
         return np.where(small > COLLAPSED, use, np.inf)
 
     def worst(self, corners: Floats) -> float:
