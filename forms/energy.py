@@ -189,13 +189,10 @@ def skin_forms(
     if state is None:
         pairs = membrane_pairs(nodes[:3], jacobian, sheet, bounds, bladder, geometric)
     else:
-        # Without its rotations of stress, the tangent must also resist wrinkling: it is the shift.
-        kept = residual_stiffness + (1 - residual_stiffness) * (1 - geometric)
-        kept = ufl.conditional(state.taut, residual_stiffness, kept)
         pairs = sum_of_pairs(
             membrane_pairs(
                 nodes[:3], jacobian, sheet, bounds, bladder, geometric,
-                lambda s, p: relaxed_membrane(s, p, state, sheet, bounds, kept),
+                lambda s, p: relaxed_membrane(s, p, state, sheet, bounds, residual_stiffness),
             ),
             tension_pairs(nodes[:3], jacobian, sheet, bounds, residual_stiffness),
         )  # fmt: skip

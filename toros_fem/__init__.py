@@ -40,7 +40,7 @@ from toros_fem.lines.field import LineField
 from toros_fem.lines.laid_lines import LaidLines
 from toros_fem.lines.lay_lines import lay_lines
 from toros_fem.lines.options import LineOptions
-from toros_fem.materials import Bending, Bladder, Composite, Knit, Material
+from toros_fem.materials import Bending, Bladder, Composite, Knit, Material, Membrane
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.dead_loads import Weight, point_force, spread_force
 from toros_fem.mechanics.supports import (
@@ -99,6 +99,7 @@ __all__ = [
     "LineOptions",
     "Material",
     "Measurement",
+    "Membrane",
     "Metric",
     "NewtonOptions",
     "Perimeter",

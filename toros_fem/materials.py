@@ -217,7 +217,8 @@ class Composite:
 
     Raises:
         ParameterError: A bound is not above 1; membrane, bending, bladder or knit has another
-            type; or a sheet that wrinkles has a bladder or a knit, which take compression.
+            type; or a sheet that wrinkles has a bladder or a knit, which take compression, or
+            c₂ below c₁.
     """
 
     fabric: Material = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3)
@@ -252,6 +253,11 @@ class Composite:
                     + ("a principal stretch." if name == "c1" else "λ₁ + λ₂ − 1.")
                 )
         _store_floats(self, "c1", "c2")
+        if self.membrane.relaxed and self.c2 < self.c1:
+            raise ParameterError(
+                f"c2 = {self.c2} must be at least c1 = {self.c1} for wrinkling = "
+                f"{self.membrane.wrinkling!r}: a narrow bound on the sum would hold the width."
+            )
 
     def require_refinable(self) -> None:
         """Check that the rest shape is known between the vertices of a mesh.

@@ -12,7 +12,7 @@ from toros_fem._mpi import raise_together
 from toros_fem._types import Floats
 from toros_fem._validate import require_between, require_count, require_positive
 from toros_fem.density.field import check_density
-from toros_fem.errors import DensityError
+from toros_fem.errors import DensityError, ParameterError
 from toros_fem.forms.lines import Lines, fabric_factor
 from toros_fem.materials import Composite
 from toros_fem.mechanics.chambers import Chambers
@@ -70,7 +70,8 @@ class RelaxedModel(SkinModel):
             of print and fabric.
 
     Raises:
-        ParameterError: There is no family, or the factor is negative; or as `SkinModel` does.
+        ParameterError: There is no family, the factor is negative, or the sheet wrinkles; or as
+            `SkinModel` does.
     """
 
     def __init__(
@@ -86,6 +87,11 @@ class RelaxedModel(SkinModel):
         require_count(1, families=families)
         require_between(0.0, np.inf, crossing=crossing)
         supports.require_no_rigid_motion(skin.pattern, bends=composite.bending is not None)
+        if composite.membrane.relaxed:
+            raise ParameterError(
+                f"wrinkling = {composite.membrane.wrinkling!r}: line families take compression and "
+                "have no relaxed energy here. Use wrinkling = None for relaxed designs."
+            )
         self.families = families
         print_stiffness = composite.reinforcement.membrane_stiffness
         self._crossing = crossing * print_stiffness / composite.fabric.membrane_stiffness

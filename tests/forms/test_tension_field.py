@@ -1,0 +1,142 @@
+"""The tension field's energy, natural width and tangent against hand values and differences."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import ufl
+from helpers.models import SIZE, affine, automatic_tangent, dense_tangent, pressurize, sheet_model
+from helpers.scenes import TABLE_A
+from mpi4py import MPI
+from scipy.optimize import minimize_scalar
+
+from toros_fem._mpi import dot
+from toros_fem.forms.tension_field import natural_narrowing
+from toros_fem.errors import ParameterError
+from toros_fem.materials import Bladder, Composite, Knit, Membrane
+from toros_fem.mechanics.model import SkinModel
+
+RESIDUAL = 1e-3
+COMPOSITE = Composite(
+    fabric=TABLE_A,
+    reinforcement=replace(TABLE_A, young=10 * TABLE_A.young, poisson=0.2),
+    c1=1.8,
+    c2=2.0,
+    bending=None,
+    membrane=Membrane("tension-field", RESIDUAL),
+)
+
+
+def sheet(comm: MPI.Comm, composite: Composite = COMPOSITE) -> SkinModel:
+    model = sheet_model(comm, composite)
+    density = np.random.default_rng(3).uniform(0.1, 0.9, len(model.skin.pattern.panel))
+    model.set_density(density[model.skin.owned_cells])
+    pressurize(model, 0.0)
+    return model
+
+
+def crumpled(model: SkinModel) -> np.ndarray:
+    """A state with taut, wrinkled and slack triangles, the same on any number of ranks."""
+    state = affine(model, np.array([[1.04, 0.05], [0, 0.98], [0.02, 0.0]]))
+    whole = np.random.default_rng(5).uniform(-1, 1, model.skin.pattern.points.shape)
+    model.positions(state)[:] += 0.03 * SIZE * whole[model.skin.owned_vertices]
+    return state
+
+
+def uniaxial(one: float, two: float) -> float:
+    """Eq. (1) for material A per flat area in N/m."""
+    x, y, a, b = one - 1, two - 1, 0.64, 1.0
+    log = -a * np.log(1 - x * x / a) - a * np.log(1 - y * y / a)
+    return 15 * float(log - b / 2 * np.log(1 - (x + y) ** 2 / b))
+
+
+@pytest.mark.parametrize("stretches", [(1.3, 0.95), (1.3, 0.5), (1.02, 0.1), (0.9, 0.3)])
+def test_energy_is_the_least_over_the_width(comm: MPI.Comm, stretches: tuple[float, float]) -> None:
+    model = sheet_model(comm, replace(COMPOSITE, membrane=Membrane("tension-field", 1e-9)))
+    model.set_density(np.zeros(len(model.skin.owned_cells)))
+    one, two = stretches
+    found = minimize_scalar(
+        lambda width: uniaxial(one, width), bounds=(two, 1.0), method="bounded",
+        options={"xatol": 1e-10},
+    )  # fmt: skip
+    expected = min(found.fun, uniaxial(one, two)) if one > 1 else 0.0
+    quadratic = 30 * ((one - 1) ** 2 + (two - 1) ** 2)  # at most, times the residual stiffness
+    energy = model.energy(affine(model, np.diag([one, two, 1.0])[:, :2])) / SIZE**2
+    assert energy == pytest.approx(expected, rel=1e-8, abs=2e-9 * quadratic)
+
+
+@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.5])
+@pytest.mark.parametrize("bounds", [(1.8, 2.0), (1.9, 1.9), (1e5, 1e5)])
+@pytest.mark.parametrize("x", [0.0, 1e-9, 0.02, 0.7])
+def test_natural_width_has_no_stress_across(
+    poisson: float, bounds: tuple[float, float], x: float
+) -> None:
+    mu, lam = 1.0, 2 * poisson / (1 - poisson)
+    y = float(natural_narrowing(ufl.as_ufl(x), mu, lam, *bounds))
+    a, b = ((c - 1) ** 2 for c in bounds)
+    across = 2 * mu * y / (1 - y * y / a)
+    assert across == pytest.approx(lam * (x - y) / (1 - (x - y) ** 2 / b), rel=1e-11, abs=1e-14 * x)
+    assert 0 <= y + 1e-14 * x and y <= x
+
+
+def test_tangent_is_the_derivative_of_the_force(comm: MPI.Comm) -> None:
+    model = sheet(comm)
+    state = crumpled(model)
+    matrix = automatic_tangent(model, state)
+    begin, end = matrix.getOwnershipRange()
+    rows = matrix.getValues(range(begin, end), range(matrix.size[1]))
+    automatic = np.concatenate(comm.allgather(rows))
+    assert np.abs(dense_tangent(model, state) - automatic).max() < 1e-12 * np.abs(automatic).max()
+    material = np.linalg.eigvalsh(dense_tangent(model, state, geometric=0.0))
+    assert material.min() > -1e-12 * material.max()
+
+
+def test_force_is_the_derivative_of_the_energy(comm: MPI.Comm) -> None:
+    model = sheet(comm)
+    state = crumpled(model)
+    whole = np.random.default_rng(7).standard_normal(model.skin.pattern.points.shape)
+    direction = np.zeros_like(state)
+    model.positions(direction)[:] = SIZE * whole[model.skin.owned_vertices]
+    direction *= model.free
+    slope = dot(comm, model.residual(state), direction)
+    step = 1e-6
+    change = model.energy(state + step * direction) - model.energy(state - step * direction)
+    assert change / (2 * step) == pytest.approx(slope, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    "other", [{"bladder": Bladder(1e6, 1e-4)}, {"knit": Knit(2.0)}, {"c1": 1.9, "c2": 1.5}]
+)
+def test_unsupported_combinations_are_refused(other: dict[str, object]) -> None:
+    with pytest.raises(ParameterError, match="wrinkling = 'tension-field'"):
+        Composite(membrane=Membrane("tension-field"), **other)
+
+
+def test_force_by_density_is_its_sensitivity(comm: MPI.Comm) -> None:
+    model = sheet(comm)
+    state, rng = crumpled(model), np.random.default_rng(11)
+    size = len(model.skin.pattern.panel)
+    density, change = rng.uniform(0.2, 0.8, size), rng.uniform(-1, 1, size)
+    density, change = density[model.skin.owned_cells], change[model.skin.owned_cells]
+    whole = rng.standard_normal(model.skin.pattern.points.shape)
+    adjoint = np.zeros_like(state)
+    model.positions(adjoint)[:] = SIZE * whole[model.skin.owned_vertices]
+    adjoint *= model.free
+
+    def work(step: float) -> float:
+        model.set_density(density + step * change)
+        return dot(comm, model.residual(state), adjoint)
+
+    difference = (work(1e-4) - work(-1e-4)) / 2e-4
+    model.set_density(density)
+    slope = dot(comm, model.density_sensitivity(state, adjoint), change)
+    assert slope == pytest.approx(difference, rel=1e-6)
+
+
+def test_residual_stiffness_alone_resists_compression(comm: MPI.Comm) -> None:
+    """What is slack has the energy of the residual stiffness, of a material without bounds."""
+    model = sheet_model(comm, COMPOSITE)
+    model.set_density(np.zeros(len(model.skin.owned_cells)))
+    energy = model.energy(affine(model, np.diag([0.9, 0.01, 1.0])[:, :2])) / SIZE**2
+    by_hand = 15 * (0.1**2 + 0.99**2) + 7.5 * 1.09**2
+    assert energy == pytest.approx(RESIDUAL * by_hand, rel=1e-12)
