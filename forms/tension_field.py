@@ -176,9 +176,7 @@ def tension_stress(
     """
     first, _ = _uniaxial(state, *stiffness, *bounds)
     pull = ufl.conditional(state.wrinkled, (1 - residual) * first / (1 + state.x) / 4, 0.0)
-    return pull * ufl.as_matrix(
-        [[1 + state.cosine, state.sine], [state.sine, 1 - state.cosine]]
-    )
+    return pull * ufl.as_matrix([[1 + state.cosine, state.sine], [state.sine, 1 - state.cosine]])
 
 
 def tension_pairs(

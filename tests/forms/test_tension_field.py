@@ -11,8 +11,8 @@ from mpi4py import MPI
 from scipy.optimize import minimize_scalar
 
 from toros_fem._mpi import dot
-from toros_fem.forms.tension_field import natural_narrowing
 from toros_fem.errors import ParameterError
+from toros_fem.forms.tension_field import natural_narrowing
 from toros_fem.materials import Bladder, Composite, Knit, Membrane
 from toros_fem.mechanics.model import SkinModel
 
@@ -56,10 +56,10 @@ def test_energy_is_the_least_over_the_width(comm: MPI.Comm, stretches: tuple[flo
     model.set_density(np.zeros(len(model.skin.owned_cells)))
     one, two = stretches
     found = minimize_scalar(
-        lambda width: uniaxial(one, width), bounds=(two, 1.0), method="bounded",
+        lambda width: uniaxial(one, width), bounds=(max(two, 0.8), 1.0), method="bounded",
         options={"xatol": 1e-10},
     )  # fmt: skip
-    expected = min(found.fun, uniaxial(one, two)) if one > 1 else 0.0
+    expected = min(found.fun, uniaxial(one, max(two, 0.8))) if one > 1 else 0.0
     quadratic = 30 * ((one - 1) ** 2 + (two - 1) ** 2)  # at most, times the residual stiffness
     energy = model.energy(affine(model, np.diag([one, two, 1.0])[:, :2])) / SIZE**2
     assert energy == pytest.approx(expected, rel=1e-8, abs=2e-9 * quadratic)
@@ -75,8 +75,9 @@ def test_natural_width_has_no_stress_across(
     y = float(natural_narrowing(ufl.as_ufl(x), mu, lam, *bounds))
     a, b = ((c - 1) ** 2 for c in bounds)
     across = 2 * mu * y / (1 - y * y / a)
-    assert across == pytest.approx(lam * (x - y) / (1 - (x - y) ** 2 / b), rel=1e-11, abs=1e-14 * x)
-    assert 0 <= y + 1e-14 * x and y <= x
+    expected = lam * (x - y) / (1 - (x - y) ** 2 / b)
+    assert across == pytest.approx(expected, rel=1e-11, abs=1e-14 * x)
+    assert -1e-14 * x <= y <= x
 
 
 def test_tangent_is_the_derivative_of_the_force(comm: MPI.Comm) -> None:
