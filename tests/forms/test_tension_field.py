@@ -1,6 +1,7 @@
 """The tension field's energy, natural width and tangent against hand values and differences."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -108,7 +109,7 @@ def test_force_is_the_derivative_of_the_energy(comm: MPI.Comm) -> None:
 @pytest.mark.parametrize(
     "other", [{"bladder": Bladder(1e6, 1e-4)}, {"knit": Knit(2.0)}, {"c1": 1.9, "c2": 1.5}]
 )
-def test_unsupported_combinations_are_refused(other: dict[str, object]) -> None:
+def test_unsupported_combinations_are_refused(other: dict[str, Any]) -> None:
     with pytest.raises(ParameterError, match="wrinkling = 'tension-field'"):
         Composite(membrane=Membrane("tension-field"), **other)
 
