@@ -34,6 +34,7 @@ from toros_fem._validate import require_count
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import TorosError
+from toros_fem.mechanics.load_case import LoadCase
 
 CONTRASTS = (15.0, 300.0, 1e4)
 STARTS = ("cold", "continuation", "warm", "up_down")
@@ -221,7 +222,7 @@ def ask_oracle(case: Case) -> dict[str, Any]:
                 stage.judge(case.contrast),
                 stage.solver(case.contrast, many_steps=True),
                 stage.owned(case.design),
-                case.load,
+                LoadCase(np.array([case.load])),
             )
     except TimeoutError as error:
         solvable, finding = False, f"the oracle {error}"

@@ -26,17 +26,20 @@ LEVELS = 40
 
 
 def search_equilibrium(
-    judge: Judge, solver: EquilibriumSolver, density: Floats, load: float
+    judge: Judge, solver: EquilibriumSolver, density: Floats, load: LoadCase
 ) -> tuple[bool, str]:
     """Return whether small steps on a path, or another minimiser, find one, and how."""
     mean = density.mean()
-    ways: dict[str, Callable[[float], tuple[Floats, float]]] = {
+    ways: dict[str, Callable[[float], tuple[Floats, LoadCase]]] = {
         "from the fabric": lambda fraction: (fraction * density, load),
         "up": lambda fraction: (
             density if load else mean + fraction * (density - mean),
-            fraction * load,
+            load.scaled(fraction),
         ),
-        "down from ten times the load": lambda fraction: (density, load * 10 ** (1 - fraction)),
+        "down from ten times the load": lambda fraction: (
+            density,
+            load.scaled(10 ** (1 - fraction)),
+        ),
     }
     findings = []
     for name, way in ways.items():
@@ -50,7 +53,7 @@ def search_equilibrium(
             findings.append(f"{name} {100 * reached:.0f} %")
     model = solver.model
     model.set_density(density)
-    model.set_load(LoadCase(np.array([load])))
+    model.set_load(load)
     state, steps = minimise(model)
     faults = judge.check(model, density, load, state).faults
     if not faults:
@@ -60,7 +63,7 @@ def search_equilibrium(
 
 
 def walk(
-    solver: EquilibriumSolver, way: Callable[[float], tuple[Floats, float]]
+    solver: EquilibriumSolver, way: Callable[[float], tuple[Floats, LoadCase]]
 ) -> tuple[Floats | None, float, int]:
     """Follow equilibria along a way from 0 to 1, in steps that shrink where the solver fails.
 
@@ -72,8 +75,15 @@ def walk(
     while reached < 1 and levels < LEVELS and step > 1e-3 and time.perf_counter() < begin + WAY:
         levels += 1
         fraction = min(1.0, reached + step)
+        density, load = way(fraction)
         try:
-            state = solver.solve(*way(fraction), start=state).state
+            state = solver.solve(
+                density,
+                load.pressures,
+                force=load.force,
+                displacement=load.displacement,
+                start=state,
+            ).state
         except TorosError:
             step /= 4
             continue
@@ -96,8 +106,13 @@ def minimise(model: SkinModel) -> tuple[Floats, int]:
     free = np.flatnonzero(model.free)
     shake = 1e-5 * model.skin.pattern.size * np.random.default_rng(4).standard_normal(len(free))
     state = model.assembled
+    if model.load.displacement is not None:
+        moved = model.load.displacement[model.skin.owned_vertices]
+        model.positions(state)[: len(moved)] += moved
     state[free] += shake
     energy = model.energy(state)
+    if not np.isfinite(energy):  # the moved supports leave the stretch bounds at once
+        return state, 0
     noise = 1e-13 * abs(energy)
     radius, steps = 0.0, 0
     while time.perf_counter() < begin + MINIMISER:

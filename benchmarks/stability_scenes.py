@@ -121,6 +121,21 @@ def icosahedron(radius: float, count: int) -> Pattern:
     around = [[0, a, b * golden] for a in (-1, 1) for b in (-1, 1)]
     vertex = np.array([np.roll(v, k) for v in around for k in range(3)], dtype=float)
     vertex *= radius / np.linalg.norm(vertex[0])
+    faces = [
+        face if np.linalg.det(vertex[face]) > 0 else face[::-1]
+        for face in ConvexHull(vertex).simplices
+    ]
+    return triangle_panels(vertex, np.array(faces), count)
+
+
+def triangle_panels(vertex: Floats, faces: Ints, count: int) -> Pattern:
+    """Sew triangles in space, each a flat panel of count² triangles.
+
+    Args:
+        vertex: Corners, (n, 3), in m.
+        faces: Corners of each panel, (k, 3), counter-clockwise seen from outside.
+        count: Number of edges along each side of a panel.
+    """
     place = [(i, j) for j in range(count + 1) for i in range(count + 1 - j)]
     number = {ij: k for k, ij in enumerate(place)}
     up = [[(i, j), (i + 1, j), (i, j + 1)] for i, j in place if i + j < count]
@@ -128,13 +143,15 @@ def icosahedron(radius: float, count: int) -> Pattern:
     triangles = np.array([[number[ij] for ij in corners] for corners in up + down])
     fraction = np.array(place) / count
     panels = []
-    for k, face in enumerate(ConvexHull(vertex).simplices):
-        a, b, c = vertex[face if np.linalg.det(vertex[face]) > 0 else face[::-1]]
-        edge = np.linalg.norm(b - a)
-        flat = fraction @ (edge * np.array([[1, 0], [0.5, np.sqrt(0.75)]]))
-        points = a + fraction @ np.stack([b - a, c - a])
-        panels.append(Panel(f"face {k}", flat, triangles, points))
-    return Pattern.from_panels(panels, tolerance=1e-3 * float(edge) / count)
+    shortest = np.inf
+    for k, (a, b, c) in enumerate(vertex[faces]):
+        sides = np.stack([b - a, c - a])
+        first = sides[0] / np.linalg.norm(sides[0])
+        along = float(sides[1] @ first)
+        chart = [[np.linalg.norm(sides[0]), 0], [along, np.linalg.norm(sides[1] - along * first)]]
+        panels.append(Panel(f"face {k}", fraction @ np.array(chart), triangles, a + fraction @ sides))
+        shortest = min(shortest, *np.linalg.norm([b - a, c - a, c - b], axis=1))
+    return Pattern.from_panels(panels, tolerance=1e-3 * float(shortest) / count)
 
 
 def two_layers(flat: Floats, triangles: Ints) -> Pattern:
