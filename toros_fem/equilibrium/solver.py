@@ -476,6 +476,10 @@ class EquilibriumSolver:
             first = attempt(self.model.assembled, density, load)
             if first.converged:
                 return ContinuationResult(first.state, 1.0, first.outcome)
+        # It may only be slow: as many steps again cost less than a continuation.
+        further = attempt(first.state, density, load)
+        if further.converged:
+            return ContinuationResult(further.state, 1.0, further.outcome)
         # A pressure that strains by a few per cent.
         small = 0.1 * self.model.composite.least_stiffness / self.skin.pattern.size
         increment = min(small / load.largest, 1 / 4) if load.largest else FIRST_INCREMENT
