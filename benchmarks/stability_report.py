@@ -18,9 +18,11 @@ from petsc4py import PETSc
 from stability_scenes import BUILDERS, DESIGNS, PRESSURES
 
 import toros_fem
+from toros_fem.materials import Bending
 
 VERDICTS = ("converged", "error right", "failed", "wrong")
 MANY_STEPS = 60
+ALL_CASES = 5896
 MARKERS = {"error right": ("o", "0.35"), "failed": ("X", "tab:red"), "wrong": ("D", "magenta")}
 
 
@@ -155,12 +157,25 @@ class Report:
         listed = ", ".join(f"{number} {verdict}" for verdict, number in counts.items())
         print(f"\n{len(self._outcomes)} cases in {total:.0f} s: {listed}")
 
+    @classmethod
+    def read(cls, path: Path) -> Report:
+        """Return what `write` wrote."""
+        content = json.loads(path.read_text(encoding="utf-8"))
+        found = {finding["row"]: finding for finding in content["findings"]}
+        moved = {entry["case"]: entry["distance_over_size"] for entry in content["up_and_down"]}
+        outcomes = []
+        for index, kept in enumerate(content["rows"]):
+            row, finding = Row(**kept), found.get(index, {"verdict": "converged", "why": ""})
+            away = moved.get(row.label())
+            outcomes.append(CaseResult(row, finding["verdict"], finding["why"], away))
+        return cls(outcomes)
+
     def write(self, path: Path) -> None:
-        """Write all rows and what was counted as JSON."""
+        """Write what was counted, and all rows, a line each, as JSON."""
         content = {
-            "rows": [asdict(outcome.row) for outcome in self._outcomes],
             "wrong": self.wrong,
             "failed_although_solvable": self.failed,
+            "bending": asdict(Bending()),
             "cases": len(self._outcomes),
             "verdicts": self.count(self._outcomes),
             "seconds": sum(outcome.row.seconds for outcome in self._outcomes),
@@ -173,10 +188,6 @@ class Report:
                 {"case": outcome.row.label(), "distance_over_size": outcome.moved}
                 for outcome in self._moved()
             ],
-            "slowest": [
-                {"case": outcome.row.label(), "seconds": outcome.row.seconds}
-                for outcome in self._slowest(20)
-            ],
             "versions": {
                 "toros_fem": toros_fem.__version__,
                 "dolfinx": dolfinx.__version__,
@@ -184,8 +195,48 @@ class Report:
                 "python": platform.python_version(),
             },
         }
+        head = json.dumps(content, indent=1, allow_nan=False).removesuffix("\n}")
+        rows = ",\n".join(
+            json.dumps(asdict(outcome.row), allow_nan=False) for outcome in self._outcomes
+        )
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        path.write_text(f'{head},\n "rows": [\n{rows}\n]}}\n', encoding="utf-8")
+
+    def markdown(self) -> str:
+        """Return the tables of docs/stability.md: by scene and by contrast, and what to look at."""
+        heads = ("cases", *VERDICTS, "steps: median", "95 %", "most")
+        bending = Bending()
+        lines = [
+            f"{len(self._outcomes)} of {ALL_CASES} cases were run, drawn at random if not all, with "
+            f"`{bending}`.",
+            "",
+            f"| | {' | '.join(heads)} |",
+            "|---" * (len(heads) + 1) + "|",
+        ]
+        contrasts = sorted({outcome.row.contrast for outcome in self._outcomes})
+        groups = {scene: [o for o in self._outcomes if o.row.scene == scene] for scene in BUILDERS}
+        groups |= {
+            f"contrast {contrast:g}": [o for o in self._outcomes if o.row.contrast == contrast]
+            for contrast in contrasts
+        }
+        groups["all"] = self._outcomes
+        for name, group in groups.items():
+            if not group:
+                continue
+            steps = [outcome.row.newton_steps for outcome in group]
+            cells = [len(group), *self.count(group).values()]
+            cells += [round(float(np.quantile(steps, q))) for q in (0.5, 0.95, 1)]
+            lines.append(f"| {name} | {' | '.join(map(str, cells))} |")
+        lines += ["", "Steps are those of all solves of a case."]
+        for verdict in ("wrong", "failed", "error right"):
+            found = [o for o in self._outcomes if o.verdict == verdict]
+            if found:
+                lines += ["", f"{verdict.capitalize()}:", ""]
+            lines += [f"- {o.row.label()}, {o.row.newton_steps} steps: {o.why}" for o in found]
+        many = sorted(self._outcomes, key=lambda o: -o.row.newton_steps)[:10]
+        lines += ["", "Most steps:", ""]
+        lines += [f"- {o.row.label()}: {o.row.newton_steps} steps, {o.verdict}" for o in many]
+        return "\n".join(lines)
 
     def draw(self, path: Path) -> None:
         """Heat map of the most Newton steps over contrasts and starts, by scene, design, load."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from petsc4py import PETSc
 
 from toros_fem._mpi import largest, norm, raise_together
 from toros_fem._types import Floats
@@ -476,10 +477,11 @@ class EquilibriumSolver:
             first = attempt(self.model.assembled, density, load)
             if first.converged:
                 return ContinuationResult(first.state, 1.0, first.outcome)
-        # It may only be slow: as many steps again cost less than a continuation.
-        further = attempt(first.state, density, load)
-        if further.converged:
-            return ContinuationResult(further.state, 1.0, further.outcome)
+        if first.outcome == int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT):
+            # It may only be slow: as many steps again cost less than a continuation.
+            first = attempt(first.state, density, load)
+            if first.converged:
+                return ContinuationResult(first.state, 1.0, first.outcome)
         # A pressure that strains by a few per cent.
         small = 0.1 * self.model.composite.least_stiffness / self.skin.pattern.size
         increment = min(small / load.largest, 1 / 4) if load.largest else FIRST_INCREMENT
