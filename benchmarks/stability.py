@@ -1,14 +1,13 @@
 """Robustness of the equilibrium solver: scenes x designs x loads x starts.
 
     scripts/fenicsx python3 benchmarks/stability.py --quick
-    scripts/fenicsx python3 benchmarks/stability.py --workers 2 --rows output/stability/rows.jsonl \\
-        --json benchmarks/stability.json --docs
+    scripts/fenicsx python3 benchmarks/stability.py --workers 2 --rows output/stability/rows.jsonl
 
 Every case must end in a stable equilibrium, or in a typed error where there is none. Residual,
 stretches and the sign of the tangent are computed again from the state, by other means than the
 solver's. Where the solver gives up, a longer search looks for the equilibrium. The exit code is 1
 if a result is wrong, or a case that has a solution failed. It runs on one rank. All cases take an
-hour of one core; `--cases 500 --seed 1` draws some.
+hour of one core or more; `--cases 500 --seed 1` draws some.
 """
 
 from __future__ import annotations

@@ -207,8 +207,8 @@ class Report:
         heads = ("cases", *VERDICTS, "steps: median", "95 %", "most")
         bending = Bending()
         lines = [
-            f"{len(self._outcomes)} of {ALL_CASES} cases were run, drawn at random if not all, with "
-            f"`{bending}`.",
+            f"{len(self._outcomes)} of {ALL_CASES} cases were run, drawn at random if not all, "
+            f"with `{bending}`.",
             "",
             f"| | {' | '.join(heads)} |",
             "|---" * (len(heads) + 1) + "|",

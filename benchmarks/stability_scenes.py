@@ -149,7 +149,9 @@ def triangle_panels(vertex: Floats, faces: Ints, count: int) -> Pattern:
         first = sides[0] / np.linalg.norm(sides[0])
         along = float(sides[1] @ first)
         chart = [[np.linalg.norm(sides[0]), 0], [along, np.linalg.norm(sides[1] - along * first)]]
-        panels.append(Panel(f"face {k}", fraction @ np.array(chart), triangles, a + fraction @ sides))
+        panels.append(
+            Panel(f"face {k}", fraction @ np.array(chart), triangles, a + fraction @ sides)
+        )
         shortest = min(shortest, *np.linalg.norm([b - a, c - a, c - b], axis=1))
     return Pattern.from_panels(panels, tolerance=1e-3 * float(shortest) / count)
 

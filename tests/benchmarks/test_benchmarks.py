@@ -62,6 +62,39 @@ def test_stability_of_one_scene(tmp_path: Path, scene: str) -> None:
     assert (tmp_path / "stability.png").stat().st_size > 10_000
 
 
+@ALONE
+def test_stability_is_taken_up_again(tmp_path: Path) -> None:
+    """Drawn cases are kept; more of the same seed play only the new ones; the page gets tables."""
+    page = tmp_path / "page.md"
+    page.write_text("<!-- the matrix -->\n<!-- end of the matrix -->\n", encoding="utf-8")
+    kept = ["--only", "tile", "--rows", str(tmp_path / "kept.jsonl"), "--output", str(tmp_path)]
+    one, _ = written(tmp_path, "stability.py", *kept, "--cases", "1", "--seed", "3")
+    two, _ = written(
+        tmp_path,
+        "stability.py",
+        *kept,
+        "--cases",
+        "2",
+        "--seed",
+        "3",
+        "--docs",
+        "--page",
+        str(page),
+    )
+    assert two["rows"][:1] == one["rows"], "seconds too: it was not played again"
+    assert two["cases"] == 2
+    assert two["bending"]["curvature"] == "midedge"
+    assert "| all | 2 | 2 | 0 | 0 | 0 |" in page.read_text(encoding="utf-8")
+
+
+@ALONE
+def test_random_scenes_write_rows_and_tables(tmp_path: Path) -> None:
+    found, printed = written(tmp_path, "random_scenes.py", "--scenes", "2", "--seed", "11")
+    assert [row["seed"] for row in found["rows"]] == [11, 12]
+    assert found["wrong"] == found["failed_although_solvable"] == 0
+    assert "| all | 2 |" in printed
+
+
 @pytest.mark.slow
 @ALONE
 def test_cost_of_a_newton_step(tmp_path: Path) -> None:
