@@ -19,6 +19,7 @@ from toros_fem.analysis.limit_points import LimitPoint, limit_points
 from toros_fem.analysis.states import FoundStates, find_states
 from toros_fem.analysis.trace import trace
 from toros_fem.analysis.trace_point import TracePoint
+from toros_fem.analysis.wrinkles import Tension, WrinkleField, wrinkle_field
 from toros_fem.density.field import random_density
 from toros_fem.density.filters import make_filter
 from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
@@ -114,9 +115,11 @@ __all__ = [
     "Stage",
     "SumObjective",
     "Supports",
+    "Tension",
     "TorosError",
     "TracePoint",
     "Weight",
+    "WrinkleField",
     "__version__",
     "as_printed",
     "bend_angle",
@@ -147,5 +150,6 @@ __all__ = [
     "symmetry_plane",
     "trace",
     "twist_angle",
+    "wrinkle_field",
     "write_results",
 ]

@@ -14,13 +14,15 @@ from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.analysis.trace import trace
+from toros_fem.analysis.wrinkles import wrinkles
 from toros_fem.design.config import DesignConfig
 from toros_fem.design.loop import DesignResult
+from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.errors import OutputError, ParameterError
 from toros_fem.fabrication.as_printed import PrintedDesign
 from toros_fem.fabrication.contours import panel_outline
-from toros_fem.materials import Composite
+from toros_fem.materials import Composite, Membrane
 from toros_fem.mechanics.supports import clamp, symmetry_plane
 from toros_fem.meshes import Skin, cylinder, mirrored, sew
 from toros_fem.objectives.metrics import Metric, swelling
@@ -59,6 +61,28 @@ def test_everything_is_written_without_a_reporter(
     assert set(mesh.cell_data) == {"panel", "rho", "rho_filtered", "rho_projected", "printed"}
     groups = ET.parse(folder / "pattern.svg").getroot().findall("{http://www.w3.org/2000/svg}g")
     assert {group.get("id") for group in groups} == {"wall", "base", "tip"}
+
+
+def test_a_tension_field_has_its_wrinkles_written(
+    comm: MPI.Comm, tmp_path: Path, result: DesignResult, printed: PrintedDesign
+) -> None:
+    """State and tension of each triangle, of the shape that is shown, and their picture."""
+    folder, problem = shared(comm, tmp_path), result.problem
+    assert isinstance(problem, ShapeProblem)
+    skin, shown = problem.skin, printed.evaluation or result.final
+    composite = Composite(membrane=Membrane("tension-field"))
+    solver = EquilibriumSolver(skin, composite, problem.solver.model.supports)
+    relaxed = dataclasses.replace(result, problem=dataclasses.replace(problem, solver=solver))
+    write_results(folder, relaxed, printed)
+    comm.barrier()
+    assert (folder / "wrinkles.png").is_file()
+    data = meshio.read(folder / "skin.vtu").cell_data
+    positions = skin.gather_vertices(shown.equilibrium.positions)
+    density = skin.gather_cells(shown.projected)
+    field = wrinkles(skin.pattern, composite, density, positions)
+    assert len(set(field.state)) > 1
+    assert np.array_equal(data["wrinkling"][0], field.state)
+    assert data["tension"][0] == pytest.approx(field.direction, abs=1e-12)
 
 
 def test_what_is_given_stays_unchanged(

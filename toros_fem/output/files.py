@@ -32,7 +32,7 @@ def write_fields(
         path: File ending in .vtu.
         pattern: The pattern.
         positions: Deformed positions of all assembled vertices, (n, 3), in m.
-        cell_fields: Values of all triangles by name, (t,) each.
+        cell_fields: Values of all triangles by name, (t,) each, or (t, 3) for vectors.
     """
     meshio.Mesh(
         positions,

@@ -1,4 +1,4 @@
-"""Picture of a relaxed design: its start, its line families, and the print made of them."""
+"""Pictures of directions on flat panels: line families and their print, tension in wrinkles."""
 
 from __future__ import annotations
 
@@ -9,10 +9,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem._types import Floats
+from toros_fem.analysis.wrinkles import Tension, WrinkleField
 from toros_fem.lines.field import LineField
 from toros_fem.meshes.arrange import Place
 from toros_fem.meshes.pattern import Pattern
@@ -25,6 +28,10 @@ START = "0.25"
 MARK = 1.1
 # Largest width and height of a row of pictures, in inches.
 ROW = (18.0, 9.0)
+# Colours of slack, wrinkled and taut triangles, and of the tension in the last two.
+STATES = {Tension.SLACK: "0.88", Tension.WRINKLED: "#f2c078", Tension.TAUT: "#9dc3e6"}
+STROKE = "0.15"
+PAGE = (9.0, 8.0)
 
 
 def plot_line_field(
@@ -105,8 +112,54 @@ def _marks(
     most = max(float(field.shares.max()), 1e-12)
     half = MARK / 2 * np.sqrt(2 * pattern.areas.mean() * shares / most)
     along = half[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return _strokes(pattern, along, colour, width, places)
+
+
+def _strokes(
+    pattern: Pattern, along: Floats, colour: str, width: float, places: Sequence[Place]
+) -> LineCollection:
+    """Return strokes through the centroids, in mm, by half of each, (t, 2), in m; none of 0."""
     ends = np.stack([pattern.centroids - along, pattern.centroids + along], axis=1)
+    ends = _placed(pattern, ends, places)
+    return LineCollection(list(1e3 * ends[along.any(axis=1)]), colors=colour, lw=width)
+
+
+def _placed(pattern: Pattern, points: Floats, places: Sequence[Place]) -> Floats:
+    """Return points of each triangle, (t, k, 2), at the places of their panels."""
+    placed = np.array(points)
     for panel, place in enumerate(places):
         here = pattern.panel == panel
-        ends[here] = place.points(ends[here])
-    return LineCollection(list(1e3 * ends[shares > 0]), colors=colour, lw=width)
+        placed[here] = place.points(placed[here])
+    return placed
+
+
+def plot_wrinkles(path: Path, pattern: Pattern, field: WrinkleField) -> None:
+    """Write a picture of wrinkles on the flat panels, in mm.
+
+    The colour is the state of each triangle; strokes have the direction of the tension, along which
+    wrinkles run.
+
+    Args:
+        path: PNG file to write.
+        pattern: The pattern.
+        field: Its wrinkles.
+    """
+    figure, axes = plt.subplots(layout="constrained", figsize=PAGE)
+    bare = [shapely.Polygon()] * len(pattern.panel_names)
+    places = draw_panels(axes, pattern, bare, PAGE)
+    colours = np.array([STATES[state] for state in Tension])[field.state]
+    corners = 1e3 * _placed(pattern, pattern.corners, places)
+    axes.add_collection(PolyCollection(list(corners), facecolors=colours, edgecolors="1", lw=0.3))
+    length = np.sqrt(2 * pattern.areas)
+    axes.add_collection(_strokes(pattern, 0.3 * length[:, None] * field.flat, STROKE, 0.9, places))
+    keys = [
+        Patch(
+            color=STATES[state],
+            label=f"{state.name.lower()} {field.share(state, pattern.areas):.0%}",
+        )
+        for state in Tension
+    ]
+    figure.legend(handles=keys, loc="outside lower center", ncols=3, frameon=False)
+    axes.set_title("Wrinkles run along the strokes, the direction of tension")
+    figure.savefig(path, dpi=DPI, bbox_inches="tight")
+    plt.close(figure)

@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem._mpi import on_first_rank
 from toros_fem._types import Floats
 from toros_fem.analysis.trace_point import TracePoint
+from toros_fem.analysis.wrinkles import wrinkles
 from toros_fem.config import Config
 from toros_fem.design.loop import DesignResult
 from toros_fem.errors import OutputError
@@ -46,9 +47,9 @@ def write_results(
     """Write summary, history, drawing, fields and pictures of a design (collective).
 
     The files are summary.json, history.csv, pattern.svg, skin.vtu, pattern.png, manufacture.png,
-    shape.png and convergence.png; of a design that began with densities also design.png, and of
-    line families lines.png. Where the print has no equilibrium, the pictures and fields show the
-    design's own shape.
+    shape.png and convergence.png; of a design that began with densities also design.png, of line
+    families lines.png, of a tension field wrinkles.png. Where the print has no equilibrium, the
+    pictures and fields show the design's own shape.
 
     Args:
         folder: Output folder, made if missing.
@@ -72,6 +73,7 @@ def write_results(
     summary = design_summary(result, printed, config=config, figures=figures, seconds=seconds)
     shown = printed.evaluation or final
     positions, target = skin.gather_vertices(shown.equilibrium.positions), problem.target
+    composite, stiffened = problem.solver.model.composite, skin.gather_cells(shown.projected)
     fields = {
         "rho": skin.gather_cells(result.density),
         "rho_filtered": skin.gather_cells(final.filtered),
@@ -81,6 +83,11 @@ def write_results(
         positions = whole.at_vertices(positions)
         target = None if target is None else whole.at_vertices(target)
         fields = {name: whole.at_cells(values) for name, values in fields.items()}
+        stiffened = whole.at_cells(stiffened)
+    folds = None
+    if composite.membrane.relaxed:
+        folds = wrinkles(printed.pattern, composite, stiffened, positions)
+        fields |= {"wrinkling": folds.state, "tension": folds.direction}
     fields["printed"] = printed.cells.astype(np.float64)
 
     def write() -> None:
@@ -93,7 +100,7 @@ def write_results(
     def draw() -> None:
         from toros_fem.output.curve_plot import plot_convergence
         from toros_fem.output.design_plot import plot_design
-        from toros_fem.output.line_plot import plot_line_field
+        from toros_fem.output.line_plot import plot_line_field, plot_wrinkles
         from toros_fem.output.pattern_plot import plot_pattern, plot_printability
         from toros_fem.output.shape_plot import plot_shape
 
@@ -124,6 +131,8 @@ def write_results(
             )
         if field is not None:
             plot_line_field(folder / "lines.png", field, printed.pattern, printed.regions, start)
+        if folds is not None:
+            plot_wrinkles(folder / "wrinkles.png", printed.pattern, folds)
 
     write_together(skin.comm, folder, write)
     return summary
