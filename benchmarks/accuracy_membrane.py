@@ -244,8 +244,12 @@ RELAXED: dict[str, Any] = {
     "meshes": ("structured", "unstructured"),
     "sizes": (12, 16, 20, 24),
     "within": 1e-2,
-    "note": "Crimps cost nothing, as in the reference. What remains is the polygon of the border, "
-    "and a little stretching towards the pole.",
+    "note": "No convergence test. Crimps cost nothing, as in the reference, but the reference is "
+    "a shape of revolution, and the balloon gets deep creases: it leaves the round shape even "
+    "when started from it. The volume nears the reference, from -0.91 % to -0.17 % on "
+    "the structured meshes. The height does not converge to it: it grows through it, from "
+    "+0.15 % to +0.80 %, and so the small error of the coarsest mesh is a chance. States of "
+    "nearly one energy (1e-4) differ by 0.2 % in height.",
 }
 EXACT: dict[str, Any] = {
     "meshes": ("right", "unstructured"),
@@ -454,13 +458,13 @@ TENSION_FIELDS = (
         "of them solved as a tension field: height of its centre over the plane of the seam.",
         "height in m",
         0.2166,
-        "value of wrinkling membrane elements for the airbag of Contri & Schrefler (1988); "
-        "published values scatter by about 1 %",
+        "value quoted for wrinkling membrane elements; its publication has not been checked",
         airbag,
         meshes=("right", "unstructured"),
         sizes=(12, 24, 36, 48),
         within=1e-2,
-        note="The reference is a computed value, not an exact one.",
+        note="A scene that wrinkling elements are often tested on. The reference is a computed "
+        "value, not an exact one.",
     ),
 )
 MEMBRANE: tuple[Case, ...] = (*SHEETS, *TUBES, *POLYGONS, *DISCS, *STIFF_LIMITS, *TENSION_FIELDS)

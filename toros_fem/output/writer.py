@@ -87,7 +87,7 @@ def write_results(
     folds = None
     if composite.membrane.relaxed:
         folds = wrinkles(printed.pattern, composite, stiffened, positions)
-        fields |= {"wrinkling": folds.state, "tension": folds.direction}
+        fields |= {"wrinkling": folds.state.astype(np.float64), "tension": folds.direction}
     fields["printed"] = printed.cells.astype(np.float64)
 
     def write() -> None:
