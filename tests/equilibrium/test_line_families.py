@@ -87,7 +87,7 @@ def test_continuation_in_load_and_in_stiffness_ends_at_the_same_shape(
     one, two = line_design(tube, 2, 5), line_design(tube, 2, 8)
     at_one, at_two = (solver.solve(design, PRESSURE).state for design in (one, two))
     supports = clamp(tube.pattern, ["base"])
-    few = EquilibriumSolver(tube, Composite(), supports, NewtonOptions(max_steps=4), families=2)
+    few = EquilibriumSolver(tube, Composite(), supports, NewtonOptions(max_steps=2), families=2)
     seen: list[Floats] = []
     set_density = few.model.set_density
 
