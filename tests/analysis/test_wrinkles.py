@@ -157,6 +157,18 @@ def test_states_are_those_of_the_energy(comm: MPI.Comm) -> None:
     assert not field.flat[field.state == Tension.SLACK].any()
 
 
+def test_a_sheet_that_is_turned_is_slack(comm: MPI.Comm) -> None:
+    """Rounding makes no tension."""
+    pattern = square(size=SIZE)
+    c, s = np.cos(0.3), np.sin(0.3)
+    turned = pattern.points @ np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+    turned = turned @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    assert np.linalg.norm(turned - pattern.points, axis=1).max() > 0.1 * SIZE
+    field = wrinkles(pattern, SHEET, np.zeros(len(pattern.panel)), turned)
+    assert np.all(field.state == Tension.SLACK)
+    assert not field.direction.any()
+
+
 def test_a_sheet_that_takes_compression_has_no_field(comm: MPI.Comm) -> None:
     pattern = square(size=SIZE)
     with pytest.raises(ParameterError, match="tension-field"):

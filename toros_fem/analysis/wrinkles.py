@@ -14,6 +14,9 @@ from toros_fem.forms.interpolation import interpolate
 from toros_fem.materials import Composite
 from toros_fem.meshes.pattern import Pattern
 
+# Strains below this are rounding.
+ROUNDING = 1e-12
+
 
 class Tension(IntEnum):
     """State of a triangle: tension in no direction, in one, in both."""
@@ -91,7 +94,7 @@ def wrinkles(
     F = _edges(positions[pattern.triangles]) @ chart
     _, stretches, rows = np.linalg.svd(F)
     x, y = stretches.T - 1
-    slack = x <= 0
+    slack = x <= ROUNDING
     across = _stress_across(x, y, composite, density)
     state = np.where(slack, Tension.SLACK, np.where(across < 0, Tension.WRINKLED, Tension.TAUT))
     flat = np.where(slack[:, None], 0.0, rows[:, 0])
