@@ -14,8 +14,8 @@ from toros_fem.forms.interpolation import interpolate
 from toros_fem.materials import Composite
 from toros_fem.meshes.pattern import Pattern
 
-# Strains below this are rounding.
-ROUNDING = 1e-12
+# Strains below this are rounding, of sewn coordinates too.
+ROUNDING = 1e-9
 
 
 class Tension(IntEnum):
