@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from dataclasses import asdict, astuple, dataclass, field, replace
+from dataclasses import asdict, astuple, dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from page_tables import replaced
 from shared_rows import complete, deadline
 from stability_judge import Finding, Judge
 from stability_oracle import search_equilibrium
-from stability_report import Case, CaseResult, Report, Row
+from stability_report import Case, CaseResult, Report, Request, Row
 from stability_scenes import BUILDERS, DESIGNS, Floats, Scene, build, loads_of, neighbour
 
 from toros_fem._validate import require_count
@@ -77,25 +77,31 @@ def quick_matrix(scene: str) -> list[Case]:
 class Run:
     """Solves of one case: the last request, and the number of steps of all."""
 
-    solver: EquilibriumSolver
-    density: Floats
-    pressure: float
+    stage: Stage
+    case: Case
     steps: int = 0
-    stage: str = ""
+    on_the_way: str = ""
+    request: Request = field(init=False)
     requested: tuple[Floats, Floats] = field(init=False)
 
+    def __post_init__(self) -> None:
+        self.solver = self.stage.solver(self.case.contrast)
+
     def solve(
-        self, factor: float = 1.0, start: Floats | None = None, density: Floats | None = None
+        self, factor: float = 1.0, start: Floats | None = None, *, neighbour: bool = False
     ) -> EquilibriumResult:
         """Solve at a fraction of the load; without load, of the design's variation."""
-        full = self.density if density is None else density
-        if self.pressure == 0:
-            full = full.mean() + factor * (full - full.mean())
+        case = self.case
+        variation = factor if case.load == 0 else 1.0
+        self.request = Request(
+            case.scene, case.design, case.contrast, factor * case.load, neighbour, variation
+        )
+        full = self.stage.density(self.request)
         model = self.solver.model
         begin = model.assembled if start is None else np.where(model.free, start, model.assembled)
         self.requested = (full, begin)
-        self.stage = "" if factor == 1 else f"At {factor:.3g} of the load: "
-        result = self.solver.solve(full, factor * self.pressure, start=start)
+        self.on_the_way = "" if factor == 1 else f"At {factor:.3g} of the load: "
+        result = self.solver.solve(full, self.request.load, start=start)
         self.steps += result.steps
         return result
 
@@ -122,9 +128,9 @@ def play(run: Run, scene: Scene, case: Case) -> tuple[EquilibriumResult, float |
         return result, None
     if case.start == "warm":
         try:
-            near = run.solve(density=neighbour(run.density))
+            near = run.solve(neighbour=True)
         finally:
-            run.stage = "In the neighbouring design: "
+            run.on_the_way = "In the neighbouring design: "
         run.steps = 0
         return run.solve(start=near.state), None
     up = run.solve()
@@ -147,9 +153,13 @@ class Stage:
             self.scene.skin, self.scene.composite(contrast), self.scene.supports, options
         )
 
-    def owned(self, design: str) -> Floats:
-        """Return a design's densities in the order of the solver's."""
-        return DESIGNS[design](self.scene)[self.scene.skin.owned_cells]
+    def density(self, request: Request) -> Floats:
+        """Return the densities of a request in the order of the solver's."""
+        density = DESIGNS[request.design](self.scene)[self.scene.skin.owned_cells]
+        if request.neighbour:
+            density = neighbour(density)
+        mean = density.mean()
+        return density if request.variation == 1 else mean + request.variation * (density - mean)
 
     def judge(self, contrast: float) -> Judge:
         """Return an independent check of states at a contrast."""
@@ -171,14 +181,13 @@ def attempt(stage: Stage, case: Case) -> CaseResult:
     run: Run | None = None
     try:
         with deadline(LONGEST):
-            solver = stage.solver(case.contrast)
-            run = Run(solver, stage.owned(case.design), case.load)
+            run = Run(stage, case)
             result, moved = play(run, stage.scene, case)
         kind, reason, steps = "converged", result.reason, run.steps
     except EquilibriumError as error:
         result = error.result
         if run is not None:
-            reason, steps = run.stage + result.reason, run.steps + result.steps
+            reason, steps = run.on_the_way + result.reason, run.steps + result.steps
     except TorosError as error:
         result, reason = None, f"{type(error).__name__}: {error}"
     except Exception as error:  # the matrix is to show it, not to stop at it
@@ -198,7 +207,8 @@ def attempt(stage: Stage, case: Case) -> CaseResult:
         reason += f" {away}: it differs by {moved:.1e} of the size."
     row = Row(*astuple(case), kind, reason, steps, finding.residual, finding.sign, seconds)
     faults = [*finding.faults, *([reason] if kind == "exception" else [])]
-    return CaseResult(row, "wrong" if faults else kind, "; ".join(faults), moved)
+    failed = run.request if run is not None and kind == "error" else None
+    return CaseResult(row, "wrong" if faults else kind, "; ".join(faults), moved, failed)
 
 
 def play_case(case: Case) -> dict[str, Any]:
@@ -212,16 +222,16 @@ def play_case(case: Case) -> dict[str, Any]:
     return asdict(attempt(stage, case))
 
 
-def ask_oracle(case: Case) -> dict[str, Any]:
-    """Return whether the oracle solves a case, whatever its start, and what it found."""
-    stage = stage_of(case.scene)
+def ask_oracle(request: Request) -> dict[str, Any]:
+    """Return whether the oracle finds an equilibrium for a request, and how."""
+    stage = stage_of(request.scene)
     try:
         with deadline(LONGEST):
             solvable, finding = search_equilibrium(
-                stage.judge(case.contrast),
-                stage.solver(case.contrast, many_steps=True),
-                stage.owned(case.design),
-                LoadCase(np.array([case.load])),
+                stage.judge(request.contrast),
+                stage.solver(request.contrast, many_steps=True),
+                stage.density(request),
+                LoadCase(np.array([request.load])),
             )
     except TimeoutError as error:
         solvable, finding = False, f"the oracle {error}"
@@ -229,26 +239,27 @@ def ask_oracle(case: Case) -> dict[str, Any]:
 
 
 def settle(outcomes: list[CaseResult], file: Path | None, workers: int) -> None:
-    """Tell errors that are right from those of cases that another way solves."""
-    same = lambda row: replace(row.case, start="")  # noqa: E731
+    """Tell errors that are right from those of requests that another way solves."""
     by_start = {
-        same(outcome.row): outcome.row.start
+        outcome.row.request: outcome.row.start
         for outcome in outcomes
         if outcome.verdict == "converged"
     }
     errors = [outcome for outcome in outcomes if outcome.verdict == "error"]
     unknown = {
-        f"oracle: {same(outcome.row).label()}": same(outcome.row)
+        f"oracle: {request.label()}": request
         for outcome in errors
-        if same(outcome.row) not in by_start
+        if (request := outcome.failed) is not None and request not in by_start
     }
     verdicts = complete(unknown, ask_oracle, file, workers)
     for outcome in errors:
-        key = same(outcome.row)
-        if key in by_start:
-            solvable, judgement = True, f"the start {by_start[key]!r} converged"
+        if outcome.failed is None:  # refused by a typed error
+            outcome.verdict, outcome.why = "error right", "refused"
+            continue
+        if outcome.failed in by_start:
+            solvable, judgement = True, f"the start {by_start[outcome.failed]!r} converged"
         else:
-            found = verdicts[f"oracle: {key.label()}"]
+            found = verdicts[f"oracle: {outcome.failed.label()}"]
             solvable, judgement = found["solvable"], found["finding"]
         outcome.verdict = "failed" if solvable else "error right"
         outcome.why = judgement

@@ -28,7 +28,7 @@ MARKERS = {"error right": ("o", "0.35"), "failed": ("X", "tab:red"), "wrong": ("
 
 @dataclass(frozen=True)
 class Case:
-    """One cell of the matrix; without a start, all its cases."""
+    """One cell of the matrix."""
 
     scene: str
     design: str
@@ -38,8 +38,32 @@ class Case:
 
     def label(self) -> str:
         """The case in one line."""
-        label = f"{self.scene} {self.design} x{self.contrast:g} {self.load:g} Pa {self.start}"
-        return label.strip()
+        return f"{self.scene} {self.design} x{self.contrast:g} {self.load:g} Pa {self.start}"
+
+
+@dataclass(frozen=True)
+class Request:
+    """Design and load of one solve of a case.
+
+    Attributes:
+        scene, design, contrast: As of the case.
+        load: Pressure in Pa.
+        neighbour: Whether the neighbouring design was asked for.
+        variation: Fraction of the design's variation about its mean.
+    """
+
+    scene: str
+    design: str
+    contrast: float
+    load: float
+    neighbour: bool = False
+    variation: float = 1.0
+
+    def label(self) -> str:
+        """The request in one line."""
+        near = " neighbour" if self.neighbour else ""
+        part = "" if self.variation == 1 else f" of {self.variation:g} of its variation"
+        return f"{self.scene} {self.design}{near}{part} x{self.contrast:g} {self.load:.6g} Pa"
 
 
 @dataclass
@@ -63,6 +87,11 @@ class Row:
         """The cell of the matrix."""
         return Case(self.scene, self.design, self.contrast, self.load, self.start)
 
+    @property
+    def request(self) -> Request:
+        """What the case asks for in the end."""
+        return Request(self.scene, self.design, self.contrast, self.load)
+
     def label(self) -> str:
         """The case in one line."""
         return self.case.label()
@@ -77,17 +106,21 @@ class CaseResult:
         verdict: One of `VERDICTS`; until it is settled, "error".
         why: What is wrong, or who solved what failed.
         moved: After up and down, the distance of the shapes over the size.
+        failed: The request that failed, which may lie on the way; None if none did.
     """
 
     row: Row
     verdict: str
     why: str
     moved: float | None
+    failed: Request | None = None
 
     @classmethod
     def of(cls, kept: dict[str, Any]) -> CaseResult:
         """Return what `asdict` made a dictionary of."""
-        return cls(**{**kept, "row": Row(**kept["row"])})
+        failed = kept.get("failed")
+        request = None if failed is None else Request(**failed)
+        return cls(**{**kept, "row": Row(**kept["row"]), "failed": request})
 
 
 class Report:

@@ -37,6 +37,8 @@ MORE_STEPS = 6
 # A skin is flat where it encloses less than this fraction of a sphere of its area. It is opened by
 # a pressure that, times its size over its stiffness, is OPENING, and lowered by LOWERED each time.
 FLAT, OPENING, LOWERED = 0.2, 0.4, 1.7
+# Multiple of the pressure from which a skin that folds at the requested one is lowered.
+LARGER = 10.0
 # Fraction of the skin's size by which two states may differ and be the same.
 SAME = 1e-6
 
@@ -452,9 +454,18 @@ class EquilibriumSolver:
             self.model.set_load(under)
             return attempts(self._prescribed(start, under.displacement), max_steps, trial=trial)
 
+        def lower_load(factor: float) -> ContinuationResult | None:
+            """From a multiple of the load down to it; None if a solve fails."""
+            found = attempt(self.model.assembled, density, load.scaled(factor))
+            while found.converged and factor > 1:
+                factor = max(1.0, factor / LOWERED)
+                found = attempt(found.state, density, load.scaled(factor))
+            return ContinuationResult(found.state, 1.0, found.outcome) if found.converged else None
+
         most = self._snes.max_steps
         if cold and not direct:
-            opened = self._opened(attempt, density, load)
+            factor = self._opening(density, load)
+            opened = None if factor is None else lower_load(factor)
             if opened is not None:
                 return opened
         first = attempt(state, density, load, self._max_steps(trial=trial))
@@ -511,37 +522,33 @@ class EquilibriumSolver:
             )  # fmt: skip
             if stiffened.load_factor == 1.0:
                 return stiffened
+        if _by_pressure_alone(load):
+            lowered = lower_load(LARGER)
+            if lowered is not None:
+                return lowered
         found = attempt(first.state, density, load, MORE_STEPS * most)
         if found.converged:
             return ContinuationResult(found.state, 1.0, found.outcome)
         return by_load
 
-    def _opened(
-        self, attempt: Callable[..., Attempt], density: Floats, load: LoadCase
-    ) -> ContinuationResult | None:
-        """Open a flat skin by a larger pressure, then lower that to the requested one (collective).
+    def _opening(self, density: Floats, load: LoadCase) -> float | None:
+        """Return the factor on the pressure that opens a flat skin (collective).
 
         A pressure that hardly strains a flat skin crumples it: it stops in the first of many
         stable states. From the open skin crumples spread evenly, and the energy ends lower.
 
         Returns:
-            The equilibrium; None if the skin is not flat, the pressure alone opens it, or a solve
-            fails.
+            None if the skin is not flat, or the requested pressure opens it.
         """
         model, pattern = self.model, self.skin.pattern
-        dead = load.force is not None or load.weight_fraction > 0 or load.displacement is not None
-        if not model.closed or load.largest == 0 or dead:
+        if not _by_pressure_alone(load):
             return None
         sphere = pattern.areas.sum() ** 1.5 / (6 * np.sqrt(np.pi))
         model.set_density(density)
         factor = OPENING * model.soft_modulus() / (load.largest * pattern.size)
         if model.volume(model.assembled) > FLAT * sphere or factor <= LOWERED:
             return None
-        found = attempt(model.assembled, density, load.scaled(factor))
-        while found.converged and factor > 1:
-            factor = max(1.0, factor / LOWERED)
-            found = attempt(found.state, density, load.scaled(factor))
-        return ContinuationResult(found.state, 1.0, found.outcome) if found.converged else None
+        return factor
 
     def _result(
         self,
@@ -591,3 +598,8 @@ class EquilibriumSolver:
             factorisations=attempts.factorisations,
             history=tuple(attempts.history),
         )
+
+
+def _by_pressure_alone(load: LoadCase) -> bool:
+    dead = load.force is not None or load.weight_fraction > 0 or load.displacement is not None
+    return load.largest > 0 and not dead
