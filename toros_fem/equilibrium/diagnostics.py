@@ -138,7 +138,8 @@ def failure(
     }.get(end.outcome, "no step lowered the energy any more")
     bounds = f"c1 = {model.composite.c1:g}, c2 = {model.composite.c2:g}"
     begin = f"No equilibrium inside the stretch bounds ({bounds}) was found at {load}, at "
-    begin += "once" if once else "once, by raising or lowering the load, or by stiffening the plain fabric"
+    ways = ", by raising or lowering the load, or by stiffening the plain fabric"
+    begin += f"once{'' if once else ways}"
     begin += f": {why}."
     folds = model.count_folds(tried, FOLDED)
     if folds:  # each edge is seen from both sides
