@@ -155,34 +155,21 @@ def stiff_half(pattern: Pattern, across: float) -> Solved:
     return solve(pattern, composite, half_held(pattern), pressure)
 
 
+def half_pillow(side: float, mesh: str, count: int) -> Pattern:
+    """Return a square about the origin, slightly lifted off its plane."""
+
+    def place(flat: Floats) -> Floats:
+        u, v = (np.pi * flat / side).T
+        return np.column_stack([flat - side / 2, 0.02 * side * np.sin(u) * np.sin(v)])
+
+    return rectangle(COMM, side, side, side / count, mesh, place)
+
+
 @cache
 def balloon(mesh: str, count: int) -> Solved:
     """The Mylar balloon: two discs."""
     pattern, _ = clamped_disc(mesh, count, 0.05 * DISC)
     return stiff_half(pattern, DISC)
-
-
-def balloon_volume(mesh: str, count: int) -> Measured:
-    """Volume of the balloon over the cube of the discs' radius."""
-    found = balloon(mesh, count)
-    return found.measured(2 * found.result.volume / DISC**3)
-
-
-def balloon_height(mesh: str, count: int) -> Measured:
-    """Half height of the balloon over the discs' radius."""
-    found = balloon(mesh, count)
-    return found.measured(pole(found) / DISC)
-
-
-def pillow(mesh: str, count: int) -> Measured:
-    """Volume of two sewn squares over the cube of their side."""
-
-    def place(flat: Floats) -> Floats:
-        u, v = (np.pi * flat / WIDTH).T
-        return np.column_stack([flat - WIDTH / 2, 0.02 * WIDTH * np.sin(u) * np.sin(v)])
-
-    found = stiff_half(rectangle(COMM, WIDTH, WIDTH, WIDTH / count, mesh, place), WIDTH)
-    return found.measured(2 * found.result.volume / WIDTH**3)
 
 
 @cache
@@ -196,26 +183,25 @@ def relaxed_balloon(mesh: str, count: int) -> Solved:
     return solve(pattern, composite, half_held(pattern), pressure, options=options)
 
 
-def relaxed_balloon_volume(mesh: str, count: int) -> Measured:
-    """Volume of the tension field over the cube of the discs' radius."""
-    found = relaxed_balloon(mesh, count)
+def balloon_volume(found: Solved) -> Measured:
+    """Volume of a balloon over the cube of the discs' radius."""
     return found.measured(2 * found.result.volume / DISC**3)
 
 
-def relaxed_balloon_height(mesh: str, count: int) -> Measured:
-    """Half height of the tension field over the discs' radius."""
-    found = relaxed_balloon(mesh, count)
+def balloon_height(found: Solved) -> Measured:
+    """Half height of a balloon over the discs' radius."""
     return found.measured(pole(found) / DISC)
+
+
+def pillow(mesh: str, count: int) -> Measured:
+    """Volume of two sewn squares over the cube of their side."""
+    found = stiff_half(half_pillow(WIDTH, mesh, count), WIDTH)
+    return found.measured(2 * found.result.volume / WIDTH**3)
 
 
 def airbag(mesh: str, count: int) -> Measured:
     """Height in m of the centre of a square airbag over its plane of symmetry."""
-
-    def place(flat: Floats) -> Floats:
-        u, v = (np.pi * flat / AIRBAG).T
-        return np.column_stack([flat - AIRBAG / 2, 0.02 * AIRBAG * np.sin(u) * np.sin(v)])
-
-    pattern = rectangle(COMM, AIRBAG, AIRBAG, AIRBAG / count, mesh, place)
+    pattern = half_pillow(AIRBAG, mesh, count)
     composite = replace(membrane(588e6, 0.4, 0.6e-3, 1.8, 2.0), membrane=Membrane("tension-field"))
     found = solve(pattern, composite, half_held(pattern), 5e3)
     return found.measured(found.points[:, 2].max())
@@ -405,7 +391,7 @@ STIFF_LIMITS = (
         "V/a³",
         entry("mylar_balloon", PER_RADIUS, quantity="volume V"),
         MYLAR,
-        balloon_volume,
+        lambda mesh, size: balloon_volume(balloon(mesh, size)),
         **BALLOON,
     ),
     case(
@@ -414,7 +400,7 @@ STIFF_LIMITS = (
         "half height/a",
         entry("mylar_balloon", PER_RADIUS, quantity="thickness tau(total)") / 2,
         MYLAR,
-        balloon_height,
+        lambda mesh, size: balloon_height(balloon(mesh, size)),
         **BALLOON,
     ),
     case(
@@ -440,7 +426,7 @@ TENSION_FIELDS = (
         "V/a³",
         entry("mylar_balloon", PER_RADIUS, quantity="volume V"),
         MYLAR,
-        relaxed_balloon_volume,
+        lambda mesh, size: balloon_volume(relaxed_balloon(mesh, size)),
         **RELAXED,
     ),
     case(
@@ -449,7 +435,7 @@ TENSION_FIELDS = (
         "half height/a",
         entry("mylar_balloon", PER_RADIUS, quantity="thickness tau(total)") / 2,
         MYLAR,
-        relaxed_balloon_height,
+        lambda mesh, size: balloon_height(relaxed_balloon(mesh, size)),
         **RELAXED,
     ),
     case(

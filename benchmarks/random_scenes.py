@@ -11,7 +11,6 @@ scene that has a solution failed. It runs on one rank.
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
@@ -25,7 +24,7 @@ import numpy as np
 from mpi4py import MPI
 from page_tables import replaced
 from scipy.spatial import ConvexHull
-from shared_rows import complete, deadline
+from shared_rows import complete, deadline, parsed, parser_of
 from stability_judge import Judge
 from stability_oracle import search_equilibrium
 from stability_scenes import Floats, triangle_panels
@@ -352,25 +351,11 @@ def tables(rows: list[dict[str, Any]]) -> str:
 
 def main() -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__, PAGE)
     parser.add_argument("--scenes", type=int, default=1000, help="number of scenes")
     parser.add_argument("--seed", type=int, default=0, help="of the first scene")
-    parser.add_argument("--workers", type=int, default=1, help="number of processes")
-    parser.add_argument(
-        "--rows",
-        type=Path,
-        help="JSON lines of finished scenes; a rerun with the same code skips those in it",
-    )
-    parser.add_argument("--json", type=Path, help="file for the rows")
-    parser.add_argument("--from", type=Path, dest="source", help="run nothing, read this file")
-    parser.add_argument("--docs", action="store_true", help="write the tables into the page")
-    parser.add_argument("--page", type=Path, default=PAGE, help="the page")
-    options = parser.parse_args()
-    if MPI.COMM_WORLD.size > 1:
-        parser.error("one rank only: the checks are dense and serial. --workers takes processes.")
-    require_count(1, workers=options.workers, scenes=options.scenes)
+    options = parsed(parser)
+    require_count(1, scenes=options.scenes)
     if options.source:
         rows = json.loads(options.source.read_text(encoding="utf-8"))["rows"]
     else:

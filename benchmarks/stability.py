@@ -21,9 +21,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from page_tables import replaced
-from shared_rows import complete, deadline
+from shared_rows import complete, deadline, parsed, parser_of
 from stability_judge import Finding, Judge
 from stability_oracle import search_equilibrium
 from stability_report import Case, CaseResult, Report, Request, Row
@@ -295,28 +294,13 @@ def chosen_cases(options: argparse.Namespace, scenes: list[str]) -> list[Case]:
 
 def main() -> int:
     """Command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__, PAGE)
     parser.add_argument("--quick", action="store_true", help="60 cases, about a minute")
     parser.add_argument("--only", default="", help="scenes with this in their name")
     parser.add_argument("--cases", type=int, help="number of cases drawn; default: all")
     parser.add_argument("--seed", type=int, default=0, help="of the draw")
-    parser.add_argument("--workers", type=int, default=1, help="number of processes")
-    parser.add_argument(
-        "--rows",
-        type=Path,
-        help="JSON lines of finished cases; a rerun with the same code skips those in it",
-    )
-    parser.add_argument("--json", type=Path, help="file for the rows")
-    parser.add_argument("--from", type=Path, dest="source", help="run nothing, read this file")
-    parser.add_argument("--docs", action="store_true", help="write the tables into the page")
-    parser.add_argument("--page", type=Path, default=PAGE, help="the page")
     parser.add_argument("--output", type=Path, default=Path("output/stability"), help="folder")
-    options = parser.parse_args()
-    if MPI.COMM_WORLD.size > 1:
-        parser.error("one rank only: the checks are dense and serial. --workers takes processes.")
-    require_count(1, workers=options.workers)
+    options = parsed(parser)
     if options.cases is not None:
         require_count(1, cases=options.cases)
     scenes = [name for name in BUILDERS if options.only in name]
