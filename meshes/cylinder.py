@@ -14,6 +14,7 @@ from toros_fem.errors import ParameterError
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Panel, Pattern
 from toros_fem.meshes.sheet import grid, ringed_disc, sector
+from toros_fem.meshes.triangle_limit import require_affordable
 
 WALL, BASE, TIP = "wall", "base", "tip"
 KINDS = ("unstructured", "structured", "left", "union-jack", "crossed")
@@ -62,6 +63,7 @@ def cylinder(
     Raises:
         ParameterError: A size is not positive, or too large for a tube of six sides and two rows;
             or the planes, the caps or the kind of mesh are others.
+        MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
     require_positive(length=length, diameter=diameter, edge_length=edge_length)
     require_choice("mesh", mesh, KINDS)
@@ -76,6 +78,7 @@ def cylinder(
         )
     parts = 2 ** len(planes)
     # Vertices must lie in all planes.
+    require_affordable(np.pi * diameter * (length + diameter / 2) / parts, edge_length)
     around = parts * max(2, round(np.pi * diameter / edge_length / parts))
     sides, rows = around // parts, max(2, round(length / edge_length))
     radius = diameter / 2

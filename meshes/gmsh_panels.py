@@ -8,6 +8,7 @@ import numpy as np
 
 from toros_fem._types import Floats, Ints
 from toros_fem.meshes.topology import flat_areas
+from toros_fem.meshes.triangle_limit import require_affordable
 
 
 def polygon_meshes(
@@ -25,7 +26,11 @@ def polygon_meshes(
 
     Returns:
         For each polygon flat points (m, 2) in m and counter-clockwise triangles (t, 3).
+
+    Raises:
+        MeshSizeError: There would be more triangles than the limit.
     """
+    require_affordable(sum(_area(corners) for corners, _ in outlines), edge_length)
     import gmsh  # here, because it is slow, and structured meshes do not need it
 
     ours = not gmsh.isInitialized()
@@ -66,6 +71,11 @@ def polygon_meshes(
         elif current:
             gmsh.model.setCurrent(current)
     return results
+
+
+def _area(corners: Floats) -> float:
+    x, y = corners.T
+    return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
 
 
 def _counter_clockwise(flat: Floats, triangles: Ints) -> Ints:

@@ -16,6 +16,7 @@ from toros_fem._validate import require_between
 from toros_fem.errors import OutlineError
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.topology import coincident, edges_of, half_edges
+from toros_fem.meshes.triangle_limit import require_affordable
 
 Line = tuple[tuple[float, float], tuple[float, float]]
 
@@ -106,6 +107,7 @@ def region_mesh(
     Raises:
         OutlineError: The outline crosses itself, is not symmetric, or does not fit its lines or
             the edge length.
+        MeshSizeError: There would be more triangles than the limit.
     """
     whole = _polygon(_checked(outline))
     size = float(np.hypot(*np.ptp(whole.exterior.coords, axis=0)))
@@ -115,6 +117,7 @@ def region_mesh(
             f"edge_length = {edge_length} m must be greater than 0 and at most {bound:.4g} m, "
             "twice the area over the border's length: the outline is no wider."
         )
+    require_affordable(whole.area / 2 ** len(planes), edge_length)
     cuts = [_line_across(whole, k, line, size) for k, line in enumerate(lines)]
     faces = _faces(_part(whole, planes, size), cuts, planes, size)
     for face in faces:

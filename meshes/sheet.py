@@ -12,6 +12,7 @@ from toros_fem._types import Floats, Ints
 from toros_fem._validate import require_choice, require_positive
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.triangle_limit import require_affordable
 
 SHEET = "sheet"
 KINDS = ("right", "left", "equilateral", "crossed", "union-jack", "unstructured")
@@ -59,10 +60,12 @@ def rectangle(
 
     Raises:
         ParameterError: A length is not positive, or the kind of mesh is unknown.
+        MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
     require_positive(length=length, width=width)
     require_positive(edge_length=edge_length, at_most=min(length, width))
     require_choice("mesh", mesh, KINDS)
+    require_affordable(length * width, edge_length)
 
     def build() -> Pattern:
         along = round(length / edge_length)
@@ -99,10 +102,12 @@ def disc(
 
     Raises:
         ParameterError: A length is not positive, or the kind of mesh is unknown.
+        MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
     require_positive(radius=radius)
     require_positive(edge_length=edge_length, at_most=radius)
     require_choice("mesh", mesh, ("structured", "unstructured"))
+    require_affordable(np.pi * radius**2, edge_length)
 
     def build() -> Pattern:
         around = round(2 * np.pi * radius / edge_length)

@@ -16,6 +16,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import glued
 from toros_fem.meshes.sheet import grid, one_panel
 from toros_fem.meshes.tile_symmetry import SAME, SYMMETRIES, check_symmetry, unstructured
+from toros_fem.meshes.triangle_limit import require_affordable
 
 TILE = "tile"
 KINDS = ("right", "crossed", "union-jack", "unstructured")
@@ -163,6 +164,7 @@ def tile(
     Raises:
         ParameterError: A length is not positive or too large, a name is unknown, or tile or mesh
             cannot have the symmetry.
+        MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
     sides = np.array(size, dtype=np.float64)
     if sides.shape not in ((), (2,)):
@@ -173,6 +175,7 @@ def tile(
     require_positive(edge_length=edge_length, at_most=sides.min() / (LEAST - 0.5))
     require_choice("mesh", mesh, KINDS)
     check_symmetry(symmetry, sides)
+    require_affordable(float(sides.prod()), edge_length)
     if mesh == "right" and symmetry != "none":
         raise ParameterError(
             f"mesh = 'right' cannot be {symmetry}: all its diagonals are parallel. Use 'crossed', "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
@@ -17,31 +17,55 @@ from toros_fem.errors import TorosError
 C = TypeVar("C", bound=Config)
 
 
-class _Parser(argparse.ArgumentParser):
-    """A parser that suggests the nearest option for an unknown one; only the first rank prints."""
+class UsageError(TorosError, ValueError):
+    """The command line is not understood; the message names the word and the nearest known one."""
 
-    def __init__(self, *, first_rank: bool, about: str, arguments: str) -> None:
+
+class SuggestingParser(argparse.ArgumentParser):
+    """A parser that suggests the nearest option or command for an unknown one.
+
+    Only the first rank prints.
+
+    Raises:
+        UsageError: The command line is not understood.
+    """
+
+    def __init__(self, *, first_rank: bool, **rest: Any) -> None:
         self._first_rank = first_rank
         super().__init__(
-            usage=f"%(prog)s [options]{arguments}",
-            description=about,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-            allow_abbrev=False,
+            formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **rest
         )
 
     def error(self, message: str) -> NoReturn:
-        unknown = message.partition("unrecognized arguments: ")[2].split()
-        options = [word.partition("=")[0] for word in unknown if word.startswith("--")]
+        """Raise an error instead of the end of the program."""
+        raise UsageError(f"{self.prog}: {message}")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse, and refuse options that are not known, with the nearest of this very command."""
+        found, extra = super().parse_known_args(args, namespace)
+        options = [word.partition("=")[0] for word in extra if word.startswith("--")]
         if options:
             known = [flag for action in self._actions for flag in action.option_strings]
-            near = difflib.get_close_matches(options[0], known, n=1)
-            advice = f"did you mean {near[0]}?" if near else "--help lists all options."
-            message = f"unknown option {options[0]}; {advice}"
-        self.exit(2, f"{self.prog}: {message}\n")
+            advice = nearest(options[0], known, "--help lists all options.")
+            self.error(f"unknown option {options[0]}; {advice}")
+        return found, extra
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            known = [str(choice) for choice in action.choices]
+            advice = nearest(str(value), known, f"known are {', '.join(known)}.")
+            what = action.metavar or action.dest
+            self.error(f"unknown {str(what).lower()} {value!r}; {advice}")
 
     def _print_message(self, message: str, file: Any = None) -> None:
         if self._first_rank:
             super()._print_message(message, file)
+
+
+def nearest(word: str, known: Sequence[str], otherwise: str) -> str:
+    """Return the question for the known word that is nearest, or another text if none is near."""
+    near = difflib.get_close_matches(word, known, n=1)
+    return f"did you mean {near[0]}?" if near else otherwise
 
 
 def run_from_command_line(
@@ -73,7 +97,9 @@ def run_from_command_line(
             that are not given are None.
     """
     names = "".join(f" [{name}]" for name in arguments or {})
-    parser = _Parser(first_rank=comm.rank == 0, about=about, arguments=names)
+    parser = SuggestingParser(
+        first_rank=comm.rank == 0, usage=f"%(prog)s [options]{names}", description=about
+    )
     if coarse is not None:
         parser.add_argument("--coarse", action="store_true", help="a coarse mesh and few steps")
     parser.add_argument("--verbose", action="store_true", help="print all Newton steps")
@@ -83,7 +109,10 @@ def run_from_command_line(
     for name, text in (arguments or {}).items():
         parser.add_argument(name, type=Path, nargs="?", default=None, help=text)
     add_options(parser, config)
-    given = vars(parser.parse_args())
+    try:
+        given = vars(parser.parse_args())
+    except UsageError as error:
+        parser.exit(2, f"{error}\n")
     folder, verbose, quick = (given.pop(name, False) for name in ("output", "verbose", "coarse"))
     paths = {name: given.pop(name) for name in (*(files or {}), *(arguments or {}))}
 

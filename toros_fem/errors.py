@@ -9,6 +9,10 @@ class ParameterError(TorosError, ValueError):
     """A parameter is outside its admissible range."""
 
 
+class MeshSizeError(ParameterError):
+    """A mesh would have more triangles than the limit; the message names an edge length."""
+
+
 class PatternError(TorosError, ValueError):
     """A sewing pattern is not a valid surface; the message names triangle, edge or panel."""
 
@@ -55,6 +59,10 @@ class OutputError(TorosError, OSError):
 
 class SurfaceError(TorosError, ValueError):
     """A surface cannot be read, cut or unwrapped; the message names file, place or chart."""
+
+
+class PatternFileError(TorosError, ValueError):
+    """A pattern file cannot be read; the message names the file and the fault."""
 
 
 class TileFileError(TorosError, ValueError):

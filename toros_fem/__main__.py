@@ -1,0 +1,18 @@
+"""The command `toros`, also `python -m toros_fem`."""
+
+from __future__ import annotations
+
+import sys
+
+from mpi4py import MPI
+
+from toros_fem.commands.main import run
+
+
+def main() -> int:
+    """Run the command that the command line names, on all ranks; return the exit code."""
+    return run(MPI.COMM_WORLD, sys.argv[1:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

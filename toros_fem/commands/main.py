@@ -1,0 +1,166 @@
+"""The command line `toros`: finds the command, runs it, prints its answer or its error."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import math
+import sys
+import traceback
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, TextIO
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem.command_line import SuggestingParser, UsageError
+from toros_fem.commands import doctor, unwrap
+from toros_fem.commands.command import Answer, Command
+from toros_fem.commands.exit_codes import DONE, INTERNAL, MEANING, exit_code
+from toros_fem.errors import TorosError
+from toros_fem.output.files import versions
+
+COMMANDS: Mapping[str, Command] = {
+    command.name: command
+    for command in (
+        unwrap.COMMAND,
+        doctor.COMMAND,
+    )
+}
+ABOUT = "Designs robotic skins: printed patterns that make an inflated fabric bend, twist or grip."
+
+
+def run(comm: MPI.Comm, words: Sequence[str]) -> int:
+    """Run the command that the words name, and return its exit code (collective).
+
+    Args:
+        comm: Communicator; its first rank prints.
+        words: The words after `toros`.
+    """
+    as_json, out = "--json" in words, sys.stdout
+    name = next((word for word in words if word in COMMANDS), None)
+    with _spoken(comm, quiet="--quiet" in words), _stdout_free(as_json):
+        try:
+            given = _parser(comm).parse_args(list(words))
+            answer = COMMANDS[given.command].run(comm, given)
+        except SystemExit as asked:  # --help and --version
+            return int(asked.code or DONE)
+        except (TorosError, KeyboardInterrupt) as error:
+            if isinstance(error, KeyboardInterrupt) and comm.size > 1:
+                comm.Abort(exit_code(error))  # the other ranks may not know of it
+            answer = _failed(error)
+        except Exception as error:
+            print(f"rank {comm.rank}: {traceback.format_exc()}", file=sys.stderr, flush=True)
+            if comm.size > 1:
+                comm.Abort(INTERNAL)  # the other ranks may wait for this one
+            answer = _failed(error)
+    if comm.rank == 0:
+        _print(out, name, answer, as_json=as_json)
+    return answer.code
+
+
+def _failed(error: BaseException) -> Answer:
+    kind = type(error).__name__
+    text = str(error) if isinstance(error, UsageError) else f"{kind}: {error}"
+    if isinstance(error, KeyboardInterrupt):
+        text = "stopped"
+    places = {key: getattr(error, key) for key in ("file", "line", "key") if hasattr(error, key)}
+    figures = {"error": {"type": kind, "message": str(error), **places}}
+    return Answer(text, figures, exit_code(error))
+
+
+def _print(out: TextIO, name: str | None, answer: Answer, *, as_json: bool) -> None:
+    if as_json:
+        content = {"command": name, "exit_code": answer.code, **answer.figures}
+        print(json.dumps(_plain(content), indent=2, ensure_ascii=False), file=out, flush=True)
+    elif answer.text:
+        print(answer.text, file=sys.stderr if answer.code else out, flush=True)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value of JSON: numpy's numbers and paths become plain, what is not finite None."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value if isinstance(value, str | int | float | None) else str(value)
+
+
+def _parser(comm: MPI.Comm) -> SuggestingParser:
+    first = comm.rank == 0
+    codes = "\n".join(f"  {code:3d}  {text}" for code, text in MEANING.items())
+    parser = SuggestingParser(
+        prog="toros",
+        first_rank=first,
+        description=f"{ABOUT}\n\n`toros COMMAND --help` tells about one command.",
+        epilog=f"exit codes:\n{codes}\n\nUnder MPI: mpirun -n 2 toros COMMAND …",
+    )
+    parser.add_argument(
+        "--version", action="version", version=f"toros_fem {versions()['toros_fem']}"
+    )
+    commands = parser.add_subparsers(
+        dest="command", metavar="COMMAND", title="commands", required=True
+    )
+    for command in COMMANDS.values():
+        examples = "\n".join(f"  {line}" for line in command.examples)
+        sub = commands.add_parser(
+            command.name,
+            first_rank=first,
+            help=command.about,
+            description=f"{command.about[:1].upper()}{command.about[1:]}.\n\n{command.details}",
+            epilog=f"examples:\n{examples}",
+        )
+        command.add_options(sub)
+        group = sub.add_argument_group("output of the command")
+        group.add_argument(
+            "--json",
+            action="store_true",
+            help="print the result as JSON on stdout, and all else on stderr; default no",
+        )
+        group.add_argument(
+            "--quiet", action="store_true", help="no progress, only warnings; default no"
+        )
+    return parser
+
+
+@contextlib.contextmanager
+def _stdout_free(wanted: bool) -> Iterator[None]:
+    """Send what is printed meanwhile to stderr, if wanted."""
+    with contextlib.redirect_stdout(sys.stderr) if wanted else contextlib.nullcontext():
+        yield
+
+
+@contextlib.contextmanager
+def _spoken(comm: MPI.Comm, *, quiet: bool) -> Iterator[None]:
+    """Show the package's log and its warnings on the first rank, as lines on stderr.
+
+    Lines of a batch job have the time.
+    """
+    logger = logging.getLogger("toros_fem")
+    handler: logging.Handler = logging.NullHandler()
+    if comm.rank == 0:
+        handler = logging.StreamHandler(sys.stderr)
+        stamp = "" if sys.stderr.isatty() else "%(asctime)s "
+        handler.setFormatter(logging.Formatter(stamp + "%(message)s", "%Y-%m-%d %H:%M:%S"))
+    level, spread = logger.level, logger.propagate
+    logger.addHandler(handler)
+    logger.setLevel(logging.WARNING if quiet else logging.INFO)
+    logger.propagate = False
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        logger.warning("warning: %s", message)
+
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = show
+            yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+        logger.propagate = spread
