@@ -10,9 +10,9 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from demos import bend, bend_twist, contract, gripper, inflate, twist, walker
 from toros_fem.actuators.tube import coarse_tube
 from toros_fem.config import Config
+from toros_fem.scenes import bend, bend_twist, contract, gripper, inflate, twist, walker
 
 ROOT = Path(__file__).parent.parent
 

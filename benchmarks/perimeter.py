@@ -33,7 +33,7 @@ from shapely.geometry.base import BaseGeometry
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from demos import bend, three_field, walker
+from demos import three_field
 from toros_fem._mpi import free_dropped
 from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase
@@ -49,6 +49,7 @@ from toros_fem.fabrication.as_printed import as_printed
 from toros_fem.fabrication.cleaning import CleanedRegions
 from toros_fem.fabrication.printability import PrintLimits
 from toros_fem.meshes import Pattern
+from toros_fem.scenes import bend, walker
 
 PAGE = Path(__file__).parent.parent / "docs" / "optimisation.md"
 # The tables stand between these lines of the page.

@@ -18,62 +18,15 @@ Files, pictures and figures are those of the whole. A whole tube (`--whole`) may
 that are not symmetric.
 """
 
-from __future__ import annotations
-
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
-import numpy as np
 from mpi4py import MPI
 
-from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.run import design_run, summary_sentence
-from toros_fem.actuators.tube import (
-    SymmetricConfig,
-    TubeConfig,
-    bend_metric,
-    coarse_tube,
-    tube_case,
-)
+from toros_fem.actuators.run import summary_sentence
+from toros_fem.actuators.tube import coarse_tube
 from toros_fem.command_line import run_from_command_line
-from toros_fem.config import quantity
-from toros_fem.meshes import bend
-from toros_fem.objectives.metrics import Measurement
-
-# Fig. 8b of the paper: the printed skin, inflated.
-MEASURED = (Measurement("angle_deg", 180.0, 13e3, 150.0, "paper, measured"),)
-
-
-@dataclass(frozen=True)
-class BendConfig(SymmetricConfig, TubeConfig):
-    """Numbers of the bending tube; SI units."""
-
-    angle: float = quantity(180.0, "bend angle of the target", "deg")
-    neutral: float = quantity(
-        0.01,
-        "distance of the line that keeps its length from the axis, towards the inner side",
-        "m",
-    )
-
-    corrections: int = TubeConfig.redefault("corrections", 6)
-    # Fewer islands, a shorter border, and nearer to the target: docs/optimisation.md.
-    perimeter_weight: float | None = TubeConfig.redefault("perimeter_weight", 1e-4)
-
-    TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
-
-
-def case(comm: MPI.Comm, config: BendConfig) -> ActuatorCase:
-    """Return half the tube, or the whole, and its target."""
-    target = bend(np.radians(config.angle), config.length, neutral=config.neutral)
-    planes = () if config.whole else (1,)
-    return tube_case(comm, config, target, [bend_metric(config.angle)], planes)
-
-
-run = design_run(case, BendConfig(), MEASURED)
-
+from toros_fem.scenes.bend import BendConfig, run
 
 if __name__ == "__main__":
     sys.exit(

@@ -7,63 +7,15 @@ Targets are composed: first `twist`, then `bend`, which takes a body along z. Th
 orientations of twelve cross-sections and of the tip count; the skin may swell freely.
 """
 
-from __future__ import annotations
-
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
 
-import numpy as np
 from mpi4py import MPI
 
-from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.run import design_run, summary_sentence
-from toros_fem.actuators.tube import (
-    CrossSectionTubeConfig,
-    bend_metric,
-    coarse_tube,
-    cross_section_case,
-    twist_metric,
-)
+from toros_fem.actuators.run import summary_sentence
+from toros_fem.actuators.tube import coarse_tube
 from toros_fem.command_line import run_from_command_line
-from toros_fem.config import quantity
-from toros_fem.meshes import bend, compose, twist
-
-
-@dataclass(frozen=True)
-class BendTwistConfig(CrossSectionTubeConfig):
-    """Numbers of the tube that bends and twists; SI units."""
-
-    angle: float = quantity(90.0, "bend angle of the target", "deg")
-    twist: float = quantity(
-        60.0, "twist of the target, positive if counter-clockwise seen from the tip", "deg"
-    )
-    neutral: float = quantity(
-        0.01,
-        "distance of the line that keeps its length from the axis, towards the inner side",
-        "m",
-    )
-    pressure: float = CrossSectionTubeConfig.redefault("pressure", 10e3)
-    # Few lines would answer to a correction by leaps.
-    share_weight: float | None = CrossSectionTubeConfig.redefault("share_weight", 3e-3)
-
-    TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle", "twist_deg": "twist"}
-
-
-def case(comm: MPI.Comm, config: BendTwistConfig) -> ActuatorCase:
-    """Return the tube and its target."""
-    target = compose(
-        twist(np.radians(config.twist), config.length),
-        bend(np.radians(config.angle), config.length, neutral=config.neutral),
-    )
-    metrics = [bend_metric(config.angle), twist_metric(config.twist)]
-    return cross_section_case(comm, config, target, metrics)
-
-
-run = design_run(case, BendTwistConfig())
-
+from toros_fem.scenes.bend_twist import BendTwistConfig, run
 
 if __name__ == "__main__":
     sys.exit(

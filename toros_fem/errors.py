@@ -1,5 +1,7 @@
 """Typed errors: each names the value, the bound and the remedy."""
 
+from pathlib import Path
+
 
 class TorosError(Exception):
     """Base class of every error that `toros_fem` raises on purpose."""
@@ -67,6 +69,26 @@ class PatternFileError(TorosError, ValueError):
 
 class TileFileError(TorosError, ValueError):
     """A printed tile cannot be read; the message names the file and the fault."""
+
+
+class SceneError(TorosError, ValueError):
+    """A scene file cannot be read, or a key or value in it is wrong.
+
+    Attributes:
+        path: The file; None for a change that the command line gives.
+        line: Line in it, from 1; None where there is none.
+        key: Key with its table, "design.seed" for instance; None where it is about no key.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        path: Path | None = None,
+        line: int | None = None,
+        key: str | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.path, self.line, self.key = path, line, key
 
 
 class NoEquilibriumError(TorosError, RuntimeError):

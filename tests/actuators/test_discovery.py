@@ -14,7 +14,6 @@ from helpers.designs import DESIGN_ALONE
 from helpers.scenes import shared
 from mpi4py import MPI
 
-from demos import twist
 from toros_fem.actuators import discovery, space_mapping
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.discovery import (
@@ -28,6 +27,7 @@ from toros_fem.actuators.run import design_actuator
 from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.fabrication.regions import regions_on
 from toros_fem.lines.widths import width_changes
+from toros_fem.scenes import twist
 
 TINY = twist.TwistConfig().updated(
     start="relaxed",

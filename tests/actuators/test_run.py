@@ -11,7 +11,6 @@ from helpers.designs import DESIGN_ALONE
 from helpers.scenes import shared
 from mpi4py import MPI
 
-from demos import bend as bend_demo
 from toros_fem.actuators import run
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.problem import actuator_problem
@@ -24,6 +23,7 @@ from toros_fem.equilibrium.solver import EquilibriumError
 from toros_fem.meshes import Skin, bend
 from toros_fem.objectives.metrics import Metric
 from toros_fem.output.reporter import DesignReporter
+from toros_fem.scenes import bend as bend_demo
 
 SHORT = TubeConfig(
     length=0.08,

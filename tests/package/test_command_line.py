@@ -11,16 +11,17 @@ from demo_runs import DEMOS
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
-from demos import own_design, three_field, tile, tile_sheet, unwrap
+from demos import own_design, three_field, unwrap
 from toros_fem.command_line import option_help, run_from_command_line
 from toros_fem.config import Config, quantity
 from toros_fem.errors import OutputError
+from toros_fem.scenes import tile, tile_sheet
 
 CONFIGS: dict[str, Config] = {
     **{name: demo.config for name, demo in DEMOS.items()},
     "own_design": own_design.OwnDesignConfig(),
     "three_field": three_field.ThreeFieldConfig(),
-    "tile": tile.TileDemoConfig(),
+    "tile": tile.TargetTileConfig(),
     "tile_sheet": tile_sheet.TileSheetConfig(),
     "unwrap": unwrap.UnwrapConfig(),
 }

@@ -23,6 +23,8 @@ ROOMS = [
     ["fabrication"],
     ["output"],
     ["actuators", "tiles"],
+    ["scenes"],
+    ["scene_files"],
     ["command_line"],
     ["commands"],
     ["__main__"],

@@ -9,10 +9,10 @@ from helpers.tiles import printed_tile
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from demos import tile_sheet as demo
 from toros_fem import errors
 from toros_fem.materials import Composite
 from toros_fem.meshes import rectangle, sew, tile
+from toros_fem.scenes import tile_sheet as demo
 from toros_fem.tiles.pull_test import PullTest, predict, pull, pull_sheet
 from toros_fem.tiles.sheet import remesh, tile_sheet
 

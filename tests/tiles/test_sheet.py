@@ -8,8 +8,8 @@ import shapely
 from helpers.tiles import printed_tile
 from mpi4py import MPI
 
-from demos import tile_sheet as demo
 from toros_fem import errors
+from toros_fem.scenes import tile_sheet as demo
 from toros_fem.tiles.sheet import print_layout, region_of_triangles, remesh, tile_sheet
 
 SIZE = 0.01

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from demos import walker as demo
 from toros_fem import errors
 from toros_fem.meshes import walker
+from toros_fem.scenes import walker as demo
 
 SMALL = demo.WalkerConfig(edge_length=6e-3)
 

@@ -13,8 +13,8 @@ from helpers.scenes import shared
 from helpers.tiles import printed_tile
 from mpi4py import MPI
 
-from demos import tile_sheet as demo
 from toros_fem import errors
+from toros_fem.scenes import tile_sheet as demo
 from toros_fem.tiles.printed_tile import write_tile
 
 SIZE = 0.01

@@ -9,12 +9,12 @@ import pytest
 from helpers.scenes import shared
 from mpi4py import MPI
 
-from demos import tile as demo
 from toros_fem import errors
 from toros_fem.meshes import SYMMETRIES
+from toros_fem.scenes import tile as demo
 from toros_fem.tiles.printed_tile import read_tile
 
-SMALL = demo.TileDemoConfig(
+SMALL = demo.TargetTileConfig(
     edge_length=0.8e-3,
     filter_radius=2e-3,
     starts=2,
@@ -74,7 +74,7 @@ def test_bad_input(changes: dict[str, Any], message: str) -> None:
 
 @pytest.mark.parametrize("target", list(demo.SYMMETRIES))
 def test_targets(comm: MPI.Comm, target: str) -> None:
-    case = demo.tile_case(comm, demo.TileDemoConfig(target=target, edge_length=1e-3))
+    case = demo.tile_case(comm, demo.TargetTileConfig(target=target, edge_length=1e-3))
     assert case.coarse is not None
     assert case.fine is not None
     assert 4 * len(case.coarse.pattern.panel) == len(case.tile.pattern.panel)
@@ -86,7 +86,7 @@ def test_targets(comm: MPI.Comm, target: str) -> None:
 
 def test_own_stiffnesses(comm: MPI.Comm) -> None:
     """Options override the target's own values."""
-    config = demo.TileDemoConfig(target="orthotropic", edge_length=1e-3, stiffness_90=900.0)
+    config = demo.TargetTileConfig(target="orthotropic", edge_length=1e-3, stiffness_90=900.0)
     case = demo.tile_case(comm, config)
     assert case.target is not None
     assert case.target.stiffness is not None
@@ -94,7 +94,7 @@ def test_own_stiffnesses(comm: MPI.Comm) -> None:
 
 
 def test_coarse_variant() -> None:
-    small = demo.coarse(demo.TileDemoConfig(target="auxetic", seed=5))
+    small = demo.coarse(demo.TargetTileConfig(target="auxetic", seed=5))
     assert (small.target, small.seed, small.edge_length) == ("auxetic", 5, 0.2e-3)
 
 

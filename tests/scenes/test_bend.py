@@ -15,9 +15,9 @@ import pytest
 from helpers.scenes import ROOT, shared
 from mpi4py import MPI
 
-from demos import bend as demo
 from toros_fem import errors
 from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.scenes import bend as demo
 
 SMALL = demo.BendConfig(
     length=0.08,

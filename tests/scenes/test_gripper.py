@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from demos import gripper as demo
 from toros_fem import errors
+from toros_fem.scenes import gripper as demo
 
 SMALL = demo.GripperConfig(edge_length=4e-3)
 

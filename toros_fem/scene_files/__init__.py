@@ -1,0 +1,1 @@
+"""Scene files: TOML for the configurations of all kinds, read strictly."""

@@ -1,0 +1,329 @@
+"""Scene files, read strictly: a wrong key or value is told with file, line and remedy."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+from mpi4py import MPI
+
+from toros_fem._mpi import on_first_rank
+from toros_fem._validate import require_choice
+from toros_fem.config import KINDS as WORDS
+from toros_fem.config import Config
+from toros_fem.errors import ParameterError, SceneError
+from toros_fem.scene_files.lines import Place, key_lines, line_of
+from toros_fem.scene_files.sections import sections_of
+from toros_fem.scene_files.units import read_quantity
+from toros_fem.scenes.kinds import KINDS, Kind
+
+# Longest scene file in bytes, and largest whole number: both far beyond what makes sense.
+LONGEST, LARGEST = 1_000_000, 10**15
+NONE = "none"
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A scene that was read.
+
+    Attributes:
+        path: The file.
+        kind: Its kind.
+        config: Its numbers.
+        files: Files and folders that it names, by name, absolute or relative to the current folder.
+    """
+
+    path: Path
+    kind: Kind
+    config: Config
+    files: Mapping[str, Path]
+
+
+def read_scene(
+    path: str | Path,
+    *,
+    comm: MPI.Comm | None = None,
+    coarse: bool = False,
+    changes: Sequence[str] = (),
+) -> Scene:
+    """Read a scene file.
+
+    Paths in it are relative to the file. Whether the files that it names exist is not checked.
+
+    Args:
+        path: The file, in TOML.
+        comm: Communicator whose first rank reads, for all of them (collective); None: each rank
+            reads, or the only one.
+        coarse: Whether to take the quick variant, with the values in the table `coarse` of the
+            file.
+        changes: Texts "KEY=VALUE" that override the file and the quick variant. The key may come
+            with its table: "design.seed=3". Paths are relative to the current folder.
+
+    Raises:
+        SceneError: The file cannot be read, is no TOML, or a key or value is wrong; with file,
+            line, key and remedy. It is raised on all ranks.
+    """
+    path = Path(path)
+    text = _text(path) if comm is None else on_first_rank(comm, lambda: _text(path))
+    return _Reader(path, text).scene(coarse, changes)
+
+
+def _text(path: Path) -> str:
+    try:
+        if path.is_dir():
+            raise SceneError(f"{path} is a folder; name a scene file.", path)
+        with path.open("rb") as file:
+            content = file.read(LONGEST + 1)
+    except (OSError, ValueError) as caught:  # a path with a null character is a ValueError
+        raise SceneError(f"{path} cannot be read: {caught}. Check the path.", path) from None
+    if len(content) > LONGEST:
+        raise SceneError(f"{path} is longer than {LONGEST} bytes: no scene file.", path)
+    try:
+        return content.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as caught:
+        line = content.count(b"\n", 0, caught.start) + 1
+        raise SceneError(
+            f"{path}, line {line}: no UTF-8 text. Save it as UTF-8.", path, line
+        ) from None
+
+
+class _Reader:
+    """One file, while it is read."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        self.path = path
+        try:
+            self.content: dict[str, Any] = tomllib.loads(text)
+        except RecursionError:
+            raise SceneError(f"{path}: tables and lists are nested too deeply.", path) from None
+        except ValueError as caught:  # an overlong number is no TOMLDecodeError
+            place = re.search(r" ?\(at line (\d+), column \d+\)", str(caught))
+            line = None if place is None else int(place.group(1))
+            if "end of document" in str(caught):
+                line = text.count("\n") + 1
+            message = re.sub(r" ?\(at [^)]*\)$", "", str(caught))
+            self.path, self.lines = path, {}
+            at = f"{path}" if line is None else f"{path}, line {line}"
+            raise SceneError(
+                f"{at}: {message}: this is no TOML. Text needs quotes, and so do values with "
+                'units, as in "5 kPa".',
+                path,
+                line,
+            ) from None
+        self.lines = key_lines(text)
+
+    def fail(self, place: Place, message: str) -> NoReturn:
+        """Raise the error of a key."""
+        line, key = line_of(self.lines, place), ".".join(map(str, place))
+        at = f"{self.path}" if line is None else f"{self.path}, line {line}"
+        raise SceneError(f"{at}: {key}: {message}", self.path, line, key)
+
+    def scene(self, coarse: bool, changes: Sequence[str]) -> Scene:
+        kind = self.kind()
+        sections = sections_of(kind.name, kind.config)
+        self.known(self.content, ("kind", *sections, "files", "coarse"), (), sections)
+        values: dict[str, Any] = {}
+        places: dict[str, Place] = {}
+        for section, names in sections.items():
+            for name, value in self.table(section).items():
+                self.known([name], names, (section,), sections)
+                places[name] = (section, name)
+                values[name] = self.value(kind.config, name, value, (section, name))
+        config = self.updated(kind.config, values, places)
+        quick = self.table("coarse")
+        every = [name for names in sections.values() for name in names]
+        self.known(quick, every, ("coarse",), sections)
+        over = {
+            name: self.value(kind.config, name, value, ("coarse", name))
+            for name, value in quick.items()
+        }
+        if coarse:
+            config = self.updated(config, over, {n: ("coarse", n) for n in over}, kind.coarse)
+        scene = Scene(self.path, kind, config, self.files(kind))
+        return self.changed(scene, sections, changes)
+
+    def kind(self) -> Kind:
+        if "kind" not in self.content:
+            known = ", ".join(KINDS)
+            raise SceneError(
+                f'{self.path}: it names no kind. Begin with kind = "bend", or one of {known}.',
+                self.path,
+                key="kind",
+            )
+        name = self.content["kind"]
+        if not isinstance(name, str) or name not in KINDS:
+            self.fail(("kind",), f"{name!r} is no kind; {_nearest(str(name), KINDS)}")
+        return KINDS[name]
+
+    def table(self, name: str) -> dict[str, Any]:
+        found = self.content.get(name, {})
+        if not isinstance(found, dict):
+            self.fail((name,), f"must be a table: write [{name}], and its keys in lines below.")
+        return found
+
+    def known(
+        self,
+        given: Iterable[str],
+        names: Sequence[str],
+        within: Place,
+        sections: Mapping[str, Sequence[str]],
+    ) -> None:
+        """Check that keys are known here; the error names the nearest one, or its table."""
+        for name in given:
+            if name in names:
+                continue
+            word = "table" if not within and isinstance(self.content[name], dict) else "key"
+            elsewhere = [s for s, others in sections.items() if name in others]
+            if elsewhere:
+                advice = f"it stands in the table [{elsewhere[0]}]."
+            else:
+                everywhere = [n for others in sections.values() for n in others]
+                near = difflib.get_close_matches(name, names, n=1)
+                other = [] if near else difflib.get_close_matches(name, everywhere, n=1)
+                home = [s for s, others in sections.items() if other and other[0] in others]
+                if home:
+                    advice = f"did you mean {other[0]!r}, in the table [{home[0]}]?"
+                else:
+                    advice = _nearest(name, names)
+            self.fail((*within, name), f"unknown {word} {name!r}; {advice}")
+
+    def value(self, config: Config, name: str, value: Any, place: Place) -> Any:
+        """Return the value of a field, in its unit."""
+        try:
+            return field_value(config, name, value)
+        except ParameterError as caught:
+            self.fail(place, str(caught))
+
+    def updated(
+        self,
+        config: Config,
+        values: Mapping[str, Any],
+        places: Mapping[str, Place],
+        variant: Callable[[Config], Config] = lambda config: config,
+    ) -> Config:
+        """Return a variant of a configuration with other values, which may not fit each other."""
+        try:
+            return variant(config).updated(**values)
+        except ParameterError as caught:
+            named = re.match(r"\w+", str(caught))
+            name = named.group() if named else ""
+            if name in places:
+                self.fail(places[name], str(caught))
+            raise SceneError(f"{self.path}: {caught}", self.path, key=name or None) from None
+
+    def files(self, kind: Kind) -> dict[str, Path]:
+        table, found = self.table("files"), {}
+        self.known(table, tuple(kind.files), ("files",), {})
+        for name, value in table.items():
+            if not isinstance(value, str) or not value or "\0" in value:
+                self.fail(("files", name), f"{value!r} must be a path, in quotes.")
+            if value != NONE:
+                found[name] = self.path.parent / value
+        return found
+
+    def changed(
+        self, scene: Scene, sections: Mapping[str, Sequence[str]], changes: Sequence[str]
+    ) -> Scene:
+        """Return the scene with the values of the command line."""
+        values: dict[str, Any] = {}
+        files = dict(scene.files)
+        for change in changes:
+            key, equals, text = change.partition("=")
+            section, _, name = key.strip().rpartition(".")
+            if not equals or not name:
+                raise SceneError(
+                    f"change {change!r}: write KEY=VALUE, design.seed=3 for instance.", key=name
+                )
+            if section == "files":
+                if name not in scene.kind.files:
+                    _refuse(change, _nearest(name, tuple(scene.kind.files)), name)
+                files[name] = Path(text.strip())
+                continue
+            if section and section not in sections:
+                _refuse(change, f"unknown table; {_nearest(section, tuple(sections))}", key)
+            names = sections.get(section) or [n for some in sections.values() for n in some]
+            if name not in names:
+                _refuse(change, f"unknown key; {_nearest(name, names)}", key)
+            try:
+                values[name] = field_value(scene.config, name, _plain(text.strip()))
+            except ParameterError as caught:
+                _refuse(change, str(caught), key)
+        try:
+            config = scene.config.updated(**values)
+        except ParameterError as caught:
+            raise SceneError(f"{self.path}, as changed: {caught}", self.path) from None
+        return Scene(self.path, scene.kind, config, files)
+
+
+def _refuse(change: str, why: str, key: str) -> NoReturn:
+    raise SceneError(f"change {change!r}: {why}", key=key) from None
+
+
+def _plain(text: str) -> Any:
+    """Return a value as TOML would read it; what is none is text."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
+    except (ValueError, RecursionError):
+        return text
+
+
+def field_value(config: Config, name: str, value: Any) -> Any:
+    """Return the value of a field, in its unit, from what a file holds.
+
+    Args:
+        config: A configuration with this field.
+        name: Name of the field.
+        value: A number, a text with a number and its unit, a word, true or false; "none" for None.
+
+    Raises:
+        ParameterError: It has another type or unit, or is out of its bounds.
+    """
+    kind, optional = config.kinds()[name]
+    spec = config.quantity(name)
+    if optional and isinstance(value, str) and value.lower() == NONE:
+        return None
+    if kind is float and isinstance(value, str):
+        value = read_quantity(value, spec.unit)
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    good = {
+        float: number,
+        int: number and isinstance(value, int),
+        bool: isinstance(value, bool),
+        str: isinstance(value, str),
+    }[kind]
+    if not good:
+        shown = repr(value) if isinstance(value, str | int | float) else f"a {_word(value)}"
+        unit = f', "5 {spec.unit}" for instance' if kind is float and spec.unit else ""
+        wanted = "true or false" if kind is bool else WORDS[kind]
+        none = f', or "{NONE}"' if optional else ""
+        raise ParameterError(f"{shown} must be {wanted}{unit}{none}.")
+    if kind is int and abs(value) > LARGEST:
+        raise ParameterError(f"a whole number of {len(str(LARGEST))} digits or more is too large.")
+    if kind is float:
+        try:
+            value = float(value)
+        except OverflowError:
+            raise ParameterError("the number is too large.") from None
+    if spec.choices is not None:
+        require_choice(name, value, spec.choices)
+    elif kind in (float, int):
+        spec.check(name, value)
+    return value
+
+
+def _word(value: Any) -> str:
+    words = {dict: "table", list: "list"}
+    return words.get(type(value), "date or time")
+
+
+def _nearest(name: str, known: Iterable[str]) -> str:
+    names = list(known)
+    near = difflib.get_close_matches(name, names, n=1)
+    if near:
+        return f"did you mean {near[0]!r}?"
+    return f"known are {', '.join(names)}." if names else "none is known here."

@@ -1,0 +1,110 @@
+"""Scene files, written with the meaning, unit and bounds of each key."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from toros_fem.config import Config
+from toros_fem.errors import ParameterError
+from toros_fem.scene_files.sections import SHOWN, TITLES, sections_of
+from toros_fem.scene_files.units import write_quantity
+from toros_fem.scenes.kinds import Kind
+
+WIDTH = 96
+HEAD = """\
+Values have a unit, as in "5 kPa" or "0.6 mm", or are plain numbers: in SI units, angles in degrees,
+and in per cent where the text says so. "none" leaves a thing out. A key behind # has its default
+value: take the # away to change it. Paths are relative to this file."""
+
+
+def scene_text(
+    kind: Kind, config: Config | None = None, files: Mapping[str, str | Path] | None = None
+) -> str:
+    """Return a scene file of a configuration, which `read_scene` turns into the same.
+
+    Keys that a new user changes stand with their values, the others as comments as long as they
+    have their defaults.
+
+    Args:
+        kind: The kind.
+        config: Its numbers; None takes the defaults.
+        files: Files and folders by name; by default None.
+
+    Raises:
+        ParameterError: The configuration is not that of the kind, or a file is unknown.
+    """
+    config = kind.config if config is None else config
+    if type(config) is not type(kind.config):
+        raise ParameterError(
+            f"config is a {type(config).__name__}; a scene of the kind {kind.name!r} has a "
+            f"{type(kind.config).__name__}."
+        )
+    unknown = sorted(set(files or {}) - set(kind.files))
+    if unknown:
+        raise ParameterError(f"files names {unknown[0]!r}; known are {sorted(kind.files)}.")
+    lines = [*_comment(f"{kind.about[0].upper()}{kind.about[1:]}."), *_comment(HEAD), ""]
+    lines.append(f'kind = "{kind.name}"')
+    if kind.files:
+        lines += ["", "[files]"]
+        for name, text in kind.files.items():
+            path = (files or {}).get(name)
+            lines += _comment(text)
+            lines.append(f'#{name} = ""' if path is None else f"{name} = {_quoted(str(path))}")
+    for section, names in sections_of(kind.name, config).items():
+        lines += ["", *_comment(TITLES[section]), f"[{section}]"]
+        for name in names:
+            value, default = getattr(config, name), getattr(kind.config, name)
+            hidden = section not in SHOWN and value == default
+            lines += _comment(description(config, name))
+            lines.append(f"{'#' * hidden}{name} = {_value(config, name, value)}")
+    lines += ["", *_comment("Values of the quick variant, --coarse, instead of those above")]
+    lines.append("[coarse]")
+    quick = kind.coarse(config)
+    lines += [
+        f"#{name} = {_value(config, name, getattr(quick, name))}"
+        for name in config.kinds()
+        if getattr(quick, name) != getattr(config, name)
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def description(config: Config, name: str) -> str:
+    """Return the meaning of a field, its unit, its bounds, and whether it may be none."""
+    kind, optional = config.kinds()[name]
+    spec = config.quantity(name)
+    parts = [spec.meaning]
+    if spec.unit:
+        parts.append(f"in {spec.unit}")
+    if kind is bool:
+        parts.append("true or false")
+    if spec.bounds:
+        parts.append(spec.bounds + (", or none" if optional else ""))
+    elif optional:
+        parts.append("or none")
+    return "; ".join(parts)
+
+
+def _comment(text: str) -> list[str]:
+    return [f"# {line}" for line in textwrap.wrap(text, WIDTH - 2, break_long_words=False)]
+
+
+def _value(config: Config, name: str, value: Any) -> str:
+    if value is None:
+        return '"none"'
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return _quoted(value)
+    unit = config.quantity(name).unit
+    if isinstance(value, float) and unit is not None:
+        return f'"{write_quantity(value, unit)}"'
+    return repr(value)
+
+
+def _quoted(text: str) -> str:
+    """Return a text as a TOML string; JSON's rules are those of TOML for all but one character."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

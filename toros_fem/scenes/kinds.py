@@ -1,0 +1,151 @@
+"""All kinds of scenes by name: configuration, quick variant, design and simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+from toros_fem.actuators.run import summary_sentence
+from toros_fem.actuators.tube import coarse_tube
+from toros_fem.config import Config
+from toros_fem.scenes import (
+    bend,
+    bend_twist,
+    contract,
+    gripper,
+    inflate,
+    tile,
+    tile_sheet,
+    twist,
+    walker,
+)
+
+
+@dataclass(frozen=True)
+class Action:
+    """What can be done with a scene.
+
+    Attributes:
+        run: `run(comm, output, config, verbose=…)`, with a further argument for each name in
+            `files`; writes into the folder and returns the summary. It is collective.
+        sentence: Returns the result in a sentence, from the summary.
+        files: Files or folders that it can take, with their help; each may be None.
+    """
+
+    run: Callable[..., dict[str, Any]]
+    sentence: Callable[[dict[str, Any]], str]
+    files: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of scene.
+
+    Attributes:
+        name: Name in scene files.
+        about: What it is, in one line.
+        config: The configuration with its defaults.
+        coarse: Returns the quick variant of a configuration.
+        design: The design of a pattern; None if there is nothing to design.
+        simulate: The simulation of a plain or given pattern; None if there is none.
+    """
+
+    name: str
+    about: str
+    config: Config
+    coarse: Callable[[Any], Any]
+    design: Action | None
+    simulate: Action | None
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Files or folders that one of its actions can take, with their help."""
+        actions = [action for action in (self.design, self.simulate) if action is not None]
+        return {name: text for action in actions for name, text in action.files.items()}
+
+
+def _kinds() -> dict[str, Kind]:
+    found = [
+        Kind(
+            "bend",
+            "a tube that bends",
+            bend.BendConfig(),
+            coarse_tube,
+            Action(bend.run, summary_sentence),
+            None,
+        ),
+        Kind(
+            "bend-twist",
+            "a tube that bends and twists at once",
+            bend_twist.BendTwistConfig(),
+            coarse_tube,
+            Action(bend_twist.run, summary_sentence),
+            None,
+        ),
+        Kind(
+            "contract",
+            "a tube that shortens",
+            contract.ContractConfig(),
+            coarse_tube,
+            Action(contract.run, summary_sentence),
+            None,
+        ),
+        Kind(
+            "twist",
+            "a tube that twists",
+            twist.TwistConfig(),
+            coarse_tube,
+            Action(twist.run, summary_sentence),
+            None,
+        ),
+        Kind(
+            "inflate",
+            "a tube without reinforcement that swells",
+            inflate.InflateConfig(),
+            inflate.coarse,
+            None,
+            Action(inflate.run, inflate.sentence),
+        ),
+        Kind(
+            "walker",
+            "an X-shaped robot that stands up or crawls",
+            walker.WalkerConfig(),
+            walker.coarse,
+            Action(walker.run, walker.sentence),
+            None,
+        ),
+        Kind(
+            "gripper",
+            "a gripper whose fingers close on an object",
+            gripper.GripperConfig(),
+            gripper.coarse,
+            Action(gripper.run, gripper.sentence),
+            None,
+        ),
+        Kind(
+            "tile",
+            "a periodic fabric of designed stiffness",
+            tile.TargetTileConfig(),
+            tile.coarse,
+            Action(tile.run, tile.sentence),
+            None,
+        ),
+        Kind(
+            "tile-sheet",
+            "a pull test of a sheet of tiles",
+            tile_sheet.TileSheetConfig(),
+            tile_sheet.coarse,
+            None,
+            Action(
+                tile_sheet.run,
+                tile_sheet.sentence,
+                {"tile": "output folder of a designed tile; none: a simple tile"},
+            ),
+        ),
+    ]
+    return {kind.name: kind for kind in found}
+
+
+KINDS: Mapping[str, Kind] = MappingProxyType(_kinds())
