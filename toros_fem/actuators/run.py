@@ -30,7 +30,7 @@ from toros_fem.design.options import DesignOptions
 from toros_fem.design.problem import Evaluation
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.starts import BestStart, best_start
-from toros_fem.equilibrium.solver import EquilibriumError
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.fabrication.as_printed import (
     PrintedDesign,
@@ -38,7 +38,7 @@ from toros_fem.fabrication.as_printed import (
     connect_islands,
     remove_islands,
 )
-from toros_fem.objectives.metrics import UNITS, Measurement
+from toros_fem.objectives.metrics import UNITS, Measurement, Metric
 from toros_fem.output.reporter import DesignReporter
 from toros_fem.output.writer import write_results
 
@@ -137,7 +137,7 @@ def design_actuator(
             for seed, value in best.objectives.items()
         }
     if config.estimate_error and printed.evaluation is not None:
-        figures.update(error_figures(problem, printed.evaluation))
+        figures.update(_error_of_print(problem, printed.evaluation))
     figures.update(curve_figures(output, problem, printed, config, measured))
     summary = write_results(
         output, result, printed, config=config, figures=figures, seconds=reporter.seconds
@@ -169,7 +169,7 @@ def _from_lines(
     figures: dict[str, Any] = {"seed": config.seed, "start": "random", **found.figures()}
     figures["densities_kept"] = better is not None
     if config.estimate_error and better is not None and printed.evaluation is not None:
-        figures.update(error_figures(problem, printed.evaluation))
+        figures.update(_error_of_print(problem, printed.evaluation))
     elif config.estimate_error:
         figures.update(_error_of_lines(comm, case, config, found))
     figures.update(curve_figures(output, problem, printed, config, measured))
@@ -247,23 +247,27 @@ def summary_sentence(summary: dict[str, Any]) -> str:
     )
 
 
-def error_figures(problem: ShapeDesign, made: Evaluation) -> dict[str, Any]:
+def error_figures(
+    solver: EquilibriumSolver,
+    density: Floats,
+    result: EquilibriumResult,
+    metrics: Sequence[Metric],
+) -> dict[str, Any]:
     """Return each metric on a refined mesh and its estimated error, by key (collective).
 
     All are None if the refined mesh has no equilibrium near that of the given one; the key
     "refined" then says why. "error_seconds" is the wall time that this took.
+
+    Args:
+        solver: The solver on the given mesh.
+        density: Density of this rank's triangles.
+        result: Their equilibrium.
+        metrics: The metrics.
     """
-    metrics = problem.metrics
     if not metrics:
         return {}
     try:
-        found = estimate_error(
-            problem.solver,
-            made.projected,
-            made.equilibrium,
-            [m.measure for m in metrics],
-            direct=True,
-        )
+        found = estimate_error(solver, density, result, [m.measure for m in metrics], direct=True)
     except EquilibriumError as caught:  # raised by all ranks or by none
         keys = [f"{m.name}_{kind}_{m.unit}" for m in metrics for kind in ("refined", "error")]
         return {**dict.fromkeys(keys), "refined": str(caught)}
@@ -272,6 +276,11 @@ def error_figures(problem: ShapeDesign, made: Evaluation) -> dict[str, Any]:
         figures[f"{metric.name}_refined_{metric.unit}"] = estimate.refined
         figures[f"{metric.name}_error_{metric.unit}"] = estimate.error
     return figures
+
+
+def _error_of_print(problem: ShapeDesign, made: Evaluation) -> dict[str, Any]:
+    """Return the error figures of a print (collective)."""
+    return error_figures(problem.solver, made.projected, made.equilibrium, problem.metrics)
 
 
 def _error_of_lines(

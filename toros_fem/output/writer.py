@@ -23,6 +23,7 @@ from toros_fem.fabrication.svg import write_svg
 from toros_fem.lines.field import LineField
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern_file import NAME, write_pattern
 from toros_fem.objectives.metrics import Metric
 from toros_fem.output.files import (
     versions,
@@ -46,10 +47,10 @@ def write_results(
 ) -> dict[str, Any]:
     """Write summary, history, drawing, fields and pictures of a design (collective).
 
-    The files are summary.json, history.csv, pattern.svg, skin.vtu, pattern.png, manufacture.png,
-    shape.png and convergence.png; of a design that began with densities also design.png, of line
-    families lines.png, of a tension field wrinkles.png. Where the print has no equilibrium, the
-    pictures and fields show the design's own shape.
+    The files are summary.json, history.csv, pattern.svg, pattern.npz, skin.vtu, pattern.png,
+    manufacture.png, shape.png and convergence.png; of a design that began with densities also
+    design.png, of line families lines.png, of a tension field wrinkles.png. Where the print has no
+    equilibrium, the pictures and fields show the design's own shape.
 
     Args:
         folder: Output folder, made if missing.
@@ -94,6 +95,8 @@ def write_results(
         write_json(folder / "summary.json", summary)
         write_table(folder / "history.csv", [row.columns() for row in result.history])
         write_svg(folder / "pattern.svg", printed.pattern, printed.regions)
+        # Of a part: its triangles are the first of the whole.
+        write_pattern(folder / NAME, skin.pattern, printed.cells[: len(skin.pattern.panel)])
         write_fields(folder / "skin.vtu", printed.pattern, positions, fields)
         if_plotting(draw)
 

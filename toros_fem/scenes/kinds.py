@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
+from toros_fem.actuators.problem import CaseMaker
 from toros_fem.actuators.run import summary_sentence
 from toros_fem.actuators.tube import coarse_tube
 from toros_fem.config import Config
@@ -21,6 +22,7 @@ from toros_fem.scenes import (
     twist,
     walker,
 )
+from toros_fem.scenes.simulate import FILES, simulation_run, simulation_sentence
 
 
 @dataclass(frozen=True)
@@ -66,6 +68,10 @@ class Kind:
         return {name: text for action in actions for name, text in action.files.items()}
 
 
+def _simulation(case: CaseMaker[Any], default: Config) -> Action:
+    return Action(simulation_run(case, default), simulation_sentence, FILES)
+
+
 def _kinds() -> dict[str, Kind]:
     found = [
         Kind(
@@ -74,7 +80,7 @@ def _kinds() -> dict[str, Kind]:
             bend.BendConfig(),
             coarse_tube,
             Action(bend.run, summary_sentence),
-            None,
+            _simulation(bend.case, bend.BendConfig()),
         ),
         Kind(
             "bend-twist",
@@ -82,7 +88,7 @@ def _kinds() -> dict[str, Kind]:
             bend_twist.BendTwistConfig(),
             coarse_tube,
             Action(bend_twist.run, summary_sentence),
-            None,
+            _simulation(bend_twist.case, bend_twist.BendTwistConfig()),
         ),
         Kind(
             "contract",
@@ -90,7 +96,7 @@ def _kinds() -> dict[str, Kind]:
             contract.ContractConfig(),
             coarse_tube,
             Action(contract.run, summary_sentence),
-            None,
+            _simulation(contract.case, contract.ContractConfig()),
         ),
         Kind(
             "twist",
@@ -98,7 +104,7 @@ def _kinds() -> dict[str, Kind]:
             twist.TwistConfig(),
             coarse_tube,
             Action(twist.run, summary_sentence),
-            None,
+            _simulation(twist.case, twist.TwistConfig()),
         ),
         Kind(
             "inflate",
@@ -114,7 +120,7 @@ def _kinds() -> dict[str, Kind]:
             walker.WalkerConfig(),
             walker.coarse,
             Action(walker.run, walker.sentence),
-            None,
+            _simulation(walker.case, walker.WalkerConfig()),
         ),
         Kind(
             "gripper",
@@ -122,7 +128,7 @@ def _kinds() -> dict[str, Kind]:
             gripper.GripperConfig(),
             gripper.coarse,
             Action(gripper.run, gripper.sentence),
-            None,
+            _simulation(gripper.case, gripper.GripperConfig()),
         ),
         Kind(
             "tile",
