@@ -62,9 +62,7 @@ def _environment(comm: MPI.Comm) -> dict[str, Any]:
         },
         "platform": system,
         "mpi": {"library": library, "ranks": comm.size, "standard": MPI.Get_version()},
-        "cores": len(os.sched_getaffinity(0))
-        if hasattr(os, "sched_getaffinity")
-        else os.cpu_count(),
+        "cores": _cores(),
         "memory_gib": _memory(),
         "blas": {"library": _blas(), "threads": {name: os.environ.get(name) for name in THREADS}},
         "solvers": {
@@ -88,7 +86,10 @@ def _version(name: str) -> str | None:
 
 
 def mumps_orderings() -> dict[str, bool]:
-    """Return whether MUMPS takes each of its orderings, tried on a small matrix; {} without MUMPS."""
+    """Return whether MUMPS takes each of its orderings, tried on a small matrix.
+
+    It is empty without MUMPS.
+    """
     if not PETSc.Sys.hasExternalPackage("mumps"):
         return {}
     size = 100
@@ -127,6 +128,13 @@ def _blas() -> str:
     config: Any = np.show_config(mode="dicts")
     found = config["Build Dependencies"]["blas"]
     return f"{found.get('name')} {found.get('version')}"
+
+
+def _cores() -> int | None:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count()
 
 
 def _memory() -> float | None:
@@ -192,8 +200,8 @@ def _text(figures: dict[str, Any]) -> str:
     if "tried" in figures:
         tried = figures["tried"]
         lines.append(
-            f"tried          {tried['triangles']} triangles in {tried['newton_steps']} Newton steps "
-            f"and {tried['seconds']:.1f} s by {tried['linear_solver']}"
+            f"tried          {tried['triangles']} triangles: {tried['newton_steps']} Newton steps, "
+            f"{tried['seconds']:.1f} s, {tried['linear_solver']}"
         )
     if figures["compiler"] is None:
         lines.append("No C compiler is found: forms that are not in the cache cannot be compiled.")

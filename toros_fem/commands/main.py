@@ -93,7 +93,7 @@ def _plain(value: Any) -> Any:
 
 
 def _parser(comm: MPI.Comm) -> SuggestingParser:
-    first = comm.rank == 0
+    first, version = comm.rank == 0, versions()["toros_fem"]
     codes = "\n".join(f"  {code:3d}  {text}" for code, text in MEANING.items())
     parser = SuggestingParser(
         prog="toros",
@@ -102,7 +102,7 @@ def _parser(comm: MPI.Comm) -> SuggestingParser:
         epilog=f"exit codes:\n{codes}\n\nUnder MPI: mpirun -n 2 toros COMMAND …",
     )
     parser.add_argument(
-        "--version", action="version", version=f"toros_fem {versions()['toros_fem']}"
+        "--version", action="version", version=f"toros_fem {version}"
     )
     commands = parser.add_subparsers(
         dest="command", metavar="COMMAND", title="commands", required=True

@@ -139,7 +139,7 @@ def _options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=None,
         metavar="FOLDER",
-        help="folder for the pattern, made if missing; default the mesh file's name, without ending",
+        help="folder for the pattern, made if missing; default the name of MESH without ending",
     )
     parser.add_argument(
         "--verbose",
@@ -164,10 +164,10 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
 COMMAND = Command(
     "unwrap",
     "cuts a surface along seams and lays it flat as a sewing pattern",
-    "The surface is repaired and cut. Line elements in the file and the borders between its groups\n"
-    "of triangles become seams. Without them the seams are found: along creases, and wherever a\n"
-    "panel would be stretched too far. The folder gets pattern.npz, which scenes read\n"
-    "(docs/command_line.md), pattern.svg in true scale, unwrap.png, surface.vtu and summary.json.",
+    "The surface is repaired and cut. Line elements in the file and the borders between its\n"
+    "groups of triangles become seams. Without them the seams are found: along creases, and\n"
+    "wherever a panel would be stretched too far. The folder gets pattern.npz, which scenes\n"
+    "read, pattern.svg in true scale, unwrap.png, surface.vtu and summary.json.",
     (
         "toros unwrap finger.stl --scale 1e-3",
         "toros unwrap finger.msh --method lscm --max-stretch 0.1 --output finger-flat",
