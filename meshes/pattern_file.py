@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from zipfile import BadZipFile
 
 import numpy as np
@@ -18,9 +19,11 @@ from toros_fem.meshes.pattern import Pattern
 NAME = "pattern.npz"
 FORMAT = "toros_fem pattern"
 VERSION = 1
-PRINTED = "printed"
 ARRAYS = ("flat_points", "flat_triangles", "panel", "sewn", "points", "panel_names")
 NUMBERS = ("seam_tolerance", "moulded")
+PRINTED = "printed"
+
+T = TypeVar("T")
 
 
 def write_pattern(path: Path | str, pattern: Pattern, printed: Bools | None = None) -> None:
@@ -34,7 +37,7 @@ def write_pattern(path: Path | str, pattern: Pattern, printed: Bools | None = No
         pattern: The pattern.
         printed: Whether each triangle is printed, (t,); None leaves it out.
     """
-    entries: dict[str, Any] = {name: getattr(pattern, name) for name in (*ARRAYS, *NUMBERS)}
+    entries = pattern_entries(pattern)
     if printed is not None:
         entries[PRINTED] = printed
     np.savez_compressed(path, format=FORMAT, version=VERSION, **entries)
@@ -51,8 +54,11 @@ def read_pattern(comm: MPI.Comm, path: Path | str) -> Pattern:
         PatternFileError: There is no such file, it is another kind of file, of a newer version,
             lacks an entry, or holds no valid pattern.
     """
-    path = Path(path)
-    return on_first_rank(comm, lambda: _read(path)[0])
+    wanted = f"a {NAME} of `toros unwrap`"
+    names = (*ARRAYS, *NUMBERS)
+    return on_first_rank(
+        comm, lambda: read_archive(Path(path), FORMAT, VERSION, names, wanted, pattern_of)
+    )
 
 
 def read_print(comm: MPI.Comm, path: Path | str) -> tuple[Pattern, Bools]:
@@ -65,48 +71,27 @@ def read_print(comm: MPI.Comm, path: Path | str) -> tuple[Pattern, Bools]:
     Raises:
         PatternFileError: As for `read_pattern`, or the file does not say what is printed.
     """
-    path = Path(path)
+    wanted = f"the {NAME} of a design"
 
-    def read() -> tuple[Pattern, Bools]:
-        pattern, entries = _read(path)
-        printed = entries.get(PRINTED)
+    def make(entries: Mapping[str, Any]) -> tuple[Pattern, Bools]:
+        pattern, printed = pattern_of(entries), entries.get(PRINTED)
         if printed is None or printed.dtype != bool or printed.shape != pattern.panel.shape:
-            raise PatternFileError(
-                f"{path} does not say which triangles are printed. Give the {NAME} of a design."
-            )
+            raise PatternFileError("it does not say which triangles are printed")
         return pattern, printed
 
-    return on_first_rank(comm, read)
+    names = (*ARRAYS, *NUMBERS)
+    return on_first_rank(
+        comm, lambda: read_archive(Path(path), FORMAT, VERSION, names, wanted, make)
+    )
 
 
-def _read(path: Path) -> tuple[Pattern, dict[str, Any]]:
-    try:
-        with np.load(path) as archive:
-            entries = dict(archive)
-    # np.load raises these for a lone array and for other kinds of files.
-    except (OSError, ValueError, EOFError, TypeError, BadZipFile, zlib.error) as caught:
-        raise PatternFileError(
-            f"{path} cannot be read: {caught}. Give a {NAME} of `toros unwrap`."
-        ) from None
-    if str(entries.get("format")) != FORMAT:
-        raise PatternFileError(f"{path} is no pattern. Give a {NAME} of `toros unwrap`.")
-    missing = [name for name in ("version", *ARRAYS, *NUMBERS) if name not in entries]
-    if missing:
-        raise PatternFileError(f"{path} lacks {', '.join(missing)}. Unwrap the surface again.")
-    try:
-        return _pattern(path, entries), entries
-    except PatternFileError:
-        raise
-    except (TorosError, ValueError, TypeError, IndexError, OverflowError) as caught:
-        raise PatternFileError(f"{path} holds no valid pattern: {caught}") from None
+def pattern_entries(pattern: Pattern) -> dict[str, Any]:
+    """Return the entries of an archive that holds a pattern."""
+    return {name: getattr(pattern, name) for name in (*ARRAYS, *NUMBERS)}
 
 
-def _pattern(path: Path, entries: dict[str, Any]) -> Pattern:
-    version = int(entries["version"].item())
-    if version > VERSION:
-        raise PatternFileError(
-            f"{path} has version {version}; this toros_fem reads up to {VERSION}. Update it."
-        )
+def pattern_of(entries: Mapping[str, Any]) -> Pattern:
+    """Return the pattern that `pattern_entries` belong to; any error where they are no pattern."""
     arrays = {name: entries[name] for name in ARRAYS if name != "panel_names"}
     return Pattern(
         **arrays,
@@ -114,3 +99,48 @@ def _pattern(path: Path, entries: dict[str, Any]) -> Pattern:
         seam_tolerance=float(entries["seam_tolerance"].item()),
         moulded=bool(entries["moulded"].item()),
     )
+
+
+def read_archive(
+    path: Path,
+    kind: str,
+    version: int,
+    names: Sequence[str],
+    wanted: str,
+    make: Callable[[Mapping[str, Any]], T],
+) -> T:
+    """Read a NumPy archive that has a format and a version, and make something of it (one rank).
+
+    Args:
+        path: The file.
+        kind: Its entry "format".
+        version: The newest version of it that is known.
+        names: Entries that it must have.
+        wanted: File that the error advises.
+        make: Makes the result of the entries; may raise where they are wrong.
+
+    Raises:
+        PatternFileError: There is no such file, it is another kind of file, of a newer version,
+            lacks an entry, or `make` raises.
+    """
+    try:
+        with np.load(path) as archive:
+            entries = dict(archive)
+    # np.load raises these for a lone array and for other kinds of files.
+    except (OSError, ValueError, EOFError, TypeError, BadZipFile, zlib.error) as caught:
+        raise PatternFileError(f"{path} cannot be read: {caught}. Give {wanted}.") from None
+    if str(entries.get("format")) != kind:
+        raise PatternFileError(f"{path} is another kind of file. Give {wanted}.")
+    missing = [name for name in ("version", *names) if name not in entries]
+    if missing:
+        raise PatternFileError(f"{path} lacks {', '.join(missing)}. Write {wanted} again.")
+    try:
+        found = int(entries["version"].item())
+        made = make(entries) if found <= version else None
+    except (TorosError, ValueError, TypeError, IndexError, OverflowError) as caught:
+        raise PatternFileError(f"{path} is not valid: {caught}. Write {wanted} again.") from None
+    if made is None:
+        raise PatternFileError(
+            f"{path} has version {found}; this toros_fem reads up to {version}. Update it."
+        )
+    return made

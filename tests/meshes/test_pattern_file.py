@@ -55,13 +55,13 @@ def rewritten(comm: MPI.Comm, path: Path, **changes: Any) -> Path:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"format": "another"}, "is no pattern"),
-        ({"format": None}, "is no pattern"),
+        ({"format": "another"}, "is another kind of file"),
+        ({"format": None}, "is another kind of file"),
         ({"version": VERSION + 1}, f"has version {VERSION + 1}; this toros_fem reads up to"),
         ({"sewn": None, "moulded": None}, "lacks sewn, moulded"),
-        ({"sewn": np.zeros(3)}, "holds no valid pattern"),
+        ({"sewn": np.zeros(3)}, "is not valid"),
         ({"flat_points": np.full((4, 2), np.nan)}, "is not finite"),
-        ({"version": "new"}, "holds no valid pattern"),
+        ({"version": "new"}, "is not valid"),
     ],
 )
 def test_other_files_are_refused(

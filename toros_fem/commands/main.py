@@ -16,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.command_line import SuggestingParser, UsageError
-from toros_fem.commands import doctor, unwrap
+from toros_fem.commands import design, doctor, export, new, simulate, unwrap
 from toros_fem.commands.command import Answer, Command
 from toros_fem.commands.exit_codes import DONE, INTERNAL, MEANING, exit_code
 from toros_fem.errors import TorosError
@@ -25,6 +25,10 @@ from toros_fem.output.files import versions
 COMMANDS: Mapping[str, Command] = {
     command.name: command
     for command in (
+        new.COMMAND,
+        simulate.COMMAND,
+        design.COMMAND,
+        export.COMMAND,
         unwrap.COMMAND,
         doctor.COMMAND,
     )
@@ -101,9 +105,7 @@ def _parser(comm: MPI.Comm) -> SuggestingParser:
         description=f"{ABOUT}\n\n`toros COMMAND --help` tells about one command.",
         epilog=f"exit codes:\n{codes}\n\nUnder MPI: mpirun -n 2 toros COMMAND …",
     )
-    parser.add_argument(
-        "--version", action="version", version=f"toros_fem {version}"
-    )
+    parser.add_argument("--version", action="version", version=f"toros_fem {version}")
     commands = parser.add_subparsers(
         dest="command", metavar="COMMAND", title="commands", required=True
     )

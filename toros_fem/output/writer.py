@@ -19,6 +19,8 @@ from toros_fem.config import Config
 from toros_fem.design.loop import DesignResult
 from toros_fem.errors import OutputError
 from toros_fem.fabrication.as_printed import PrintedDesign
+from toros_fem.fabrication.print_file import NAME as PRINT
+from toros_fem.fabrication.print_file import write_print_polygons
 from toros_fem.fabrication.svg import write_svg
 from toros_fem.lines.field import LineField
 from toros_fem.meshes.mirror import Mirrored
@@ -47,10 +49,10 @@ def write_results(
 ) -> dict[str, Any]:
     """Write summary, history, drawing, fields and pictures of a design (collective).
 
-    The files are summary.json, history.csv, pattern.svg, pattern.npz, skin.vtu, pattern.png,
-    manufacture.png, shape.png and convergence.png; of a design that began with densities also
-    design.png, of line families lines.png, of a tension field wrinkles.png. Where the print has no
-    equilibrium, the pictures and fields show the design's own shape.
+    The files are summary.json, history.csv, print.npz, pattern.svg, pattern.npz, skin.vtu,
+    pattern.png, manufacture.png, shape.png and convergence.png; of a design that began with
+    densities also design.png, of line families lines.png, of a tension field wrinkles.png. Where
+    the print has no equilibrium, the pictures and fields show the design's own shape.
 
     Args:
         folder: Output folder, made if missing.
@@ -94,6 +96,7 @@ def write_results(
     def write() -> None:
         write_json(folder / "summary.json", summary)
         write_table(folder / "history.csv", [row.columns() for row in result.history])
+        write_print_polygons(folder / PRINT, printed.pattern, printed.regions, printed.limits)
         write_svg(folder / "pattern.svg", printed.pattern, printed.regions)
         # Of a part: its triangles are the first of the whole.
         write_pattern(folder / NAME, skin.pattern, printed.cells[: len(skin.pattern.panel)])

@@ -52,6 +52,8 @@ class Kind:
         coarse: Returns the quick variant of a configuration.
         design: The design of a pattern; None if there is nothing to design.
         simulate: The simulation of a plain or given pattern; None if there is none.
+        case: Makes what an actuator designs, of a communicator and the configuration of one mesh;
+            None for other scenes.
     """
 
     name: str
@@ -60,6 +62,7 @@ class Kind:
     coarse: Callable[[Any], Any]
     design: Action | None
     simulate: Action | None
+    case: CaseMaker[Any] | None = None
 
     @property
     def files(self) -> dict[str, str]:
@@ -81,6 +84,7 @@ def _kinds() -> dict[str, Kind]:
             coarse_tube,
             Action(bend.run, summary_sentence),
             _simulation(bend.case, bend.BendConfig()),
+            bend.case,
         ),
         Kind(
             "bend-twist",
@@ -89,6 +93,7 @@ def _kinds() -> dict[str, Kind]:
             coarse_tube,
             Action(bend_twist.run, summary_sentence),
             _simulation(bend_twist.case, bend_twist.BendTwistConfig()),
+            bend_twist.case,
         ),
         Kind(
             "contract",
@@ -97,6 +102,7 @@ def _kinds() -> dict[str, Kind]:
             coarse_tube,
             Action(contract.run, summary_sentence),
             _simulation(contract.case, contract.ContractConfig()),
+            contract.case,
         ),
         Kind(
             "twist",
@@ -105,6 +111,7 @@ def _kinds() -> dict[str, Kind]:
             coarse_tube,
             Action(twist.run, summary_sentence),
             _simulation(twist.case, twist.TwistConfig()),
+            twist.case,
         ),
         Kind(
             "inflate",
@@ -121,6 +128,7 @@ def _kinds() -> dict[str, Kind]:
             walker.coarse,
             Action(walker.run, walker.sentence),
             _simulation(walker.case, walker.WalkerConfig()),
+            walker.case,
         ),
         Kind(
             "gripper",
@@ -129,6 +137,7 @@ def _kinds() -> dict[str, Kind]:
             gripper.coarse,
             Action(gripper.run, gripper.sentence),
             _simulation(gripper.case, gripper.GripperConfig()),
+            gripper.case,
         ),
         Kind(
             "tile",
