@@ -2,7 +2,7 @@
 FENICSX = scripts/fenicsx
 PYTEST = python3 -m pytest
 
-.PHONY: demo test lint env
+.PHONY: demo test lint docs env
 
 demo:
 	$(FENICSX) python3 demos/bend.py --coarse --output output/bend
@@ -21,6 +21,10 @@ lint:
 		--cache-dir "$(CURDIR)/.mypy_cache" -p toros_fem
 	cd build/typed && "$(CURDIR)/$(FENICSX)" env MYPYPATH=.:tests:benchmarks python3 -m mypy \
 		--config-file "$(CURDIR)/pyproject.toml" --cache-dir "$(CURDIR)/.mypy_cache" tests demos
+
+docs:
+	$(FENICSX) python3 -m sphinx -q --fresh-env --fail-on-warning --keep-going -d build/doctrees docs build/docs
+	@echo "the site is in build/docs: open build/docs/index.html"
 
 env:
 	$(FENICSX)

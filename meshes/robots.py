@@ -119,7 +119,9 @@ class Star:
         return np.array([max(out, aside / np.tan(step)), aside])
 
 
+# Four arms, as the walker of the paper has them, Figs. 9 and 10.
 WALKER = Star(4, 0.06, 0.024, 0.02, 6e-3, np.pi / 4)
+# Three fingers, as the gripper of the paper has them, Fig. 1.
 GRIPPER = Star(3, 0.09, 0.025, 0.025, 6e-3)
 
 

@@ -11,6 +11,7 @@ from toros_fem._types import Floats
 from toros_fem._validate import require_positive
 from toros_fem.errors import ParameterError
 
+# Map from positions, (n, 3) in m, to positions.
 Deformer = Callable[[Floats], Floats]
 """Maps positions (n, 3) in m to positions (n, 3) in m."""
 

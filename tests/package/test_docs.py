@@ -16,7 +16,7 @@ PAGES = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
     ROOT / "demos" / "README.md",
-    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
 ]
 # What a page sets up without showing it stands in a comment: <!-- setup … -->.
 BLOCK = re.compile(r"^(?:```python\n(.*?)^```|<!-- setup\n(.*?)^-->)", re.DOTALL | re.MULTILINE)

@@ -103,8 +103,8 @@ def point_force(
 
     Raises:
         PanelError: There is no such panel.
-        ParameterError: An array is no finite vector of its length; or the point is not on the
-            skin: further from it than `ON_SKIN` of the skin's size.
+        ParameterError: An array is no finite vector of its length; or the point is further
+            from the skin than `ON_SKIN` of its size.
     """
     whole = _vector("force", force, 3, "N")
     flat = panel is not None

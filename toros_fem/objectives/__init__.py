@@ -4,6 +4,7 @@ from toros_fem.objectives.alignment import AlignedObjective
 from toros_fem.objectives.cross_sections import CrossSectionObjective, CrossSections
 from toros_fem.objectives.gap import Body, GapObjective
 from toros_fem.objectives.metrics import (
+    Measurement,
     Metric,
     bend_angle,
     distance,
@@ -22,6 +23,7 @@ __all__ = [
     "CrossSectionObjective",
     "CrossSections",
     "GapObjective",
+    "Measurement",
     "Metric",
     "MirroredObjective",
     "Nodes",

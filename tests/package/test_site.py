@@ -1,0 +1,94 @@
+"""The documentation site: every page is on it, every link works, every public name is in it."""
+
+import importlib
+import os
+import re
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import pytest
+import toros_fem
+from helpers.scenes import ROOT
+from mpi4py import MPI
+
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.rglob("*.md"))
+READ_HERE = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "demos" / "README.md", *PAGES]
+TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"\]\((?!https?:|mailto:)([^)#\s]+)(?:#[^)]*)?\)")
+
+
+def entries(page: Path) -> list[Path]:
+    """Pages in the toctrees of a page."""
+    found = []
+    for tree in TOCTREE.findall(page.read_text(encoding="utf-8")):
+        for line in tree.splitlines():
+            if line and not line.startswith(":"):
+                found.append((page.parent / f"{line}.md").resolve())
+    return found
+
+
+def test_every_page_is_in_one_toctree() -> None:
+    listed = [entry for page in PAGES for entry in entries(page)]
+    assert sorted(listed) == [page for page in PAGES if page != DOCS / "index.md"]
+
+
+@pytest.mark.parametrize("page", READ_HERE, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_of_a_page_lead_to_files(page: Path) -> None:
+    """Pages are read in a checkout too, where nothing resolves a link."""
+    for target in LINK.findall(page.read_text(encoding="utf-8")):
+        assert (page.parent / target).exists(), target
+
+
+def test_links_have_words() -> None:
+    """Without the site an empty link shows nothing."""
+    assert not [page for page in PAGES if "[](" in page.read_text(encoding="utf-8")]
+
+
+def test_theory_has_every_equation_and_files_that_exist() -> None:
+    text = "\n".join(p.read_text(encoding="utf-8") for p in (DOCS / "theory").glob("*.md"))
+    assert sorted(map(int, re.findall(r"\\tag\{(\d+)\}", text))) == list(range(1, 20))
+    files = re.findall(r"`([\w/]+\.py)`", text)
+    assert len(files) > 30
+    assert [name for name in files if not (ROOT / name).is_file()] == []
+
+
+def public_names() -> list[str]:
+    """Names in `__all__` of the package and of its rooms, each in its shortest form."""
+    folders = [path.parent.name for path in sorted((ROOT / "toros_fem").glob("*/__init__.py"))]
+    rooms = ["toros_fem", *(f"toros_fem.{name}" for name in ["meshes", *folders])]
+    names = set()
+    for room in rooms:
+        module = importlib.import_module(room)
+        for name in getattr(module, "__all__", ()):
+            public = getattr(toros_fem, name, None) is getattr(module, name)
+            names.add(f"{'toros_fem' if public else room}.{name}")
+    return sorted(names - {"toros_fem.__version__", "toros_fem.errors", "toros_fem.meshes"})
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreter")
+def test_site_has_every_public_name_and_no_warning(tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
+    command = ["sphinx", "-q", "--fail-on-warning", "--keep-going", "-d", str(tmp_path / "trees")]
+    done = subprocess.run(
+        [sys.executable, "-m", *command, str(DOCS), str(site)],
+        env={**environment, "PYTHONPATH": str(ROOT)}, text=True, capture_output=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    inventory = (site / "objects.inv").read_bytes().split(b"\n", 4)
+    assert toros_fem.__version__.encode() in inventory[2]
+    known = {line.split()[0] for line in zlib.decompress(inventory[4]).decode().splitlines()}
+    names = public_names()
+    assert len(names) > 150
+    assert [name for name in names if name not in known] == []
+    scripts = re.findall(r'src="([^"]+)"', (site / "mma.html").read_text(encoding="utf-8"))
+    assert all(not src.startswith(("http", "//")) for src in scripts), "the site opens offline"
+
+
+def test_citation_has_the_version() -> None:
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(r"^version: (.+)$", citation, re.MULTILINE)[1] == toros_fem.__version__
