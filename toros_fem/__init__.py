@@ -70,6 +70,7 @@ from toros_fem.objectives.shape import ShapeObjective, SumObjective
 from toros_fem.output.reporter import DesignReporter
 from toros_fem.output.writer import write_results
 from toros_fem.relaxed.find import RelaxedOptions, RelaxedResult, find_lines
+from toros_fem.runs.folder import open_run
 
 __all__ = [
     "AlignedObjective",
@@ -136,6 +137,7 @@ __all__ = [
     "limit_points",
     "make_filter",
     "meshes",
+    "open_run",
     "optimize",
     "optimize_levels",
     "pin",

@@ -59,6 +59,30 @@ class OutputError(TorosError, OSError):
     """A result could not be written; the message names the place."""
 
 
+class CheckpointError(TorosError, ValueError):
+    """A checkpoint cannot be read, or belongs to something else; the message names the file."""
+
+
+class RunError(TorosError, OSError):
+    """A run folder is in use, cannot be written to, or holds nothing that could go on."""
+
+
+class RunStoppedError(TorosError, RuntimeError):
+    """A run was stopped by a signal and can go on; its state is on disk.
+
+    Args:
+        message: How to go on, as a sentence.
+        signal: Number of the signal.
+    """
+
+    def __init__(self, message: str, signal: int) -> None:
+        super().__init__(message, signal)
+        self.signal = signal
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
 class SurfaceError(TorosError, ValueError):
     """A surface cannot be read, cut or unwrapped; the message names file, place or chart."""
 

@@ -21,6 +21,7 @@ ROOMS = [
     ["analysis", "design"],
     ["relaxed"],
     ["fabrication"],
+    ["runs"],
     ["output"],
     ["actuators", "tiles"],
     ["scenes"],

@@ -18,6 +18,7 @@ from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.line_widths import mended_widths
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
 from toros_fem.actuators.space_mapping import CLOSE, aims_of, asked_next, largest_error
+from toros_fem.design.journal import Journal
 from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.warm_start import WarmStart
@@ -157,6 +158,7 @@ def discover(
     callback: Callback | None = None,
     *,
     verbose: bool = False,
+    journal: Journal | None = None,
 ) -> Discovery:
     """Find printable lines that take an actuator to its target, from noise (collective).
 
@@ -172,12 +174,13 @@ def discover(
         config: All numbers.
         callback: Called after each step of the relaxed designs, on every rank.
         verbose: Whether to print every Newton step.
+        journal: Keeps the relaxed designs and the prints; None keeps nothing.
 
     Raises:
         NoEquilibriumError: No print has an equilibrium, or the random start has none.
         TorosError: A number is out of its bounds.
     """
-    search = _Search(comm, case, config, callback, verbose)
+    search = _Search(comm, case, config, callback, verbose, journal)
     lines = search.ask()
     while lines is not None:
         search.print(lines)
@@ -195,9 +198,10 @@ class _Search(Generic[C]):
         config: C,
         callback: Callback | None,
         verbose: bool,
+        journal: Journal | None,
     ) -> None:
         self.comm, self.case, self.config = comm, case, config
-        self.callback, self.verbose = callback, verbose
+        self.callback, self.verbose, self.journal = callback, verbose, journal
         self.seconds = {"relaxed": 0.0, "lines": 0.0, "prints": 0.0}
         self.plain = case(comm, config.of_print)  # the mesh that is moved onto lines
         self.aims = aims_of(self.plain.metrics)
@@ -231,7 +235,12 @@ class _Search(Generic[C]):
         options = config.relaxed_options
         try:
             self.relaxed = find_lines(
-                design, options, seed=config.seed, callback=self.callback, after=self.relaxed
+                design,
+                options,
+                seed=config.seed,
+                callback=self.callback,
+                after=self.relaxed,
+                journal=self.journal,
             )
         except NoEquilibriumError:
             if not self.rounds:
@@ -260,6 +269,7 @@ class _Search(Generic[C]):
             lines,
             relaxed.pressures or None,
             self.verbose,
+            self.journal,
         )
         metrics, error = {}, np.inf
         if printed.evaluation is not None:
@@ -375,6 +385,7 @@ def densities_last(
     callback: Callback | None = None,
     *,
     verbose: bool = False,
+    journal: Journal | None = None,
 ) -> tuple[DesignResult, PrintedDesign] | None:
     """Design the densities on from the best lines; None without an equilibrium (collective).
 
@@ -386,6 +397,7 @@ def densities_last(
         found: What it returned.
         callback: Called after each step, on every rank.
         verbose: Whether to print every Newton step.
+        journal: As of `optimize`.
     """
     best = found.best
     problem = actuator_problem(comm, found.case, config.of_densities, verbose=verbose)
@@ -401,10 +413,14 @@ def densities_last(
         level=best.relaxed.history[-1].level + 1,
     )
     try:
-        result = optimize(problem, config.density_options, callback=callback, after=warm)
+        result = optimize(
+            problem, config.density_options, callback=callback, after=warm, journal=journal
+        )
     except NoEquilibriumError:  # of the blurred lines; raised by all ranks or by none
         return None
-    printed = as_printed(problem, result, config.print_limits, island_area=config.island_area)
+    printed = as_printed(
+        problem, result, config.print_limits, island_area=config.island_area, journal=journal
+    )
     return result, printed
 
 
@@ -430,6 +446,7 @@ def _printed(
     laid: LaidLines,
     pressure: Sequence[float] | None,
     verbose: bool,
+    journal: Journal | None = None,
 ) -> tuple[ActuatorCase, list[BaseGeometry], ShapeDesign, PrintedDesign]:
     """Return the case on a mesh that follows the lines, these, the problem and the print.
 
@@ -454,6 +471,7 @@ def _printed(
         cleaned=cleaned,
         near=near,
         pressure=pressure,
+        journal=journal,
     )
     return fine, regions, problem, printed
 

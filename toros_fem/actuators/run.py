@@ -24,6 +24,7 @@ from toros_fem.actuators.pressure_curve import curve_figures
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
 from toros_fem.actuators.space_mapping import CLOSE, aims_of, asked_next, largest_error
 from toros_fem.analysis.error_estimate import LEAST_ORDER, estimate_error
+from toros_fem.design.journal import Journal
 from toros_fem.design.levels import optimize_levels
 from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.options import DesignOptions
@@ -41,6 +42,7 @@ from toros_fem.fabrication.as_printed import (
 from toros_fem.objectives.metrics import UNITS, Measurement, Metric
 from toros_fem.output.reporter import DesignReporter
 from toros_fem.output.writer import write_results
+from toros_fem.runs.folder import run_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +106,10 @@ def design_actuator(
             cannot be written to.
     """
     reporter = reporter or DesignReporter(comm, output)
+    run = run_of(output)
+    journal = None if run is None else run.journal(output)
     if config.start == "relaxed":
-        return _from_lines(comm, output, case, config, reporter, measured, verbose)
+        return _from_lines(comm, output, case, config, reporter, measured, verbose, journal)
     levels = [config.at_level(level) for level in range(config.level_count)]
     options = config.options
     best: BestStart | None = None
@@ -116,6 +120,7 @@ def design_actuator(
             lambda alone: actuator_problem(alone, case(alone, coarsest), coarsest),
             options[0],
             seeds,
+            journal,
         )
         for row in best.design.history:
             reporter.report(row)
@@ -123,8 +128,10 @@ def design_actuator(
         levels, options = levels[1:] or levels, options[1:] or (config.finer_options,)
     problems = (actuator_problem(comm, case(comm, c), c, verbose=verbose) for c in levels)
     with reporter:
-        result, printed = _printed_design(problems, options, config, reporter, best)
-        result, printed = _corrected(comm, case, levels[-1], config, result, printed, reporter)
+        result, printed = _printed_design(problems, options, config, reporter, best, journal)
+        result, printed = _corrected(
+            comm, case, levels[-1], config, result, printed, reporter, journal
+        )
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
     figures: dict[str, Any] = {
@@ -153,16 +160,17 @@ def _from_lines(
     reporter: DesignReporter,
     measured: Sequence[Measurement],
     verbose: bool,
+    journal: Journal | None,
 ) -> ActuatorResult:
     """Design an actuator by line families and write all results (collective)."""
     more = config.relaxed_options.more_iterations
     reporter.expect(2 * config.relaxed_iterations + config.corrections * more)
     with reporter:
-        found = discover(comm, case, config, reporter, verbose=verbose)
+        found = discover(comm, case, config, reporter, verbose=verbose, journal=journal)
         better = None
         if config.density_iterations:
             reporter.expect(found.best.relaxed.history[-1].iteration + config.density_iterations)
-            better = _densities(comm, case, config, found, reporter, verbose)
+            better = _densities(comm, case, config, found, reporter, verbose, journal)
     result, printed = better or (found.result(), found.best.printed)
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
@@ -313,6 +321,7 @@ def _printed_design(
     config: ActuatorConfig,
     reporter: DesignReporter,
     best: BestStart | None,
+    journal: Journal | None,
 ) -> tuple[DesignResult, PrintedDesign]:
     """Run a level for each of the options, after the best start if there are several (collective).
 
@@ -327,7 +336,9 @@ def _printed_design(
         nonlocal steps, printed
         problem = result.problem
         assert isinstance(problem, ShapeDesign)
-        printed = as_printed(problem, result, limits, island_area=config.island_area)
+        printed = as_printed(
+            problem, result, limits, island_area=config.island_area, journal=journal
+        )
         if not config.polish_iterations or not printed.before.free_islands:
             return result
         rules = rules_of[result.history[-1].level]
@@ -336,9 +347,16 @@ def _printed_design(
         steps += last.iterations
         reporter.expect(steps)
         result = optimize(
-            problem, replace(rules, stages=(last,)), start=start, callback=reporter, after=result
+            problem,
+            replace(rules, stages=(last,)),
+            start=start,
+            callback=reporter,
+            after=result,
+            journal=journal,
         )
-        printed = as_printed(problem, result, limits, island_area=config.island_area)
+        printed = as_printed(
+            problem, result, limits, island_area=config.island_area, journal=journal
+        )
         return result
 
     reporter.expect(steps)
@@ -349,6 +367,7 @@ def _printed_design(
         callback=reporter,
         finish=polished,
         after=None if best is None else best.design,
+        journal=journal,
     )
     assert printed is not None
     return result, printed
@@ -361,16 +380,19 @@ def _densities(
     found: Discovery,
     reporter: DesignReporter,
     verbose: bool,
+    journal: Journal | None,
 ) -> tuple[DesignResult, PrintedDesign] | None:
     """Design and correct densities from lines; None if the print is not better (collective)."""
-    designed = densities_last(comm, config, found, reporter, verbose=verbose)
+    designed = densities_last(comm, config, found, reporter, verbose=verbose, journal=journal)
     if designed is None:
         return None
 
     def following(comm: MPI.Comm, other: C) -> ActuatorCase:
         return case(comm, other).following(comm, found.regions)
 
-    result, printed = _corrected(comm, following, config.of_densities, config, *designed, reporter)
+    result, printed = _corrected(
+        comm, following, config.of_densities, config, *designed, reporter, journal
+    )
     if printed.evaluation is None:
         return None
     metrics = result.problem.metrics_of(printed.evaluation.equilibrium)
@@ -396,6 +418,7 @@ def _corrected(
     result: DesignResult,
     printed: PrintedDesign,
     reporter: DesignReporter,
+    journal: Journal | None,
 ) -> tuple[DesignResult, PrintedDesign]:
     """Ask the design for what its print misses, and return the best print (collective).
 
@@ -435,8 +458,11 @@ def _corrected(
             config.finer_options,
             callback=reporter,
             after=last.result,
+            journal=journal,
         )
-        made = as_printed(problem, found, config.print_limits, island_area=config.island_area)
+        made = as_printed(
+            problem, found, config.print_limits, island_area=config.island_area, journal=journal
+        )
         final = replace(
             found.final, shape=problem.objective.forward(found.final.equilibrium.positions)
         )

@@ -11,6 +11,7 @@ import numpy as np
 from toros_fem._mpi import free_dropped
 from toros_fem._types import Floats
 from toros_fem._validate import require_count
+from toros_fem.design.journal import Journal
 from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Iteration
 from toros_fem.design.problem import DesignProblem
@@ -105,6 +106,7 @@ def optimize_levels(
     callback: Callback | None = None,
     finish: Callable[[DesignResult], DesignResult] | None = None,
     after: GatheredDesign | None = None,
+    journal: Journal | None = None,
 ) -> DesignResult:
     """Minimise T on one mesh after the other, from coarse to fine (collective).
 
@@ -123,6 +125,7 @@ def optimize_levels(
             None leaves it as it is.
         after: A design that goes before the first mesh, of `best_start` for instance; it takes the
             place of `start` and `seed`.
+        journal: As of `optimize`.
 
     Returns:
         The result on the finest mesh; its history and times are those of all.
@@ -130,7 +133,7 @@ def optimize_levels(
     Raises:
         ParameterError: There are no options, or fewer problems than options.
         PanelError: Two problems have other panels.
-        DensityError, NoEquilibriumError: As for `optimize`.
+        DensityError, NoEquilibriumError, CheckpointError, RunStoppedError: As for `optimize`.
     """
     if not options:
         raise ParameterError("options is empty; give DesignOptions for each level.")
@@ -138,7 +141,15 @@ def optimize_levels(
     problem = _following(remaining, 0, len(options))
     warm = None if after is None else after.start(problem)
     result = finish(
-        optimize(problem, options[0], start=start, seed=seed, callback=callback, after=warm)
+        optimize(
+            problem,
+            options[0],
+            start=start,
+            seed=seed,
+            callback=callback,
+            after=warm,
+            journal=journal,
+        )
     )
     del problem
     for level, rules in enumerate(options[1:], 1):
@@ -150,7 +161,7 @@ def optimize_levels(
         warm = design.start(problem)
         spent = warm.seconds.get(SETUP, 0.0) + time.perf_counter() - begin
         warm = replace(warm, seconds={**warm.seconds, SETUP: spent})
-        result = finish(optimize(problem, rules, callback=callback, after=warm))
+        result = finish(optimize(problem, rules, callback=callback, after=warm, journal=journal))
         del problem
     return result
 

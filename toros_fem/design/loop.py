@@ -6,24 +6,38 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from toros_fem._mpi import largest, norm
 from toros_fem._types import Floats
 from toros_fem.density.projection import Projection
+from toros_fem.design.journal import (
+    Checkpoint,
+    Journal,
+    JournalEntry,
+    restored_evaluation,
+    restored_rows,
+    saved_evaluation,
+    saved_rows,
+    signature_of,
+)
 from toros_fem.design.options import DesignOptions, Iteration, Stage
 from toros_fem.design.problem import DesignProblem, Evaluation
 from toros_fem.design.variables import Scaled, Values, Variables
 from toros_fem.design.warm_start import InitialDensity, WarmStart
-from toros_fem.errors import NoEquilibriumError, ParameterError
-from toros_fem.mma.optimizer import MMA
+from toros_fem.errors import CheckpointError, NoEquilibriumError, ParameterError
+from toros_fem.mma.optimizer import MMA, MMAState
 
 # Number of steps over which T must fall.
 LOOK_BACK = 10
 # Least price of a violated constraint in the merit function, in MMA's scaled units.
 PRICE = 1.0
+# What MMA carries from step to step: vectors of the variables, and small arrays.
+MMA_VECTORS = ("previous", "before_previous", "distance")
+MMA_SMALL = ("multipliers", "curvature")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +77,14 @@ class DesignResult:
 Callback = Callable[[Iteration, Evaluation], None]
 
 
+@runtime_checkable
+class ResumableCallback(Protocol):
+    """A callback that also wants the rows of a loop that is resumed."""
+
+    def restored(self, rows: Sequence[Iteration]) -> None:
+        """Take the rows for which it was called before, on every rank."""
+
+
 def optimize(
     problem: DesignProblem,
     options: DesignOptions | Sequence[Stage] | None = None,
@@ -71,6 +93,7 @@ def optimize(
     seed: int = 0,
     callback: Callback | None = None,
     after: DesignResult | WarmStart | None = None,
+    journal: Journal | None = None,
 ) -> DesignResult:
     """Minimise T over densities and pressure by MMA, stage by stage (collective).
 
@@ -83,8 +106,12 @@ def optimize(
         callback: Called after each iteration, on every rank.
         after: A result to continue, or a start that was carried over from another mesh: pressure,
             shape and history are taken over.
+        journal: Keeps the state of the loop; if it holds that of an earlier run, the loop goes on
+            from there. None keeps nothing.
 
     Raises:
+        CheckpointError: The state in the journal cannot be read, or belongs to something else.
+        RunStoppedError: A signal asked for an end; the state is written.
         DensityError: The start does not fit or leaves [0, 1].
         ParameterError: A stage is constrained and the problem has no constraints.
         NoEquilibriumError: There is no equilibrium for the start. The loop steps back from later
@@ -105,14 +132,26 @@ def optimize(
         start = problem.start_density(seed) if after is None else after.density
     problem.check_variables(start)
     initial = problem.initial_density(start) if after is None else after.initial
-    loop = _Loop(problem, start, options, callback)
+    entry = None
+    if journal is not None:
+        entry = journal.entry(problem.comm, signature_of(problem, options))
+    loop = _Loop(problem, start, options, callback, entry)
     if after is not None:
         loop.take_over(after, start)
     first = loop.history[-1].stage + 1 if loop.history else 0
-    for number, stage in enumerate(options.stages, first):
-        loop.run(number, stage, last=number - first == len(options.stages) - 1)
-        if loop.over:
-            break
+    saved = None if entry is None else entry.saved()
+    begin = first if saved is None else loop.restore(saved)
+    try:
+        for number, stage in enumerate(options.stages, first):
+            if number < begin:
+                continue
+            last = number - first == len(options.stages) - 1
+            loop.run(number, stage, last=last, saved=saved if number == begin else None)
+            if loop.over:
+                break
+    finally:
+        if entry is not None:
+            entry.close()
     assert loop.evaluation is not None
     return DesignResult(
         problem=problem,
@@ -134,8 +173,10 @@ class _Loop:
         density: Floats,
         options: DesignOptions,
         callback: Callback | None,
+        entry: JournalEntry | None,
     ) -> None:
         self.problem, self.options, self.callback = problem, options, callback
+        self.entry = entry
         self.comm = problem.skin.comm
         self.variables = Variables(problem, options)
         self.x = self.variables.vector(problem.with_passive(density), problem.pressures)
@@ -162,8 +203,76 @@ class _Loop:
             density = self.problem.with_passive(density)
             self.x = self.variables.vector(density, earlier.pressures)
 
-    def run(self, number: int, stage: Stage, *, last: bool) -> None:
-        """Run one stage from the current design."""
+    def restore(self, saved: Checkpoint) -> int:
+        """Take up a saved state, but for what `run` takes of it; return its stage."""
+        numbers = saved.numbers
+        try:
+            self.x.array[:] = self.variables.scatter(saved.arrays["x"])
+            before, self.history = len(self.history), restored_rows(numbers["history"])
+            self.level, self.steps_done = int(numbers["level"]), int(numbers["steps_done"])
+            self.change = float(numbers["change"])
+            self.phases = dict(numbers["phases"])
+            self.begin = time.perf_counter() - float(numbers["seconds"])
+            stage = int(numbers["stage"])
+        except (KeyError, IndexError, TypeError, ValueError) as fault:
+            raise CheckpointError(f"a checkpoint does not fit its loop: {fault}") from None
+        if isinstance(self.callback, ResumableCallback):
+            self.callback.restored(self.history[before:])
+        self.iteration_begin = time.perf_counter()
+        return stage
+
+    def restore_stage(self, saved: Checkpoint, mma: MMA, scaled: Scaled) -> tuple[int, float]:
+        """Take up a saved state of MMA and its scale; return the step of the stage and its KKT."""
+        numbers, arrays, own = saved.numbers, saved.arrays, self.variables.scatter
+        try:
+            vectors = {
+                name: own(arrays[f"mma_{name}"]) if f"mma_{name}" in arrays else None
+                for name in MMA_VECTORS
+            }
+            small = {
+                name: None if numbers["mma"][name] is None else np.array(numbers["mma"][name])
+                for name in MMA_SMALL
+            }
+            mma.state = MMAState(**vectors, **small, unit=float(numbers["mma"]["unit"]))
+            scaled.scale = float(numbers["scale"])
+            return int(numbers["count"]), float(numbers["kkt"])
+        except (KeyError, IndexError, TypeError, ValueError) as fault:
+            raise CheckpointError(f"a checkpoint does not fit its loop: {fault}") from None
+
+    def checkpoint(
+        self, number: int, count: int, kkt: float, mma: MMA, scaled: Scaled, of: Evaluation
+    ) -> Checkpoint:
+        """Return the state after a row of the history (collective)."""
+        arrays, numbers = saved_evaluation(self.problem, of)
+        every, state = self.variables.gather, mma.state
+        arrays["x"] = every(self.x.array)
+        for name in MMA_VECTORS:
+            vector = getattr(state, name)
+            if vector is not None:
+                arrays[f"mma_{name}"] = every(vector)
+        small = {name: getattr(state, name) for name in MMA_SMALL}
+        numbers["mma"] = {
+            **{name: None if v is None else v.tolist() for name, v in small.items()},
+            "unit": state.unit,
+        }
+        numbers |= {
+            "stage": number,
+            "count": count,
+            "kkt": kkt,
+            "scale": scaled.scale,
+            "level": self.level,
+            "steps_done": self.steps_done,
+            "change": self.change,
+            "phases": self.phases,
+            "seconds": time.perf_counter() - self.begin,
+            "history": saved_rows(self.history),
+        }
+        return Checkpoint(arrays, numbers)
+
+    def run(
+        self, number: int, stage: Stage, *, last: bool, saved: Checkpoint | None = None
+    ) -> None:
+        """Run one stage from the current design, or from a saved state of this stage."""
         given, options = self.problem, self.options
         projection, constrained = given.projection, stage.constrained
         if stage.beta is not None:
@@ -171,7 +280,9 @@ class _Loop:
         self.problem = problem = given.with_projection(projection)
         start = self.state if self.evaluation is None else self.evaluation.equilibrium.state
         try:
-            evaluation = self.simulate(start)
+            evaluation = (
+                self.simulate(start) if saved is None else restored_evaluation(problem, saved)
+            )
         except NoEquilibriumError:
             if self.evaluation is None:
                 raise
@@ -194,20 +305,30 @@ class _Loop:
             target_objective=options.target_objective or 0.0,
             start=evaluation,
         )
-        kkt = math.inf
-        for count in range(stage.iterations + 1):
+        first, kkt = 0, math.inf
+        if saved is not None:
+            first, kkt = self.restore_stage(saved, mma, scaled)
+        for count in range(first, stage.iterations + 1):
+            known = saved is not None and count == first  # its row is in the history
             begin = time.perf_counter()
-            mma.rescale(scaled.refer(evaluation))
+            factor = scaled.refer(evaluation)
+            if not known:
+                mma.rescale(factor)
             here, slopes = scaled.values(evaluation), scaled.gradients(evaluation)
-            if count > 0:
+            if count > 0 and not known:
                 kkt = mma.kkt_residual(
                     self.x, slopes.objective, here.constraints, slopes.constraints
                 )
             self.phases["mma"] += time.perf_counter() - begin
-            self.steps_done += count > 0
-            self.record(number, evaluation, kkt)
-            self.steps = self.factorisations = self.rejected = 0
-            if self.finished(stage, count, kkt, last=last):
+            if not known:
+                self.steps_done += count > 0
+                self.record(number, evaluation, kkt)
+                self.steps = self.factorisations = self.rejected = 0
+            ended = self.finished(stage, count, kkt, last=last)
+            if self.entry is not None and not known:
+                state = partial(self.checkpoint, number, count, kkt, mma, scaled, evaluation)
+                self.entry.offer(state, last=ended)
+            if ended:
                 break
             begin = time.perf_counter()
             before = self.x.array.copy()

@@ -184,6 +184,25 @@ class DesignProblem(ABC, Generic[R]):
         The second is None if no pressure is designed.
         """
 
+    @abstractmethod
+    def save_response(self, response: R) -> tuple[Floats, dict[str, Any]]:
+        """Return what `restore_response` needs, by original index, and as JSON (collective).
+
+        Args:
+            response: The last simulation.
+        """
+
+    @abstractmethod
+    def restore_response(
+        self, projected: Floats, unknowns: Floats, numbers: Mapping[str, Any]
+    ) -> R:
+        """Return a saved response, as if it had just been simulated (collective).
+
+        Args:
+            projected: ρ̄ at owned triangles.
+            unknowns, numbers: As of `save_response`.
+        """
+
     def residuals_around(
         self, evaluation: Evaluation[R]
     ) -> tuple[Callable[[R], Floats], Floats, Floats]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -233,6 +233,16 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
             trial=trial,
         )
         return equilibrium, self.objective.forward(equilibrium.positions)
+
+    def save_response(self, response: EquilibriumResult) -> tuple[Floats, dict[str, Any]]:
+        """Return the unknowns by original index, and the numbers of the equilibrium."""
+        return self.solver.save(response)
+
+    def restore_response(
+        self, projected: Floats, unknowns: Floats, numbers: Mapping[str, Any]
+    ) -> EquilibriumResult:
+        """Return the equilibrium, with its tangent factorised (collective)."""
+        return self.solver.restore(projected, unknowns, numbers, self.force)
 
     def finish(self, evaluation: Evaluation[EquilibriumResult]) -> Evaluation[EquilibriumResult]:
         """Complete a trial: solve to the solver's tolerance and prove stability (collective)."""

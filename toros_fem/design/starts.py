@@ -9,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem._mpi import raise_together
+from toros_fem.design.journal import Journal
 from toros_fem.design.levels import GatheredDesign, gathered
 from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.options import DesignOptions
@@ -36,6 +37,7 @@ def best_start(
     make: Callable[[MPI.Comm], DesignProblem],
     options: DesignOptions,
     seeds: Sequence[int],
+    journal: Journal | None = None,
 ) -> BestStart:
     """Design each of several random starts on one rank alone; return the best (collective).
 
@@ -48,6 +50,7 @@ def best_start(
         make: Makes the problem on a communicator of one rank.
         options: Stages and stop rules.
         seeds: Seeds of the noise, none of them twice.
+        journal: As of `optimize`; each seed has a branch of its own.
 
     Raises:
         ParameterError: There are no seeds, or one comes twice.
@@ -65,7 +68,8 @@ def best_start(
         for seed in mine:
             assert problem is not None
             try:
-                result = optimize(problem, options, seed=seed)
+                part = None if journal is None else journal.branch(f"seed-{seed}")
+                result = optimize(problem, options, seed=seed, journal=part)
             except NoEquilibriumError as caught:
                 failure = caught
                 continue

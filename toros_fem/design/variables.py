@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
+from toros_fem._mpi import largest
 from toros_fem._types import Floats
 from toros_fem.design.options import DesignOptions
 from toros_fem.design.problem import DesignProblem, Evaluation
+from toros_fem.meshes.skin import Skin
 
 
 class Variables:
@@ -24,7 +26,7 @@ class Variables:
     def __init__(self, problem: DesignProblem, options: DesignOptions) -> None:
         skin = problem.skin
         least, most = problem.variable_bounds
-        self._comm, self._count = skin.comm, len(least)
+        self._comm, self._count, self._skin = skin.comm, len(least), skin
         self._pressures = np.array(problem.pressures, dtype=np.float64)
         ranges = problem.pressure_ranges
         self._which = [k for k, bounds in enumerate(ranges) if bounds is not None]
@@ -58,6 +60,19 @@ class Variables:
             pressures[self._which] = np.clip(moved, self._low, self._high)
         return density, tuple(float(p) for p in pressures)
 
+    def gather(self, local: Floats) -> Floats:
+        """Return the entries of all ranks, in an order that no partition changes (collective)."""
+        cells = by_cell(self._skin, local[: self._count])
+        pressures = self._comm.bcast(local[self._count :], root=0)
+        return np.concatenate([cells.ravel(), pressures])
+
+    def scatter(self, entries: Floats) -> Floats:
+        """Return the entries of this rank from those of all, as of `gather`."""
+        end = len(entries) - len(self._which)
+        cells = entries[:end].reshape(len(self._skin.pattern.panel), -1)
+        own = cells[self._skin.owned_cells].ravel()
+        return np.concatenate([own, entries[end:][: self._carried]])
+
     def gradient(
         self, evaluation: Evaluation, scale: float, by_density: Floats, by_pressure: Floats | None
     ) -> PETSc.Vec:
@@ -69,6 +84,16 @@ class Variables:
             factor *= np.log(self._high / self._low)
             out.array[self._count :] = scale * by_pressure[self._which] * factor
         return out
+
+
+def by_cell(skin: Skin, owned: Floats) -> Floats:
+    """Return one row for each triangle on every rank, from owned rows or their entries in line.
+
+    It is collective.
+    """
+    count = len(skin.owned_cells)
+    width = int(largest(skin.comm, owned.size / max(count, 1)))
+    return skin.gather_cells(owned.reshape(count, width))
 
 
 # MMA works best with functions of O(1) to O(100).
@@ -123,6 +148,9 @@ class Scaled:
         constrained: Whether its constraints on widths hold.
         target_objective: T that needs no improvement, and therefore no scaling.
         start: The design that the stage starts from.
+
+    Attributes:
+        scale: Factor on T.
     """
 
     def __init__(
@@ -136,7 +164,7 @@ class Scaled:
     ) -> None:
         self._variables, self._limits = variables, problem.length_scale
         self._least = max(target_objective, LEAST)
-        self._scale = self._scale_at(start)
+        self.scale = self._scale_at(start)
         self._constrained = constrained
         self._targets: Floats = np.zeros(0)
         self._residuals: Callable[[Any], Floats] = lambda _: np.zeros(0)
@@ -147,22 +175,22 @@ class Scaled:
         Squares fall by orders of magnitude in a few steps. They would become smaller than the term
         that keeps MMA's approximations convex. So the scale follows T if there are residuals.
         """
-        before = self._scale
+        before = self.scale
         assert evaluation.residuals is not None
         self._residuals = evaluation.residuals.values
         if len(evaluation.residuals.gradients):
-            self._scale = self._scale_at(evaluation)
+            self.scale = self._scale_at(evaluation)
         if self._constrained:
             assert self._limits is not None
             assert evaluation.length_scale is not None
             epsilon = np.asarray(self._limits.epsilon, dtype=np.float64)
             self._targets = np.maximum(MARGIN * epsilon, TIGHTEN * evaluation.length_scale)
-        return self._scale / before
+        return self.scale / before
 
     def values(self, evaluation: Evaluation) -> Values:
         """Return the scaled functions of a design."""
-        residuals = self._scale**0.5 * self._residuals(evaluation.equilibrium)
-        objective = self._scale * evaluation.objective
+        residuals = self.scale**0.5 * self._residuals(evaluation.equilibrium)
+        objective = self.scale * evaluation.objective
         constraints: Floats = np.zeros(0)
         if self._constrained:
             assert evaluation.length_scale is not None
@@ -175,9 +203,9 @@ class Scaled:
         widths = evaluation.length_scale_gradients if self._constrained else []
         assert near is not None
         assert widths is not None
-        gradient, root = self._variables.gradient, self._scale**0.5
+        gradient, root = self._variables.gradient, self.scale**0.5
         assert evaluation.gradient is not None
-        whole = gradient(evaluation, self._scale, evaluation.gradient, evaluation.pressure_gradient)
+        whole = gradient(evaluation, self.scale, evaluation.gradient, evaluation.pressure_gradient)
         rows = zip(near.gradients, near.pressure_gradients, strict=True)
         slopes = [gradient(evaluation, root, *row) for row in rows]
         rest = whole.copy()

@@ -129,6 +129,9 @@ class RegularisedNewton:
     tolerance times the applied load, or below the rounding of the positions. Where rounding
     keeps the residual from falling further, STAGNATED is enough, or UNRESOLVED where Newton's step
     is negligible.
+
+    Attributes:
+        first_shift: Shift with which the first factorisation of a solve near the last one begins.
     """
 
     def __init__(
@@ -141,13 +144,13 @@ class RegularisedNewton:
         self.model, self.factor, self.options = model, factor, options
         self.comm = model.skin.comm
         self._log = log
-        self._has_factors, self._first_shift = False, 0.0
+        self._has_factors, self.first_shift = False, 0.0
         self._max_iterations = round(CG_COST * model.space.dofmap.index_map.size_global**0.5)
         self._reset()
 
     def _reset(self, *, near: bool = False) -> None:
         """Reset all data of the previous solve, which may have failed far away."""
-        first = self._first_shift if near else 0.0
+        first = self.first_shift if near else 0.0
         self._history: list[NewtonStep] = []
         # Neighbouring designs need like shifts in their first steps.
         self._shift, self._stiffness, self._refused = first, 0.0, first > 0
@@ -377,7 +380,7 @@ class RegularisedNewton:
             self._has_factors = self.factor.factorise(shift)
         if self._first:
             lower = shift / 4 if shift >= 4 * SMALLEST_SHIFT else 0.0
-            self._first, self._first_shift = False, shift if refused else lower
+            self._first, self.first_shift = False, shift if refused else lower
         self._refused = refused and not self._refused
         self._definite &= shift == 0
         self._shift = shift

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -85,6 +85,10 @@ class EquilibriumResult:
     modified_steps: int
     factorisations: int
     history: tuple[NewtonStep, ...]
+
+
+# What is saved of a result beside its state.
+SAVED = tuple(f.name for f in fields(EquilibriumResult) if f.name not in ("state", "positions"))
 
 
 class EquilibriumError(NoEquilibriumError):
@@ -273,6 +277,72 @@ class EquilibriumSolver:
         # It may be rejected yet: the design before stays known.
         self._known = [*recent, self._known[-1]]
         return found
+
+    def save(self, at: EquilibriumResult) -> tuple[Floats, dict[str, Any]]:
+        """Return what `restore` needs: all unknowns by original index, and numbers (collective).
+
+        Args:
+            at: The last equilibrium of this solver.
+
+        Raises:
+            ParameterError: The solver has been used for another solve since.
+        """
+        self._require_last(at)
+        numbers = {name: getattr(at, name) for name in SAVED}
+        numbers["condition"] = asdict(at.condition)
+        numbers["history"] = [asdict(row) for row in at.history]
+        numbers["first_shift"] = self._snes.newton.first_shift
+        return self.model.gather(at.state), numbers
+
+    def restore(
+        self,
+        density: Floats,
+        unknowns: Floats,
+        numbers: Mapping[str, Any],
+        force: Floats | None = None,
+    ) -> EquilibriumResult:
+        """Return an equilibrium as if it had just been solved for (collective).
+
+        On as many ranks as before, all that follows is the same to the last bit: what one solve
+        leaves to the next is the tangent at its end, factorised again here, and its first shift.
+
+        Args:
+            density: As of `solve`.
+            unknowns, numbers: As of `save`; the numbers may have been written as JSON.
+            force: As of `solve`.
+
+        Raises:
+            ParameterError: The unknowns are those of another skin.
+            EquilibriumError: It is no equilibrium any more, and there is none near.
+        """
+        model, newton = self.model, self._snes.newton
+        load = make_load_case(
+            self.skin.pattern,
+            model.supports,
+            len(model.load.pressures),
+            numbers["pressures"],
+            force=force,
+            weight_fraction=0.0 if model.weight is None else 1.0,
+        )
+        model.check(density)
+        state = model.scatter(unknowns)
+        self._factorised_at = None
+        model.set_density(density)
+        model.set_load(load)
+        if not newton.stable(state):  # another machine may round otherwise
+            return self.solve(density, numbers["pressures"], force=force, start=state)
+        newton.first_shift = numbers["first_shift"]
+        state.setflags(write=False)
+        given: dict[str, Any] = {key: value for key, value in numbers.items() if key in SAVED}
+        given |= {key: tuple(numbers[key]) for key in ("pressures", "volumes")}
+        given["condition"] = Condition(**numbers["condition"])
+        given["history"] = tuple(NewtonStep(**row) for row in numbers["history"])
+        result = EquilibriumResult(**given, state=state, positions=model.positions(state))
+        point = PathPoint(density.copy(), load, state)
+        known = _Known(_Request(point.density, load), result, point)
+        self._known = [*self._known[-1:], known]
+        self._factorised_at = result
+        return result
 
     def forget_last(self) -> None:
         """Forget the last equilibrium: its model has been used for something else since."""

@@ -11,6 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem._mpi import on_first_rank
 from toros_fem._types import Bools, Floats
+from toros_fem.design.journal import Journal, kept_evaluation
 from toros_fem.design.loop import DesignResult
 from toros_fem.design.problem import DesignProblem, Evaluation
 from toros_fem.errors import NoEquilibriumError
@@ -163,6 +164,7 @@ def as_printed(
     *,
     island_area: float = 0.0,
     cleaner: Cleaner = clean,
+    journal: Journal | None = None,
 ) -> PrintedDesign:
     """Threshold a design at η, clean, measure and simulate it as a binary pattern (collective).
 
@@ -172,6 +174,7 @@ def as_printed(
         limits: Limits of the printer.
         island_area: Free islands smaller than this, in m², are removed; larger ones are bridged.
         cleaner: Cleans the contours; one of its own for patterns that go on beyond their border.
+        journal: Keeps the simulation; None keeps nothing.
 
     Raises:
         ParameterError: The area is negative.
@@ -193,7 +196,9 @@ def as_printed(
         )
 
     def simulate(cells: Bools) -> Evaluation:
-        return problem.simulate_binary(cells, result.final)
+        return kept_evaluation(
+            journal, problem, lambda: problem.simulate_binary(cells, result.final)
+        )
 
     return print_regions(problem, pattern, cleaning, simulate, limits)
 

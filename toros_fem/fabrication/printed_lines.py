@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Bools, Floats
+from toros_fem.design.journal import Journal, kept_evaluation
 from toros_fem.design.problem import DesignProblem, Evaluation, Pressure
 from toros_fem.fabrication.as_printed import PrintedDesign, print_regions
 from toros_fem.fabrication.cleaning import CleanedRegions, clean, clean_symmetric
@@ -27,6 +28,7 @@ def printed_lines(
     cleaned: CleanedRegions | None = None,
     near: tuple[Pattern, Floats] | None = None,
     pressure: Pressure | None = None,
+    journal: Journal | None = None,
 ) -> PrintedDesign:
     """Clean, measure and simulate lines that come as polygons (collective).
 
@@ -44,6 +46,7 @@ def printed_lines(
             start from: those of the relaxed design, or of the print on a coarser mesh. None starts
             from the assembled shape.
         pressure: In Pa, of all chambers or of each; None takes the problem's own.
+        journal: Keeps the simulation; None keeps nothing.
 
     Raises:
         PanelError: The panels are others, or the number of regions is not theirs.
@@ -61,7 +64,11 @@ def printed_lines(
         return clean_print(part, whole, found, limits, island_area)
 
     def simulate(cells: Bools) -> Evaluation:
-        return problem.simulate_binary(cells, start=start, pressure=pressure)
+        return kept_evaluation(
+            journal,
+            problem,
+            lambda: problem.simulate_binary(cells, start=start, pressure=pressure),
+        )
 
     onto = part if whole is None else whole.pattern
     return print_regions(problem, onto, cleaning, simulate, limits)

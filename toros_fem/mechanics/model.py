@@ -10,7 +10,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 
-from toros_fem._mpi import dot, total
+from toros_fem._mpi import dot, gather_by_index, total
 from toros_fem._types import Bools, Floats, Ints, LocalInts
 from toros_fem.density.field import check_density
 from toros_fem.errors import ParameterError
@@ -30,7 +30,7 @@ from toros_fem.mechanics.coefficients import (
 from toros_fem.mechanics.dead_loads import Weight
 from toros_fem.mechanics.hinges import edge_angles, find_hinges
 from toros_fem.mechanics.load_case import LoadCase
-from toros_fem.mechanics.patch_space import make_patch
+from toros_fem.mechanics.patch_space import make_patch, pattern_edges
 from toros_fem.mechanics.pressure import PressureLoad
 from toros_fem.mechanics.stretch_bounds import StretchBounds
 from toros_fem.mechanics.supports import Supports
@@ -208,6 +208,47 @@ class SkinModel:
     def positions(self, state: Floats) -> Floats:
         """Return the positions (n, 3) of the owned nodes in a state, as a view; also of forces."""
         return state[: self._patch.position_count].reshape(-1, 3)
+
+    def gather(self, state: Floats) -> Floats:
+        """Return all unknowns of a state on every rank, in an order that no partition changes.
+
+        It is that of the pattern: positions of the vertices, rotations of the edges, columns of
+        the mean deformation gradient.
+        """
+        skin, begin = self.skin, self._patch.position_count
+        parts: list[Floats] = [skin.gather_vertices(self.positions(state)).ravel()]
+        if len(self._patch.rotation_dofs):
+            edges, count = pattern_edges(skin)
+            owned = edges[self._patch.rotation_dofs < self.size_local]
+            rotations = state[begin : begin + len(owned)]
+            parts.append(gather_by_index(skin.comm, owned, rotations, count))
+        if self._patch.lattice_dofs.size:
+            parts.append(skin.comm.bcast(state[self.size_local - 6 :], root=0))
+        return np.concatenate(parts)
+
+    def scatter(self, unknowns: Floats) -> Floats:
+        """Return the state of this rank from all unknowns, as of `gather`.
+
+        Raises:
+            ParameterError: Their number is that of another skin.
+        """
+        skin, places = self.skin, 3 * len(self.skin.pattern.points)
+        edges, count = pattern_edges(skin) if len(self._patch.rotation_dofs) else (None, 0)
+        expected = places + count + self._patch.lattice_dofs.size
+        if unknowns.shape != (expected,):
+            raise ParameterError(
+                f"the unknowns have shape {unknowns.shape}; this skin has ({expected},)."
+            )
+        state = np.zeros(self.size_local)
+        vertices = unknowns[:places].reshape(-1, 3)
+        self.positions(state)[:] = vertices[skin.owned_vertices]
+        if edges is not None:
+            owned = edges[self._patch.rotation_dofs < self.size_local]
+            begin = self._patch.position_count
+            state[begin : begin + len(owned)] = unknowns[places:][owned]
+        if self._patch.lattice_dofs.size and skin.comm.rank == 0:
+            state[-6:] = unknowns[-6:]
+        return state
 
     def set_load(self, load: LoadCase) -> None:
         """Let a load case act; where it moves the supports, the state must already be moved.

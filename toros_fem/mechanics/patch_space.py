@@ -11,9 +11,10 @@ import numpy.typing as npt
 from dolfinx import cpp, fem
 
 from toros_fem import _compat
-from toros_fem._types import LocalInts
+from toros_fem._types import Ints, LocalInts
 from toros_fem.mechanics.hinges import Hinges
 from toros_fem.meshes.skin import Skin, concatenated_index_map
+from toros_fem.meshes.topology import edge_keys
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,3 +94,23 @@ def make_patch(
         rotation_dofs=numbers[1] if rotations else np.zeros(0, dtype=np.int32),
         lattice_dofs=(numbers[-1] if lattice else np.zeros(0, dtype=np.int32)).reshape(-1, 3),
     )
+
+
+def pattern_edges(skin: Skin) -> tuple[Ints, int]:
+    """Return the pattern's edge of each local edge of the mesh, and the number of all edges.
+
+    The edges of a pattern are numbered by their two assembled vertices.
+    """
+    triangles, count = skin.pattern.triangles, len(skin.pattern.points)
+
+    def keys(corner: Ints) -> Ints:
+        """Return the keys of the edges opposite each corner, (cells, 3)."""
+        ends = np.stack([np.roll(corner, -1, axis=1), np.roll(corner, -2, axis=1)], axis=2)
+        return edge_keys(ends, count)
+
+    known = np.unique(keys(triangles))
+    facets = skin.mesh.topology.connectivity(2, 1).array.reshape(-1, 3)
+    edges = np.zeros(int(facets.max(initial=-1)) + 1, dtype=np.int64)
+    found = keys(skin.vertex[skin.position_space.dofmap.list])
+    edges[facets.ravel()] = np.searchsorted(known, found).ravel()
+    return edges, len(known)

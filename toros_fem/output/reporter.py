@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -51,6 +52,17 @@ class DesignReporter:
     def __call__(self, row: Iteration, evaluation: Evaluation[Any]) -> None:
         """Report one iteration (collective)."""
         self.report(row)
+
+    def restored(self, rows: Sequence[Iteration]) -> None:
+        """Take the rows of an interrupted run, without printing them (collective)."""
+
+        def show() -> None:
+            for row in rows:
+                self._history.write(row)
+            if rows:
+                print_line(f"resumed after iteration {rows[-1].iteration}")
+
+        write_together(self._comm, self._folder, show)
 
     def report(self, row: Iteration) -> None:
         """Report a row of the history, also one of an earlier part of the design (collective)."""

@@ -10,6 +10,7 @@ import numpy as np
 
 from toros_fem._types import Floats
 from toros_fem._validate import require_count, require_positive
+from toros_fem.design.journal import Journal
 from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Iteration, Stage
 from toros_fem.design.shape_problem import ShapeProblem
@@ -115,6 +116,7 @@ def find_lines(
     seed: int = 0,
     callback: Callback | None = None,
     after: RelaxedResult | None = None,
+    journal: Journal | None = None,
 ) -> RelaxedResult:
     """Find line families that take a skin to its target, from random ones (collective).
 
@@ -130,6 +132,7 @@ def find_lines(
         callback: Called after each iteration, on every rank.
         after: A result on the same mesh, of another target for instance, whose second stage is
             continued; `seed` then plays no part.
+        journal: As of `optimize`, for both stages.
 
     Raises:
         ParameterError: The seed is negative, or the earlier result is that of another mesh.
@@ -153,7 +156,7 @@ def find_lines(
         first = relaxed_problem(design, fixed, radius, cost, crossing)
         drawn = first.start_density(seed)
         start = first.start_field(drawn)
-        found = optimize(first, options.stage(0), start=drawn, callback=callback)
+        found = optimize(first, options.stage(0), start=drawn, callback=callback, journal=journal)
         field = fitted_pair(first.line_field(found.final))
         variables = free.variables(field.shares, field.angles)
         positions = first.shape_of(found.final.equilibrium)
@@ -174,7 +177,7 @@ def find_lines(
     rules = options.stage(1)
     if after is not None:
         rules = replace(rules, stages=(Stage(options.more_iterations),))
-    result = optimize(second, rules, callback=callback, after=warm)
+    result = optimize(second, rules, callback=callback, after=warm, journal=journal)
     return _gathered(second, result, start, time.perf_counter() - begin)
 
 

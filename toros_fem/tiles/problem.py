@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -103,6 +103,16 @@ class TileProblem(DesignProblem[Profile]):
         profile = evaluation.equilibrium
         rows = self.solver.backward(profile, *self.objective.residuals_backward(profile))
         return self.objective.residuals, rows, np.zeros((len(rows), 0))
+
+    def save_response(self, response: Profile) -> tuple[Floats, dict[str, Any]]:
+        """Return the unknowns of each direction and their counts (collective)."""
+        return self.solver.save(response)
+
+    def restore_response(
+        self, projected: Floats, unknowns: Floats, numbers: Mapping[str, Any]
+    ) -> Profile:
+        """Return the profile, with its gradients (collective)."""
+        return self.solver.restore(projected, unknowns, numbers)
 
     def metrics_of(self, response: Profile) -> dict[str, float]:
         """Return the largest deviation from the target in %; nothing without a target."""

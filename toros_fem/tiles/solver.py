@@ -182,7 +182,29 @@ class TileSolver:
                 f"{self.model.composite.c1:g}, c2 = {self.model.composite.c2:g}. Stretch it less, "
                 "soften the print, or refine the mesh."
             )
-        self._last = self._result(found, angle, attempts)
+        self._last = self._result(found, angle, attempts.steps, attempts.factorisations)
+        return self._last
+
+    def restore(
+        self, density: Floats, angle: float, unknowns: Floats, *, counts: tuple[int, int]
+    ) -> TileState:
+        """Return an equilibrium as if it had just been solved for (collective).
+
+        Args:
+            density, angle: As of `solve`.
+            unknowns: `SkinModel.gather` of its state.
+            counts: Its numbers of Newton steps and factorisations.
+
+        Raises:
+            ParameterError: The unknowns are those of another tile.
+            NoEquilibriumError: It is no stable equilibrium.
+        """
+        state = self.model.scatter(unknowns)
+        if not self.stable(state, density, angle):
+            raise NoEquilibriumError(
+                f"the saved state of the tile along {np.degrees(angle):.4g} degrees is not stable."
+            )
+        self._last = self._result(state, angle, *counts)
         return self._last
 
     def state_derivative(self, at: TileState, change: Floats) -> Floats:
@@ -316,7 +338,7 @@ class TileSolver:
             self._responses[key] = force, state
         return self._responses[key]
 
-    def _result(self, state: Floats, angle: float, attempts: Attempts) -> TileState:
+    def _result(self, state: Floats, angle: float, steps: int, factorisations: int) -> TileState:
         model = self.model
         state.setflags(write=False)
         stress = model.mean_force(state) / self.area
@@ -328,8 +350,8 @@ class TileSolver:
             state=state,
             positions=model.positions(state),
             stretch_use=model.bounds.worst(model.corners(state)),
-            steps=attempts.steps,
-            factorisations=attempts.factorisations,
+            steps=steps,
+            factorisations=factorisations,
         )
 
     def _forget(self) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -133,23 +135,60 @@ class ProfileSolver:
             DensityError: The density does not fit, or leaves [0, 1].
             NoEquilibriumError: There is no equilibrium in one of the directions.
         """
+        gradient = (1 + self.strain) * ALONG
+
+        def state(k: int) -> TileState:
+            return self.tile.solve(
+                density,
+                float(self.angles[k]),
+                gradient,
+                start=None if start is None else start[k],
+                allow_continuation=allow_continuation,
+            )
+
+        return self._measured(state, gradients=gradients)
+
+    def save(self, profile: Profile) -> tuple[Floats, dict[str, Any]]:
+        """Return what `restore` needs: all unknowns of each direction, and counts (collective)."""
+        mine = [
+            (k, self.tile.model.gather(state.state), [state.steps, state.factorisations])
+            for k, state in enumerate(profile.state)
+            if state is not None
+        ]
+        every = (one for part in self.batch.allgather(mine) for one in part)
+        parts = sorted(every, key=itemgetter(0))
+        return np.stack([one[1] for one in parts]), {"counts": [one[2] for one in parts]}
+
+    def restore(self, density: Floats, unknowns: Floats, numbers: Mapping[str, Any]) -> Profile:
+        """Return a profile as if it had just been solved for (collective).
+
+        Args:
+            density: As of `solve`.
+            unknowns, numbers: As of `save`.
+
+        Raises:
+            ParameterError: The unknowns are those of another tile.
+            NoEquilibriumError: A state is no stable equilibrium.
+        """
+
+        def state(k: int) -> TileState:
+            steps, factorisations = numbers["counts"][k]
+            return self.tile.restore(
+                density, float(self.angles[k]), unknowns[k], counts=(steps, factorisations)
+            )
+
+        return self._measured(state, gradients=True)
+
+    def _measured(self, find: Callable[[int], TileState], *, gradients: bool) -> Profile:
+        """Return the profile of the states in all directions (collective)."""
         count, batch = len(self.angles), self.batch
         states: list[TileState | None] = [None] * count
         found: list[Floats | None] = [None] * count
         values = np.zeros((count, 6))
         error: Exception | None = None
-        gradient = (1 + self.strain) * ALONG
         for k in range(batch.rank, count, batch.size):
             try:
-                near = None if start is None else start[k]
-                state = self.tile.solve(
-                    density,
-                    float(self.angles[k]),
-                    gradient,
-                    start=near,
-                    allow_continuation=allow_continuation,
-                )
-                states[k] = state
+                states[k] = state = find(k)
                 values[k] = [
                     state.stress[0, 0],
                     self.tile.stiffness(state, ALONG[None])[0, 0],
