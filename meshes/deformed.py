@@ -6,12 +6,16 @@ from pathlib import Path
 
 import numpy as np
 from mpi4py import MPI
+from scipy.spatial import cKDTree
 
 from toros_fem._mpi import on_first_rank
 from toros_fem._types import Floats, Ints
 from toros_fem.errors import TargetError
 from toros_fem.meshes.mesh_file import load
 from toros_fem.meshes.pattern import Pattern
+
+# Corners that are apart by this fraction of the skin's size are different vertices.
+APART = 1e-5
 
 
 def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
@@ -35,6 +39,75 @@ def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
             not the pattern's.
     """
     return on_first_rank(comm, lambda: _read(Path(path), pattern))
+
+
+def from_copy(
+    comm: MPI.Comm, original: Path, deformed: Path, pattern: Pattern, scale: float
+) -> Floats:
+    """Read target positions from a deformed copy of the mesh file that a pattern comes from.
+
+    Triangles are matched by their order, which a program that deforms keeps in all formats. It is
+    collective.
+
+    Args:
+        comm: Communicator.
+        original: Mesh file that the pattern was made from by `read_surface` and `unwrap`.
+        deformed: The same mesh, deformed.
+        pattern: The pattern.
+        scale: Length of the unit of both files in m.
+
+    Returns:
+        Position of each assembled vertex, (n, 3), in m.
+
+    Raises:
+        TargetError: A file cannot be read, they have other triangles, corners that meet in one
+            file are apart in the other, or a vertex of the pattern is none of the file.
+    """
+    return on_first_rank(comm, lambda: _copied(Path(original), Path(deformed), pattern, scale))
+
+
+def _copied(original: Path, deformed: Path, pattern: Pattern, scale: float) -> Floats:
+    before, after = _corners(original) * scale, _corners(deformed) * scale
+    if len(before) != len(after):
+        raise TargetError(
+            f"{deformed} has {len(after) // 3} triangles, {original} has {len(before) // 3}. "
+            "Deform the same mesh, and do not remesh it."
+        )
+    near = APART * pattern.size
+    gap, first = cKDTree(before).query(pattern.points)
+    if gap.max() > near:
+        raise TargetError(
+            f"vertex {int(np.argmax(gap))} of the skin is none of {original}, which is repaired "
+            "when it is read. Save the repaired surface, and deform that one."
+        )
+    target = after[first]
+    # Several triangles share a vertex: they must agree on where it goes.
+    gap, vertex = cKDTree(pattern.points).query(before)
+    apart = np.where(gap <= near, np.linalg.norm(after - target[vertex], axis=1), 0.0)
+    if apart.max() > near:
+        corner = int(np.argmax(apart))
+        raise TargetError(
+            f"triangle {corner // 3} of {deformed} does not meet its neighbours at the corner that "
+            f"was at {before[corner]} m: the triangles are in another order than in {original}, or "
+            "the surface is torn. Export it so that the order is kept."
+        )
+    return np.asarray(target)
+
+
+def _corners(path: Path) -> Floats:
+    """Read the corners of all triangles of a file, (3 t, 3), in its unit."""
+    mesh = load(path, TargetError, "STL, OBJ, PLY or VTU")
+    points = np.asarray(mesh.points, dtype=np.float64)
+    blocks = [block.data for block in mesh.cells if block.type == "triangle"]
+    triangles = np.concatenate(blocks) if blocks else np.zeros((0, 3), dtype=np.int64)
+    if not len(triangles) or points.ndim != 2 or points.shape[1] != 3:
+        raise TargetError(f"{path} holds no triangles in space. Save the deformed surface.")
+    if triangles.min() < 0 or triangles.max() >= len(points):
+        raise TargetError(f"{path} has a triangle at a vertex that is not there. Export it again.")
+    corners = points[triangles].reshape(-1, 3)
+    if not np.isfinite(corners).all():
+        raise TargetError(f"{path} holds coordinates that are not finite. Export it again.")
+    return corners
 
 
 def _read(path: Path, pattern: Pattern) -> Floats:

@@ -16,7 +16,7 @@ import numpy as np
 from toros_fem._validate import require_choice
 from toros_fem.errors import ParameterError
 
-KEY = "quantity"
+KEY, ENTRIES = "quantity", "entries"
 KINDS = {float: "a number", int: "a whole number", bool: "True or False", str: "a word"}
 
 
@@ -92,12 +92,23 @@ def quantity(
     return field(default=default, metadata={KEY: spec})
 
 
+def entries(of: type[Config], meaning: str) -> Any:
+    """Return a dataclass field that holds any number of configurations of a type, by default none.
+
+    Args:
+        of: Their type.
+        meaning: What each of them is, in one line.
+    """
+    return field(default=(), metadata={ENTRIES: (of, meaning)})
+
+
 @dataclass(frozen=True)
 class Config:
     """Base of all configurations: values are checked on construction, by type and by bounds.
 
     Each field is made by `quantity`. Its type is float, int, bool or str, or one of these or None.
-    Validation, command line, summaries and files all read this one place.
+    Validation, command line, summaries and files all read this one place. A field made by `entries`
+    is a tuple of other configurations, which may also come as mappings; only files hold these.
 
     Raises:
         ParameterError: A name is unknown, a value has another type, or it is outside its bounds.
@@ -122,6 +133,14 @@ class Config:
                 require_choice(name, value, spec.choices)
             elif kind in (float, int):
                 spec.check(name, value)
+        for name, (of, _) in self.entries().items():
+            object.__setattr__(self, name, _entries(name, getattr(self, name), of))
+
+    @classmethod
+    def entries(cls) -> dict[str, tuple[type[Config], str]]:
+        """Return type and meaning of each field made by `entries`."""
+        found = {entry.name: entry.metadata.get(ENTRIES) for entry in fields(cls)}
+        return {name: of for name, of in found.items() if of is not None}
 
     @classmethod
     def quantity(cls, name: str) -> Quantity:
@@ -136,15 +155,16 @@ class Config:
 
     @classmethod
     def kinds(cls) -> dict[str, tuple[type, bool]]:
-        """Return the type of each field, and whether it may be None.
+        """Return the type of each field but those made by `entries`, and whether it may be None.
 
         Raises:
             TypeError: The class itself is wrong: a field has another type than float, int, bool or
                 str, or was not made by `quantity`.
         """
         hints = typing.get_type_hints(cls)
-        found = {entry.name: _kind(hints[entry.name]) for entry in fields(cls)}
-        for entry in fields(cls):
+        plain = [entry for entry in fields(cls) if ENTRIES not in entry.metadata]
+        found = {entry.name: _kind(hints[entry.name]) for entry in plain}
+        for entry in plain:
             if found[entry.name][0] not in KINDS or KEY not in entry.metadata:
                 raise TypeError(
                     f"{cls.__name__}.{entry.name} must be a float, int, bool or str (or None), "
@@ -178,6 +198,21 @@ def require_known(name: str, known: Mapping[str, Any] | Sequence[str]) -> None:
     near = difflib.get_close_matches(name, list(known), n=1)
     advice = f"did you mean {near[0]!r}?" if near else "known are " + ", ".join(known) + "."
     raise ParameterError(f"unknown parameter {name!r}; {advice}")
+
+
+def _entries(name: str, values: Any, of: type[Config]) -> tuple[Config, ...]:
+    """Return the entries of a field, those that come as mappings made to configurations.
+
+    Raises:
+        ParameterError: They are no list, or one of them is something else.
+    """
+    if not isinstance(values, list | tuple):
+        raise ParameterError(f"{name} = {values!r} must be a list of {of.__name__}.")
+    made = [of(**value) if isinstance(value, Mapping) else value for value in values]
+    for value in made:
+        if type(value) is not of:
+            raise ParameterError(f"{name} has {value!r} in it; it must be a {of.__name__}.")
+    return tuple(made)
 
 
 def _kind(hint: Any) -> tuple[Any, bool]:

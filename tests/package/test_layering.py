@@ -12,7 +12,7 @@ from helpers.scenes import ROOT
 ROOMS = [
     ["errors", "_types", "_version"],
     ["_compat", "_mpi", "_validate"],
-    ["config"],
+    ["config", "units"],
     ["materials"],
     ["meshes", "forms"],
     ["density", "objectives", "mma", "lines"],

@@ -14,7 +14,7 @@ from toros_fem.errors import ParameterError, TargetError
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.cross_sections import label_cross_sections, section_vertices
-from toros_fem.objectives.rotation import best_rotation, polar_rotation
+from toros_fem.objectives.rotation import axial, best_rotation, polar_rotation
 
 MetricFunction = Callable[[Pattern, Floats], float]
 """Function of a pattern and the deformed positions, (n, 3), of all its vertices in m."""
@@ -175,10 +175,24 @@ def twist_angle(
         panel: Name of the wall's panel.
         sections: Number of cross-sections; between neighbours the twist must stay under 180°.
     """
-    rings = _rings(pattern, panel, sections)
-    rotations = [best_rotation(pattern.points[ring], positions[ring]) for ring in rings]
-    first = 2 * np.arctan2(*_swing_free(rotations[0]))
-    steps = [2 * np.arctan2(*_swing_free(a.T @ b)) for a, b in pairwise(rotations)]
+    return turn_about(pattern, positions, _rings(pattern, panel, sections), (0, 0, 1))
+
+
+def turn_about(
+    pattern: Pattern, positions: Floats, sections: Sequence[Ints], along: npt.ArrayLike
+) -> float:
+    """Return the twist in rad of a body about its axis, as of `twist_angle`.
+
+    Args:
+        pattern: The pattern.
+        positions: Deformed positions of all assembled vertices, (n, 3), in m.
+        sections: Vertices of each cross-section, starting at the body's root.
+        along: Unit vector along the assembled body, (3,).
+    """
+    axis = np.asarray(along, dtype=np.float64)
+    rotations = [best_rotation(pattern.points[ring], positions[ring]) for ring in sections]
+    first = 2 * np.arctan2(*_swing_free(rotations[0], axis))
+    steps = [2 * np.arctan2(*_swing_free(a.T @ b, axis)) for a, b in pairwise(rotations)]
     turns = np.array([first, *steps])
     return float(((turns + np.pi) % (2 * np.pi) - np.pi).sum())
 
@@ -269,11 +283,11 @@ def _rings(pattern: Pattern, panel: str, count: int) -> list[Ints]:
     return section_vertices(labels, least=6)
 
 
-def _swing_free(rotation: Floats) -> tuple[float, float]:
-    """Return q_z and q_w of a rotation's quaternion, up to a common factor."""
-    # q_z/q_w of the twist is (R₂₁ − R₁₂)/(1 + tr R), without dividing where tr R = −1.
-    z, w = rotation[1, 0] - rotation[0, 1], 1 + np.trace(rotation)
+def _swing_free(rotation: Floats, axis: Floats) -> tuple[float, float]:
+    """Return q·axis and q_w of a rotation's quaternion, up to a common factor."""
+    # q·a/q_w of the twist about a is axial(R)·a/(1 + tr R), without dividing where tr R = −1.
+    z, w = axial(rotation) @ axis, 1 + np.trace(rotation)
     if w > 1e-6:
         return float(z), float(w)
-    half = np.sqrt(max(0.0, 1 + rotation[2, 2] - rotation[0, 0] - rotation[1, 1]))
+    half = np.sqrt(max(0.0, 1 + 2 * axis @ rotation @ axis - np.trace(rotation)))
     return float(half), 0.0

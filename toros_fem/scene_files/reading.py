@@ -19,8 +19,8 @@ from toros_fem.config import Config
 from toros_fem.errors import ParameterError, SceneError
 from toros_fem.scene_files.lines import Place, key_lines, line_of
 from toros_fem.scene_files.sections import sections_of
-from toros_fem.scene_files.units import read_quantity
 from toros_fem.scenes.kinds import KINDS, Kind
+from toros_fem.units import read_quantity
 
 # Longest scene file in bytes, and largest whole number: both far beyond what makes sense.
 LONGEST, LARGEST = 1_000_000, 10**15
@@ -126,7 +126,8 @@ class _Reader:
     def scene(self, coarse: bool, changes: Sequence[str]) -> Scene:
         kind = self.kind()
         sections = sections_of(kind.name, kind.config)
-        self.known(self.content, ("kind", *sections, "files", "coarse"), (), sections)
+        tables = (*sections, *kind.config.entries(), "files", "coarse")
+        self.known(self.content, ("kind", *tables), (), sections)
         values: dict[str, Any] = {}
         places: dict[str, Place] = {}
         for section, names in sections.items():
@@ -134,18 +135,40 @@ class _Reader:
                 self.known([name], names, (section,), sections)
                 places[name] = (section, name)
                 values[name] = self.value(kind.config, name, value, (section, name))
+        for name, (of, _) in kind.config.entries().items():
+            places[name] = (name,)
+            values[name] = self.entries(name, of)
         config = self.updated(kind.config, values, places)
-        quick = self.table("coarse")
+        over: dict[str, Any] = {}
         every = [name for names in sections.values() for name in names]
-        self.known(quick, every, ("coarse",), sections)
-        over = {
-            name: self.value(kind.config, name, value, ("coarse", name))
-            for name, value in quick.items()
-        }
+        for name, value in self.table("coarse").items():
+            self.known([name], every, ("coarse",), {})
+            over[name] = self.value(kind.config, name, value, ("coarse", name))
         if coarse:
             config = self.updated(config, over, {n: ("coarse", n) for n in over}, kind.coarse)
         scene = Scene(self.path, kind, config, self.files(kind))
         return self.changed(scene, sections, changes)
+
+    def entries(self, name: str, of: type[Config]) -> tuple[Config, ...]:
+        """Return the entries of a table that may stand several times, as [name] or [[name]]."""
+        given = self.content.get(name, [])
+        tables = [given] if isinstance(given, dict) else given
+        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+            self.fail((name,), f"must be a table [{name}], or several [[{name}]].")
+        found = []
+        for k, table in enumerate(tables):
+            at: Place = (name,) if isinstance(given, dict) else (name, k)
+            values: dict[str, Any] = {}
+            for key, value in table.items():
+                self.known([key], tuple(of.kinds()), at, {})
+                values[key] = self.value(of, key, value, (*at, key))
+            try:
+                found.append(of(**values))
+            except ParameterError as caught:
+                named = re.match(r"\w+(?=:)", str(caught))
+                place = (*at, named.group()) if named and named.group() in table else at
+                self.fail(place, str(caught))
+        return tuple(found)
 
     def kind(self) -> Kind:
         if "kind" not in self.content:
@@ -177,7 +200,7 @@ class _Reader:
         for name in given:
             if name in names:
                 continue
-            word = "table" if not within and isinstance(self.content[name], dict) else "key"
+            word = "table" if not within and isinstance(self.content[name], dict | list) else "key"
             elsewhere = [s for s, others in sections.items() if name in others]
             if elsewhere:
                 advice = f"it stands in the table [{elsewhere[0]}]."
@@ -192,7 +215,7 @@ class _Reader:
                     advice = _nearest(name, names)
             self.fail((*within, name), f"unknown {word} {name!r}; {advice}")
 
-    def value(self, config: Config, name: str, value: Any, place: Place) -> Any:
+    def value(self, config: Config | type[Config], name: str, value: Any, place: Place) -> Any:
         """Return the value of a field, in its unit."""
         try:
             return field_value(config, name, value)
@@ -244,8 +267,24 @@ class _Reader:
                     _refuse(change, _nearest(name, tuple(scene.kind.files)), name)
                 files[name] = Path(text.strip())
                 continue
+            entries = scene.config.entries()
+            if section in entries:
+                now = values.get(section, getattr(scene.config, section))
+                of = entries[section][0]
+                if name not in of.kinds():
+                    _refuse(change, f"unknown key; {_nearest(name, of.kinds())}", key)
+                if len(now) > 1:
+                    _refuse(change, f"the file has {len(now)} tables {section}; edit it.", key)
+                try:
+                    value = field_value(of, name, _plain(text.strip()))
+                    one = of(**{name: value}) if not now else now[0].updated(**{name: value})
+                except ParameterError as caught:
+                    _refuse(change, str(caught), key)
+                values[section] = (one,)
+                continue
             if section and section not in sections:
-                _refuse(change, f"unknown table; {_nearest(section, tuple(sections))}", key)
+                known = (*sections, *entries)
+                _refuse(change, f"unknown table; {_nearest(section, known)}", key)
             names = sections.get(section) or [n for some in sections.values() for n in some]
             if name not in names:
                 _refuse(change, f"unknown key; {_nearest(name, names)}", key)
@@ -272,11 +311,11 @@ def _plain(text: str) -> Any:
         return text
 
 
-def field_value(config: Config, name: str, value: Any) -> Any:
+def field_value(config: Config | type[Config], name: str, value: Any) -> Any:
     """Return the value of a field, in its unit, from what a file holds.
 
     Args:
-        config: A configuration with this field.
+        config: A configuration with this field, or its type.
         name: Name of the field.
         value: A number, a text with a number and its unit, a word, true or false; "none" for None.
 
@@ -317,8 +356,9 @@ def field_value(config: Config, name: str, value: Any) -> Any:
 
 
 def _word(value: Any) -> str:
-    words = {dict: "table", list: "list"}
-    return words.get(type(value), "date or time")
+    if isinstance(value, dict):
+        return "table"
+    return "list" if isinstance(value, list) else "date or time"
 
 
 def _nearest(name: str, known: Iterable[str]) -> str:

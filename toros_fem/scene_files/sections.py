@@ -28,17 +28,18 @@ SHOWN = ("target", "object", "skin", "material", "pressure", "pull")
 
 _FIELDS: Mapping[str, str] = MappingProxyType(
     {
-        "target": "angle twist neutral contraction keep_length length_ratio motion reach "
-        "bent_length wrap_angle tip_angle edge_bend_radius edge_angle tail_length inflated_depth "
-        "target stiffness_0 stiffness_45 stiffness_90",
+        "target": "bend angle twist shorten neutral contraction keep_length length_ratio axis "
+        "toward begin end motion reach bent_length wrap_angle tip_angle edge_bend_radius "
+        "edge_angle tail_length inflated_depth target stiffness_0 stiffness_45 stiffness_90",
         "object": "shape mass",
-        "skin": "length diameter whole leg_length leg_width body_radius fillet foot_length "
-        "finger_length finger_width root_length backbone_width size mesh edge_length",
+        "skin": "scale component refinements cuts method crease_angle max_stretch length diameter "
+        "whole leg_length leg_width body_radius fillet foot_length finger_length finger_width "
+        "root_length backbone_width size mesh edge_length",
         "material": "fabric_young reinforcement_young poisson thickness c1 c2 bending seams "
         "bladder_young bladder_thickness knit_ratio grain_angle",
         "pressure": "pressure design_pressure pressure_min pressure_max highest_pressure",
         "pull": "direction along across strain strain_steps margin",
-        "objective": "tip_weight orientation_length cross_sections axial_weight "
+        "objective": "counted metrics tip_weight orientation_length cross_sections axial_weight "
         "centreline_weight contact_weight",
         "design": "start seed starts levels iterations constrained_iterations min_decrease "
         "move_limit level_iterations level_move_limit polish_iterations corrections filter "

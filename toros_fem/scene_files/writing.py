@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from toros_fem.config import Config
 from toros_fem.errors import ParameterError
 from toros_fem.scene_files.sections import SHOWN, TITLES, sections_of
-from toros_fem.scene_files.units import write_quantity
 from toros_fem.scenes.kinds import Kind
+from toros_fem.units import write_quantity
 
 WIDTH = 96
 HEAD = """\
@@ -31,13 +31,14 @@ def scene_text(
 
     Args:
         kind: The kind.
-        config: Its numbers; None takes the defaults.
+        config: Its numbers; None takes those of the kind's example, with its files.
         files: Files and folders by name; by default None.
 
     Raises:
         ParameterError: The configuration is not that of the kind, or a file is unknown.
     """
-    config = kind.config if config is None else config
+    if config is None:
+        config, files = kind.example, {**kind.example_files, **(files or {})}
     if type(config) is not type(kind.config):
         raise ParameterError(
             f"config is a {type(config).__name__}; a scene of the kind {kind.name!r} has a "
@@ -61,6 +62,9 @@ def scene_text(
             hidden = section not in SHOWN and value == default
             lines += _comment(description(config, name))
             lines.append(f"{'#' * hidden}{name} = {_value(config, name, value)}")
+        if section == "skin":
+            for name, (of, meaning) in config.entries().items():
+                lines += _entries(name, of, meaning, getattr(config, name))
     lines += ["", *_comment("Values of the quick variant, --coarse, instead of those above")]
     lines.append("[coarse]")
     quick = kind.coarse(config)
@@ -72,7 +76,24 @@ def scene_text(
     return "\n".join(lines) + "\n"
 
 
-def description(config: Config, name: str) -> str:
+def _entries(name: str, of: type[Config], meaning: str, values: Sequence[Config]) -> list[str]:
+    """Return the tables of a field that holds several configurations."""
+    lines = ["", *_comment(f"{meaning}; one table [{name}], or several [[{name}]]")]
+    for key in of.kinds():
+        lines += _comment(f"{key}: {description(of, key)}")
+    defaults = {key: of.__dataclass_fields__[key].default for key in of.kinds()}
+    if not values:
+        lines.append(f"#[{name}]")
+        lines += [f"#{key} = {_value(of, key, value)}" for key, value in defaults.items()]
+    for value in values:
+        lines.append(f"[{name}]" if len(values) == 1 else f"[[{name}]]")
+        for key, default in defaults.items():
+            own = getattr(value, key)
+            lines.append(f"{'#' * (own == default)}{key} = {_value(of, key, own)}")
+    return lines
+
+
+def description(config: Config | type[Config], name: str) -> str:
     """Return the meaning of a field, its unit, its bounds, and whether it may be none."""
     kind, optional = config.kinds()[name]
     spec = config.quantity(name)
@@ -92,7 +113,7 @@ def _comment(text: str) -> list[str]:
     return [f"# {line}" for line in textwrap.wrap(text, WIDTH - 2, break_long_words=False)]
 
 
-def _value(config: Config, name: str, value: Any) -> str:
+def _value(config: Config | type[Config], name: str, value: Any) -> str:
     if value is None:
         return '"none"'
     if isinstance(value, bool):

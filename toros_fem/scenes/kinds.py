@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
+from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.problem import CaseMaker
 from toros_fem.actuators.run import summary_sentence
 from toros_fem.actuators.tube import coarse_tube
@@ -17,6 +18,7 @@ from toros_fem.scenes import (
     contract,
     gripper,
     inflate,
+    own_mesh,
     tile,
     tile_sheet,
     twist,
@@ -54,6 +56,8 @@ class Kind:
         simulate: The simulation of a plain or given pattern; None if there is none.
         case: Makes what an actuator designs, of a communicator and the configuration of one mesh;
             None for other scenes.
+        shown: Configuration of a new scene file; None takes the defaults.
+        example_files: Files and folders that a new scene file names.
     """
 
     name: str
@@ -63,6 +67,13 @@ class Kind:
     design: Action | None
     simulate: Action | None
     case: CaseMaker[Any] | None = None
+    shown: Config | None = None
+    example_files: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def example(self) -> Config:
+        """Configuration of a new scene file."""
+        return self.config if self.shown is None else self.shown
 
     @property
     def files(self) -> dict[str, str]:
@@ -71,7 +82,7 @@ class Kind:
         return {name: text for action in actions for name, text in action.files.items()}
 
 
-def _simulation(case: CaseMaker[Any], default: Config) -> Action:
+def _simulation(case: CaseMaker[Any], default: ActuatorConfig) -> Action:
     return Action(simulation_run(case, default), simulation_sentence, FILES)
 
 
@@ -158,6 +169,16 @@ def _kinds() -> dict[str, Kind]:
                 tile_sheet.sentence,
                 {"tile": "output folder of a designed tile; none: a simple tile"},
             ),
+        ),
+        Kind(
+            "own-mesh",
+            "a skin of your own, from a mesh file",
+            own_mesh.OwnMeshConfig(),
+            own_mesh.coarse,
+            Action(own_mesh.run, summary_sentence, own_mesh.DESIGN_FILES),
+            Action(own_mesh.simulate, simulation_sentence, own_mesh.SIMULATION_FILES),
+            shown=own_mesh.EXAMPLE,
+            example_files={"mesh": "my.stl"},
         ),
     ]
     return {kind.name: kind for kind in found}

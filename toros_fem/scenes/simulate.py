@@ -107,7 +107,7 @@ def simulate_actuator(
     points: list[TracePoint] = []
     failure = None
     try:
-        points.extend(trace(solver, own, pressures.tolist(), made.metrics))
+        points.extend(trace(solver, own, [*map(float, pressures)], made.metrics))
     except EquilibriumError as caught:  # raised by all ranks or by none
         failure = str(caught)
         if not points:
