@@ -17,6 +17,8 @@ from toros_fem._validate import require_between, require_count
 from toros_fem.actuators.legs import tip_positions
 from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.errors import ParameterError
+from toros_fem.frames.record import write_path
+from toros_fem.frames.shown_skin import ShownSkin
 from toros_fem.meshes.cut_triangles import cut_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.rotation import best_rotation
@@ -174,6 +176,8 @@ def write_gait(
             rows.append({**row, **point.metrics})
         write_table(folder / "gait.csv", rows)
         write_json(folder / "gait.json", found)
+        skin = ShownSkin(pattern, regions=regions)
+        write_path(folder, "gait", skin, points, shapes=shapes)
         shown = []
         for number, k in enumerate(range(0, len(points), gait.steps)):
             fractions = zip(gait.names, gait.pressure_fractions[k], strict=True)

@@ -11,6 +11,9 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Floats, Ints
+from toros_fem.frames.files import Frame
+from toros_fem.frames.record import repeated, write_series
+from toros_fem.frames.shown_skin import ShownSkin
 from toros_fem.meshes.cut_triangles import cut_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.gap import Body
@@ -59,6 +62,9 @@ def write_grasp(
         bare, other = np.zeros(len(triangles)), np.full(len(faces), np.nan)
         printed = cut_triangles(pattern, regions)
         shapes = [("closed on the object", points)]
+        three, prints = repeated(pattern, regions, FINGERS)
+        skin = ShownSkin(three, regions=prints, body=(_in_room(ball, body, 0.0), faces))
+        write_series(folder, skin, [Frame("load", 0, "", np.concatenate(fingers), None, {})])
         side = np.concatenate([fingers[0], _in_room(ball, body, 0.0)])
 
         def draw() -> None:

@@ -17,6 +17,7 @@ from toros_fem.design.problem import Evaluation
 from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult
 from toros_fem.fabrication.as_printed import PrintedDesign
+from toros_fem.frames.record import shown_skin, write_path
 from toros_fem.objectives.metrics import Measurement
 from toros_fem.output.files import write_table
 from toros_fem.output.writer import if_plotting, write_together
@@ -183,8 +184,11 @@ def curve_figures(
             broken,
         )
 
+    skin = shown_skin(problem, printed.regions)
+
     def write() -> None:
         write_table(folder / "curve.csv", rows)
+        write_path(folder, "pressure", skin, curve.points, whole)
         if_plotting(draw)
 
     write_together(problem.comm, folder, write)

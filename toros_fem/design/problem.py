@@ -78,6 +78,7 @@ class Evaluation(Generic[R]):
     """One pass ρ → ρ̃ → ρ̄ → x → T, and its gradients.
 
     Attributes:
+        problem: The problem that the design was evaluated in.
         objective: T, the shape term and the penalty together.
         shape: The part of T that measures the distance from the target.
         perimeter: Length in m of the border of the print; None without a perimeter term.
@@ -94,6 +95,7 @@ class Evaluation(Generic[R]):
         seconds: Wall time by phase, on this rank.
     """
 
+    problem: DesignProblem[R]
     objective: float
     shape: float
     perimeter: float | None
@@ -233,6 +235,10 @@ class DesignProblem(ABC, Generic[R]):
         None by default: a finer mesh then starts from the assembled shape.
         """
         return None
+
+    def shown_density(self, evaluation: Evaluation[R]) -> Floats:
+        """Return the density of owned triangles that pictures of a design show: ρ̄ by default."""
+        return evaluation.projected
 
     def state_at(self, positions: Floats) -> Any:
         """Return a state to start from, from the positions of all vertices (collective).
@@ -429,6 +435,7 @@ class DesignProblem(ABC, Generic[R]):
         response, distance = self.respond(projected, start, pressure, trial=trial)
         end = time.perf_counter()
         return Evaluation(
+            problem=self,
             objective=distance + self._perimeter_price * (perimeter or 0.0) + self.cost(projected),
             shape=distance,
             perimeter=perimeter,

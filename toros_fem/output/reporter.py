@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.design.options import Iteration
 from toros_fem.design.problem import Evaluation
+from toros_fem.frames.record import gathered_frame, write_step
 from toros_fem.output.console import ProgressBar, header, line, print_line
 from toros_fem.output.files import HistoryFile
 from toros_fem.output.writer import write_together
@@ -50,8 +51,11 @@ class DesignReporter:
         return {"setup": total if self._setup is None else self._setup, "total": total}
 
     def __call__(self, row: Iteration, evaluation: Evaluation[Any]) -> None:
-        """Report one iteration (collective)."""
+        """Report one iteration and record its shape (collective)."""
         self.report(row)
+        shown = gathered_frame(row, evaluation)
+        if shown is not None:
+            write_together(self._comm, self._folder, lambda: write_step(self._folder, *shown))
 
     def restored(self, rows: Sequence[Iteration]) -> None:
         """Take the rows of an interrupted run, without printing them (collective)."""

@@ -22,6 +22,8 @@ from toros_fem.fabrication.as_printed import PrintedDesign
 from toros_fem.fabrication.print_file import NAME as PRINT
 from toros_fem.fabrication.print_file import write_print_polygons
 from toros_fem.fabrication.svg import write_svg
+from toros_fem.frames.record import shown_skin, write_path, write_print
+from toros_fem.frames.shown_skin import ShownSkin
 from toros_fem.lines.field import LineField
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
@@ -92,6 +94,14 @@ def write_results(
         folds = wrinkles(printed.pattern, composite, stiffened, positions)
         fields |= {"wrinkling": folds.state.astype(np.float64), "tension": folds.direction}
     fields["printed"] = printed.cells.astype(np.float64)
+    made = printed.evaluation is not None
+    shown_print = shown_skin(problem, printed.regions if made else None)
+    values = {
+        "pressure_pa": shown.equilibrium.pressure,
+        **problem.metrics_of(shown.equilibrium),
+    }
+    note = shown.equilibrium.condition.sentences
+    density = None if made else fields["rho_projected"]
 
     def write() -> None:
         write_json(folder / "summary.json", summary)
@@ -100,6 +110,7 @@ def write_results(
         write_svg(folder / "pattern.svg", printed.pattern, printed.regions)
         # Of a part: its triangles are the first of the whole.
         write_pattern(folder / NAME, skin.pattern, printed.cells[: len(skin.pattern.panel)])
+        write_print(folder, shown_print, positions, values, note, density)
         write_fields(folder / "skin.vtu", printed.pattern, positions, fields)
         if_plotting(draw)
 
@@ -284,6 +295,7 @@ def write_pressure_path(
 
     def write() -> None:
         write_table(folder / "curve.csv", rows)
+        write_path(folder, "pressure", ShownSkin(skin), points, whole, density)
         write_fields(folder / "skin.vtu", skin, shapes[-1], {"density": density})
         write_json(folder / "summary.json", summary)
         if_plotting(draw)

@@ -138,6 +138,11 @@ class RelaxedProblem(ShapeProblem):
         shares = evaluation.projected[:, 1 : 1 + self.families.count].sum(axis=1)
         return dot(self.comm, self._area_fractions(), shares), 0.0
 
+    def shown_density(self, evaluation: Evaluation[EquilibriumResult]) -> Floats:
+        """Return the part of each owned triangle that is covered: ρ̄ and all shares, at most 1."""
+        covered = evaluation.projected[:, : 1 + self.families.count].sum(axis=1)
+        return np.minimum(covered, 1.0)
+
     def line_field(self, evaluation: Evaluation[EquilibriumResult]) -> LineField:
         """Return the line families of a design, on every rank (collective)."""
         return self._line_field(evaluation.projected)
