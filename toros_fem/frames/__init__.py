@@ -1,7 +1,7 @@
 """Frames: shapes of a run, written one by one while it computes, for reports and animations.
 
-They lie in the folder `frames` of a run (docs/report.md). They are NumPy's npz files without pickled
-objects, in SI units.
+They lie in the folder `frames` of a run (docs/report.md). They are NumPy's npz files without
+pickled objects, in SI units.
 """
 
 from toros_fem.frames.files import Frame, read_frames, write_frame

@@ -14,6 +14,7 @@ from toros_fem.frames.npz import read_arrays, write_arrays
 FOLDER = "frames"
 # Frames over iterations that are kept, besides the newest.
 MOST = 60
+NAMES = ("skin", "positions", "names", "values", "note")
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +71,7 @@ def read_frames(folder: Path, series: str) -> list[Frame]:
     """
     frames = []
     for number in numbers(folder, series):
-        arrays = read_arrays(folder / f"{series}-{number:06d}.npz")
+        arrays = read_arrays(folder / f"{series}-{number:06d}.npz", NAMES)
         names = (str(name) for name in arrays["names"])
         density = arrays.get("density")
         frames.append(
@@ -116,4 +117,3 @@ def thin(folder: Path, series: str) -> None:
     for number in there[:-1]:
         if number % distance:
             (folder / f"{series}-{number:06d}.npz").unlink()
-

@@ -61,9 +61,7 @@ def gathered_frame(row: Iteration, evaluation: Evaluation[Any]) -> tuple[ShownSk
     return skin, frame
 
 
-def shown_skin(
-    problem: ShapeProblem, regions: Sequence[BaseGeometry] | None = None
-) -> ShownSkin:
+def shown_skin(problem: ShapeProblem, regions: Sequence[BaseGeometry] | None = None) -> ShownSkin:
     """Return the whole skin of a design problem, on every rank (collective).
 
     Args:

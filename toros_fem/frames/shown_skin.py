@@ -15,6 +15,12 @@ from toros_fem._types import Floats, Ints
 from toros_fem.frames.npz import Arrays, read_arrays, write_arrays
 from toros_fem.meshes.pattern import Pattern
 
+# Arrays that each file holds; others may be left out.
+NAMES = (
+    "flat_points", "flat_triangles", "panel", "sewn", "points", "panel_names", "seam_tolerance",
+    "moulded", "aligned",
+)  # fmt: skip
+
 
 @dataclass(frozen=True, eq=False)
 class ShownSkin:
@@ -62,7 +68,7 @@ def read_skin(path: Path) -> ShownSkin:
         OutputError: The file cannot be read.
         PatternError: It holds no valid pattern.
     """
-    arrays = read_arrays(path)
+    arrays = read_arrays(path, NAMES)
     pattern = Pattern(
         flat_points=arrays["flat_points"],
         flat_triangles=arrays["flat_triangles"],

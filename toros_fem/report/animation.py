@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
@@ -15,6 +14,7 @@ from toros_fem.frames.files import Frame
 from toros_fem.frames.shown_skin import ShownSkin
 from toros_fem.meshes.cut_triangles import CutTriangles, cut_triangles
 from toros_fem.report.run_folder import SERIES, Run, read_run
+from toros_fem.runs.files import replace_file
 
 # Time in ms of each picture, and of the last one.
 SHOWN, LAST = 120, 1200
@@ -51,11 +51,8 @@ def write_animation(folder: str | Path, series: str = "pressure") -> Path:
         )
     path = run.folder / ("inflation.gif" if series == "pressure" else f"{series}.gif")
     pictures = _pictures(run, series)
-    partial = path.with_suffix(".partial")
     try:
-        with partial.open("wb") as file:
-            file.write(_joined(pictures))
-        os.replace(partial, path)
+        replace_file(path, _joined(pictures))
     except OSError as caught:
         raise OutputError(f"{path} could not be written: {caught}. Free some space.") from None
     return path

@@ -123,8 +123,9 @@ class Chart:
             )
             out.append(f'<polyline class="line {line.look}" points="{places}"/>')
             if len(line.x) < 40:
+                dot = f'<circle class="dot {line.look}" r="2.5"'
                 out.extend(
-                    f'<circle class="dot {line.look}" cx="{across(a):.1f}" cy="{up(b):.1f}" r="2.5"/>'
+                    f'{dot} cx="{across(a):.1f}" cy="{up(b):.1f}"/>'
                     for a, b in zip(line.x, line.y, strict=True)
                 )
         out.extend(

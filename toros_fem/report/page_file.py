@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from html import escape
 from importlib import resources
@@ -18,6 +17,7 @@ from toros_fem.report.run_folder import Run, read_run
 from toros_fem.report.scene import packed_scene
 from toros_fem.report.tables import files, inputs, key_figures, values_shown, warnings
 from toros_fem.report.words import Metric, metrics_of
+from toros_fem.runs.files import replace_file
 
 NAME = "report.html"
 # Columns of the history that say how the design was found, and not what it is.
@@ -42,10 +42,8 @@ def write_report(folder: str | Path) -> Path:
     run = read_run(folder)
     page = _page(run)
     path = run.folder / NAME
-    partial = path.with_suffix(".partial")
     try:
-        partial.write_text(page, encoding="utf-8")
-        os.replace(partial, path)
+        replace_file(path, page.encode())
     except OSError as caught:
         raise OutputError(
             f"{path} could not be written: {caught}. Free some space, or copy the run to another "
@@ -140,7 +138,11 @@ def _curve(run: Run) -> list[Chart]:
         here = [row for row in rows if metric.key in row]
         x = [row["pressure_pa"] / 1e3 for row in here]
         points = [
-            (f"{m['source']}: {metric.formatted(m['measured'])}", m["pressure_pa"] / 1e3, m["measured"])
+            (
+                f"{m['source']}: {metric.formatted(m['measured'])}",
+                m["pressure_pa"] / 1e3,
+                m["measured"],
+            )
             for m in measured
             if m["metric"] == metric.key
         ]

@@ -48,9 +48,7 @@ def packed_scene(run: Run) -> tuple[dict[str, Any], str]:
             name: _packed_series(packed, box, frames, shapes[name], skins)
             for name, frames in series.items()
         },
-        "left_out": {
-            name: len(run.series[name]) - len(frames) for name, frames in series.items()
-        },
+        "left_out": {name: len(run.series[name]) - len(frames) for name, frames in series.items()},
     }, packed.text()
 
 

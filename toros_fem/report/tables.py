@@ -73,7 +73,10 @@ def _further(run: Run) -> list[tuple[str, str]]:
     first, last = summary.get("objective_first"), summary.get("objective_last")
     if _is_number(first) and _is_number(last):
         found.append(("objective T", f"{first:.3g} → {last:.3g}"))
-    for key, name in (("smallest_width_mm", "narrowest line"), ("smallest_gap_mm", "narrowest gap")):
+    for key, name in (
+        ("smallest_width_mm", "narrowest line"),
+        ("smallest_gap_mm", "narrowest gap"),
+    ):
         if _is_number(made.get(key)):
             found.append((name, f"{made[key]:.3g} mm"))
     if _is_number(made.get("pieces")):
@@ -103,12 +106,14 @@ def warnings(run: Run) -> list[str]:
     if summary.get("printed_failure"):
         found.append(f"The print has no equilibrium: {summary['printed_failure']}")
     sentence = str(summary.get("equilibrium") or "")
-    usual, _, unusual = sentence.partition("Pa.")
+    unusual = sentence.partition("Pa.")[2]
     if unusual.strip():
         found.append(f"At the design's pressure: {unusual.strip()}")
-    for key in ("refined", "coarser"):
-        if summary.get(key):
-            found.append(f"The discretisation error is unknown: {summary[key]}")
+    found.extend(
+        f"The discretisation error is unknown: {summary[key]}"
+        for key in ("refined", "coarser")
+        if summary.get(key)
+    )
     curve = summary.get("curve") or {}
     for key, where in (("failure_below", "lower"), ("failure_above", "higher")):
         if curve.get(key):
@@ -173,10 +178,14 @@ def _columns(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 def _table(rows: Sequence[Sequence[str]], head: Sequence[str]) -> str:
     top = "".join(f"<th>{escape(text)}</th>" for text in head)
     body = "".join(
-        f"<tr><th>{escape(row[0])}</th>" + "".join(f"<td>{escape(t)}</td>" for t in row[1:]) + "</tr>"
+        f"<tr><th>{escape(row[0])}</th>"
+        + "".join(f"<td>{escape(t)}</td>" for t in row[1:])
+        + "</tr>"
         for row in rows
     )
-    return f'<div class="wide"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+    return (
+        f'<div class="wide"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+    )
 
 
 def _pairs(pairs: Sequence[tuple[str, str]], look: str = "pairs") -> str:
