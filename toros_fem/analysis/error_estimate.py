@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -19,8 +18,6 @@ from toros_fem.objectives.metrics import MetricFunction
 # A refinement removes half of the error at order 1 and three quarters at order 2. On tubes with
 # stiff lines, whose bending locks, it removed as little as a third.
 CAUTION = 3.0
-# The order of convergence that this stands for: an error ~ h^p falls to 1 − 1/CAUTION at h/2.
-LEAST_ORDER = -math.log2(1 - 1 / CAUTION)
 # Residual over the load on the refined mesh: what it leaves is far below any estimate.
 TOLERANCE = 1e-6
 
