@@ -7,8 +7,8 @@ import argparse
 from mpi4py import MPI
 
 from toros_fem.commands.command import Answer, Command
+from toros_fem.commands.running import run_scene
 from toros_fem.commands.scene_options import (
-    action_of,
     add_run_options,
     add_scene_options,
     meshes_allowed,
@@ -23,18 +23,18 @@ def _options(parser: argparse.ArgumentParser) -> None:
 
 def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     scene = scene_of(comm, given)
-    action = action_of(scene, "design")
-    files = {name: scene.files.get(name) for name in action.files}
     with meshes_allowed(given):
-        summary = action.run(comm, given.output, scene.config, verbose=given.verbose, **files)
-    return Answer(f"{action.sentence(summary)}; see {given.output}/", summary)
+        return run_scene(
+            comm, scene, "design", given.output, every=given.every, verbose=given.verbose
+        )
 
 
 COMMAND = Command(
     "design",
     "designs the pattern of a scene",
-    "The pattern is designed, printed on the computer, simulated again and written, with pictures\n"
-    "and all figures in summary.json.",
+    "The pattern is designed, cleaned so that it can be printed, simulated again and written,\n"
+    "with pictures and all figures in summary.json. The state is written while it runs: a run\n"
+    "that was stopped goes on by `toros resume`.",
     (
         "toros design mine.toml --output run",
         "toros design mine.toml --output quick --coarse",

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from toros_fem.errors import NoEquilibriumError, OutputError, TorosError
+from toros_fem.errors import (
+    NoEquilibriumError,
+    OutputError,
+    RunError,
+    RunStoppedError,
+    TorosError,
+)
 
 DONE = 0
 INTERNAL = 1
@@ -28,6 +34,8 @@ def exit_code(error: BaseException) -> int:
         return INTERRUPTED
     if isinstance(error, NoEquilibriumError):
         return NO_EQUILIBRIUM
-    if isinstance(error, OutputError):
+    if isinstance(error, RunStoppedError):
+        return 128 + error.signal
+    if isinstance(error, OutputError | RunError):
         return NOT_WRITTEN
     return WRONG_INPUT if isinstance(error, TorosError) else INTERNAL

@@ -16,10 +16,10 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.command_line import SuggestingParser, UsageError
-from toros_fem.commands import design, doctor, export, new, simulate, unwrap
+from toros_fem.commands import design, doctor, export, new, resume, simulate, unwrap, view
 from toros_fem.commands.command import Answer, Command
 from toros_fem.commands.exit_codes import DONE, INTERNAL, MEANING, exit_code
-from toros_fem.errors import TorosError
+from toros_fem.errors import RunStoppedError, TorosError
 from toros_fem.output.files import versions
 
 COMMANDS: Mapping[str, Command] = {
@@ -28,6 +28,8 @@ COMMANDS: Mapping[str, Command] = {
         new.COMMAND,
         simulate.COMMAND,
         design.COMMAND,
+        resume.COMMAND,
+        view.COMMAND,
         export.COMMAND,
         unwrap.COMMAND,
         doctor.COMMAND,
@@ -67,7 +69,8 @@ def run(comm: MPI.Comm, words: Sequence[str]) -> int:
 
 def _failed(error: BaseException) -> Answer:
     kind = type(error).__name__
-    text = str(error) if isinstance(error, UsageError) else f"{kind}: {error}"
+    plain = isinstance(error, UsageError | RunStoppedError)
+    text = str(error) if plain else f"{kind}: {error}"
     if isinstance(error, KeyboardInterrupt):
         text = "stopped"
     places = {key: getattr(error, key) for key in ("file", "line", "key") if hasattr(error, key)}

@@ -9,10 +9,9 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.command_line import UsageError
 from toros_fem.meshes.triangle_limit import MOST_TRIANGLES, triangle_limit
+from toros_fem.runs.folder import EVERY
 from toros_fem.scene_files.reading import Scene, read_scene
-from toros_fem.scenes.kinds import KINDS, Action
 
 
 def add_scene_options(parser: argparse.ArgumentParser) -> None:
@@ -39,9 +38,25 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
-    """Add the run's folder and the log of Newton steps."""
+    """Add the run's folder, and the options of `add_progress_options`."""
     parser.add_argument(
-        "--output", type=Path, required=True, metavar="RUN", help="folder of the run"
+        "--output",
+        type=Path,
+        required=True,
+        metavar="RUN",
+        help="folder of the run, made if missing; files of an earlier run in it are moved aside",
+    )
+    add_progress_options(parser)
+
+
+def add_progress_options(parser: argparse.ArgumentParser) -> None:
+    """Add how often the state is written, and the log of Newton steps."""
+    parser.add_argument(
+        "--every",
+        type=int,
+        default=EVERY,
+        metavar="N",
+        help=f"iterations between two writes of the state; at least 1; default {EVERY}",
     )
     parser.add_argument(
         "--verbose", action="store_true", help="print every Newton step; default no"
@@ -55,26 +70,6 @@ def scene_of(comm: MPI.Comm, given: argparse.Namespace) -> Scene:
         SceneError: The file cannot be read, or a key or value is wrong.
     """
     return read_scene(given.file, comm=comm, coarse=given.coarse, changes=given.set)
-
-
-def action_of(scene: Scene, name: str) -> Action:
-    """Return an action of a scene's kind.
-
-    Args:
-        scene: The scene.
-        name: "design" or "simulate".
-
-    Raises:
-        UsageError: The kind has no such action.
-    """
-    action: Action | None = getattr(scene.kind, name)
-    if action is None:
-        known = ", ".join(other for other in KINDS if getattr(KINDS[other], name) is not None)
-        raise UsageError(
-            f"toros {name}: scenes of the kind {scene.kind.name!r} have no {name}; those of these "
-            f"kinds have one: {known}."
-        )
-    return action
 
 
 @contextmanager

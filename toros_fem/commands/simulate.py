@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from mpi4py import MPI
 
 from toros_fem.command_line import UsageError
 from toros_fem.commands.command import Answer, Command
+from toros_fem.commands.running import action_of, run_scene
 from toros_fem.commands.scene_options import (
-    action_of,
     add_run_options,
     add_scene_options,
     meshes_allowed,
@@ -34,16 +35,16 @@ def _options(parser: argparse.ArgumentParser) -> None:
 def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     scene = scene_of(comm, given)
     action = action_of(scene, "simulate")
-    files = {name: scene.files.get(name) for name in action.files}
     if given.pattern is not None:
         if "pattern" not in action.files:
             raise UsageError(
                 f"toros simulate: scenes of the kind {scene.kind.name!r} take no --pattern."
             )
-        files["pattern"] = given.pattern
+        scene = replace(scene, files={**scene.files, "pattern": given.pattern})
     with meshes_allowed(given):
-        summary = action.run(comm, given.output, scene.config, verbose=given.verbose, **files)
-    return Answer(f"{action.sentence(summary)}; see {given.output}/", summary)
+        return run_scene(
+            comm, scene, "simulate", given.output, every=given.every, verbose=given.verbose
+        )
 
 
 COMMAND = Command(
