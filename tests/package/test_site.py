@@ -9,9 +9,10 @@ import zlib
 from pathlib import Path
 
 import pytest
-import toros_fem
 from helpers.scenes import ROOT
 from mpi4py import MPI
+
+import toros_fem
 
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))

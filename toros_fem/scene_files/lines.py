@@ -36,7 +36,9 @@ def key_lines(text: str) -> dict[Place, int]:
                 continue
             if key is None:
                 continue
-            found.setdefault((*table, *_parts(key.group(1))), number)
+            parts = _parts(key.group(1))
+            for end in range(1, len(parts) + 1):  # a.b = 1 makes the table a too
+                found.setdefault((*table, *parts[:end]), number)
             rest = line[key.end() :]
         open_string, depth = _after(rest, open_string, depth)
     return found

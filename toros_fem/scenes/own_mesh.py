@@ -353,7 +353,7 @@ def _metrics(
     found = []
     for name in names:
         if name == "distance":
-            found.append(Metric("distance", "mm", 0.0, _distance(target)))
+            found.append(Metric("distance", "mm", 0.0, _distance(target), 1e3 * axis.length))
             continue
         metric = makers[name](asked[name])
         if skin.target is not None:

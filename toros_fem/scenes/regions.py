@@ -95,11 +95,7 @@ class _Parser:
         if self.next < len(self.tokens):
             self.fail("is not expected here")
         if not found.truth:
-            raise ParameterError(
-                f"{self.text!r} is a number; compare it, as in {self.text.strip()!r} < 5 mm."
-                if self.text.strip()
-                else "the condition is empty; write z < 5 mm for instance."
-            )
+            raise ParameterError(f"{self.text!r} is a number; compare it: z < 5 mm for instance.")
         return found
 
     def fail(self, what: str) -> NoReturn:

@@ -1,0 +1,87 @@
+"""Each demo as a scene file, and the example of a finger from an STL file."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from demo_runs import DEMOS
+from helpers.scenes import ROOT, shared
+from mpi4py import MPI
+
+from demos import own_design
+from toros_fem.scene_files.reading import read_scene
+from toros_fem.scenes import tile, tile_sheet
+from toros_fem.scenes.own_mesh import OwnMeshConfig
+
+FOLDER = ROOT / "demos" / "scenes"
+CONFIGS = {
+    **{name: (demo.config, demo.coarse) for name, demo in DEMOS.items()},
+    "tile": (tile.TargetTileConfig(), tile.coarse),
+    "tile_sheet": (tile_sheet.TileSheetConfig(), tile_sheet.coarse),
+}
+# They are no scenes: the one compares six designs, the other is the command `toros unwrap`.
+OTHERS = {"three_field", "unwrap"}
+
+
+def test_every_demo_is_a_scene() -> None:
+    demos = {path.stem for path in (ROOT / "demos").glob("*.py")} - OTHERS
+    assert {path.stem for path in FOLDER.glob("*.toml")} == demos == {*CONFIGS, "own_design"}
+
+
+@pytest.mark.parametrize("name", list(CONFIGS))
+def test_scene_has_the_numbers_of_the_demo(name: str) -> None:
+    path, (config, coarse) = FOLDER / f"{name}.toml", CONFIGS[name]
+    found = read_scene(path)
+    assert found.config == config
+    assert found.kind.name == name.replace("_", "-")
+    assert read_scene(path, coarse=True).config == coarse(config)
+    # The file says something: none of its values is left to the defaults alone.
+    assert len(tomllib.loads(path.read_text(encoding="utf-8"))) > 1
+
+
+@pytest.mark.slow
+def test_own_design_gives_the_same_numbers(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder = shared(comm, tmp_path)
+    changes = ["iterations=2", "constrained_iterations=1", "bend=45 deg"]
+    found = read_scene(FOLDER / "own_design.toml", comm=comm, changes=changes)
+    assert found.kind.design is not None
+    scene = found.kind.design.run(comm, folder / "scene", found.config, **found.files)
+    short = own_design.OwnDesignConfig(iterations=2, constrained_iterations=1, angle=45.0)
+    script = own_design.run(comm, folder / "script", short)
+    same = ("triangles", "pressure_pa", "objective_last", "distance_mm", "volume_m3")
+    assert [scene[key] for key in same] == [script[key] for key in same]
+    assert scene["design"]["distance_mm"] == script["design"]["distance_mm"]
+    assert scene["manufacture"]["border_mm"] == script["manufacture"]["border_mm"]
+
+
+@pytest.mark.slow
+def test_short_run_of_a_scene_is_that_of_the_demo(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder = shared(comm, tmp_path)
+    changes = ["iterations=2", "constrained_iterations=0", "polish_iterations=0", "corrections=0"]
+    changes += ["estimate_error=false", "curve_pressure=none", "edge_length=4.5e-3"]
+    changes += ["filter_radius=7e-3"]
+    found = read_scene(FOLDER / "bend.toml", comm=comm, coarse=True, changes=changes)
+    assert found.kind.design is not None
+    scene = found.kind.design.run(comm, folder / "scene", found.config)
+    demo = DEMOS["bend"]
+    config = demo.coarse(demo.config).updated(
+        iterations=2, constrained_iterations=0, polish_iterations=0, corrections=0,
+        estimate_error=False, curve_pressure=None, edge_length=4.5e-3, filter_radius=7e-3,
+    )  # fmt: skip
+    script = demo.run(comm, folder / "script", config)
+    assert scene["inputs"] == script["inputs"]
+    assert scene["angle_deg"] == script["angle_deg"]
+    assert scene["objective_last"] == script["objective_last"]
+
+
+def test_example_of_a_finger() -> None:
+    found = read_scene(ROOT / "examples" / "finger.toml")
+    config = found.config
+    assert isinstance(config, OwnMeshConfig)
+    assert found.files["mesh"].resolve() == ROOT / "demos" / "surfaces" / "finger.stl"
+    assert (len(config.held), len(config.printed), len(config.plain)) == (1, 2, 1)
+    assert config.level_count == 2
+    quick = read_scene(found.path, coarse=True).config
+    assert isinstance(quick, OwnMeshConfig)
+    assert quick.level_count == 1
+    assert quick.filter_radius == 2 * config.filter_radius
