@@ -1,5 +1,6 @@
 """Settings of the documentation site, `make docs`."""
 
+import dataclasses
 import os
 import re
 import sys
@@ -11,6 +12,7 @@ from sphinx import addnodes
 from sphinx.domains.python import PyObject
 
 from toros_fem import __version__
+from toros_fem.config import Config
 
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 
@@ -96,6 +98,21 @@ def readable_signature(
     return plain[0], plain[1]
 
 
+def list_settings(
+    app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]
+) -> None:
+    """List the fields of a configuration: they have their meaning as data, not in a docstring."""
+    if what != "class" or not issubclass(obj, Config) or obj is Config:
+        return
+    lines.append("")
+    for field in dataclasses.fields(obj):
+        spec = obj.quantity(field.name)
+        unit = f", in {spec.unit}" if spec.unit else ""
+        bounds = f"; {spec.bounds}" if spec.bounds else ""
+        lines.append(f":ivar {field.name}: {spec.meaning}{unit}{bounds}; default ``{field.default}``")
+    lines.append("")
+
+
 def join_names(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """Join names that one entry documents: Sphinx takes a space for that between type and name."""
     for number, line in enumerate(lines):
@@ -113,3 +130,4 @@ def setup(app: Any) -> None:
     app.connect("autodoc-process-signature", readable_signature)
     app.connect("autodoc-process-docstring", escape_bars, priority=400)
     app.connect("autodoc-process-docstring", join_names, priority=600)
+    app.connect("autodoc-process-docstring", list_settings, priority=700)

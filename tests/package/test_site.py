@@ -88,8 +88,3 @@ def test_site_has_every_public_name_and_no_warning(tmp_path: Path) -> None:
     assert [name for name in names if name not in known] == []
     scripts = re.findall(r'src="([^"]+)"', (site / "mma.html").read_text(encoding="utf-8"))
     assert all(not src.startswith(("http", "//")) for src in scripts), "the site opens offline"
-
-
-def test_citation_has_the_version() -> None:
-    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
-    assert re.search(r"^version: (.+)$", citation, re.MULTILINE)[1] == toros_fem.__version__
