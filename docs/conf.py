@@ -28,6 +28,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx-mathjax-offline",
     "public_names",
+    "scene_keys",
 ]
 exclude_patterns = ["_extensions"]
 nitpicky = False
@@ -88,19 +89,17 @@ def readable_signature(
     signature: str | None,
     returns: str | None,
 ) -> tuple[str | None, str | None]:
-    """Name array types as the source does; leave out what a protocol's constructor takes."""
-    if what == "class" and getattr(obj, "_is_protocol", False):
+    """Name array types as the source does; leave out what tells nothing."""
+    if what == "class" and (getattr(obj, "_is_protocol", False) or issubclass(obj, Config)):
         return "", returns
     plain = [
-        text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text)
+        text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text).replace("<factory>", "...")
         for text in (signature, returns)
     ]
     return plain[0], plain[1]
 
 
-def list_settings(
-    app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]
-) -> None:
+def list_settings(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """List the fields of a configuration: they have their meaning as data, not in a docstring."""
     if what != "class" or not issubclass(obj, Config) or obj is Config:
         return
@@ -109,7 +108,9 @@ def list_settings(
         spec = obj.quantity(field.name)
         unit = f", in {spec.unit}" if spec.unit else ""
         bounds = f"; {spec.bounds}" if spec.bounds else ""
-        lines.append(f":ivar {field.name}: {spec.meaning}{unit}{bounds}; default ``{field.default}``")
+        lines.append(
+            f":ivar {field.name}: {spec.meaning}{unit}{bounds}; default ``{field.default}``"
+        )
     lines.append("")
 
 

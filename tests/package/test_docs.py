@@ -20,7 +20,8 @@ PAGES = [
 ]
 # What a page sets up without showing it stands in a comment: <!-- setup … -->.
 BLOCK = re.compile(r"^(?:```python\n(.*?)^```|<!-- setup\n(.*?)^-->)", re.DOTALL | re.MULTILINE)
-COMMAND = re.compile(r"python3? ((?:demos|benchmarks)/\w+\.py)([^\n`]*)")
+COMMAND = re.compile(r"python3? ((?:demos|benchmarks|packaging)/\w+\.py)([^\n`]*)")
+TOROS = re.compile(r"(?:^|`|scripts/|-n \w+ )(toros [a-z]+)([^\n`]*)", re.MULTILINE)
 
 
 def blocks(page: Path) -> list[tuple[int, str]]:
@@ -65,11 +66,11 @@ def test_code_of_a_page_runs(comm: MPI.Comm, tmp_path: Path, page: Path) -> None
 
 
 def commands() -> list[tuple[str, tuple[str, ...]]]:
-    """Scripts that pages run, and the options that they are run with."""
+    """Scripts and commands of `toros` that pages run, and the options that they are run with."""
     found: dict[str, set[str]] = {}
     for page in PAGES:
         text = page.read_text(encoding="utf-8").replace("\\\n", " ")
-        for script, rest in COMMAND.findall(text):
+        for script, rest in COMMAND.findall(text) + TOROS.findall(text):
             options = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", rest))
             found.setdefault(script, set()).update(options)
     return [(script, tuple(sorted(options))) for script, options in sorted(found.items())]
@@ -79,11 +80,13 @@ def commands() -> list[tuple[str, tuple[str, ...]]]:
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreters")
 @pytest.mark.parametrize(("script", "options"), commands(), ids=lambda value: str(value)[:40])
 def test_commands_have_their_options(script: str, options: tuple[str, ...]) -> None:
-    path = ROOT / script
-    assert path.is_file(), script
+    command = ["-m", "toros_fem", script.split()[1]]
+    if not script.startswith("toros "):
+        assert (ROOT / script).is_file(), script
+        command = [str(ROOT / script)]
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
     done = subprocess.run(
-        [sys.executable, str(path), "--help"],
+        [sys.executable, *command, "--help"],
         env={**environment, "PYTHONPATH": str(ROOT)},
         text=True,
         capture_output=True,

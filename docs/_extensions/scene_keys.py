@@ -1,0 +1,60 @@
+"""Directive that lists every key of every kind of scene, with meaning, bounds and default."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from docutils import nodes
+from docutils.statemachine import StringList
+from sphinx.util.docutils import SphinxDirective
+from sphinx.util.nodes import nested_parse_with_titles
+
+from toros_fem.scene_files.sections import TITLES, sections_of
+from toros_fem.scenes.kinds import KINDS, Kind
+from toros_fem.units import write_quantity
+
+
+def default_of(kind: Kind, key: str) -> str:
+    """Return the default of a key as a scene file has it."""
+    value = getattr(kind.config, key)
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return str(value).lower()
+    unit = kind.config.quantity(key).unit
+    return str(value) if unit is None or isinstance(value, int) else write_quantity(value, unit)
+
+
+def page_of(kind: Kind) -> list[str]:
+    """Return heading and tables of a kind in Markdown."""
+    lines = [f"## {kind.name}", "", f"{kind.about[0].upper()}{kind.about[1:]}.", ""]
+    for section, keys in sections_of(kind.name, kind.config).items():
+        lines += [f"**[{section}]** {TITLES[section]}", "", "| key | meaning | default |"]
+        lines.append("|---|---|---|")
+        for key in keys:
+            spec = kind.config.quantity(key)
+            meaning = f"{spec.meaning}; {spec.bounds}" if spec.bounds else spec.meaning
+            default = default_of(kind, key).replace(" ", "&nbsp;")
+            lines.append(f"| `{key}` | {meaning.replace('|', '&#124;')} | {default} |")
+        lines.append("")
+    return lines
+
+
+class SceneKeys(SphinxDirective):
+    """List the keys of all kinds, a section for each kind."""
+
+    option_spec: ClassVar = {}
+
+    def run(self) -> list[nodes.Node]:
+        """Return the nodes of all sections."""
+        lines = [line for kind in KINDS.values() for line in page_of(kind)]
+        parent = nodes.Element()
+        parent.document = self.state.document
+        nested_parse_with_titles(self.state, StringList(lines, source="KINDS"), parent)
+        return parent.children
+
+
+def setup(app: Any) -> dict[str, Any]:
+    """Register the directive."""
+    app.add_directive("scene-keys", SceneKeys)
+    return {"parallel_read_safe": True}
