@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._mpi import on_first_rank
+from toros_fem._mpi import on_first_rank, require_alike
 from toros_fem._types import Floats, Ints
-from toros_fem._validate import require_choice, require_positive
+from toros_fem._validate import require_choice, require_positive, shown
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Panel, Pattern
@@ -65,15 +65,25 @@ def cylinder(
             or the planes, the caps or the kind of mesh are others.
         MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
+    require_alike(
+        comm,
+        length=length,
+        diameter=diameter,
+        edge_length=edge_length,
+        mesh=mesh,
+        caps=caps,
+        planes=planes,
+    )
     require_positive(length=length, diameter=diameter, edge_length=edge_length)
     require_choice("mesh", mesh, KINDS)
     if caps is not None:
         require_choice("caps", caps, ("both", BASE, TIP))
     bound = min(np.pi * diameter / 5.5, length / 1.5)
     require_positive(edge_length=edge_length, at_most=bound)
-    if set(planes) not in (set(), {1}, {0, 1}) or len(set(planes)) < len(planes):
+    listed = isinstance(planes, list | tuple)
+    if not listed or tuple(planes) not in ((), (1,), (0, 1), (1, 0)):
         raise ParameterError(
-            f"planes = {tuple(planes)} must be () for the whole tube, (1,) for the half at y ≥ 0, "
+            f"planes = {shown(planes)} must be () for the whole tube, (1,) for the half at y ≥ 0, "
             "or (0, 1) for the quarter with x ≥ 0 as well."
         )
     parts = 2 ** len(planes)

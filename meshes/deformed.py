@@ -8,8 +8,9 @@ import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from toros_fem._mpi import on_first_rank
+from toros_fem._mpi import on_first_rank, require_alike
 from toros_fem._types import Floats, Ints
+from toros_fem._validate import require_kind
 from toros_fem.errors import TargetError
 from toros_fem.meshes.mesh_file import load
 from toros_fem.meshes.pattern import Pattern
@@ -38,6 +39,9 @@ def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
         TargetError: The file cannot be read, has a position that is not finite, or its mesh is
             not the pattern's.
     """
+    require_alike(comm, path=str(path), pattern=pattern)
+    require_kind("path", path, (str, Path), "the path of a mesh file", TargetError)
+    require_kind("pattern", pattern, Pattern, "a Pattern")
     return on_first_rank(comm, lambda: _read(Path(path), pattern))
 
 

@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from toros_fem._types import Bools, Floats, Ints
+from toros_fem._validate import checked_axes, require_kind
 from toros_fem.errors import ParameterError, PatternError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import half_edges
@@ -82,7 +83,8 @@ def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
         ParameterError: No free edge lies in a plane.
         PatternError: The part reaches across a plane, so that it overlaps its image.
     """
-    wholes, key = _WHOLES.setdefault(pattern, {}), tuple(axes)
+    require_kind("pattern", pattern, Pattern, "a Pattern")
+    wholes, key = _WHOLES.setdefault(pattern, {}), checked_axes("axes", axes)
     if key in wholes:
         return wholes[key]
     found = Mirrored(
@@ -101,8 +103,6 @@ def mirrored(pattern: Pattern, axes: Sequence[int]) -> Mirrored:
 
 def _doubled(part: Mirrored, axis: int) -> Mirrored:
     pattern = part.pattern
-    if axis not in (0, 1, 2):
-        raise ParameterError(f"axes holds {axis!r}; it may hold 0, 1 and 2, for x, y and z.")
     # In the order of the triangles: a panel continues across its first cut edge.
     flat_cut = half_edges(pattern.flat_triangles)[np.sort(plane_border(pattern, axis))]
     _check_side(pattern, axis)

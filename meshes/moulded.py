@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem._types import Floats
+from toros_fem._validate import real_numbers, whole_numbers
 from toros_fem.errors import PatternError
 from toros_fem.meshes.pattern import Pattern
 
@@ -37,13 +37,15 @@ def moulded(
     Raises:
         PatternError: The arrays do not fit together, or the surface is no valid skin.
     """
-    places: Floats = np.asarray(points, dtype=np.float64)
-    corners = np.asarray(triangles, dtype=np.int64)
+    places = real_numbers("points", points, "(n, 3), in m", PatternError)
+    corners = whole_numbers("triangles", triangles, "(t, 3)", PatternError)
     if places.ndim != 2 or places.shape[1] != 3 or corners.ndim != 2 or corners.shape[1] != 3:
         raise PatternError(
             f"points and triangles have shapes {places.shape} and {corners.shape}; they must be "
             "(n, 3) and (t, 3)."
         )
+    if not np.isfinite(places).all():
+        raise PatternError("points must be finite, in m.")
     if len(corners) == 0 or corners.min() < 0 or corners.max() >= len(places):
         raise PatternError(f"triangles must hold corners among the {len(places)} points.")
     a, b, c = np.moveaxis(places[corners], 1, 0)
@@ -66,9 +68,9 @@ def moulded(
     return Pattern(
         flat_points=flat.reshape(-1, 2),
         flat_triangles=np.arange(3 * len(corners)).reshape(-1, 3),
-        panel=np.asarray(0 * number if panel is None else panel, dtype=np.int64),
+        panel=0 * number if panel is None else panel,
         sewn=corners.ravel(),
         points=places,
-        panel_names=tuple(panel_names),
+        panel_names=panel_names,
         moulded=True,
     )

@@ -10,8 +10,10 @@ from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
-from toros_fem._mpi import on_first_rank
+from toros_fem._mpi import on_first_rank, require_alike
 from toros_fem._types import Bools, Floats, Ints
+from toros_fem._validate import checked_axes
+from toros_fem.errors import OutlineError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import Line, region_mesh
 
@@ -49,6 +51,8 @@ def two_panels(
         OutlineError: The outline crosses itself, is not symmetric, or does not fit its lines or
             the edge length.
     """
+    require_alike(comm, outline=outline, edge_length=edge_length, lines=lines, planes=planes)
+    planes = checked_axes("planes", planes, (0, 1), OutlineError)
 
     def build() -> Pattern:
         flat, triangles, seam = region_mesh(outline, edge_length, lines, planes)

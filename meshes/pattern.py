@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from toros_fem._types import Bools, Floats, Ints
+from toros_fem._validate import checked_names, is_number, real_numbers, shown, whole_numbers
 from toros_fem.errors import (
     DegenerateTriangleError,
     ManifoldError,
@@ -33,6 +34,8 @@ from toros_fem.meshes.topology import (
 
 # A triangle thinner than this fraction of its longest edge has no usable shape functions.
 MIN_HEIGHT_RATIO = 1e-6
+# Number of names of panels in a message.
+MOST_NAMES = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,15 +100,18 @@ class Pattern:
             ("sewn", np.int64, 0),
             ("points", np.float64, 3),
         ):
-            array = np.array(getattr(self, name), dtype=kind)
+            required = f"(…, {width})" if width else "(…,)"
+            read = real_numbers if kind is np.float64 else whole_numbers
+            array = np.array(read(name, getattr(self, name), f"of shape {required}", PatternError))
             if array.ndim != (2 if width else 1) or (width and array.shape[1] != width):
-                required = f"(…, {width})" if width else "(…,)"
                 raise PatternError(f"{name} has shape {array.shape}; it must be {required}.")
             if not np.all(np.isfinite(array)):
                 row = int(np.flatnonzero(~np.isfinite(array.reshape(len(array), -1)).all(1))[0])
                 raise PatternError(f"{name}[{row}] = {array[row]} is not finite.")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+        names = checked_names("panel_names", self.panel_names, PatternError)
+        object.__setattr__(self, "panel_names", names)
         self._check_sizes()
         self._check_triangles()
         self._check_edges()
@@ -148,7 +154,9 @@ class Pattern:
             PanelError: There is no such panel.
         """
         if name not in self.panel_names:
-            raise PanelError(f"no panel is named {name!r}; there are {list(self.panel_names)}.")
+            known = ", ".join(map(repr, self.panel_names[:MOST_NAMES]))
+            more = ", …" if len(self.panel_names) > MOST_NAMES else ""
+            raise PanelError(f"no panel is named {shown(name)}; there are {known}{more}.")
         return self.panel_names.index(name)
 
     def cells_of(self, name: str) -> Ints:
@@ -300,8 +308,10 @@ class Pattern:
         unused = np.setdiff1d(np.arange(n), self.sewn)
         if len(unused):
             raise PatternError(f"assembled vertex {unused[0]} belongs to no flat point.")
-        if not self.seam_tolerance >= 0:
-            raise PatternError(f"seam_tolerance = {self.seam_tolerance} must not be negative.")
+        if not (is_number(self.seam_tolerance) and self.seam_tolerance >= 0):
+            raise PatternError(
+                f"seam_tolerance = {shown(self.seam_tolerance)} must be a number, not negative."
+            )
 
     def _check_triangles(self) -> None:
         tri = self.triangles

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from shapely.geometry import LineString, Polygon, box
 
 from toros_fem._types import Bools, Floats, Ints
-from toros_fem._validate import require_between
+from toros_fem._validate import is_number, real_numbers, require_between, shown
 from toros_fem.errors import OutlineError
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.topology import coincident, edges_of, half_edges
@@ -51,7 +51,8 @@ def rounded(corners: npt.ArrayLike, radius: float | Sequence[float]) -> Floats:
         ParameterError: A radius is negative or not finite.
     """
     points = _checked(corners)
-    radii = np.array(np.broadcast_to(radius, len(points)) if np.ndim(radius) == 0 else radius)
+    given = real_numbers("radius", radius, "one in m for all corners, or one for each")
+    radii = np.broadcast_to(given, len(points)) if given.ndim == 0 else given
     if radii.shape != (len(points),):
         raise OutlineError(f"{len(radii)} radii for {len(points)} corners; give one for each.")
     for k, value in enumerate(radii):
@@ -112,10 +113,10 @@ def region_mesh(
     whole = _polygon(_checked(outline))
     size = float(np.hypot(*np.ptp(whole.exterior.coords, axis=0)))
     bound = 2 * whole.area / whole.length
-    if not 0 < edge_length <= bound:
+    if not (is_number(edge_length) and 0 < edge_length <= bound):
         raise OutlineError(
-            f"edge_length = {edge_length} m must be greater than 0 and at most {bound:.4g} m, "
-            "twice the area over the border's length: the outline is no wider."
+            f"edge_length = {shown(edge_length)} m must be greater than 0 and at most {bound:.4g} "
+            "m, twice the area over the border's length: the outline is no wider."
         )
     require_affordable(whole.area / 2 ** len(planes), edge_length)
     cuts = [_line_across(whole, k, line, size) for k, line in enumerate(lines)]
@@ -145,9 +146,11 @@ def region_mesh(
 
 
 def _checked(points: npt.ArrayLike) -> Floats:
-    found = np.array(points, dtype=np.float64)
+    found = real_numbers("outline", points, "points (k, 2) in m", OutlineError)
     if found.ndim != 2 or found.shape[1] != 2 or not np.all(np.isfinite(found)):
         raise OutlineError(f"the outline has shape {found.shape}; it must be finite, (k, 2).")
+    if not len(found):
+        raise OutlineError("the outline has no points; it needs at least 3.")
     gap = np.linalg.norm(found - np.roll(found, 1, axis=0), axis=1)
     found = found[gap > TINY * np.hypot(*np.ptp(found, axis=0))]
     if len(found) < 3:
@@ -167,8 +170,6 @@ def _part(whole: Polygon, planes: Sequence[int], size: float) -> Polygon:
     """Return the part of the region at positive coordinates."""
     part = whole
     for axis in planes:
-        if axis not in (0, 1):
-            raise OutlineError(f"planes holds {axis!r}; it may hold 0 for x = 0 and 1 for y = 0.")
         image = shapely.transform(whole, lambda p, a=axis: p * np.where(np.arange(2) == a, -1, 1))
         apart = whole.symmetric_difference(image).area / whole.area
         if apart > 1e-6:
@@ -202,7 +203,7 @@ def _snapped(shape: shapely.Geometry, planes: Sequence[int], size: float) -> sha
 
 def _line_across(whole: Polygon, number: int, line: Line, size: float) -> LineString:
     """Return a line extended a little beyond the outline, so that rounding cannot shorten it."""
-    ends = np.array(line, dtype=np.float64)
+    ends = real_numbers(f"line {number}", line, "two points ((x, y), (x, y)) in m", OutlineError)
     if ends.shape != (2, 2) or not np.all(np.isfinite(ends)):
         raise OutlineError(f"line {number} = {line!r} must be two points ((x, y), (x, y)) in m.")
     along = ends[1] - ends[0]

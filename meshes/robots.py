@@ -12,7 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem._types import Floats
-from toros_fem._validate import require_count, require_positive
+from toros_fem._validate import require_count, require_finite, require_kind, require_positive
 from toros_fem.errors import OutlineError
 from toros_fem.meshes.outline import two_panels
 from toros_fem.meshes.pattern import Pattern
@@ -51,6 +51,7 @@ class Star:
             body_radius=self.body_radius,
             corner_radius=self.corner_radius,
         )
+        require_finite(angle=self.angle)
         if self.arm_width > 2 * self.body_radius:
             raise OutlineError(
                 f"arm_width = {self.arm_width} m must be at most the body's diameter of "
@@ -203,4 +204,5 @@ def finger(
 
 def _star_panels(comm: MPI.Comm, edge_length: float, star: Star, planes: Sequence[int]) -> Pattern:
     """Make two panels along a star's outline, with mesh edges at the roots of its arms."""
+    require_kind("star", star, Star, "a Star")
     return two_panels(comm, star.outline, edge_length, lines=star.roots, planes=planes)

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._mpi import on_first_rank
+from toros_fem._mpi import on_first_rank, require_alike
 from toros_fem._types import Floats, Ints
-from toros_fem._validate import require_choice, require_positive
+from toros_fem._validate import require_callable, require_choice, require_positive
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangle_limit import require_affordable
@@ -62,9 +62,11 @@ def rectangle(
         ParameterError: A length is not positive, or the kind of mesh is unknown.
         MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
+    require_alike(comm, length=length, width=width, edge_length=edge_length, mesh=mesh, place=place)
     require_positive(length=length, width=width)
     require_positive(edge_length=edge_length, at_most=min(length, width))
     require_choice("mesh", mesh, KINDS)
+    _require_place(place)
     require_affordable(length * width, edge_length)
 
     def build() -> Pattern:
@@ -104,9 +106,11 @@ def disc(
         ParameterError: A length is not positive, or the kind of mesh is unknown.
         MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
+    require_alike(comm, radius=radius, edge_length=edge_length, mesh=mesh, place=place)
     require_positive(radius=radius)
     require_positive(edge_length=edge_length, at_most=radius)
     require_choice("mesh", mesh, ("structured", "unstructured"))
+    _require_place(place)
     require_affordable(np.pi * radius**2, edge_length)
 
     def build() -> Pattern:
@@ -117,6 +121,11 @@ def disc(
         return one_panel(*polygon_meshes([outline], edge_length)[0], place)
 
     return on_first_rank(comm, build)
+
+
+def _require_place(place: Place | None) -> None:
+    if place is not None:
+        require_callable("place", place, "a function of the flat positions (m, 2), or None")
 
 
 def circle(count: int, radius: float) -> Floats:

@@ -13,10 +13,15 @@ from dolfinx import cpp, fem, mesh
 from mpi4py import MPI
 
 from toros_fem import _compat
-from toros_fem._mpi import gather_by_index
+from toros_fem._mpi import gather_by_index, require_alike, warn_together
 from toros_fem._types import Floats, Ints
+from toros_fem._validate import require_kind
+from toros_fem.errors import PatternError, UnitWarning
 from toros_fem.meshes.partition import partitioner
 from toros_fem.meshes.pattern import Pattern
+
+# Sizes in m, of the bounding box's diagonal, beyond which a unit is in doubt.
+SMALLEST, LARGEST = 1e-4, 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +78,28 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
     Args:
         comm: Communicator.
         pattern: The same pattern on every rank.
+
+    Raises:
+        ParameterError: The pattern is no `Pattern`, or not the same on all ranks.
+        PatternError: There are more ranks than triangles.
+
+    Warns:
+        UnitWarning: The skin is smaller than 0.1 mm or larger than 10 m.
     """
+    require_alike(comm, pattern=pattern)
+    require_kind("pattern", pattern, Pattern, "a Pattern, by meshes.cylinder for instance")
+    if comm.size > len(pattern.panel):
+        raise PatternError(
+            f"{len(pattern.panel)} triangles cannot be shared by {comm.size} ranks, since each "
+            "needs one. Use fewer ranks, or a finer mesh."
+        )
+    if not SMALLEST <= pattern.size <= LARGEST:
+        warn_together(
+            comm,
+            f"the skin is {pattern.size:.3g} m across; skins are {SMALLEST:g} m to {LARGEST:g} m. "
+            "All lengths are in m. From millimetres? Give scale = 1e-3 where it is read.",
+            UnitWarning,
+        )
     root = comm.rank == 0
     points, triangles = pattern.points, pattern.triangles
     # A mesh of the embedded surface gives topology, partition and numbering.

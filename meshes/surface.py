@@ -7,6 +7,7 @@ from dataclasses import astuple, dataclass, field
 import numpy as np
 
 from toros_fem._types import Floats, Ints
+from toros_fem._validate import checked_names, real_numbers, whole_numbers
 from toros_fem.errors import (
     DegenerateTriangleError,
     ManifoldError,
@@ -90,7 +91,7 @@ class Surface:
     repairs: Repairs = Repairs()
 
     def __post_init__(self) -> None:
-        if len(self.parts) == 0:
+        if np.size(self.parts) == 0 and np.ndim(self.triangles) > 0:
             object.__setattr__(self, "parts", np.zeros(len(self.triangles)))
         for name, kind, width in (
             ("points", np.float64, 3),
@@ -98,16 +99,17 @@ class Surface:
             ("parts", np.int64, 0),
             ("seams", np.int64, 2),
         ):
-            array = np.array(getattr(self, name), dtype=kind)
+            required = f"(…, {width})" if width else "(…,)"
+            read = real_numbers if kind is np.float64 else whole_numbers
+            array = np.array(read(name, getattr(self, name), f"of shape {required}", SurfaceError))
             if array.ndim != (2 if width else 1) or (width and array.shape[1] != width):
-                required = f"(…, {width})" if width else "(…,)"
                 raise SurfaceError(f"{name} has shape {array.shape}; it must be {required}.")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         names = self.part_names or tuple(
             f"part-{k}" for k in range(1 + int(self.parts.max(initial=0)))
         )
-        object.__setattr__(self, "part_names", names)
+        object.__setattr__(self, "part_names", checked_names("part_names", names, SurfaceError))
         self._check_sizes()
         check_edges(self.points, self.triangles)
         self._check_orientation()

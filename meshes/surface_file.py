@@ -8,10 +8,15 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._mpi import on_first_rank
+from toros_fem._mpi import on_first_rank, require_alike
 from toros_fem._types import Floats, Ints
-from toros_fem._validate import require_count, require_positive
-from toros_fem.errors import SurfaceError
+from toros_fem._validate import (
+    real_numbers,
+    require_count,
+    require_kind,
+    require_positive,
+)
+from toros_fem.errors import SurfaceError, UnitError
 from toros_fem.meshes.mesh_file import load, obj_lines
 from toros_fem.meshes.repair import remove_thin, weld
 from toros_fem.meshes.surface import Repairs, Surface, check_edges, oriented, volume
@@ -19,6 +24,8 @@ from toros_fem.meshes.topology import edge_keys, edges_of, normals, surface_comp
 
 FORMATS = "STL, OBJ, PLY, MSH or XDMF"
 READ = ("triangle", "quad", "line")
+# Largest sides in m of a bounding box beyond which a unit is in doubt.
+SMALLEST, LARGEST = 1e-4, 10.0
 # Names of the cell data that hold the part of each triangle; the first one found counts.
 PARTS = ("gmsh:physical", "gmsh:geometrical", "obj:group_ids", "medit:ref", "cell_tags", "part")
 
@@ -44,10 +51,13 @@ def read_surface(
 
     Raises:
         ParameterError: scale is not positive, or component not a whole number from 0.
+        UnitError: The surface is smaller than 0.1 mm or larger than 10 m.
         SurfaceError: The file cannot be read, has no triangles, several components, or lines that
             are not edges of its triangles.
         ManifoldError, OrientationError, DegenerateTriangleError: As of `Surface`.
     """
+    require_alike(comm, path=str(path), scale=scale, component=component)
+    require_kind("path", path, (str, Path), "the path of a mesh file", SurfaceError)
     require_positive(scale=scale)
     if component is not None:
         require_count(0, component=component)
@@ -56,7 +66,7 @@ def read_surface(
 
 def _read(path: Path, scale: float, component: int | None) -> Surface:
     mesh = load(path, SurfaceError, FORMATS)
-    points = np.asarray(mesh.points, dtype=np.float64) * scale
+    points = real_numbers(f"points of {path}", mesh.points, "(n, 3)", SurfaceError)
     if not len(points) or not mesh.cells:
         raise SurfaceError(f"{path} holds no triangles. Save the surface, not points or volumes.")
     if points.ndim == 2 and points.shape[1] == 2:
@@ -80,6 +90,7 @@ def _read(path: Path, scale: float, component: int | None) -> Surface:
     used = np.union1d(triangles, seams)
     if not np.all(np.isfinite(points[used])):
         raise SurfaceError(f"{path} holds coordinates that are not finite. Export it again.")
+    points = _in_metres(path, points, used, scale)
 
     replaced_by, kept = weld(points[used], np.searchsorted(used, triangles))
     merged = len(used) - len(np.unique(replaced_by))
@@ -108,6 +119,26 @@ def _read(path: Path, scale: float, component: int | None) -> Surface:
         seams=seams,
         repairs=repairs + Repairs(merged=merged, dropped=dropped, turned=turned),
     )
+
+
+def _in_metres(path: Path, points: Floats, used: Ints, scale: float) -> Floats:
+    """Return the points in m.
+
+    Raises:
+        UnitError: The surface would be too large or too small for a skin.
+    """
+    low, high = points[used].min(axis=0), points[used].max(axis=0)
+    with np.errstate(over="ignore", invalid="ignore"):
+        size = float(np.max((high - low) * scale))
+    if not SMALLEST <= size <= LARGEST:
+        advice = "Is `scale`, the length of the file's unit in m, right?"
+        if SMALLEST <= float(np.max(high - low)) * 1e-3 <= LARGEST:
+            advice = "Millimetres? Give scale = 1e-3."
+        raise UnitError(
+            f"{path} is {size:.3g} m across with scale = {scale:g}; surfaces are {SMALLEST:g} m to "
+            f"{LARGEST:g} m. {advice}"
+        )
+    return points * scale
 
 
 def _triangles(path: Path, mesh: Any, points: Floats) -> tuple[Ints, Ints]:

@@ -8,7 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem._types import Floats
-from toros_fem._validate import require_positive
+from toros_fem._validate import (
+    checked_floats,
+    require_callable,
+    require_finite,
+    require_positive,
+)
 from toros_fem.errors import ParameterError
 
 # Map from positions, (n, 3) in m, to positions.
@@ -17,6 +22,8 @@ Deformer = Callable[[Floats], Floats]
 
 # Largest cosine between two directions that must be perpendicular.
 SQUARE = 1e-6
+# Largest number of turns of a bend, and of a twist: an angle of more is one in degrees.
+BEND_TURNS, TWIST_TURNS = 2, 6
 
 
 def bend(angle: float, length: float, *, neutral: float = 0.0) -> Deformer:
@@ -35,9 +42,10 @@ def bend(angle: float, length: float, *, neutral: float = 0.0) -> Deformer:
             and R the inner side of the bend.
 
     Raises:
-        ParameterError: A number is not finite, or the length is not positive.
+        ParameterError: A number is not finite, the angle is more than two turns, as an angle in
+            degrees would be, or the length is not positive.
     """
-    _require_finite(angle=angle, neutral=neutral)
+    require_finite(neutral=neutral)
     return curl(angle, length, origin=(neutral, 0, 0), along=(0, 0, 1), toward=(1, 0, 0))
 
 
@@ -68,7 +76,7 @@ def curl(
             not perpendicular.
     """
     require_positive(length=length)
-    _require_finite(angle=angle)
+    _require_angle(angle, BEND_TURNS)
     start = _vector("origin", origin)
     out, side = (_unit(name, of) for name, of in (("along", along), ("toward", toward)))
     if abs(out @ side) > SQUARE:
@@ -118,9 +126,9 @@ def stand(angle: float, length: float, *, directions: npt.ArrayLike, root: float
         ParameterError: A number is out of bounds, or the directions are not (k, 2).
     """
     require_positive(root=root)
-    arms = np.array(directions, dtype=np.float64)
-    if arms.ndim != 2 or arms.shape[1] != 2 or len(arms) == 0:
-        raise ParameterError(f"directions has shape {arms.shape}; it must be (k, 2), k ≥ 1.")
+    arms = checked_floats(
+        "directions", directions, "(k, 2), k ≥ 1", lambda s: len(s) == 2 and s[0] > 0 and s[1] == 2
+    )
     arms = np.stack([_unit("directions", (x, y, 0)) for x, y in arms])
     bends = [curl(angle, length, origin=root * arm, along=arm, toward=(0, 0, -1)) for arm in arms]
 
@@ -137,7 +145,7 @@ def stand(angle: float, length: float, *, directions: npt.ArrayLike, root: float
 def twist(angle: float, length: float) -> Deformer:
     """Return a deformer that rotates cross-sections about z by angle · z/length."""
     require_positive(length=length)
-    _require_finite(angle=angle)
+    _require_angle(angle, TWIST_TURNS)
 
     def deform(points: Floats) -> Floats:
         x, y, z = np.asarray(points, dtype=np.float64).T
@@ -164,7 +172,12 @@ def compose(*deformers: Deformer) -> Deformer:
 
     Deformers expect a straight body along z, so that a bend comes last: compose(contract(0.9),
     twist(1.0, 0.15), bend(3.1, 0.135)).
+
+    Raises:
+        ParameterError: One of them cannot be called.
     """
+    for number, deformer in enumerate(deformers):
+        require_callable(f"deformers[{number}]", deformer, "a map from positions to positions")
 
     def deform(points: Floats) -> Floats:
         for deformer in deformers:
@@ -174,17 +187,22 @@ def compose(*deformers: Deformer) -> Deformer:
     return deform
 
 
-def _require_finite(**values: float) -> None:
-    for name, value in values.items():
-        if not np.isfinite(value):
-            raise ParameterError(f"{name} = {value} must be a finite number.")
+def _require_angle(angle: float, turns: int) -> None:
+    """Check that an angle is a number of rad, not of degrees.
+
+    Raises:
+        ParameterError: It is not finite, or means more than `turns` turns.
+    """
+    require_finite(angle=angle)
+    if abs(angle) > 2 * np.pi * turns:
+        raise ParameterError(
+            f"angle = {angle:g} rad is {abs(angle) / (2 * np.pi):.3g} turns, more than {turns}; "
+            f"degrees? Give {angle:g}° as np.radians({angle:g}) = {np.radians(angle):.4g}."
+        )
 
 
 def _vector(name: str, value: npt.ArrayLike) -> Floats:
-    found = np.array(value, dtype=np.float64)
-    if found.shape != (3,) or not np.all(np.isfinite(found)):
-        raise ParameterError(f"{name} = {value!r} must be three finite numbers.")
-    return found
+    return checked_floats(name, value, "three finite numbers", (3,))
 
 
 def _unit(name: str, value: npt.ArrayLike) -> Floats:

@@ -8,9 +8,9 @@ import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from toros_fem._mpi import on_first_rank
+from toros_fem._mpi import on_first_rank, require_alike
 from toros_fem._types import Floats, Ints
-from toros_fem._validate import require_choice, require_count, require_positive
+from toros_fem._validate import real_numbers, require_choice, require_count, require_positive
 from toros_fem.errors import ParameterError, PatternError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import glued
@@ -166,7 +166,8 @@ def tile(
             cannot have the symmetry.
         MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
-    sides = np.array(size, dtype=np.float64)
+    require_alike(comm, size=size, edge_length=edge_length, mesh=mesh, symmetry=symmetry)
+    sides = real_numbers("size", size, "one side of a square in m, or two (a, b)")
     if sides.shape not in ((), (2,)):
         raise ParameterError(f"size = {size!r} must be one side of a square in m, or two (a, b).")
     sides = np.broadcast_to(sides, 2)

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from toros_fem._mpi import on_first_rank
+from toros_fem._mpi import on_first_rank, require_alike
 from toros_fem._types import Bools, Ints
-from toros_fem._validate import require_choice, require_positive
+from toros_fem._validate import require_choice, require_kind, require_positive, whole_numbers
 from toros_fem.errors import SurfaceError
 from toros_fem.meshes.arrange import arranged
 from toros_fem.meshes.chart import METHODS
@@ -85,8 +85,17 @@ def unwrap(
         SurfaceError: A seam is no edge of the surface, or a region cannot be laid flat by the
             requested method.
     """
+    require_alike(
+        comm,
+        surface=surface,
+        seams=seams,
+        method=method,
+        crease_angle=crease_angle,
+        max_stretch=max_stretch,
+    )
+    require_kind("surface", surface, Surface, "a Surface, by read_surface")
     require_choice("method", method, METHODS)
-    require_positive(crease_angle=crease_angle, at_most=np.pi)
+    require_positive(**{"crease_angle, in rad,": crease_angle}, at_most=np.pi)
     if max_stretch is not None:
         require_positive(max_stretch=max_stretch)
 
@@ -112,12 +121,12 @@ def _given(surface: Surface, edges: Edges, seams: Seams) -> Bools | None:
     if seams is None:
         own = between(edges, surface.parts) | _named(surface, edges, surface.seams)
         return own if own[edges.inner].any() else None
-    pairs = np.asarray(seams)
+    pairs = whole_numbers("seams", seams, "pairs of vertices (k, 2)", SurfaceError)
     if pairs.size == 0:
         return np.zeros(len(edges.ends), dtype=bool)
-    if pairs.ndim != 2 or pairs.shape[1] != 2 or not np.issubdtype(pairs.dtype, np.integer):
+    if pairs.ndim != 2 or pairs.shape[1] != 2:
         raise SurfaceError(f"seams has shape {pairs.shape}; it must hold pairs of vertices (k, 2).")
-    return _named(surface, edges, pairs.astype(np.int64))
+    return _named(surface, edges, pairs)
 
 
 def _named(surface: Surface, edges: Edges, pairs: Ints) -> Bools:

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import gc
-from collections.abc import Callable
-from typing import TypeVar
+import hashlib
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +18,11 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from toros_fem._types import Floats
+from toros_fem._validate import is_number, shown
+from toros_fem.errors import ParameterError
+
+# Time in s that a rank with an error waits for the others before it ends them all.
+PATIENCE = 10.0
 
 T = TypeVar("T")
 
@@ -67,6 +78,93 @@ def on_first_rank(comm: MPI.Comm, action: Callable[[], T]) -> T:
     raise_together(comm, error)
     found: T = comm.bcast(result, root=0)
     return found
+
+
+def require_alike(comm: MPI.Comm, **arguments: Any) -> None:
+    """Check that a communicator is one, and that arguments are equal on all its ranks (collective).
+
+    Of functions and other objects only the type is compared. It comes before any other check: what
+    one rank alone refuses would leave the others waiting.
+
+    Raises:
+        ParameterError: They are not; on all ranks.
+    """
+    if not isinstance(comm, MPI.Comm):
+        raise ParameterError(
+            f"comm = {shown(comm)} must be an MPI communicator, one of mpi4py.MPI."
+        )
+    if comm.size == 1:
+        return
+    digests = comm.allgather([_digest(value) for value in arguments.values()])
+    for number, name in enumerate(arguments):
+        other = next((r for r, own in enumerate(digests) if own[number] != digests[0][number]), 0)
+        if other:
+            texts = comm.allgather(shown(arguments[name]))
+            raise ParameterError(
+                f"{name} differs between the ranks: {texts[0]} on rank 0, {texts[other]} on rank "
+                f"{other}. Give the same on all ranks: draw or read it on one and bcast it."
+            )
+
+
+def _digest(value: Any) -> bytes:
+    """Return a hash of a value that does not depend on the rank or the run."""
+    found = hashlib.blake2b(digest_size=16)
+    if isinstance(value, np.ndarray) and value.dtype != object:
+        found.update(f"{value.dtype.kind}{value.shape}".encode())
+        found.update(value.tobytes())
+    elif is_number(value):
+        found.update(repr(float(value)).encode())
+    elif isinstance(value, str | bytes | bool | Path | None):
+        found.update(repr(value).encode())
+    elif isinstance(value, Mapping):
+        for key, entry in value.items():
+            found.update(_digest(key) + _digest(entry))
+    elif isinstance(value, list | tuple):
+        for entry in value:
+            found.update(_digest(entry))
+        found.update(str(len(value)).encode())
+    else:
+        found.update(f"{type(value).__module__}.{type(value).__qualname__}".encode())
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            for field in dataclasses.fields(value):
+                found.update(_digest(getattr(value, field.name, None)))
+    return found.digest()
+
+
+def warn_together(comm: MPI.Comm, message: str, kind: type[Warning]) -> None:
+    """Warn on the first rank; all ranks know the same."""
+    if comm.rank == 0:
+        warnings.warn(message, kind, stacklevel=3)
+
+
+@contextmanager
+def ending_together(comm: MPI.Comm, tell: Callable[[Exception], None]) -> Iterator[None]:
+    """End all ranks where one leaves the block by an error that the others do not share.
+
+    Errors that all ranks raise pass through. An error of some alone is told, and after `PATIENCE`
+    ends the program, since the others wait for these ranks.
+
+    Args:
+        comm: Communicator (collective).
+        tell: Prints an error that this rank alone has.
+    """
+    if comm.size == 1:
+        yield
+        return
+    own = comm.Dup()  # what is under way on the other one does not matter here
+    try:
+        yield
+    except Exception as error:
+        request, begin = own.Ibarrier(), time.monotonic()
+        while not request.Test():
+            if time.monotonic() - begin > PATIENCE:
+                tell(error)
+                own.Abort(1)
+            time.sleep(0.01)
+        own.Free()
+        raise
+    own.Ibarrier().Wait()
+    own.Free()
 
 
 def gather_by_index(

@@ -55,6 +55,10 @@ class DensityError(TorosError, ValueError):
     """A density field has the wrong size, is not finite or leaves [0, 1]."""
 
 
+class MetricError(TorosError, ValueError):
+    """A metric returned no finite number."""
+
+
 class OutputError(TorosError, OSError):
     """A result could not be written; the message names the place."""
 
@@ -85,6 +89,10 @@ class RunStoppedError(TorosError, RuntimeError):
 
 class SurfaceError(TorosError, ValueError):
     """A surface cannot be read, cut or unwrapped; the message names file, place or chart."""
+
+
+class UnitError(SurfaceError):
+    """A surface is so large or so small that the unit of its file must be another one."""
 
 
 class PatternFileError(TorosError, ValueError):
@@ -127,3 +135,19 @@ class NoEquilibriumError(TorosError, RuntimeError):
     def factorisations(self) -> int:
         """Factorisations that it took, as far as is known."""
         return 0
+
+
+class TorosWarning(UserWarning):
+    """Base class of every warning of `toros_fem`: something is legal, but odd."""
+
+
+class UnitWarning(TorosWarning):
+    """A skin has a size that a wrong unit would explain."""
+
+
+class MaterialWarning(TorosWarning):
+    """Materials are odd: the reinforcement is softer than the fabric."""
+
+
+class ResolutionWarning(TorosWarning):
+    """A length of the filter does not fit the mesh or the skin."""

@@ -6,7 +6,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from toros_fem._validate import require_between, require_choice, require_positive
+from toros_fem._validate import (
+    is_number,
+    require_between,
+    require_choice,
+    require_kind,
+    require_positive,
+    shown,
+)
 from toros_fem.errors import ParameterError
 
 
@@ -24,6 +31,9 @@ class Material:
         young: Young's modulus in Pa at small strain.
         poisson: Poisson's ratio, 0 to 0.5: below 0 the barrier of eq. (1) would turn attractive.
         thickness: Thickness h in m; membrane stiffness goes with h, bending with h³/12.
+
+    Raises:
+        ParameterError: A value is no number, or out of its bounds.
     """
 
     young: float
@@ -31,8 +41,8 @@ class Material:
     thickness: float
 
     def __post_init__(self) -> None:
-        require_positive(young=self.young, thickness=self.thickness)
-        require_between(0.0, 0.5, poisson=self.poisson)
+        require_positive(**{"Material.young": self.young, "Material.thickness": self.thickness})
+        require_between(0.0, 0.5, **{"Material.poisson": self.poisson})
         _store_floats(self, "young", "poisson", "thickness")
 
     @classmethod
@@ -153,7 +163,7 @@ class Bladder:
     thickness: float
 
     def __post_init__(self) -> None:
-        require_positive(young=self.young, thickness=self.thickness)
+        require_positive(**{"Bladder.young": self.young, "Bladder.thickness": self.thickness})
         _store_floats(self, "young", "thickness")
 
     @property
@@ -188,8 +198,10 @@ class Knit:
         require_between(1.0, math.inf, ratio=self.ratio)
         angles = self.grain if isinstance(self.grain, Mapping) else {"all panels": self.grain}
         for name, angle in angles.items():
-            if not math.isfinite(angle):
-                raise ParameterError(f"grain of {name} = {angle} must be a finite angle in rad.")
+            if not (is_number(angle) and math.isfinite(angle)):
+                raise ParameterError(
+                    f"grain of {name} = {shown(angle)} must be a finite angle in rad."
+                )
         _store_floats(self, "ratio")
         if isinstance(self.grain, Mapping):
             by_name = {name: float(angle) for name, angle in self.grain.items()}
@@ -231,25 +243,25 @@ class Composite:
     membrane: Membrane = Membrane()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.membrane, Membrane):
-            raise ParameterError(f"membrane = {self.membrane!r} must be a Membrane.")
+        for name in ("fabric", "reinforcement"):
+            what = "a Material, by Material(young, poisson, thickness)"
+            require_kind(name, getattr(self, name), Material, what)
+        require_kind("membrane", self.membrane, Membrane, "a Membrane")
         if self.membrane.relaxed and (self.bladder is not None or self.knit is not None):
             raise ParameterError(
                 f"wrinkling = {self.membrane.wrinkling!r}: a bladder and a knit take compression "
                 "and have no relaxed energy here. Use None for both, or wrinkling = None."
             )
-        if not isinstance(self.knit, Knit | None):
-            raise ParameterError(f"knit = {self.knit!r} must be a Knit, or None.")
-        if not isinstance(self.bladder, Bladder | None):
-            raise ParameterError(f"bladder = {self.bladder!r} must be a Bladder, or None.")
-        if not isinstance(self.bending, Bending | None):
-            raise ParameterError(
-                f"bending = {self.bending!r} must be a Bending, or None for a membrane."
-            )
+        nothing = type(None)
+        require_kind("knit", self.knit, (Knit, nothing), "a Knit, or None")
+        require_kind("bladder", self.bladder, (Bladder, nothing), "a Bladder, or None")
+        require_kind(
+            "bending", self.bending, (Bending, nothing), "a Bending, or None for a membrane"
+        )
         for name, value in (("c1", self.c1), ("c2", self.c2)):
-            if not (math.isfinite(value) and value > 1):
+            if not (is_number(value) and math.isfinite(value) and value > 1):
                 raise ParameterError(
-                    f"{name} = {value} must be a finite number greater than 1: it bounds "
+                    f"{name} = {shown(value)} must be a finite number greater than 1: it bounds "
                     + ("a principal stretch." if name == "c1" else "λ₁ + λ₂ − 1.")
                 )
         _store_floats(self, "c1", "c2")

@@ -280,7 +280,7 @@ def test_panels_as_chambers_and_errors(grid: Skin, two: EquilibriumSolver) -> No
         chambers_of_panels(pattern, {"ends": ["base"], "side": ["wall"]})
     with pytest.raises(errors.ParameterError, match="given twice"):
         chambers_of_panels(pattern, {"ends": ["base", "tip"], "side": ["wall", "tip"]})
-    with pytest.raises(errors.ParameterError, match="must name each chamber"):
+    with pytest.raises(errors.ParameterError, match="names holds 'a' twice"):
         Chambers(("a", "a"), made.of_cell)
     with pytest.raises(errors.ParameterError, match="each of 0 to 2"):
         Chambers(("a", "b", "c"), made.of_cell)

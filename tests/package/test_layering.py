@@ -11,7 +11,8 @@ from helpers.scenes import ROOT
 # From top to bottom: a module may import from its own room and from rooms above it.
 ROOMS = [
     ["errors", "_types", "_version"],
-    ["_compat", "_mpi", "_validate"],
+    ["_compat", "_validate"],
+    ["_mpi"],
     ["config", "units"],
     ["materials"],
     ["meshes", "forms"],

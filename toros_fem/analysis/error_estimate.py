@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from toros_fem._types import Floats
+from toros_fem._validate import require_callable, require_kind, shown
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.mechanics.supports import Supports
@@ -84,6 +85,19 @@ def estimate_error(
             vertices.
         EquilibriumError: The refined skin has no equilibrium; with `direct`, none near.
     """
+    require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
+    require_kind("result", result, EquilibriumResult, "an EquilibriumResult of the solver")
+    if not isinstance(quantities, list | tuple):
+        raise ParameterError(
+            f"quantities = {shown(quantities)} must be a list of functions of a pattern and "
+            "positions: [bend_angle]."
+        )
+    for number, quantity in enumerate(quantities):
+        require_callable(f"quantities[{number}]", quantity, "a function of pattern and positions")
+    for name, made in (("force", force), ("supports", supports)):
+        if made is not None:
+            require_callable(name, made, "a function of the pattern, or None")
+    density = solver.model.check(density)
     skin, composite = solver.skin, solver.model.composite
     composite.require_refinable()
     if not result.converged:

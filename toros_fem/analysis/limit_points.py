@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from toros_fem._validate import require_kind, shown
 from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.errors import ParameterError
 
@@ -38,6 +39,12 @@ def limit_points(points: Sequence[TracePoint]) -> list[LimitPoint]:
     Raises:
         ParameterError: The path was not followed by arc length.
     """
+    if not isinstance(points, list | tuple):
+        raise ParameterError(
+            f"points = {shown(points)} must be a list of TracePoints: list(trace(…))."
+        )
+    for point in points:
+        require_kind("points", point, TracePoint, "TracePoints, by trace(…)")
     found = []
     for k, (one, two) in enumerate(pairwise(points)):
         rates = one.load_rate, two.load_rate

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toros_fem._mpi import norm
+from toros_fem._mpi import norm, require_alike
 from toros_fem._types import Floats
-from toros_fem._validate import require_count, require_positive
+from toros_fem._validate import require_between, require_count, require_kind, require_positive
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import NoEquilibriumError, ParameterError
 
@@ -83,7 +83,13 @@ def find_states(
         ParameterError: An argument is outside its bounds, or the start is no equilibrium.
         EquilibriumError: There is no equilibrium to start from.
     """
+    require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
+    require_alike(solver.skin.comm, tries=tries, size=size, seed=seed)
     require_count(1, tries=tries)
+    require_count(0, seed=seed)
+    require_between(0.0, np.inf, pressure=pressure)
+    what = "an EquilibriumResult, or None"
+    require_kind("start", start, (EquilibriumResult, type(None)), what)
     require_positive(size=size, at_most=0.5)
     if start is not None and not start.converged:
         raise ParameterError(f"the start is no equilibrium: {start.reason}")

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Literal, overload
+from typing import Literal, cast, overload
 
 import numpy as np
 
 from toros_fem._types import Floats
-from toros_fem._validate import require_choice
+from toros_fem._validate import is_number, require_choice, require_kind, shown
 from toros_fem.analysis.arc_length import ArcLengthOptions, follow_arc
 from toros_fem.analysis.pressure_path import follow_pressures
 from toros_fem.analysis.trace_point import Pressure, TracePoint
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.mechanics.load_case import make_load_case
-from toros_fem.objectives.metrics import Metric
+from toros_fem.objectives.metrics import Metric, check_metrics
 
 PATHS = ("pressure", "arc-length")
 Start = Floats | EquilibriumResult | None
@@ -97,18 +97,20 @@ def trace(
         EquilibriumError: While iterating: the path could not be followed further; the points before
             have been yielded.
     """
+    require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
     require_choice("by", by, PATHS)
+    check_metrics(metrics)
     if by == "pressure":
         if options is not None:
             raise ParameterError('options are those of a path by="arc-length"; leave them out.')
-        levels = _levels(pressure)
+        levels = _levels(solver, pressure, force)
         return _until(follow_pressures(solver, density, levels, metrics, start, force), stop)
     model = solver.model
     load = make_load_case(
         solver.skin.pattern,
         model.supports,
         len(model.load.pressures),
-        np.asarray(pressure, dtype=np.float64),
+        pressure,  # type: ignore[arg-type]
         force=force,
         weight_fraction=0.0 if model.weight is None else 1.0,
     )
@@ -116,19 +118,27 @@ def trace(
         raise ParameterError(
             "no load acts that a load factor could scale; give a pressure, a force or a weight."
         )
-    model.check(density)
+    density = model.check(density)
     state = start.state if isinstance(start, EquilibriumResult) else start
     path = follow_arc(solver, density, load, metrics, state, options or ArcLengthOptions())
     return _until(path, stop)
 
 
-def _levels(pressure: Pressure | Sequence[Pressure]) -> Sequence[Pressure]:
-    if isinstance(pressure, float | int):
+def _levels(
+    solver: EquilibriumSolver, pressure: Pressure | Sequence[Pressure], force: Floats | None
+) -> Sequence[Pressure]:
+    """Return the pressures of a path, all checked before the first is solved for."""
+    if is_number(pressure) or np.ndim(pressure) == 0 or not len(pressure):  # type: ignore[arg-type]
         raise ParameterError(
-            f'pressure = {pressure} Pa is one number; a path by="pressure" needs all pressures, in '
-            "the order in which they act."
+            f'pressure = {shown(pressure)}: a path by="pressure" needs a list of pressures in Pa, '
+            "in the order in which they act."
         )
-    return pressure
+    model, levels = solver.model, cast(Sequence[Pressure], pressure)
+    for level in levels:
+        make_load_case(
+            solver.skin.pattern, model.supports, len(model.load.pressures), level, force=force
+        )
+    return levels
 
 
 def _until(path: Iterator[TracePoint], stop: Stop) -> Iterator[TracePoint]:

@@ -52,5 +52,5 @@ def measured_point(
     """Return an equilibrium with its metrics, as a point of a path (collective)."""
     skin = solver.skin
     positions = skin.gather_vertices(result.positions)
-    values = {f.key: float(f.measure(skin.pattern, positions)) for f in metrics}
+    values = {metric.key: metric.value(skin.pattern, positions) for metric in metrics}
     return TracePoint(pressure, positions, values, result)

@@ -8,6 +8,7 @@ from enum import IntEnum
 import numpy as np
 
 from toros_fem._types import Floats, Ints
+from toros_fem._validate import require_kind
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.forms.interpolation import interpolate
@@ -64,6 +65,9 @@ def wrinkle_field(
     Raises:
         ParameterError: The sheet is no tension field.
     """
+    require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
+    require_kind("result", result, EquilibriumResult, "an EquilibriumResult of the solver")
+    density = solver.model.check(density)
     skin = solver.skin
     positions = skin.gather_vertices(result.positions)
     return wrinkles(skin.pattern, solver.model.composite, skin.gather_cells(density), positions)

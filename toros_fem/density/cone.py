@@ -6,13 +6,14 @@ import numpy as np
 from petsc4py import PETSc
 
 from toros_fem._types import Floats
+from toros_fem._validate import require_kind
 from toros_fem.density.neighbours import (
     Neighbourhood,
     Pairs,
+    check_radius,
     multiply,
     multiply_transpose,
     neighbour_matrices,
-    warn_if_unresolved,
 )
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
@@ -37,11 +38,11 @@ class ConeFilter:
             triangles count too.
 
     Raises:
-        ParameterError: The radius is not positive, or does not fit the tile.
+        ParameterError: The radius is not positive, larger than the skin, or does not fit the tile.
         PatternError: The skin is moulded.
 
     Warns:
-        UserWarning: The radius is under 1.5 edge lengths and hardly filters.
+        ResolutionWarning: The radius is under 1.5 edge lengths and hardly filters.
     """
 
     name = "cone"
@@ -53,8 +54,9 @@ class ConeFilter:
         lattice: Floats | None = None,
         whole: Mirrored | None = None,
     ) -> None:
+        require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
+        check_radius(skin, radius)
         self._near = Neighbourhood(skin.pattern, radius, lattice, whole)
-        warn_if_unresolved(skin, radius)
         self.radius = radius
         self._skin, self._areas = skin, skin.pattern.areas
         (self._matrix,) = neighbour_matrices(skin, self._near, self._weights)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from toros_fem._mpi import raise_together
 from toros_fem._types import Floats
-from toros_fem._validate import require_count
+from toros_fem._validate import real_numbers, require_count, require_finite, require_kind
 from toros_fem.errors import DensityError
 from toros_fem.meshes.skin import Skin
 
@@ -20,6 +22,8 @@ def random_density(skin: Skin, seed: int, mean: float = 0.5, spread: float = 0.1
         DensityError: mean ± spread leaves [0, 1].
         ParameterError: The seed is negative.
     """
+    require_kind("skin", skin, Skin, "a Skin, by sew")
+    require_finite(mean=mean, spread=spread)
     if not (spread >= 0 and mean - spread >= 0 and mean + spread <= 1):
         raise DensityError(
             f"mean ± spread = {mean} ± {spread} must lie in [0, 1]; reduce the spread."
@@ -29,14 +33,18 @@ def random_density(skin: Skin, seed: int, mean: float = 0.5, spread: float = 0.1
     return np.asarray(mean + spread * drawn[skin.owned_cells])
 
 
-def check_density(skin: Skin, density: Floats) -> None:
-    """Check shape and range of owned densities, with one result on all ranks (collective).
+def check_density(skin: Skin, density: Any) -> Floats:
+    """Return owned densities as an array, with one result on all ranks (collective).
 
     Raises:
-        DensityError: The shape is wrong, or a triangle is outside [0, 1].
+        DensityError: They are no real numbers, the shape is wrong, or one is outside [0, 1].
     """
     error = None
     owned = len(skin.owned_cells)
+    try:
+        density = real_numbers("density", density, "one for each owned triangle", DensityError)
+    except DensityError as caught:
+        raise_together(skin.comm, caught)
     if density.shape != (owned,):
         error = DensityError(
             f"density has shape {density.shape}; this rank owns {owned} triangles."
@@ -50,3 +58,4 @@ def check_density(skin: Skin, density: Floats) -> None:
                 "[0, 1]. Clip the density, or look for an earlier error."
             )
     raise_together(skin.comm, error)
+    return density

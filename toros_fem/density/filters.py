@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from toros_fem._mpi import require_alike
 from toros_fem._types import Floats
-from toros_fem._validate import require_choice
+from toros_fem._validate import require_choice, require_kind
 from toros_fem.density.cone import ConeFilter
 from toros_fem.density.helmholtz import HelmholtzFilter
 from toros_fem.meshes.mirror import Mirrored
@@ -65,6 +66,8 @@ def make_filter(
     Raises:
         ParameterError: The name is unknown, or the radius is out of bounds.
     """
+    require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
+    require_alike(skin.comm, filter=name, radius=radius, lattice=lattice)
     require_choice("filter", name, FILTERS)
     if name == "cone":
         return ConeFilter(skin, radius, lattice, whole)

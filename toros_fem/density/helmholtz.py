@@ -12,8 +12,8 @@ from petsc4py import PETSc
 
 from toros_fem._mpi import gather_by_index
 from toros_fem._types import Floats
-from toros_fem._validate import require_positive
-from toros_fem.density.neighbours import warn_if_unresolved
+from toros_fem._validate import require_kind
+from toros_fem.density.neighbours import check_radius
 from toros_fem.meshes.skin import Skin
 
 
@@ -30,17 +30,17 @@ class HelmholtzFilter:
         radius: R in m; the cone of this radius filters as much.
 
     Raises:
-        ParameterError: The radius is not positive.
+        ParameterError: The radius is not positive, or larger than the skin.
 
     Warns:
-        UserWarning: The radius is under 1.5 edge lengths and hardly filters.
+        ResolutionWarning: The radius is under 1.5 edge lengths and hardly filters.
     """
 
     name = "helmholtz"
 
     def __init__(self, skin: Skin, radius: float) -> None:
-        require_positive(radius=radius)
-        warn_if_unresolved(skin, radius)
+        require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
+        check_radius(skin, radius)
         self.radius = radius
         self._skin = skin
         space = fem.functionspace(skin.mesh, ("Lagrange", 1))

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from toros_fem._mpi import sum_over_ranks
 from toros_fem._types import Floats
-from toros_fem._validate import require_between, require_positive
+from toros_fem._validate import require_between, require_kind, require_positive
 from toros_fem.density.bar_width import (
     bar_violation,
     threshold_for_width,
@@ -111,6 +111,7 @@ class LengthScaleConstraints:
         *,
         parts: int = 1,
     ) -> None:
+        require_kind("parameters", parameters, LengthScale, "a LengthScale")
         projection = projection or Projection()
         p, radius = parameters, filter.radius
         self._comm, self._filter = skin.comm, filter

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -11,9 +10,10 @@ from petsc4py import PETSc
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
+from toros_fem._mpi import warn_together
 from toros_fem._types import Floats, Ints
 from toros_fem._validate import require_positive
-from toros_fem.errors import ParameterError
+from toros_fem.errors import ParameterError, ResolutionWarning
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.skin import Skin
@@ -213,13 +213,25 @@ def mean_edge(skin: Skin) -> float:
     return float(np.sqrt(skin.pattern.areas.mean() * 4 / np.sqrt(3)))
 
 
-def warn_if_unresolved(skin: Skin, radius: float) -> None:
-    """Warn if a filter's radius in m is too small for the mesh."""
+def check_radius(skin: Skin, radius: float) -> None:
+    """Check a filter's radius in m, and warn if it is too small for the mesh.
+
+    Raises:
+        ParameterError: It is not positive, or larger than the skin.
+    """
+    require_positive(**{"filter radius": radius})
+    size = skin.pattern.size
+    if radius > size:
+        raise ParameterError(
+            f"filter radius = {radius:.3g} m is larger than the skin of {size:.3g} m: every "
+            "density would be the mean. Radii are two or three edge lengths; in m, not mm."
+        )
     edge = mean_edge(skin)
     if radius < RESOLVED * edge:
-        warnings.warn(
+        warn_together(
+            skin.comm,
             f"filter radius = {radius:.3g} m is under {RESOLVED} edge lengths ({edge:.3g} m "
             "each): it hardly filters and guarantees no width of a line. Refine the mesh to "
             f"edges of {radius / RESOLVED:.3g} m, or enlarge the radius.",
-            stacklevel=3,
+            ResolutionWarning,
         )

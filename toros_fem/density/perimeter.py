@@ -7,7 +7,7 @@ from scipy.integrate import quad
 
 from toros_fem._mpi import dot
 from toros_fem._types import Floats
-from toros_fem._validate import require_positive
+from toros_fem._validate import require_finite, require_kind, require_positive
 from toros_fem.density.neighbours import (
     Neighbourhood,
     Pairs,
@@ -64,7 +64,9 @@ class Perimeter:
         lattice: Floats | None = None,
         whole: Mirrored | None = None,
     ) -> None:
+        require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
         require_positive(window=window)
+        require_finite(sharpness=sharpness)
         if sharpness == 0:
             raise ParameterError(
                 "sharpness = 0 weighs print and fabric alike, so that no border is seen. Give a "

@@ -8,6 +8,7 @@ import numpy as np
 
 from toros_fem._types import Floats
 from toros_fem._validate import require_between, require_positive
+from toros_fem.errors import ParameterError
 
 
 @dataclass(frozen=True)
@@ -19,7 +20,7 @@ class Projection:
         eta: Threshold η; 0.5 in the paper.
 
     Raises:
-        ParameterError: β is not positive, or η is outside [0, 1].
+        ParameterError: β is not positive, or η is outside (0, 1).
     """
 
     beta: float = 20.0
@@ -28,6 +29,11 @@ class Projection:
     def __post_init__(self) -> None:
         require_positive(beta=self.beta)
         require_between(0.0, 1.0, eta=self.eta)
+        if self.eta in (0, 1):
+            raise ParameterError(
+                f"eta = {self.eta} must lie between 0 and 1, not at an end: at 0 everything would "
+                "be printed, at 1 nothing. 0.5 keeps areas."
+            )
 
     @property
     def _scale(self) -> float:

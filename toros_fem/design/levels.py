@@ -10,7 +10,7 @@ import numpy as np
 
 from toros_fem._mpi import free_dropped
 from toros_fem._types import Floats
-from toros_fem._validate import require_count
+from toros_fem._validate import require_count, require_kind
 from toros_fem.design.journal import Journal
 from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Iteration
@@ -135,6 +135,10 @@ def optimize_levels(
         PanelError: Two problems have other panels.
         DensityError, NoEquilibriumError, CheckpointError, RunStoppedError: As for `optimize`.
     """
+    if not isinstance(options, list | tuple):
+        raise ParameterError("options must be a list of DesignOptions, one for each level.")
+    for rules in options:
+        require_kind("options", rules, DesignOptions, "DesignOptions, one for each level")
     if not options:
         raise ParameterError("options is empty; give DesignOptions for each level.")
     remaining, finish = iter(problems), finish or (lambda result: result)
@@ -179,6 +183,7 @@ def refinements(design: ShapeDesign, levels: int) -> Iterator[ShapeDesign]:
     Raises:
         ParameterError: The number is not whole or less than 1, or as for `ShapeDesign.refined`.
     """
+    require_kind("design", design, ShapeDesign, "a ShapeDesign")
     require_count(1, levels=levels)
     yield design
     for _ in range(levels - 1):

@@ -11,8 +11,9 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from toros_fem._mpi import largest, norm
+from toros_fem._mpi import largest, norm, require_alike
 from toros_fem._types import Floats
+from toros_fem._validate import require_callable, require_count, require_kind, shown
 from toros_fem.density.projection import Projection
 from toros_fem.design.journal import (
     Checkpoint,
@@ -117,11 +118,20 @@ def optimize(
         NoEquilibriumError: There is no equilibrium for the start. The loop steps back from later
             failures.
     """
+    require_kind("problem", problem, DesignProblem, "a design problem, a ShapeDesign for instance")
+    require_alike(problem.comm, options=options, seed=seed)
+    require_count(0, seed=seed)
+    if callback is not None:
+        require_callable("callback", callback, "a function of an iteration and an evaluation")
     if options is None:
         options = DesignOptions()
     elif isinstance(options, Stage):
         raise ParameterError("options is one Stage; give a list of stages, [Stage(…)].")
     elif not isinstance(options, DesignOptions):
+        if not isinstance(options, list | tuple):
+            raise ParameterError(
+                f"options = {shown(options)} must be DesignOptions, or a list of Stages."
+            )
         options = DesignOptions(tuple(options))
     if problem.length_scale is None and any(stage.constrained for stage in options.stages):
         raise ParameterError(
@@ -130,7 +140,7 @@ def optimize(
         )
     if start is None:
         start = problem.start_density(seed) if after is None else after.density
-    problem.check_variables(start)
+    start = problem.check_variables(start)
     initial = problem.initial_density(start) if after is None else after.initial
     entry = None
     if journal is not None:

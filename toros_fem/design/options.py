@@ -7,7 +7,15 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from toros_fem._validate import require_between, require_choice, require_count, require_positive
+from toros_fem._validate import (
+    require_between,
+    require_choice,
+    require_count,
+    require_flag,
+    require_kind,
+    require_positive,
+    shown,
+)
 from toros_fem.errors import ParameterError
 from toros_fem.mma.optimizer import MMAOptions
 
@@ -34,6 +42,7 @@ class Stage:
 
     def __post_init__(self) -> None:
         require_count(1, iterations=self.iterations)
+        require_flag(constrained=self.constrained)
         if self.beta is not None:
             require_positive(beta=self.beta)
 
@@ -78,6 +87,12 @@ class DesignOptions:
     mma: MMAOptions = field(default_factory=MMAOptions)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.stages, list | tuple):
+            raise ParameterError(f"stages = {shown(self.stages)} must be a list of Stages.")
+        for stage in self.stages:
+            require_kind("stages", stage, Stage, "Stages, by Stage(iterations)")
+        object.__setattr__(self, "stages", tuple(self.stages))
+        require_kind("mma", self.mma, MMAOptions, "MMAOptions")
         if not self.stages:
             raise ParameterError("stages is empty; give at least one Stage.")
         require_count(0, retries=self.retries)

@@ -318,13 +318,13 @@ class DesignProblem(ABC, Generic[R]):
         low = np.where(self.designed, 0.0, passive)
         return low, np.where(self.designed, 1.0, low)
 
-    def check_variables(self, density: Floats) -> None:
-        """Check shape and range of the variables of this rank (collective).
+    def check_variables(self, density: Floats) -> Floats:
+        """Return the variables of this rank as an array, checked (collective).
 
         Raises:
             DensityError: The shape is wrong, or a value is outside [0, 1].
         """
-        check_density(self.skin, density)
+        return check_density(self.skin, density)
 
     def reinforcement(self, evaluation: Evaluation[R]) -> tuple[float, float]:
         """Return volume fraction and grey level of a design, as of `Iteration` (collective)."""
@@ -365,7 +365,7 @@ class DesignProblem(ABC, Generic[R]):
             DensityError: The density does not fit or leaves [0, 1].
             NoEquilibriumError: There is no equilibrium for this design.
         """
-        self.check_variables(density)
+        density = self.check_variables(density)
         start_time = time.perf_counter()
         density = self.with_passive(density)
         filtered, projected = self.fields(density)

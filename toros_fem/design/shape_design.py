@@ -9,8 +9,14 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem._mpi import require_alike
 from toros_fem._types import Floats
-from toros_fem._validate import require_names
+from toros_fem._validate import (
+    real_numbers,
+    require_callable,
+    require_kind,
+    require_names,
+)
 from toros_fem.density.filters import make_filter
 from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.density.perimeter import SHARPNESS, Perimeter
@@ -29,7 +35,7 @@ from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import refine
 from toros_fem.meshes.skin import Skin, sew
-from toros_fem.objectives.metrics import Metric, distance
+from toros_fem.objectives.metrics import Metric, check_metrics, distance
 from toros_fem.objectives.shape import Objective, ShapeObjective, checked_target
 
 DEFAULT_LENGTH_SCALE = LengthScale()
@@ -136,8 +142,19 @@ class ShapeDesign(ShapeProblem):
             "options": options,
             "log": log,
         }
+        require_alike(comm, **self._given)
+        if metrics is not None:
+            check_metrics(metrics)
         skin = sew(comm, pattern)
         goal = checked_target(skin, target(pattern.points) if callable(target) else target)
+        for name, made in (("objective", objective), ("log", log)):
+            if made is not None:
+                require_callable(name, made, "a function, or None")
+        for name, kind, value in (
+            ("projection", Projection, projection),
+            ("length_scale", LengthScale, length_scale),
+        ):
+            require_kind(name, value, (kind, type(None)), f"a {kind.__name__}, or None")
         whole = mirrored(pattern, tuple(symmetry)) if symmetry else None
         solver = EquilibriumSolver(
             skin,
@@ -234,9 +251,12 @@ def _given_density(
     """Return the prescribed density of all triangles, (t,); None if there is none."""
     require_names("printed_panels", printed_panels)
     count = len(pattern.triangles)
-    if passive is not None and np.shape(passive) != (count,):
+    if passive is not None:
+        what = "one density for each triangle, NaN where it is designed"
+        passive = real_numbers("passive", passive, what, DensityError)
+    if passive is not None and passive.shape != (count,):
         raise DensityError(
-            f"passive has shape {np.shape(passive)}; it must be ({count},), one density for each "
+            f"passive has shape {passive.shape}; it must be ({count},), one density for each "
             "triangle of the pattern, NaN where it is designed."
         )
     if passive is None and not printed_panels:

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from toros_fem._mpi import dot
 from toros_fem._types import Floats
-from toros_fem._validate import require_between, require_positive
+from toros_fem._validate import real_numbers, require_between, require_positive, shown
 from toros_fem.density.field import check_density, random_density
 from toros_fem.density.filters import Filter
 from toros_fem.density.length_scale import LengthScaleConstraints
@@ -26,7 +26,7 @@ from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import DensityError, ParameterError
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
-from toros_fem.objectives.metrics import Metric
+from toros_fem.objectives.metrics import Metric, check_metrics
 from toros_fem.objectives.shape import Objective
 
 # Largest displacement in differences of metrics, over the size of the skin.
@@ -74,6 +74,11 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         for pressure, bounds in zip(self.pressures, self.pressure_ranges, strict=True):
             require_between(0.0, np.inf, pressure=pressure)
             if bounds is not None:
+                if not isinstance(bounds, list | tuple | np.ndarray) or len(bounds) != 2:
+                    raise ParameterError(
+                        f"pressure_bounds = {shown(bounds)} must be two numbers in Pa, the least "
+                        "and the largest pressure."
+                    )
                 low, high = bounds
                 require_positive(least_pressure=low, largest_pressure=high)
                 if not low < high:
@@ -82,9 +87,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
                         "second must be larger. To prescribe the pressure, give no bounds."
                     )
                 require_between(low, high, pressure=pressure)
-        keys = [metric.key for metric in self.metrics]
-        if len(set(keys)) < len(keys):
-            raise ParameterError(f"metrics are named {', '.join(keys)}; each needs its own name.")
+        check_metrics(self.metrics)
         self._check_start()
         self.check()
 
@@ -92,9 +95,11 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         if self.start is None:
             return
         count = len(self.skin.pattern.triangles)
-        if np.shape(self.start) != (count,):
+        what = "one density for each triangle of the pattern"
+        self.start = real_numbers("start", self.start, what, DensityError)
+        if self.start.shape != (count,):
             raise DensityError(
-                f"start has shape {np.shape(self.start)}; it must be ({count},), one density for "
+                f"start has shape {self.start.shape}; it must be ({count},), one density for "
                 "each triangle of the pattern."
             )
         least, largest = float(np.min(self.start)), float(np.max(self.start))
@@ -130,11 +135,21 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
     def pressure_ranges(self) -> tuple[Bounds | None, ...]:
         """Least and largest pressure of each chamber in Pa; None where it is prescribed."""
         bounds = self.pressure_bounds
+        listed = isinstance(bounds, list | tuple | np.ndarray) and len(bounds) > 0
+        if bounds is not None and not listed:
+            raise ParameterError(
+                f"pressure_bounds = {shown(bounds)} must be the least and the largest pressure in "
+                "Pa, such a pair for each chamber, or None."
+            )
         alike = bounds is None or np.isscalar(bounds[0])
         return self._for_each(bounds, "pressure_bounds", alike)
 
     def _for_each(self, given: Any, name: str, alike: bool) -> tuple[Any, ...]:
         count = len(self.solver.model.load.pressures)
+        if not alike and not isinstance(given, list | tuple | np.ndarray):
+            raise ParameterError(
+                f"{name} = {shown(given)} must be one number in Pa, or one for each chamber."
+            )
         values = (given,) * count if alike else tuple(given)
         if len(values) != count:
             raise ParameterError(
@@ -152,7 +167,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         if not self.metrics:
             return {}
         positions, pattern = self.skin.gather_vertices(owned), self.skin.pattern
-        return {m.key: float(m.measure(pattern, positions)) for m in self.metrics}
+        return {m.key: m.value(pattern, positions) for m in self.metrics}
 
     def metric_derivatives(
         self, evaluation: Evaluation[EquilibriumResult], changes: Sequence[Floats]

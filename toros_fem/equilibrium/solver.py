@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
-from toros_fem._mpi import largest, norm, raise_together
+from toros_fem._mpi import largest, norm, raise_together, require_alike, warn_together
 from toros_fem._types import Floats
+from toros_fem._validate import real_numbers, require_callable, require_flag, require_kind
 from toros_fem.equilibrium.continuation import Attempt, ContinuationResult, run_continuation
 from toros_fem.equilibrium.diagnostics import Condition, condition_of, failure, success
 from toros_fem.equilibrium.newton import NewtonStep
@@ -18,7 +19,7 @@ from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.path import PathPoint, critical_load, find_jump, leads_back
 from toros_fem.equilibrium.prescribed import PrescribedDisplacement
 from toros_fem.equilibrium.snes import Attempts, SnesSolver
-from toros_fem.errors import NoEquilibriumError, ParameterError
+from toros_fem.errors import MaterialWarning, NoEquilibriumError, ParameterError
 from toros_fem.materials import Composite
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.dead_loads import Weight
@@ -165,6 +166,12 @@ class EquilibriumSolver:
         families: int | None = None,
         crossing: float = CROSSING,
     ) -> None:
+        require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
+        given = {"composite": composite, "supports": supports, "options": options}
+        more = {"chambers": chambers, "weight": weight, "families": families, "crossing": crossing}
+        require_alike(skin.comm, **given, **more)
+        _require_kinds(composite, supports, options, log, chambers, weight)
+        _warn_of_soft_print(skin, composite)
         self.skin, self.log = skin, log
         self.model: SkinModel
         if families is None:
@@ -223,6 +230,8 @@ class EquilibriumSolver:
             EquilibriumError: No equilibrium was found; the error holds the last good state.
         """
         model = self.model
+        require_alike(self.skin.comm, pressure=pressure, weight_fraction=weight_fraction)
+        require_flag(raise_on_failure=raise_on_failure, trial=trial)
         load = make_load_case(
             self.skin.pattern,
             model.supports,
@@ -232,7 +241,7 @@ class EquilibriumSolver:
             displacement=displacement,
             weight_fraction=0.0 if model.weight is None else weight_fraction,
         )
-        model.check(density)
+        density = model.check(density)
         state = self._start(start)
         known = next((k for k in self._known if start is k.result.state), None)
         result = self._solve(
@@ -481,6 +490,11 @@ class EquilibriumSolver:
         model, error = self.model, None
         state = model.assembled
         unknowns, nodes = state.shape, model.positions(state).shape
+        if start is not None:
+            try:
+                start = real_numbers("start", start, "unknowns, or positions (n, 3), in m")
+            except ParameterError as caught:
+                error, start = caught, np.zeros(unknowns)
         if start is not None and start.shape not in (unknowns, nodes):
             error = ParameterError(
                 f"start has shape {start.shape}; on this rank it must be {unknowns}, the unknowns "
@@ -493,9 +507,14 @@ class EquilibriumSolver:
             state = start.copy()
         use = model.bounds.worst(model.corners(state))
         if not use < 1:
+            bounds = f"c1 = {model.composite.c1:g} and c2 = {model.composite.c2:g}"
+            what, remedy = "start", f"Start from the assembled positions, or raise {bounds}."
+            if start is None:
+                what = "assembled shape, from which a solve starts,"
+                remedy = f"Raise {bounds}, or fit the panels to the shape."
             raise ParameterError(
-                f"the start leaves the stretch bounds: a triangle uses {use:.3g} of them, the "
-                "bound is 1. Start from the assembled positions, or raise c1 and c2."
+                f"the {what} leaves the stretch bounds: a triangle uses {use:.3g} of them, the "
+                f"bound is 1. {remedy}"
             )
         return state
 
@@ -673,3 +692,34 @@ class EquilibriumSolver:
 def _by_pressure_alone(load: LoadCase) -> bool:
     dead = load.force is not None or load.weight_fraction > 0 or load.displacement is not None
     return load.largest > 0 and not dead
+
+
+def _require_kinds(
+    composite: Any, supports: Any, options: Any, log: Any, chambers: Any, weight: Any
+) -> None:
+    """Check the types of what a solver is made of.
+
+    Raises:
+        ParameterError: Naming the one that is of another type.
+    """
+    nothing = type(None)
+    require_kind("composite", composite, Composite, "a Composite, by Composite(fabric, …)")
+    require_kind("supports", supports, Supports, "Supports, by clamp(pattern, panels) for instance")
+    require_kind("options", options, (NewtonOptions, nothing), "NewtonOptions, or None")
+    require_kind("chambers", chambers, (Chambers, nothing), "Chambers, or None for one")
+    require_kind("weight", weight, (Weight, nothing), "a Weight, or None for none")
+    if log is not None:
+        require_callable("log", log, "a function of a Newton step, or None")
+
+
+def _warn_of_soft_print(skin: Skin, composite: Composite) -> None:
+    printed, fabric = (
+        sheet.membrane_stiffness for sheet in (composite.reinforcement, composite.fabric)
+    )
+    if printed < fabric:
+        warn_together(
+            skin.comm,
+            f"the reinforcement, E h = {printed:.3g} N/m, is softer than the fabric, {fabric:.3g} "
+            "N/m: a print would weaken it. Are the two exchanged?",
+            MaterialWarning,
+        )

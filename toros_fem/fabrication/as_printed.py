@@ -9,13 +9,19 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem._mpi import on_first_rank
+from toros_fem._mpi import on_first_rank, require_alike
 from toros_fem._types import Bools, Floats
+from toros_fem._validate import require_kind
 from toros_fem.design.journal import Journal, kept_evaluation
 from toros_fem.design.loop import DesignResult
 from toros_fem.design.problem import DesignProblem, Evaluation
 from toros_fem.errors import NoEquilibriumError
-from toros_fem.fabrication.cleaning import CleanedRegions, clean, clean_symmetric
+from toros_fem.fabrication.cleaning import (
+    CleanedRegions,
+    clean,
+    clean_symmetric,
+    require_island_area,
+)
 from toros_fem.fabrication.contours import printed_regions
 from toros_fem.fabrication.printability import (
     DEFAULT_LIMITS,
@@ -177,10 +183,16 @@ def as_printed(
         journal: Keeps the simulation; None keeps nothing.
 
     Raises:
-        ParameterError: The area is negative.
+        ParameterError: The area is negative, or not below the pattern's; or an argument has
+            another type.
     """
+    require_kind("problem", problem, DesignProblem, "a design problem, a ShapeDesign for instance")
+    require_kind("result", result, DesignResult, "the DesignResult of optimize")
+    require_kind("limits", limits, PrintLimits, "PrintLimits")
     skin = problem.skin
+    require_alike(skin.comm, limits=limits, island_area=island_area)
     pattern, whole = skin.pattern, problem.whole
+    require_island_area(pattern, island_area)
     at_points, at_centroids = contour_values(problem, result.density)
     smoothing = SMOOTHING * float(np.sqrt(4 / np.sqrt(3) * pattern.areas.mean()))
     if whole is not None:

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem._validate import is_number, shown
 from toros_fem.errors import ParameterError
 from toros_fem.fabrication.contours import panel_outline
 from toros_fem.fabrication.islands import Hole, PrintedPiece, find_holes, find_pieces
@@ -45,6 +46,20 @@ class CleanedRegions:
     filled: tuple[Hole, ...]
 
 
+def require_island_area(pattern: Pattern, island_area: float) -> None:
+    """Check that the area below which islands are removed is smaller than the pattern.
+
+    Raises:
+        ParameterError: Naming the area in m², and that of the pattern.
+    """
+    whole = float(pattern.areas.sum())
+    if not (is_number(island_area) and 0 <= island_area < whole):
+        raise ParameterError(
+            f"island_area = {shown(island_area)} m² must be at least 0 and below the pattern's "
+            f"{whole:.3g} m²; 0 bridges all islands. 20 mm² are 20e-6."
+        )
+
+
 def clean(
     pattern: Pattern,
     regions: Sequence[BaseGeometry],
@@ -66,9 +81,9 @@ def clean(
     Raises:
         ParameterError: The area is negative.
     """
-    if not island_area >= 0:
+    if not (is_number(island_area) and island_area >= 0):
         raise ParameterError(
-            f"island_area = {island_area} m² must be at least 0; 0 bridges all islands."
+            f"island_area = {shown(island_area)} m² must be at least 0; 0 bridges all islands."
         )
     outlines = [panel_outline(pattern, panel) for panel in range(len(pattern.panel_names))]
     made = [

@@ -7,10 +7,16 @@ from collections.abc import Sequence
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Bools, Floats
+from toros_fem._validate import require_kind
 from toros_fem.design.journal import Journal, kept_evaluation
 from toros_fem.design.problem import DesignProblem, Evaluation, Pressure
 from toros_fem.fabrication.as_printed import PrintedDesign, print_regions
-from toros_fem.fabrication.cleaning import CleanedRegions, clean, clean_symmetric
+from toros_fem.fabrication.cleaning import (
+    CleanedRegions,
+    clean,
+    clean_symmetric,
+    require_island_area,
+)
 from toros_fem.fabrication.printability import DEFAULT_LIMITS, PrintLimits
 from toros_fem.fabrication.regions import mirrored_regions, regions_on
 from toros_fem.meshes.mirror import Mirrored
@@ -50,9 +56,13 @@ def printed_lines(
 
     Raises:
         PanelError: The panels are others, or the number of regions is not theirs.
-        ParameterError: An area is negative.
+        ParameterError: The area is negative, or not below the pattern's.
     """
+    require_kind("problem", problem, DesignProblem, "a design problem, a ShapeDesign for instance")
+    require_kind("pattern", pattern, Pattern, "the Pattern of the polygons")
+    require_kind("limits", limits, PrintLimits, "PrintLimits")
     part, whole = problem.skin.pattern, problem.whole
+    require_island_area(part, island_area)
     start = None
     if near is not None:
         start = problem.state_at(make_transfer(near[0], part).positions(near[1]))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem._types import Floats
+from toros_fem._validate import real_numbers, require_kind
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
 
@@ -30,9 +31,11 @@ class LineField:
     angles: Floats
 
     def __post_init__(self) -> None:
+        require_kind("pattern", self.pattern, Pattern, "a Pattern")
         count = len(self.pattern.panel)
         for name in ("shares", "angles"):
-            array = np.array(getattr(self, name), dtype=np.float64)
+            given = getattr(self, name)
+            array = real_numbers(name, given, f"({count}, K), one row for each triangle").copy()
             if array.ndim != 2 or len(array) != count or array.shape[1] == 0:
                 raise ParameterError(
                     f"{name} has shape {array.shape}; it must be ({count}, K), a value for each "

@@ -10,6 +10,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Bools, Floats, Ints
+from toros_fem._validate import checked_axes, require_kind
 from toros_fem.errors import ParameterError
 from toros_fem.lines.centre_lines import CentreLine, trace
 from toros_fem.lines.ends import Family, close_ends
@@ -68,6 +69,10 @@ def lay_lines(
         ParameterError: `printed` does not fit the pattern, or the options the field.
         PatternError: The skin is moulded.
     """
+    require_kind("field", field, LineField, "a LineField")
+    require_kind("options", options, (LineOptions, type(None)), "LineOptions, or None")
+    require_kind("like", like, (LaidLines, type(None)), "LaidLines, or None")
+    planes = checked_axes("planes", planes)
     field.pattern.require_flat_panels("laying lines")
     options = options or LineOptions()
     widths = [options.width_of(k, field.families) for k in range(field.families)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from toros_fem._validate import require_between, require_positive
+from toros_fem._validate import checked_floats, require_between, require_positive
 from toros_fem.errors import ParameterError
 
 
@@ -39,7 +39,9 @@ class LineOptions:
     spread: float = 1.5
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "widths", tuple(float(width) for width in self.widths))
+        what = "a list of widths in m, one for all families or one for each"
+        widths = checked_floats("widths", self.widths, what, lambda shape: len(shape) == 1)
+        object.__setattr__(self, "widths", tuple(float(width) for width in widths))
         require_positive(print_width=self.print_width, hole_area=self.hole_area)
         require_positive(least_share=self.least_share, at_most=1.0)
         require_between(1, 10, spread=self.spread)

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem._types import Bools, Floats, Ints
+from toros_fem._validate import checked_names, require_kind, require_names, whole_numbers
 from toros_fem.errors import ParameterError
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.pattern import Pattern
@@ -36,15 +37,17 @@ class Chambers:
     of_cell: Ints
 
     def __post_init__(self) -> None:
-        of_cell = np.array(self.of_cell, dtype=np.int64)
+        names = checked_names("names", self.names)
+        object.__setattr__(self, "names", names)
+        of_cell = whole_numbers("of_cell", self.of_cell, "one chamber for each triangle").copy()
         of_cell.setflags(write=False)
         object.__setattr__(self, "of_cell", of_cell)
-        if not self.names or len(set(self.names)) < len(self.names):
-            raise ParameterError(f"names = {self.names} must name each chamber, and be different.")
+        if not names:
+            raise ParameterError("names = () must name each chamber, and at least one.")
         last = len(self.names) - 1
         if of_cell.ndim != 1 or not np.array_equal(np.unique(of_cell), np.arange(last + 1)):
             raise ParameterError(
-                f"of_cell contains the chambers {np.unique(of_cell).tolist()}; it must have one "
+                f"of_cell contains the chambers {_listed(np.unique(of_cell))}; it must have one "
                 f"number for each triangle, and each of 0 to {last} at least once."
             )
 
@@ -58,6 +61,11 @@ class Chambers:
         return Chambers(self.names, self.of_cell[finer.cell])
 
 
+def _listed(numbers: Ints) -> str:
+    """Return the first numbers as text."""
+    return ", ".join(map(str, numbers[:6].tolist())) + (", …" if len(numbers) > 6 else "")
+
+
 def chambers_of_panels(pattern: Pattern, panels: Mapping[str, Sequence[str]]) -> Chambers:
     """Return chambers made of whole panels.
 
@@ -69,8 +77,10 @@ def chambers_of_panels(pattern: Pattern, panels: Mapping[str, Sequence[str]]) ->
         PanelError: A panel of that name does not exist.
         ParameterError: A panel belongs to no chamber, or to two.
     """
+    require_kind("panels", panels, Mapping, "a mapping from chambers to lists of panels")
     of_panel = np.full(len(pattern.panel_names), -1)
     for chamber, members in enumerate(panels.values()):
+        require_names(f"panels of chamber {chamber}", members)
         for name in members:
             index = pattern.panel_index(name)
             if of_panel[index] >= 0:

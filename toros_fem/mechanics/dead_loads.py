@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem._types import Floats
-from toros_fem._validate import require_between
+from toros_fem._validate import checked_floats, require_between
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import Refinement
@@ -36,10 +36,9 @@ class Weight:
 
     def __post_init__(self) -> None:
         require_between(0.0, np.inf, fabric=self.fabric, reinforcement=self.reinforcement)
-        if np.shape(self.gravity) != (3,) or not np.isfinite(self.gravity).all():
-            raise ParameterError(
-                f"gravity = {self.gravity} must be a finite vector of three components, in m/s²."
-            )
+        what = "a finite vector of three components, in m/s²"
+        gravity = checked_floats("gravity", self.gravity, what, (3,))
+        object.__setattr__(self, "gravity", (gravity[0], gravity[1], gravity[2]))
         object.__setattr__(self, "fabric", float(self.fabric))  # forms take no integers
         object.__setattr__(self, "reinforcement", float(self.reinforcement))
 
@@ -126,17 +125,9 @@ def point_force(
 
 
 def _vector(name: str, values: Sequence[float] | Floats, size: int, unit: str) -> Floats:
-    found = np.asarray(values, dtype=np.float64)
-    if found.shape != (size,) or not np.isfinite(found).all():
-        raise ParameterError(
-            f"{name} = {values} must be a finite vector ({size},), in {unit}"
-            + (
-                "; flat coordinates (2,) need the name of their panel."
-                if name == "place" and found.shape != (size,)
-                else "."
-            )
-        )
-    return found
+    advice = "; flat coordinates (2,) need the name of their panel" if name == "place" else ""
+    what = f"a finite vector ({size},), in {unit}{advice}"
+    return checked_floats(name, values, what, (size,))
 
 
 def _nearest_weights(corners: Floats, at: Floats) -> Floats:

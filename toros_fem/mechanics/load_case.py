@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toros_fem._types import Floats
+from toros_fem._validate import checked_floats, real_numbers, require_between
 from toros_fem.errors import ParameterError
 from toros_fem.mechanics.supports import Supports, require_displacement
 from toros_fem.meshes.pattern import Pattern
@@ -104,26 +105,26 @@ def make_load_case(
         ParameterError: A pressure is negative or not finite, or an array does not fit.
         OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
     """
-    values = np.asarray(pressure, dtype=np.float64)
+    what = "in Pa, one for all chambers or one for each"
+    values = real_numbers("pressure", pressure, what)
+    require_between(0.0, np.inf, weight_fraction=weight_fraction)
     if not (np.isfinite(values) & (values >= 0)).all():
-        shown = ", ".join(str(float(p)) for p in np.atleast_1d(values))
-        raise ParameterError(f"pressure = {shown} Pa must be finite and at least 0.")
+        wrong = values[~(np.isfinite(values) & (values >= 0))].ravel()[0]
+        raise ParameterError(f"pressure = {float(wrong)} Pa must be finite and at least 0.")
     if values.shape not in ((), (chambers,)):
         raise ParameterError(
-            f"pressure = {pressure} Pa must be one number, or one for each of the {chambers} "
-            "chambers."
+            f"pressure has shape {values.shape}; it must be one number in Pa, or one for each of "
+            f"the {chambers} chambers."
         )
     if values.any() and not supports.close(pattern):
         pattern.require_closed()
     points = pattern.points.shape
-    if force is not None and not (force.shape == points and np.isfinite(force).all()):
-        raise ParameterError(
-            f"force has shape {force.shape}; it must be finite and of shape {points}, in N."
-        )
+    if force is not None:
+        force = checked_floats("force", force, f"finite and of shape {points}, in N", points)
     if displacement is None:
         displacement = supports.displacement
     else:
-        require_displacement(displacement, points)
+        displacement = require_displacement(displacement, points)
         moved = replace(supports, displacement=displacement)
         if moved.close(pattern) != supports.close(pattern):
             raise ParameterError(

@@ -269,13 +269,13 @@ class SkinModel:
         if self.weight is not None:
             self._gravity.value[:] = load.weight_fraction * np.asarray(self.weight.gravity)
 
-    def check(self, density: Floats) -> None:
-        """Check owned densities, with one result on all ranks.
+    def check(self, density: Floats) -> Floats:
+        """Return owned densities as an array, with one result on all ranks.
 
         Raises:
             DensityError: The density does not fit, or leaves [0, 1].
         """
-        check_density(self.skin, density)
+        return check_density(self.skin, density)
 
     def set_density(self, density: Floats) -> None:
         """Set the projected density from owned values."""

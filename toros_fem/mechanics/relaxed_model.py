@@ -113,8 +113,8 @@ class RelaxedModel(SkinModel):
             lines=_coefficients(self.lines, composite, self._crossing),
         )
 
-    def check(self, density: Floats) -> None:
-        """Check owned rows of a design, with one result on all ranks.
+    def check(self, density: Floats) -> Floats:
+        """Return owned rows of a design as an array, with one result on all ranks.
 
         Raises:
             DensityError: The shape is wrong, a value is not finite, a density leaves [0, 1], a
@@ -123,12 +123,13 @@ class RelaxedModel(SkinModel):
         skin, count = self.skin, self.families
         shape = (len(skin.owned_cells), 1 + 3 * count)
         error = None
-        if density.shape != shape:
+        if np.shape(density) != shape:
             error = DensityError(
-                f"the design has shape {density.shape}; on this rank it must be {shape}: density, "
-                f"shares, cosines and sines of {count} families."
+                f"the design has shape {np.shape(density)}; on this rank it must be {shape}: "
+                f"density, shares, cosines and sines of {count} families."
             )
         raise_together(skin.comm, error)
+        density = np.asarray(density)
         check_density(skin, density[:, 0])
         shares = density[:, 1 : 1 + count]
         cover = shares.sum(axis=1)
@@ -143,6 +144,7 @@ class RelaxedModel(SkinModel):
                 "look for an earlier error."
             )
         raise_together(skin.comm, error)
+        return density
 
     def set_density(self, density: Floats) -> None:
         """Set the design from owned rows; linear combinations of designs are designs too."""

@@ -5,11 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations, product
+from typing import Any
 
 import numpy as np
 
 from toros_fem._types import Bools, Floats, Ints
-from toros_fem._validate import require_names
+from toros_fem._validate import (
+    checked_floats,
+    require_callable,
+    require_finite,
+    require_kind,
+    require_names,
+    shown,
+    whole_numbers,
+)
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.mirror import FLAT, plane_border
 from toros_fem.meshes.pattern import Pattern
@@ -75,7 +84,20 @@ class Supports:
     planes: tuple[tuple[int, float], ...] = ()
 
     def __post_init__(self) -> None:
-        require_displacement(self.displacement, self.fixed.shape)
+        fixed = np.asarray(self.fixed)
+        if fixed.dtype != bool or fixed.ndim != 2 or fixed.shape[1] != 3:
+            raise ParameterError(
+                f"fixed = {shown(self.fixed)} must be True or False for each component, (n, 3). "
+                "clamp and clamp_where make it."
+            )
+        object.__setattr__(self, "fixed", fixed)
+        what = "ends of free edges, (k, 2)"
+        object.__setattr__(self, "guided", whole_numbers("guided", self.guided, what))
+        what = "normals of planes, (k, 3)"
+        normals = checked_floats("normals", self.normals, what, lambda _: True, finite=False)
+        object.__setattr__(self, "normals", normals)
+        moved = require_displacement(self.displacement, fixed.shape)
+        object.__setattr__(self, "displacement", moved)
         count = len(self.guided)
         if self.guided.shape != (count, 2) or self.normals.shape != (count, 3):
             raise ParameterError(
@@ -234,6 +256,11 @@ class Supports:
             guides = np.concatenate([np.zeros_like(along), along / pattern.size], axis=1)
             motions = np.concatenate([motions, guides])
         rank = np.linalg.matrix_rank(motions, tol=1e-6) if len(motions) else 0
+        if self.fixed.all():
+            raise ParameterError(
+                "the supports fix all vertices in all components, so that nothing can move. Leave "
+                "some free."
+            )
         if rank < 6:
             raise ParameterError(
                 f"the supports fix {self.fixed.sum()} components and leave {6 - rank} of the 6 "
@@ -262,19 +289,16 @@ class Supports:
             )
 
 
-def require_displacement(displacement: Floats | None, shape: tuple[int, ...]) -> None:
-    """Check shape and values of a displacement of all assembled vertices; None passes.
+def require_displacement(displacement: Any, shape: tuple[int, ...]) -> Floats | None:
+    """Return a displacement of all assembled vertices as an array; None passes.
 
     Raises:
         ParameterError: It does not fit, or is not finite.
     """
     if displacement is None:
-        return
-    if displacement.shape != shape or not np.isfinite(displacement).all():
-        raise ParameterError(
-            f"displacement has shape {displacement.shape}; it must be finite and of shape "
-            f"{shape}, in m, one row for each assembled vertex."
-        )
+        return None
+    what = f"finite and of shape {shape}, in m, one row for each assembled vertex"
+    return checked_floats("displacement", displacement, what, shape)
 
 
 def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
@@ -285,6 +309,7 @@ def clamp(pattern: Pattern, panels: Sequence[str]) -> Supports:
         ParameterError: `panels` is no list of names, or it is empty, so that the skin could move
             as a rigid body.
     """
+    require_kind("pattern", pattern, Pattern, "a Pattern")
     require_names("panels", panels)
     if not panels:
         raise ParameterError("panels = () fixes nothing; name a panel to clamp.")
@@ -305,6 +330,8 @@ def clamp_where(pattern: Pattern, where: Callable[[Floats], Bools]) -> Supports:
     Raises:
         ParameterError: The region holds no vertex, or `where` returns something else.
     """
+    require_kind("pattern", pattern, Pattern, "a Pattern")
+    require_callable("where", where, "a function of the positions (n, 3)")
     inside = np.asarray(where(pattern.points.copy()))
     if inside.dtype != bool or inside.shape != (len(pattern.points),):
         raise ParameterError(
@@ -335,9 +362,7 @@ def displace(
         ParameterError: No panel is named, or the displacement is no finite vector.
     """
     fixed = clamp(pattern, panels).fixed
-    vector = np.asarray(displacement, dtype=np.float64)
-    if vector.shape != (3,):
-        raise ParameterError(f"displacement = {displacement} must be a vector (3,), in m.")
+    vector = checked_floats("displacement", displacement, "a finite vector (3,), in m", (3,))
     return Supports(fixed, displacement=np.where(fixed, vector, 0.0))
 
 
@@ -356,6 +381,7 @@ def pin(pattern: Pattern, panel: str | None = None) -> Supports:
         PanelError: There is no such panel.
         ParameterError: The vertices lie on a line.
     """
+    require_kind("pattern", pattern, Pattern, "a Pattern")
     among = np.arange(len(pattern.points)) if panel is None else pattern.vertices_of(panel)
     arm = (pattern.points[among] - pattern.points[among].mean(axis=0)) / pattern.size
     first = int(np.argmax(np.linalg.norm(arm, axis=1)))
@@ -397,10 +423,10 @@ def symmetry_plane(pattern: Pattern, axis: int, at: float = 0.0) -> Supports:
     Raises:
         ParameterError: No free edge lies in the plane.
     """
-    if axis not in (0, 1, 2):
-        raise ParameterError(f"axis = {axis!r} must be 0, 1 or 2, for x, y or z.")
-    if not np.isfinite(at):
-        raise ParameterError(f"at = {at} must be a finite coordinate in m.")
+    require_kind("pattern", pattern, Pattern, "a Pattern")
+    if isinstance(axis, bool) or not isinstance(axis, int | np.integer) or axis not in (0, 1, 2):
+        raise ParameterError(f"axis = {shown(axis)} must be 0, 1 or 2, for x, y or z.")
+    require_finite(at=at)
     border = half_edges(pattern.triangles)[plane_border(pattern, axis, at)]
     fixed = np.zeros((len(pattern.points), 3), dtype=bool)
     fixed[border.ravel(), axis] = True
@@ -419,6 +445,8 @@ def build_in(pattern: Pattern, vertices: Bools) -> Supports:
     Raises:
         ParameterError: `vertices` does not fit, or no free edge lies between them.
     """
+    require_kind("pattern", pattern, Pattern, "a Pattern")
+    vertices = np.asarray(vertices)
     if vertices.dtype != bool or vertices.shape != (len(pattern.points),):
         raise ParameterError(
             f"vertices is {vertices.dtype} of shape {vertices.shape}; it must be True or "

@@ -11,7 +11,14 @@ from petsc4py import PETSc
 
 from toros_fem._mpi import largest, smallest, total
 from toros_fem._types import Floats
-from toros_fem._validate import require_between, require_positive
+from toros_fem._validate import (
+    checked_floats,
+    require_between,
+    require_count,
+    require_finite,
+    require_kind,
+    require_positive,
+)
 from toros_fem.errors import ParameterError
 from toros_fem.mma.approximation import TINY, Approximation, cache_blocks
 from toros_fem.mma.subproblem import Penalty, solve_subproblem
@@ -113,10 +120,19 @@ class MMA:
         *,
         residuals: int = 0,
     ) -> None:
+        for name, vector in (("lower", lower), ("upper", upper)):
+            require_kind(name, vector, PETSc.Vec, "a PETSc.Vec")
+        require_count(0, constraints=constraints, residuals=residuals)
+        require_kind("options", options, (MMAOptions, type(None)), "MMAOptions, or None")
         self._comm: MPI.Comm = lower.comm.tompi4py()
         # PETSc frees this communicator with its last vector, which the caller may delete.
         self._anchor = PETSc.Vec().createMPI(0, comm=lower.comm)
         self._lower, self._upper = lower.array.copy(), upper.array.copy()
+        apart = largest(self._comm, abs(len(self._lower) - len(self._upper)))
+        if apart:
+            raise ParameterError(
+                "lower and upper have different sizes on a rank; make both by duplicate()."
+            )
         worst = smallest(self._comm, np.min(self._upper - self._lower, initial=np.inf))
         if not worst >= 0:
             raise ParameterError(
@@ -165,6 +181,14 @@ class MMA:
             ParameterError: The number of values or gradients is wrong.
         """
         self._check(values, jacobian)
+        require_finite(value=value)
+        for name, given in (("values", values), ("residuals", residuals)):
+            checked_floats(name, given, "finite numbers, the same on all ranks", lambda _: True)
+        wrong = sum(not np.isfinite(row.array).all() for row in (gradient, *jacobian))
+        if largest(self._comm, wrong):
+            raise ParameterError(
+                "a gradient is not finite on some rank. Do not step from such a point: `retry`."
+            )
         if len(residuals) != self._r or len(residual_jacobian) != self._r:
             raise ParameterError(
                 f"{len(residuals)} residuals and {len(residual_jacobian)} gradients were given for "

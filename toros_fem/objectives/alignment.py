@@ -6,6 +6,8 @@ import numpy as np
 
 from toros_fem._mpi import sum_over_ranks
 from toros_fem._types import Floats
+from toros_fem._validate import checked_floats
+from toros_fem.errors import ParameterError
 from toros_fem.objectives.rotation import polar_rotation, require_determined
 from toros_fem.objectives.shape import Nodes, Objective, checked_target
 
@@ -23,6 +25,7 @@ class AlignedObjective:
         weights: Factor on each vertex's area in the fit, (n,); None: 1.
 
     Raises:
+        ParameterError: The weights do not fit, are negative, or all zero.
         TargetError: The target does not fit; or, on use, the skin or the target lies on a line,
             so that the best rotation is not unique.
     """
@@ -31,7 +34,12 @@ class AlignedObjective:
         self, skin: Nodes, target: Floats, objective: Objective, weights: Floats | None = None
     ) -> None:
         target = checked_target(skin, target)
-        factors = 1.0 if weights is None else np.asarray(weights, dtype=np.float64)
+        count = len(skin.pattern.points)
+        factors = np.ones(count)
+        if weights is not None:
+            factors = checked_floats("weights", weights, f"finite and ({count},)", (count,))
+        if not (factors.min() >= 0 and factors.max() > 0):
+            raise ParameterError("weights must not be negative, and not all zero.")
         weight = skin.pattern.vertex_areas * factors
         weight = weight / weight.sum()
         owned = skin.owned_vertices

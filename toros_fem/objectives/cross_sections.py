@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from toros_fem._mpi import sum_over_ranks
 from toros_fem._types import Floats, Ints
-from toros_fem._validate import require_count
+from toros_fem._validate import real_numbers, require_count, require_kind, whole_numbers
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.rotation import axial, polar_rotation, require_determined
@@ -70,6 +70,11 @@ class CrossSections:
     orientation_weights: Floats
 
     def __post_init__(self) -> None:
+        labels = whole_numbers("labels", self.labels, "one for each vertex, −1 for none")
+        object.__setattr__(self, "labels", labels)
+        for name in ("position_weights", "orientation_weights"):
+            weights = real_numbers(name, getattr(self, name), "one for each cross-section")
+            object.__setattr__(self, name, weights)
         count = int(self.labels.max(initial=-1)) + 1
         sizes = np.bincount(self.labels[self.labels >= 0], minlength=count)
         if count == 0 or sizes.min() < 3:
@@ -114,6 +119,7 @@ class CrossSectionObjective:
     """
 
     def __init__(self, skin: Nodes, target: Floats, sections: CrossSections) -> None:
+        require_kind("sections", sections, CrossSections, "CrossSections")
         target = checked_target(skin, target)
         pattern, labels = skin.pattern, sections.labels
         if labels.shape != (len(pattern.points),):

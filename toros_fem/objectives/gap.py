@@ -8,7 +8,13 @@ import numpy as np
 
 from toros_fem._mpi import dot
 from toros_fem._types import Floats
-from toros_fem._validate import require_between, require_choice, require_positive
+from toros_fem._validate import (
+    checked_floats,
+    require_between,
+    require_choice,
+    require_kind,
+    require_positive,
+)
 from toros_fem.errors import ParameterError
 from toros_fem.objectives.shape import Nodes
 
@@ -38,6 +44,8 @@ class Body:
         require_choice("shape", self.shape, SHAPES)
         require_positive(size=self.size)
         require_positive(rounding=self.rounding, at_most=1.0)
+        x, y, z = checked_floats("centre", self.centre, "three finite numbers, in m", (3,))
+        object.__setattr__(self, "centre", (float(x), float(y), float(z)))
 
     @property
     def radius(self) -> float:
@@ -83,7 +91,9 @@ class GapObjective:
 
     def __init__(self, skin: Nodes, body: Body, weights: Floats, factor: float = 1.0) -> None:
         require_between(0.0, np.inf, factor=factor)
-        pattern, weights = skin.pattern, np.asarray(weights, dtype=np.float64)
+        require_kind("body", body, Body, "a Body")
+        pattern, count = skin.pattern, len(skin.pattern.points)
+        weights = checked_floats("weights", weights, f"finite and ({count},)", lambda _: True)
         if weights.shape != (len(pattern.points),) or not (weights.min() >= 0 < weights.max()):
             raise ParameterError(
                 f"weights have shape {weights.shape}; they must have shape "

@@ -10,11 +10,48 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem._types import Floats, Ints
-from toros_fem.errors import ParameterError, TargetError
+from toros_fem._validate import (
+    is_number,
+    require_callable,
+    require_finite,
+    require_kind,
+    require_positive,
+    shown,
+)
+from toros_fem.errors import MetricError, ParameterError, TargetError
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.cross_sections import label_cross_sections, section_vertices
 from toros_fem.objectives.rotation import axial, best_rotation, polar_rotation
+
+# Columns of the history and entries of the summary that a metric's key could hide.
+RESERVED = frozenset(
+    (
+        "arc_length",
+        "g_r",
+        "g_t",
+        "gradient_norm",
+        "gradient_norm_first",
+        "gradient_norm_last",
+        "grey_level",
+        "kkt_residual",
+        "length_scale",
+        "linear_solver",
+        "load_factor",
+        "negative_eigenvalues",
+        "newton_steps",
+        "objective_first",
+        "objective_last",
+        "parts_by_symmetry",
+        "perimeter_m",
+        "pressure_pa",
+        "printed_failure",
+        "printed_objective",
+        "stretch_use",
+        "volume_fraction",
+        "volume_m3",
+    )
+)
 
 MetricFunction = Callable[[Pattern, Floats], float]
 """Function of a pattern and the deformed positions, (n, 3), of all its vertices in m."""
@@ -33,7 +70,8 @@ class Metric:
             None takes the size of the target.
 
     Raises:
-        ParameterError: Name or unit is not an identifier.
+        ParameterError: Name or unit is not an identifier, a number is not finite, or `measure`
+            cannot be called.
     """
 
     name: str
@@ -43,16 +81,39 @@ class Metric:
     scale: float | None = None
 
     def __post_init__(self) -> None:
+        for name in ("name", "unit"):
+            require_kind(name, getattr(self, name), str, "a word, such as 'angle' or 'deg'")
         if not (self.name.isidentifier() and self.unit.isidentifier()):
             raise ParameterError(
                 f"name = {self.name!r} and unit = {self.unit!r} must be identifiers, since they "
                 "name a column of the history. Use letters, digits and underscores."
             )
+        if self.target is not None:
+            require_finite(**{f"target of the metric {self.name}": self.target})
+        if self.scale is not None:
+            require_positive(**{f"scale of the metric {self.name}": self.scale})
+        require_callable("measure", self.measure, "a function of a pattern and positions (n, 3)")
 
     @property
     def key(self) -> str:
         """Name in files, such as "angle_deg"."""
         return f"{self.name}_{self.unit}"
+
+    def value(self, pattern: Pattern, positions: Floats) -> float:
+        """Return the value at deformed positions of all vertices, (n, 3), in m.
+
+        Raises:
+            MetricError: The function returns no finite number.
+        """
+        found = self.measure(pattern, positions)
+        if isinstance(found, np.ndarray) and found.ndim == 0:
+            found = found[()]
+        if not (is_number(found) and np.isfinite(found)):
+            raise MetricError(
+                f"metric {self.key!r} returned {shown(found)}; it must return one finite number "
+                "for every shape. Correct its function."
+            )
+        return float(found)
 
     def of_whole(self, planes: Sequence[int]) -> Metric:
         """Return the same metric of the whole skin, as a function of its part.
@@ -79,6 +140,31 @@ class Metric:
         """Return a value with its unit, such as "180°"."""
         sign = UNITS.get(self.unit, ("", f" {self.unit}"))[1]
         return f"{value:.3g}{sign}"
+
+
+def check_metrics(metrics: Sequence[Metric]) -> None:
+    """Check that metrics come as a list and have different keys.
+
+    Raises:
+        ParameterError: They do not; of two with one key one would overwrite the other.
+    """
+    if not isinstance(metrics, list | tuple):
+        raise ParameterError(f"metrics = {shown(metrics)} must be a list of Metrics.")
+    for metric in metrics:
+        require_kind("metrics", metric, Metric, "Metrics, by Metric(name, unit, target, function)")
+    keys = [metric.key for metric in metrics]
+    taken = next((key for key in keys if key in RESERVED), None)
+    if taken is not None:
+        raise ParameterError(
+            f"a metric is named {taken!r}, which tables and summaries hold already. Choose another "
+            "name or unit."
+        )
+    twice = next((key for key in keys if keys.count(key) > 1), None)
+    if twice is not None:
+        raise ParameterError(
+            f"two metrics are named {twice!r}: one would overwrite the other; each needs its own "
+            "name."
+        )
 
 
 @dataclass(frozen=True)

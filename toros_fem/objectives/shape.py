@@ -9,8 +9,12 @@ from mpi4py import MPI
 
 from toros_fem._mpi import dot, sum_over_ranks
 from toros_fem._types import Floats, Ints
+from toros_fem._validate import real_numbers
 from toros_fem.errors import ParameterError, TargetError
 from toros_fem.meshes.pattern import Pattern
+
+# Largest size of a target, and distance from the skin, over the skin's size.
+FAR = 10.0
 
 
 class Objective(Protocol):
@@ -127,10 +131,11 @@ def checked_target(skin: Nodes, target: Floats) -> Floats:
     """Return the target positions of all assembled vertices, (n, 3), checked.
 
     Raises:
-        TargetError: The target has another number of vertices or is not finite.
+        TargetError: The target has another number of vertices, is not finite, or is ten times as
+            large as the skin or as far away, as one in millimetres would be.
     """
     n = len(skin.pattern.points)
-    target = np.asarray(target, dtype=np.float64)
+    target = real_numbers("target", target, f"positions ({n}, 3) in m, or a map", TargetError)
     if target.shape != (n, 3):
         raise TargetError(
             f"the target has shape {target.shape}; this skin has {n} vertices, so the shape must "
@@ -139,13 +144,25 @@ def checked_target(skin: Nodes, target: Floats) -> Floats:
     if not np.isfinite(target).all():
         vertex = int(np.flatnonzero(~np.isfinite(target).all(axis=1))[0])
         raise TargetError(f"target vertex {vertex} = {target[vertex]} is not finite.")
+    size, goal = skin.pattern.size, float(np.linalg.norm(np.ptp(target, axis=0)))
+    if goal > FAR * size:
+        raise TargetError(
+            f"the target is {goal:.3g} m across and the skin {size:.3g} m; no skin stretches "
+            f"{FAR:g}-fold. Is the target in millimetres? Multiply it by 1e-3."
+        )
+    away = float(np.linalg.norm(target.mean(axis=0) - skin.pattern.points.mean(axis=0)))
+    if away > FAR * size:
+        raise TargetError(
+            f"the target is {away:.3g} m away from the skin, which is {size:.3g} m across. Move it "
+            "to the skin, or give it in m."
+        )
     return target
 
 
 def _factors(name: str, given: Floats | None, shape: tuple[int, int], default: float) -> Floats:
     if given is None:
         return np.full(shape, default)
-    factors = np.asarray(given, dtype=np.float64)
+    factors = real_numbers(name, given, "one factor for each vertex")
     if factors.shape not in (shape, shape[:1]) or (factors.ndim == 1) != (shape[1] == 1):
         allowed = f"({shape[0]},)" + (f" or ({shape[0]}, 3)" if name == "weights" else "")
         raise ParameterError(f"{name} have shape {factors.shape}; the shape must be {allowed}.")

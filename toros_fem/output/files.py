@@ -16,8 +16,10 @@ import numpy as np
 import petsc4py
 
 from toros_fem._types import Floats
+from toros_fem._validate import checked_floats, shown
 from toros_fem._version import __version__
 from toros_fem.design.options import Iteration
+from toros_fem.errors import OutputError, ParameterError
 from toros_fem.meshes.pattern import Pattern
 
 
@@ -33,8 +35,23 @@ def write_fields(
         pattern: The pattern.
         positions: Deformed positions of all assembled vertices, (n, 3), in m.
         cell_fields: Values of all triangles by name, (t,) each, or (t, 3) for vectors.
+
+    Raises:
+        OutputError: The file cannot be written.
+        ParameterError: The file does not end in .vtu, or an array does not fit the pattern.
     """
-    meshio.Mesh(
+    path, count = Path(path), len(pattern.panel)
+    if path.suffix != ".vtu":
+        raise ParameterError(f"path = {shown(str(path))} must end in .vtu.")
+    what = f"{pattern.points.shape}, in m"
+    positions = checked_floats("positions", positions, what, pattern.points.shape, finite=False)
+    for name, values in cell_fields.items():
+        if np.shape(values)[:1] != (count,):
+            raise ParameterError(
+                f"cell_fields[{name!r}] has shape {np.shape(values)}; it must be ({count},), or "
+                f"({count}, 3)."
+            )
+    fields = meshio.Mesh(
         positions,
         [("triangle", pattern.triangles)],
         point_data={"displacement": positions - pattern.points},
@@ -42,7 +59,13 @@ def write_fields(
             "panel": [pattern.panel.astype(np.float64)],
             **{name: [np.asarray(values)] for name, values in cell_fields.items()},
         },
-    ).write(path)
+    )
+    try:
+        fields.write(path)
+    except OSError as caught:
+        raise OutputError(
+            f"{path} could not be written: {caught}. Make its folder first, or choose another."
+        ) from None
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -10,6 +10,7 @@ from typing import Any, Self
 
 from mpi4py import MPI
 
+from toros_fem._validate import require_kind
 from toros_fem.design.options import Iteration
 from toros_fem.design.problem import Evaluation
 from toros_fem.frames.record import gathered_frame, write_step
@@ -33,6 +34,7 @@ class DesignReporter:
     """
 
     def __init__(self, comm: MPI.Comm, folder: str | Path) -> None:
+        require_kind("folder", folder, (str, Path), "the path of a folder")
         self._begin = time.perf_counter()
         self._comm, self._folder = comm, Path(folder)
         self._setup: float | None = None

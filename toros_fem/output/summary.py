@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from toros_fem._validate import require_kind
 from toros_fem.config import Config
 from toros_fem.design.loop import DesignResult
 from toros_fem.design.options import Iteration
@@ -22,6 +23,7 @@ def shape_problem(result: DesignResult) -> ShapeProblem:
     Raises:
         ParameterError: It is the design of something else.
     """
+    require_kind("result", result, DesignResult, "the DesignResult of optimize")
     if not isinstance(result.problem, ShapeProblem):
         raise ParameterError(
             f"the result is that of a {type(result.problem).__name__}; only the design of a shape "

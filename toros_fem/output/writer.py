@@ -13,6 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem._mpi import on_first_rank
 from toros_fem._types import Floats
+from toros_fem._validate import require_kind
 from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.analysis.wrinkles import wrinkles
 from toros_fem.config import Config
@@ -73,7 +74,10 @@ def write_results(
         OutputError: A file cannot be written; on all ranks.
         ParameterError: The result is not the design of a shape.
     """
-    folder, problem = Path(folder), shape_problem(result)
+    require_kind("folder", folder, (str, Path), "the path of a folder")
+    problem = shape_problem(result)
+    require_kind("printed", printed, PrintedDesign, "a PrintedDesign, by as_printed")
+    folder = Path(folder)
     skin, final, whole = problem.skin, result.final, problem.whole
     summary = design_summary(result, printed, config=config, figures=figures, seconds=seconds)
     shown = printed.evaluation or final

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from toros_fem._mpi import require_alike
 from toros_fem._types import Floats
-from toros_fem._validate import require_count, require_positive
+from toros_fem._validate import require_count, require_kind, require_positive, shown
 from toros_fem.design.journal import Journal
 from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Iteration, Stage
@@ -58,6 +59,10 @@ class RelaxedOptions:
     width_ratio: float = 1.0
 
     def __post_init__(self) -> None:
+        for name in ("iterations", "family_limits"):
+            pair = getattr(self, name)
+            if not isinstance(pair, list | tuple) or len(pair) != 2:
+                raise ParameterError(f"{name} = {shown(pair)} must be two numbers.")
         for count in self.iterations:
             require_count(1, iterations=count)
         require_count(1, more_iterations=self.more_iterations)
@@ -139,6 +144,9 @@ def find_lines(
         NoEquilibriumError: There is no equilibrium for the start.
     """
     begin = time.perf_counter()
+    require_kind("design", design, ShapeProblem, "a ShapeProblem, a ShapeDesign for instance")
+    require_kind("options", options, (RelaxedOptions, type(None)), "RelaxedOptions, or None")
+    require_alike(design.comm, options=options, seed=seed)
     options = options or RelaxedOptions()
     skin = design.skin
     count = len(skin.pattern.panel)

@@ -49,21 +49,22 @@ class RelaxedProblem(ShapeProblem):
         designed = np.repeat(self.designed, self.families.fields)
         return np.zeros(len(designed)), designed.astype(np.float64)
 
-    def check_variables(self, density: Floats) -> None:
-        """Check shape and range of the variables of this rank (collective).
+    def check_variables(self, density: Floats) -> Floats:
+        """Return the variables of this rank as an array, checked (collective).
 
         Raises:
             DensityError: The shape is wrong, or a value is outside [0, 1].
         """
         error, count = None, len(self.designed) * self.families.fields
-        if density.shape != (count,):
+        if np.shape(density) != (count,):
             error = DensityError(
-                f"the variables have shape {density.shape}; this rank has {count}, "
+                f"the variables have shape {np.shape(density)}; this rank has {count}, "
                 f"{self.families.fields} of each owned triangle."
             )
-        elif not np.all((density >= 0) & (density <= 1)):
+        elif not np.all((np.asarray(density) >= 0) & (np.asarray(density) <= 1)):
             error = DensityError("a variable of the line families leaves [0, 1], or is NaN.")
         raise_together(self.comm, error)
+        return np.asarray(density)
 
     def with_passive(self, density: Floats) -> Floats:
         """Return the variables, zero where there are no line families."""

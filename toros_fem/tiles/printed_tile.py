@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from toros_fem._mpi import on_first_rank
 from toros_fem._types import Bools
-from toros_fem._validate import require_choice, require_positive
+from toros_fem._validate import require_choice, require_kind, require_positive, shown
 from toros_fem.errors import DensityError, ParameterError, TileFileError, TorosError
 from toros_fem.materials import Composite, Knit, Material
 from toros_fem.meshes.tile import KINDS, Tile, tile
@@ -51,11 +51,18 @@ class PrintedTile:
     composite: Composite = MEMBRANE
 
     def __post_init__(self) -> None:
+        if not isinstance(self.printed, np.ndarray):
+            raise DensityError(
+                f"printed = {shown(self.printed)} must be an array of True or False, (t,)."
+            )
         if self.printed.dtype != bool or self.printed.ndim != 1:
             raise DensityError(
                 f"printed is {self.printed.dtype} of shape {self.printed.shape}; it must be bool, "
                 "(t,), True for each printed triangle."
             )
+        if not isinstance(self.size, list | tuple) or len(self.size) != 2:
+            raise ParameterError(f"size = {shown(self.size)} must be two sides (a, b) in m.")
+        require_kind("composite", self.composite, Composite, "a Composite")
         require_positive(size_x=self.size[0], size_y=self.size[1], edge_length=self.edge_length)
         require_choice("mesh", self.mesh, KINDS)
         check_symmetry(self.symmetry, np.array(self.size))
