@@ -14,6 +14,7 @@ from mpi4py import MPI
 from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.cost import affordable
 from toros_fem.actuators.discovery import (
     Discovery,
     densities_last,
@@ -108,7 +109,7 @@ def design_actuator(
         TorosError: A number is out of its bounds, the start has no equilibrium, or the folder
             cannot be written to.
     """
-    reporter = reporter or DesignReporter(comm, output)
+    reporter, case = reporter or DesignReporter(comm, output), affordable(case, config)
     run = run_of(output)
     journal = None if run is None else run.journal(output)
     if config.start == "relaxed":

@@ -63,7 +63,7 @@ def _environment(comm: MPI.Comm) -> dict[str, Any]:
         "platform": system,
         "mpi": {"library": library, "ranks": comm.size, "standard": MPI.Get_version()},
         "cores": _cores(),
-        "memory_gib": _memory(),
+        "memory_gib": memory_gib(),
         "blas": {"library": _blas(), "threads": {name: os.environ.get(name) for name in THREADS}},
         "solvers": {
             "mumps": PETSc.Sys.hasExternalPackage("mumps"),
@@ -137,7 +137,7 @@ def _cores() -> int | None:
     return os.cpu_count()
 
 
-def _memory() -> float | None:
+def memory_gib() -> float | None:
     """Return the machine's memory in GiB, or None where it is not told."""
     try:
         return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30)

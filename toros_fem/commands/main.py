@@ -16,7 +16,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.command_line import SuggestingParser, UsageError
-from toros_fem.commands import design, doctor, export, new, resume, simulate, unwrap, view
+from toros_fem.commands import check, design, doctor, export, new, resume, simulate, unwrap, view
 from toros_fem.commands.command import Answer, Command
 from toros_fem.commands.exit_codes import DONE, INTERNAL, MEANING, exit_code
 from toros_fem.errors import RunStoppedError, TorosError
@@ -26,6 +26,7 @@ COMMANDS: Mapping[str, Command] = {
     command.name: command
     for command in (
         new.COMMAND,
+        check.COMMAND,
         simulate.COMMAND,
         design.COMMAND,
         resume.COMMAND,

@@ -54,8 +54,9 @@ class Kind:
         coarse: Returns the quick variant of a configuration.
         design: The design of a pattern; None if there is nothing to design.
         simulate: The simulation of a plain or given pattern; None if there is none.
-        case: Makes what an actuator designs, of a communicator and the configuration of one mesh;
-            None for other scenes.
+        cases: `cases(comm, config, **files)`; returns what makes the case of an actuator on the
+            mesh of a configuration, and the configuration of the whole design; None for other
+            scenes.
         shown: Configuration of a new scene file; None takes the defaults.
         example_files: Files and folders that a new scene file names.
     """
@@ -66,7 +67,7 @@ class Kind:
     coarse: Callable[[Any], Any]
     design: Action | None
     simulate: Action | None
-    case: CaseMaker[Any] | None = None
+    cases: Callable[..., tuple[CaseMaker[Any], Any]] | None = None
     shown: Config | None = None
     example_files: Mapping[str, str] = field(default_factory=dict)
 
@@ -86,6 +87,10 @@ def _simulation(case: CaseMaker[Any], default: ActuatorConfig) -> Action:
     return Action(simulation_run(case, default), simulation_sentence, FILES)
 
 
+def _cases(case: CaseMaker[Any]) -> Callable[..., tuple[CaseMaker[Any], Any]]:
+    return lambda comm, config: (case, config)
+
+
 def _kinds() -> dict[str, Kind]:
     found = [
         Kind(
@@ -95,7 +100,7 @@ def _kinds() -> dict[str, Kind]:
             coarse_tube,
             Action(bend.run, summary_sentence),
             _simulation(bend.case, bend.BendConfig()),
-            bend.case,
+            _cases(bend.case),
         ),
         Kind(
             "bend-twist",
@@ -104,7 +109,7 @@ def _kinds() -> dict[str, Kind]:
             coarse_tube,
             Action(bend_twist.run, summary_sentence),
             _simulation(bend_twist.case, bend_twist.BendTwistConfig()),
-            bend_twist.case,
+            _cases(bend_twist.case),
         ),
         Kind(
             "contract",
@@ -113,7 +118,7 @@ def _kinds() -> dict[str, Kind]:
             coarse_tube,
             Action(contract.run, summary_sentence),
             _simulation(contract.case, contract.ContractConfig()),
-            contract.case,
+            _cases(contract.case),
         ),
         Kind(
             "twist",
@@ -122,7 +127,7 @@ def _kinds() -> dict[str, Kind]:
             coarse_tube,
             Action(twist.run, summary_sentence),
             _simulation(twist.case, twist.TwistConfig()),
-            twist.case,
+            _cases(twist.case),
         ),
         Kind(
             "inflate",
@@ -139,7 +144,7 @@ def _kinds() -> dict[str, Kind]:
             walker.coarse,
             Action(walker.run, walker.sentence),
             _simulation(walker.case, walker.WalkerConfig()),
-            walker.case,
+            _cases(walker.case),
         ),
         Kind(
             "gripper",
@@ -148,7 +153,7 @@ def _kinds() -> dict[str, Kind]:
             gripper.coarse,
             Action(gripper.run, gripper.sentence),
             _simulation(gripper.case, gripper.GripperConfig()),
-            gripper.case,
+            _cases(gripper.case),
         ),
         Kind(
             "tile",
@@ -177,6 +182,7 @@ def _kinds() -> dict[str, Kind]:
             own_mesh.coarse,
             Action(own_mesh.run, summary_sentence, own_mesh.DESIGN_FILES),
             Action(own_mesh.simulate, simulation_sentence, own_mesh.SIMULATION_FILES),
+            own_mesh.cases,
             shown=own_mesh.EXAMPLE,
             example_files={"mesh": "my.stl"},
         ),

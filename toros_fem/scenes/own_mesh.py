@@ -13,6 +13,7 @@ from mpi4py import MPI
 from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.problem import CaseMaker
 from toros_fem.actuators.run import design_actuator
 from toros_fem.config import entries, quantity
 from toros_fem.errors import ParameterError
@@ -408,13 +409,28 @@ def _resolved(config: OwnMeshConfig, skin: OwnSkin) -> OwnMeshConfig:
     return config.updated(filter_radius=FILTER_EDGES * edge / 2.0**config.refinements)
 
 
-def _read(
-    comm: MPI.Comm, config: OwnMeshConfig, mesh: Path | str | None, target: Path | str | None
-) -> tuple[OwnSkin, OwnMeshConfig]:
+def cases(
+    comm: MPI.Comm,
+    config: OwnMeshConfig,
+    *,
+    mesh: Path | str | None = None,
+    target: Path | str | None = None,
+) -> tuple[CaseMaker[OwnMeshConfig], OwnMeshConfig]:
+    """Return what makes the case of a skin of your own, and the configuration with its radius.
+
+    Args:
+        comm: Communicator (collective).
+        config: Numbers of the design.
+        mesh: Mesh file; or a pattern file, or the folder that it lies in.
+        target: Mesh file of the target; None takes that of the configuration.
+
+    Raises:
+        TorosError: A file cannot be read, or does not fit.
+    """
     if mesh is None:
         raise ParameterError("there is no mesh: name a mesh file.")
     skin = read_skin(comm, config, mesh, target)
-    return skin, _resolved(config, skin)
+    return (lambda comm, config: own_case(comm, config, skin)), _resolved(config, skin)
 
 
 def run(
@@ -439,11 +455,7 @@ def run(
     Raises:
         TorosError: A file cannot be read, or numbers, regions and mesh do not fit.
     """
-    skin, config = _read(comm, config, mesh, target)
-
-    def case(comm: MPI.Comm, config: OwnMeshConfig) -> ActuatorCase:
-        return own_case(comm, config, skin)
-
+    case, config = cases(comm, config, mesh=mesh, target=target)
     return design_actuator(comm, output, case, config, verbose=verbose).summary
 
 
@@ -463,11 +475,7 @@ def simulate(
         comm, output, config, mesh, target, verbose: As of `run`.
         pattern: Output folder of a design of this skin; None: only what is always printed is.
     """
-    skin, config = _read(comm, config, mesh, target)
-
-    def case(comm: MPI.Comm, config: OwnMeshConfig) -> ActuatorCase:
-        return own_case(comm, config, skin)
-
+    case, config = cases(comm, config, mesh=mesh, target=target)
     return simulate_actuator(comm, output, case, config, pattern=pattern, verbose=verbose)
 
 

@@ -1,0 +1,296 @@
+"""Cost of an actuator's design before it runs: triangles, memory, and time from a short probe."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from mpi4py import MPI
+
+from toros_fem.actuators.case import ActuatorCase
+from toros_fem.actuators.config import MESH_LENGTHS, ActuatorConfig
+from toros_fem.actuators.pressure_curve import HALVINGS
+from toros_fem.actuators.problem import CaseMaker, actuator_problem
+from toros_fem.design.loop import optimize
+from toros_fem.design.options import DesignOptions, Stage
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.triangle_limit import expected_triangles, require_affordable
+
+log = logging.getLogger(__name__)
+C = TypeVar("C", bound=ActuatorConfig)
+
+# Memory in bytes, measured on designs of 1.5 to 73 thousand simulated triangles: of a rank with all
+# libraries, and for each triangle of a design and of the refined mesh of the error estimate.
+OF_RANK, OF_TRIANGLE, OF_REFINED = 0.2 * 2**30, 34e3, 28e3
+# A Newton step by the number n of triangles, in arbitrary units: Python, what grows with n, and
+# the factorisation, which grows with n^1.43 (docs/performance.md).
+FIXED, LINEAR, FACTOR, POWER = 5e-3, 3.3e-6, 0.147 / 12e3**1.43, 1.43
+# Newton steps of each part, fewest and most, as counted in runs of the scenes.
+DESIGN_STEP, PRINT, LINE_PRINT, CURVE_POINT, REFINED = (
+    (6, 10),
+    (10, 40),
+    (40, 130),
+    (6, 20),
+    (8, 20),
+)
+# Cleaning, drawing and laying of lines take as long as so many Newton steps.
+CLEANING, LAYING = 10, (6, 15)
+# The probe's mesh is finer by this factor than the coarsest useful one.
+PROBE_FINER = 2.0
+PROBE_STEPS = 2
+# Part of a design that is no Newton step: reading, set-ups, pictures; in s.
+AROUND = (5.0, 20.0)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a run.
+
+    Attributes:
+        name: What it is.
+        triangles: Triangles of its mesh.
+        newton_steps: Fewest and most Newton steps that are likely.
+    """
+
+    name: str
+    triangles: int
+    newton_steps: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Cost of a run.
+
+    Attributes:
+        triangles: Expected triangles of the finest mesh of the design or of its print.
+        largest: Those of the largest mesh at all, that of the error estimate.
+        unknowns: Unknowns of an equilibrium on the finest mesh.
+        memory: Bytes of all ranks together, to about a quarter.
+        parts: Parts of the run that take time.
+    """
+
+    triangles: int
+    largest: int
+    unknowns: int
+    memory: float
+    parts: tuple[Part, ...]
+
+    def seconds(self, per_step: float, triangles: int) -> tuple[float, float]:
+        """Return the least and the largest likely time in s.
+
+        Args:
+            per_step: Time in s of a Newton step of the probe.
+            triangles: Triangles of the probe's mesh.
+        """
+        unit = per_step / _weight(triangles)
+        low, high = AROUND
+        for part in self.parts:
+            weight = unit * _weight(part.triangles)
+            low += weight * part.newton_steps[0]
+            high += weight * part.newton_steps[1]
+        return low, high
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A few real design steps on a mesh.
+
+    Attributes:
+        triangles: Triangles of the mesh.
+        newton_steps: Newton steps that were made.
+        seconds: Time of these, with adjoints and updates of the design, in s.
+    """
+
+    triangles: int
+    newton_steps: int
+    seconds: float
+
+    @property
+    def per_step(self) -> float:
+        """Time of a Newton step in s."""
+        return self.seconds / self.newton_steps
+
+
+def probe_config(config: C) -> C:
+    """Return the configuration of a mesh that is coarse enough for a probe.
+
+    It is the design's own mesh where that is coarse, or given.
+    """
+    edge, longest = _edge(config), config.coarsest_edge
+    if edge is None or longest is None:
+        return config.at_level(0)
+    factor = max(1.0, longest / PROBE_FINER / edge)
+    known = config.kinds()
+    lengths = {name: getattr(config, name) for name in MESH_LENGTHS if name in known}
+    scaled = {name: factor * h for name, h in lengths.items() if h is not None}
+    return config.updated(levels=1, **scaled)
+
+
+def probe(comm: MPI.Comm, case: ActuatorCase, config: ActuatorConfig) -> Probe:
+    """Make a few steps of a design from noise and take their time (collective).
+
+    Args:
+        comm: Communicator.
+        case: The case on the mesh of `probe_config`.
+        config: The configuration of that mesh.
+
+    Raises:
+        NoEquilibriumError: The start has no equilibrium.
+    """
+    problem = actuator_problem(comm, case, config)
+    begin = time.perf_counter()
+    result = optimize(problem, DesignOptions((Stage(PROBE_STEPS),)), seed=config.seed)
+    seconds = comm.bcast(time.perf_counter() - begin)
+    return Probe(
+        len(case.pattern.panel),
+        sum(row.newton_steps for row in result.history),
+        seconds,
+    )
+
+
+def cost(config: ActuatorConfig, pattern: Pattern, ranks: int) -> Cost:
+    """Return the expected cost of a design.
+
+    Args:
+        config: The configuration of the whole design.
+        pattern: The pattern on the mesh of `probe_config`.
+        ranks: Number of ranks.
+    """
+    area, count = float(pattern.areas.sum()), len(pattern.panel)
+    finest = _finest_triangles(config, area, count)
+    lines = config.start == "relaxed"
+    largest = 4 * finest if config.estimate_error and not lines else finest
+    work = max(OF_TRIANGLE * finest, OF_REFINED * largest)
+    return Cost(
+        triangles=finest,
+        largest=largest,
+        unknowns=round(_unknowns(config, pattern) * finest / count),
+        memory=ranks * OF_RANK + work * (1.2 if ranks > 1 else 1.0),
+        parts=_line_parts(config, area, count, finest) if lines else _density_parts(config, finest),
+    )
+
+
+def affordable(case: CaseMaker[C], config: C) -> CaseMaker[C]:
+    """Return a maker of cases that also checks the finest mesh of a design, before it is made.
+
+    Args:
+        case: Makes the case of a configuration.
+        config: The configuration of the whole design.
+
+    Returns:
+        It raises MeshSizeError with the first case if the finest mesh would have more triangles
+        than `triangle_limit` allows.
+    """
+    told = False
+
+    def make(comm: MPI.Comm, of: C) -> ActuatorCase:
+        nonlocal told
+        made = case(comm, of)
+        area = float(made.pattern.areas.sum())
+        for edge in _edges(config):
+            require_affordable(area, edge)
+        if not told and comm.rank == 0:
+            finest = _finest_triangles(config, area, len(made.pattern.panel))
+            log.info("about %d triangles on the finest mesh", finest)
+        told = True
+        return made
+
+    return make
+
+
+def _edge(config: ActuatorConfig) -> float | None:
+    """Return the edge length of the finest mesh of densities; None where the mesh is given."""
+    edge: float | None = getattr(config, "edge_length", None)
+    return edge
+
+
+def _edges(config: ActuatorConfig) -> Sequence[float]:
+    """Return the edge lengths of the finest meshes of a design; none where the mesh is given."""
+    edge = _edge(config)
+    if edge is None:
+        return ()
+    if config.start == "relaxed":
+        return (config.relaxed_edge_length, config.print_edge_length)
+    return (edge,)
+
+
+def _finest_triangles(config: ActuatorConfig, area: float, count: int) -> int:
+    edges = _edges(config)
+    if edges:
+        return round(expected_triangles(area, min(edges)))
+    return round(count * 4.0 ** (config.level_count - 1))
+
+
+def _unknowns(config: ActuatorConfig, pattern: Pattern) -> int:
+    """Return coordinates of the vertices and, for the curvature "midedge", rotations of edges."""
+    rotations = len(pattern.edges.ends) if config.bending == "midedge" else 0
+    return 3 * len(pattern.points) + rotations
+
+
+def _density_parts(config: ActuatorConfig, finest: int) -> tuple[Part, ...]:
+    """Return the parts of a design by densities; each mesh has a quarter of the next one."""
+    parts, levels = [], config.level_count
+    for level, options in enumerate(config.options):
+        steps = sum(stage.iterations + 1 for stage in options.stages)
+        if level == 0:
+            steps *= config.starts
+        triangles = round(finest / 4.0 ** (levels - 1 - level))
+        most = steps + config.polish_iterations
+        parts.append(
+            Part(
+                f"design, mesh {level + 1} of {levels}",
+                triangles,
+                (DESIGN_STEP[0] * steps, DESIGN_STEP[1] * most),
+            )
+        )
+    rounds = config.corrections if config.TARGETS else 0
+    more = config.level_iterations + 1
+    if rounds:
+        likely = (DESIGN_STEP[0] * more, DESIGN_STEP[1] * more * rounds)
+        parts.append(Part(f"corrections, {rounds} at most", finest, likely))
+    least = PRINT[0] + CLEANING
+    parts.append(
+        Part("prints", finest, (least * levels, (PRINT[1] + CLEANING) * (levels + rounds)))
+    )
+    if config.estimate_error:
+        parts.append(Part("estimate of the error", 4 * finest, REFINED))
+    return (*parts, *_curve_part(config, finest))
+
+
+def _line_parts(config: ActuatorConfig, area: float, count: int, finest: int) -> tuple[Part, ...]:
+    """Return the parts of a relaxed design and of the prints of its lines."""
+    given = not _edges(config)
+    relaxed = count if given else round(expected_triangles(area, config.relaxed_edge_length))
+    rounds, more = config.corrections, config.relaxed_options.more_iterations
+    steps, most = config.relaxed_iterations, 2 * config.relaxed_iterations + rounds * more
+    parts = [
+        Part("relaxed design", relaxed, (3 * steps, DESIGN_STEP[1] * most)),
+        Part("laying of lines", finest, (LAYING[0], LAYING[1] * (1 + rounds))),
+        Part(
+            f"prints of lines, {1 + rounds} at most",
+            finest,
+            (LINE_PRINT[0], LINE_PRINT[1] * (1 + rounds)),
+        ),
+    ]
+    if config.density_iterations:
+        own = config.density_iterations + rounds * (config.level_iterations + 1)
+        likely = (DESIGN_STEP[0] * config.density_iterations, DESIGN_STEP[1] * own)
+        parts.append(Part("densities from lines", finest, likely))
+    if config.estimate_error:
+        parts.append(Part("estimate of the error", finest // 2, LINE_PRINT))
+    return (*parts, *_curve_part(config, finest))
+
+
+def _curve_part(config: ActuatorConfig, finest: int) -> tuple[Part, ...]:
+    if config.curve_pressure is None:
+        return ()
+    points = config.curve_steps, config.curve_steps + HALVINGS
+    likely = CURVE_POINT[0] * points[0], CURVE_POINT[1] * points[1]
+    return (Part("curve over the pressure", finest, likely),)
+
+
+def _weight(triangles: float) -> float:
+    return FIXED + LINEAR * triangles + FACTOR * triangles**POWER
