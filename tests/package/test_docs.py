@@ -95,3 +95,30 @@ def test_commands_have_their_options(script: str, options: tuple[str, ...]) -> N
     assert done.returncode == 0, done.stderr
     for option in options:
         assert option in done.stdout, f"{script} has no {option}"
+
+
+# Makes a design of the tutorial short: what it finds is of no use, that it ends is.
+SHORT = (
+    "edge_length=6e-3 filter_radius=10e-3 levels=1 iterations=2 constrained_iterations=1 "
+    "polish_iterations=0 corrections=0 curve_pressure=none estimate_error=false"
+)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreters")
+def test_commands_of_the_tutorial_run_one_after_the_other(tmp_path: Path) -> None:
+    text = (ROOT / "docs" / "tutorial" / "first_design.md").read_text(encoding="utf-8")
+    lines = re.findall(r"^toros (.+)$", text, re.MULTILINE)
+    assert [line.split()[0] for line in lines][:3] == ["new", "design", "view"]
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
+    for line in lines:
+        words = line.split()
+        if words[0] == "design":
+            words += [word for change in SHORT.split() for word in ("--set", change)]
+        done = subprocess.run(
+            [sys.executable, "-m", "toros_fem", *words], cwd=tmp_path,
+            env={**environment, "PYTHONPATH": str(ROOT)}, text=True, capture_output=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, f"toros {line}: {done.stdout}{done.stderr}"
+    assert (tmp_path / "run" / "report.html").stat().st_size > 100_000
+    assert (tmp_path / "run-90" / "pattern.svg").is_file()
