@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -24,7 +25,7 @@ NUMBERS |= {
     "seconds": 0.0,
 }
 ROW = Iteration(**{**NUMBERS, "metrics": {"a_mm": 2.0}})
-EVALUATION: Any = None  # the reporter needs the row alone
+EVALUATION: Any = SimpleNamespace(problem=None)  # of no shape, so that nothing is recorded
 
 
 def read(path: Path) -> list[dict[str, str]]:

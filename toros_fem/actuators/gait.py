@@ -177,7 +177,7 @@ def write_gait(
         write_table(folder / "gait.csv", rows)
         write_json(folder / "gait.json", found)
         skin = ShownSkin(pattern, regions=regions)
-        write_path(folder, "gait", skin, points, shapes=shapes)
+        write_path(folder, "gait", skin, points, shapes=shapes, chambers=gait.names)
         shown = []
         for number, k in enumerate(range(0, len(points), gait.steps)):
             fractions = zip(gait.names, gait.pressure_fractions[k], strict=True)

@@ -105,6 +105,7 @@ def write_path(
     whole: Mirrored | None = None,
     density: Floats | None = None,
     shapes: Sequence[Floats] | None = None,
+    chambers: Sequence[str] = (),
 ) -> None:
     """Write the frames of a path of equilibria (one rank).
 
@@ -116,14 +117,14 @@ def write_path(
         whole: The whole that the equilibria's skin is a part of; None if they are whole.
         density: Density of all triangles, (t,), where the skin has no print.
         shapes: Positions to show in the place of those of the points; None for none.
+        chambers: Names of the chambers whose pressures are recorded.
     """
     frames = []
     for number, point in enumerate(points):
         positions = point.positions if shapes is None else shapes[number]
-        pressures = point.result.pressures
         values = {"pressure_pa": point.result.pressure, **point.metrics}
-        if len(pressures) > 1:
-            values |= {f"chamber_{k}_pa": p for k, p in enumerate(pressures)}
+        pressures = zip(chambers, point.result.pressures, strict=False)
+        values |= {f"{name}_pa": pressure for name, pressure in pressures}
         frames.append(
             Frame(
                 series,

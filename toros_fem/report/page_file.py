@@ -27,6 +27,9 @@ SOLVER_COLUMNS = {
 }  # fmt: skip
 
 
+UNMEASURED = SOLVER_COLUMNS | {"perimeter"}
+
+
 def write_report(folder: str | Path) -> Path:
     """Write report.html into a run's folder and return its path (one rank).
 
@@ -92,7 +95,9 @@ def _told(run: Run, series: Mapping[str, list[dict[str, Any]]], step: float) -> 
         for k, entry in enumerate(entries):
             values = entry.pop("values")
             if name == "iteration":
-                values = {key: v for key, v in values.items() if key not in SOLVER_COLUMNS}
+                # Without a perimeter term there is no length of a border.
+                left_out = SOLVER_COLUMNS if values.get("perimeter") else UNMEASURED
+                values = {key: v for key, v in values.items() if key not in left_out}
             entry["shown"] = values_shown(values)
             entry["x"] = entry["number"]
             if name == "pressure":

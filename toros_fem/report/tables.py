@@ -152,7 +152,9 @@ def inputs(run: Run) -> str:
             "<h3>Inputs</h3><p>In SI units; angles as named.</p>" + _pairs(shown, "columns")
         )
     if versions:
-        parts.append("<h3>Versions</h3>" + _pairs([(k, str(v)) for k, v in versions.items()]))
+        parts.append(
+            "<h3>Versions</h3>" + _pairs([(k, str(v)) for k, v in versions.items()], "columns")
+        )
     return "".join(parts)
 
 

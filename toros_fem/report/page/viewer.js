@@ -7,7 +7,7 @@
   // Faces that meet at a larger angle have an edge between them.
   const SMOOTH = Math.cos((40 * Math.PI) / 180);
   const WORDS = { pressure: "pressure", iteration: "design iteration", gait: "gait",
-    load: "load" };
+    load: "on the object" };
   const at = (id) => document.getElementById(id);
   const scene = JSON.parse(at("scene").textContent);
 
@@ -430,7 +430,8 @@
       else if (skin.printed) skin.printed.inks.forEach((d, k) => { ink[skin.printed.cells[k]] = Math.max(ink[skin.printed.cells[k]], d); });
       let best = -1, found = null;
       for (const tilt of [0.35, -0.3]) for (let turn = 0; turn < 16; turn++) {
-        const angle = (turn / 16) * 2 * Math.PI - Math.PI / 2;
+        // Never along an axis of symmetry, where depth would not be seen.
+        const angle = ((turn + 0.5) / 16) * 2 * Math.PI;
         const d = new THREE.Vector3(Math.cos(angle), Math.sin(angle), tilt).normalize();
         const right = new THREE.Vector3().crossVectors(camera.up, d).normalize();
         const upward = new THREE.Vector3().crossVectors(d, right);
@@ -547,7 +548,8 @@
     function stop() {
       clearInterval(playing);
       playing = null;
-      for (const button of document.querySelectorAll(".slider button")) button.textContent = "▶";
+      for (const button of document.querySelectorAll(".slider input:not([hidden]) + button"))
+        button.textContent = "▶";
     }
 
     for (const name of names) {
@@ -562,11 +564,13 @@
       row.querySelector("label").htmlFor = input.id = `slider-${name}`;
       input.max = count - 1;
       input.value = current[name];
-      input.disabled = button.hidden = count < 2;
+      input.hidden = count < 2;
       input.addEventListener("input", () => { stop(); choose(name, +input.value); });
       input.addEventListener("pointerdown", () => { if (name !== series) choose(name, +input.value); });
       button.setAttribute("aria-label", `play over ${WORDS[name]}`);
+      if (count < 2) button.textContent = "show";
       button.addEventListener("click", () => {
+        if (count < 2) { stop(); choose(name, 0); return; }
         const again = playing !== null && series === name;
         stop();
         if (again) return;
