@@ -18,11 +18,12 @@ from toros_fem.actuators.run import design_actuator
 from toros_fem.config import entries, quantity
 from toros_fem.errors import ParameterError
 from toros_fem.mechanics.supports import Supports
-from toros_fem.meshes import read_surface, refine, unwrap
+from toros_fem.meshes import read_surface, unwrap
 from toros_fem.meshes.chart import METHODS
 from toros_fem.meshes.deformed import from_copy, from_mesh
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
+from toros_fem.meshes.refine import refine
 from toros_fem.meshes.topology import half_edges
 from toros_fem.objectives.cross_sections import CrossSections
 from toros_fem.objectives.metrics import Metric, distance
