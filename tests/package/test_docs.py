@@ -109,7 +109,7 @@ SHORT = (
 def test_commands_of_the_tutorial_run_one_after_the_other(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "tutorial" / "first_design.md").read_text(encoding="utf-8")
     lines = re.findall(r"^toros (.+)$", text, re.MULTILINE)
-    assert [line.split()[0] for line in lines][:3] == ["new", "design", "view"]
+    assert [line.split()[0] for line in lines][:4] == ["new", "check", "design", "view"]
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
     for line in lines:
         words = line.split()
@@ -117,7 +117,8 @@ def test_commands_of_the_tutorial_run_one_after_the_other(tmp_path: Path) -> Non
             words += [word for change in SHORT.split() for word in ("--set", change)]
         done = subprocess.run(
             [sys.executable, "-m", "toros_fem", *words], cwd=tmp_path,
-            env={**environment, "PYTHONPATH": str(ROOT)}, text=True, capture_output=True, check=False,
+            env={**environment, "PYTHONPATH": str(ROOT)}, text=True, capture_output=True,
+            check=False,
         )  # fmt: skip
         assert done.returncode == 0, f"toros {line}: {done.stdout}{done.stderr}"
     assert (tmp_path / "run" / "report.html").stat().st_size > 100_000
