@@ -1,5 +1,6 @@
 """Animations show the shapes one after the other."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,7 @@ def test_each_picture_differs_from_the_one_before(
     assert path == run / name
     found = pictures(path)
     assert len(found) == count
-    for one, other in zip(found, found[1:], strict=False):
+    for one, other in pairwise(found):
         assert (np.abs(one - other).max(axis=2) > 8).mean() > 1e-3
     dark = np.abs(found[-1] - [33, 51, 84]).max(axis=2) < 40
     assert dark.mean() > 2e-3, "the print is seen"

@@ -1,5 +1,6 @@
 """The page holds all of a run, and nothing from elsewhere."""
 
+import dataclasses
 import json
 import re
 from pathlib import Path
@@ -8,6 +9,7 @@ import pytest
 from helpers.runs import change_summary
 
 from toros_fem.errors import OutputError
+from toros_fem.frames import read_frames, write_frame
 from toros_fem.report import write_report
 
 
@@ -48,13 +50,15 @@ def test_what_is_unusual_is_told(run: Path) -> None:
     assert "At 10 kPa: It is near a limit point." in write_report(run).read_text(encoding="utf-8")
     change_summary(
         run,
-        equilibrium="A stable equilibrium was found at 5000 Pa. The skin snapped.",
         curve={"failure_above": "no step is small enough", "failure_below": None},
         manufacture={"pieces": 3, "islands": 2, "narrow_places": 4},
     )
+    (last,) = read_frames(run / "frames", "pressure")[-1:]
+    snapped = dataclasses.replace(last, series="print", number=0, note="The skin snapped.")
+    write_frame(run / "frames", snapped)
     page = write_report(run).read_text(encoding="utf-8")
     for text in (
-        "The skin snapped.",
+        "At the design's pressure: The skin snapped.",
         "The curve ends before higher pressures: no step is small enough",
         "2 islands",
         "4 places are narrower",

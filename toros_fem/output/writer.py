@@ -15,7 +15,7 @@ from toros_fem._mpi import on_first_rank
 from toros_fem._types import Floats
 from toros_fem._validate import require_kind
 from toros_fem.analysis.trace_point import TracePoint
-from toros_fem.analysis.wrinkles import wrinkles
+from toros_fem.analysis.wrinkles import Tension, wrinkles
 from toros_fem.config import Config
 from toros_fem.design.loop import DesignResult
 from toros_fem.errors import OutputError
@@ -105,6 +105,9 @@ def write_results(
         **problem.metrics_of(shown.equilibrium),
     }
     note = shown.equilibrium.condition.sentences
+    if folds is not None:
+        slack = 1 - folds.share(Tension.TAUT, printed.pattern.areas)
+        note = f"{note} {slack:.0%} of the skin is wrinkled or slack.".strip()
     density = None if made else fields["rho_projected"]
 
     def write() -> None:

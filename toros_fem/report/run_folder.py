@@ -28,6 +28,7 @@ class Run:
         curve: Rows of curve.csv.
         series: Frames by what they follow, in the order of `SERIES`.
         skins: Skins of the frames, by their files' names.
+        note: What is not as usual in the print's equilibrium, as sentences.
     """
 
     folder: Path
@@ -36,6 +37,7 @@ class Run:
     curve: Sequence[Mapping[str, float]]
     series: Mapping[str, Sequence[Frame]]
     skins: Mapping[str, ShownSkin]
+    note: str
 
     @property
     def name(self) -> str:
@@ -59,7 +61,8 @@ def read_run(folder: str | Path) -> Run:
     summary, history = _read_json(folder / "summary.json"), _read_table(folder / "history.csv")
     frames = folder / FOLDER
     series = {name: read_frames(frames, name) for name in SERIES}
-    series["pressure"] = series["pressure"] or read_frames(frames, "print")
+    made = read_frames(frames, "print")
+    series["pressure"] = series["pressure"] or made
     if summary and history:
         last = history[-1]["iteration"]
         series["iteration"] = [f for f in series["iteration"] if f.number <= last]
@@ -71,7 +74,8 @@ def read_run(folder: str | Path) -> Run:
         )
     names = {frame.skin for found in series.values() for frame in found}
     skins = {name: read_skin(frames / name) for name in sorted(names)}
-    return Run(folder, summary, history, _read_table(folder / "curve.csv"), series, skins)
+    note = made[0].note if made else ""
+    return Run(folder, summary, history, _read_table(folder / "curve.csv"), series, skins, note)
 
 
 def _read_json(path: Path) -> Mapping[str, Any]:

@@ -45,7 +45,7 @@ def key_figures(run: Run) -> str:
     for metric in metrics_of(summary, columns):
         name, _, unit = metric.key.rpartition("_")
         value, error = summary.get(metric.key), summary.get(f"{name}_error_{unit}")
-        designed = summary.get("design", {}).get(metric.key)
+        designed = (summary.get("design") or {}).get(metric.key)
         if not summary and run.history:
             designed = run.history[-1].get(metric.key)
         cells = [
@@ -87,7 +87,7 @@ def _further(run: Run) -> list[tuple[str, str]]:
         found.append(("triangles", f"{summary['triangles']}{by}"))
     if run.history:
         found.append(("iterations", f"{run.history[-1]['iteration']:.0f}"))
-    seconds = summary.get("seconds", {}).get("total")
+    seconds = (summary.get("seconds") or {}).get("total")
     if _is_number(seconds):
         ranks = summary.get("ranks", 1)
         on = "" if ranks == 1 else f" on {ranks} ranks"
@@ -105,10 +105,8 @@ def warnings(run: Run) -> list[str]:
         )
     if summary.get("printed_failure"):
         found.append(f"The print has no equilibrium: {summary['printed_failure']}")
-    sentence = str(summary.get("equilibrium") or "")
-    unusual = sentence.partition("Pa.")[2]
-    if unusual.strip():
-        found.append(f"At the design's pressure: {unusual.strip()}")
+    if run.note:
+        found.append(f"At the design's pressure: {run.note}")
     found.extend(
         f"The discretisation error is unknown: {summary[key]}"
         for key in ("refined", "coarser")
@@ -129,7 +127,7 @@ def warnings(run: Run) -> list[str]:
         if made.get(key):
             found.append(f"{made[key]} {what}.")
     for name, frames in run.series.items():
-        noted = [frame for frame in frames if frame.note]
+        noted = [frame for frame in frames if frame.note and frame.note != run.note]
         if name != "iteration" and noted:
             at = ", ".join(_place(frame.values) for frame in noted[:6])
             more = ", …" if len(noted) > 6 else ""
@@ -151,10 +149,9 @@ def inputs(run: Run) -> str:
         parts.append(
             "<h3>Inputs</h3><p>In SI units; angles as named.</p>" + _pairs(shown, "columns")
         )
+    numbered = [(key, str(value)) for key, value in versions.items()]
     if versions:
-        parts.append(
-            "<h3>Versions</h3>" + _pairs([(k, str(v)) for k, v in versions.items()], "columns")
-        )
+        parts.append("<h3>Versions</h3>" + _pairs(numbered, "columns"))
     return "".join(parts)
 
 
