@@ -12,7 +12,8 @@ from typing import Any, NoReturn, TypeVar
 from mpi4py import MPI
 
 from toros_fem.config import Config
-from toros_fem.errors import TorosError
+from toros_fem.errors import RunStoppedError, TorosError
+from toros_fem.runs.folder import open_run
 
 C = TypeVar("C", bound=Config)
 
@@ -104,6 +105,11 @@ def run_from_command_line(
         parser.add_argument("--coarse", action="store_true", help="a coarse mesh and few steps")
     parser.add_argument("--verbose", action="store_true", help="print all Newton steps")
     parser.add_argument("--output", type=Path, default=output, help=f"folder; default {output}")
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with the run in the folder, which was stopped; the other options are the same",
+    )
     for name, text in (files or {}).items():
         parser.add_argument(f"--{name}", type=Path, default=None, help=text, metavar="PATH")
     for name, text in (arguments or {}).items():
@@ -113,12 +119,22 @@ def run_from_command_line(
         given = vars(parser.parse_args())
     except UsageError as error:
         parser.exit(2, f"{error}\n")
-    folder, verbose, quick = (given.pop(name, False) for name in ("output", "verbose", "coarse"))
+    folder, verbose, quick, resume = (
+        given.pop(name, False) for name in ("output", "verbose", "coarse", "resume")
+    )
     paths = {name: given.pop(name) for name in (*(files or {}), *(arguments or {}))}
 
     def action() -> str:
         start = coarse(config) if quick and coarse is not None else config
-        summary = run(comm, folder, start.updated(**given), verbose=verbose, **paths)
+        chosen = start.updated(**given)
+        inputs = {
+            "about": about.partition("\n")[0],
+            "config": chosen.as_dict(),
+            "files": {name: None if path is None else str(path) for name, path in paths.items()},
+        }
+        again = "the same command and --resume"
+        with open_run(comm, folder, inputs, resume=resume, again=again):
+            summary = run(comm, folder, chosen, verbose=verbose, **paths)
         return f"{sentence(summary)}; see {folder}/"
 
     return run_guarded(comm, action)
@@ -192,6 +208,10 @@ def run_guarded(comm: MPI.Comm, action: Callable[[], str]) -> int:
     """Print the text that an action returns, or its error in one line; return the exit code."""
     try:
         text = action()
+    except RunStoppedError as stop:
+        if comm.rank == 0:
+            print(stop, file=sys.stderr)
+        return stop.exit_code
     except TorosError as error:
         if comm.rank == 0:
             print(f"{type(error).__name__}: {error}", file=sys.stderr)

@@ -113,7 +113,7 @@ class Run:
 
     def _stop(self, number: int) -> NoReturn:
         raise RunStoppedError(
-            f"stopped by {signal.Signals(number).name}; the state is written. Go on with: "
+            f"stopped by {signal.Signals(number).name}; the state is on disk. Go on with: "
             f"{self._again}",
             number,
         )

@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from toros_fem._types import Floats
 from toros_fem.density.projection import Projection
+from toros_fem.design.journal import Journal
 from toros_fem.design.levels import gathered
 from toros_fem.design.loop import Callback, DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Stage
@@ -51,6 +52,7 @@ def design_tile(
     config: TileConfig,
     callback: Callback | None = None,
     log: Callable[[NewtonStep | str], None] | None = None,
+    journal: Journal | None = None,
 ) -> TileResult:
     """Design a tile from the best of several random starts, and correct it for its print.
 
@@ -67,6 +69,7 @@ def design_tile(
         config: Numbers of the design.
         callback: Called after each iteration, on every rank.
         log: Called with every Newton step of the design's equilibria.
+        journal: As of `optimize`.
 
     Raises:
         NoEquilibriumError: There is no equilibrium for any start, or, on the design's mesh, for
@@ -80,10 +83,13 @@ def design_tile(
         Stage(c.trial_iterations, k * c.beta, constrained=c.constrained) for k in (1, DRAFT_BETA)
     )
     options = replace(rules, stages=trial)
-    finalists, trials = _best_starts(problem, coarse, c, options, callback)
+    finalists, trials = _best_starts(problem, coarse, c, options, callback, journal)
     longer = Stage(c.draft_iterations, DRAFT_BETA * c.beta, constrained=c.constrained)
     options = replace(rules, stages=(longer,))
-    drafts = [optimize(problem, options, callback=callback, after=one) for one in finalists]
+    drafts = [
+        optimize(problem, options, callback=callback, after=one, journal=journal)
+        for one in finalists
+    ]
     drafts.sort(key=lambda one: _rated(problem, coarse.tile, c, rules, one)[0])
     designs = [gathered(draft) for draft in drafts]
     del drafts, finalists
@@ -93,7 +99,9 @@ def design_tile(
     failure: NoEquilibriumError | None = None
     for design in designs:
         try:
-            result = _finished(problem, design.start(problem), c, rules, simulation, callback)
+            result = _finished(
+                problem, design.start(problem), c, rules, simulation, callback, journal
+            )
         except NoEquilibriumError as caught:  # raised by all ranks or by none
             failure = caught
             continue
@@ -123,13 +131,16 @@ def _finished(
     rules: DesignOptions,
     simulation: PrintSimulation,
     callback: Callback | None,
+    journal: Journal | None,
 ) -> TileResult:
     """Continue a draft on the design's own mesh and correct the design for its print."""
     c, target = config, problem.target
     last = tuple(
         Stage(c.finish_iterations, k * c.beta, constrained=c.constrained) for k in FINAL_BETAS
     )
-    result = optimize(problem, replace(rules, stages=last), callback=callback, after=draft)
+    result = optimize(
+        problem, replace(rules, stages=last), callback=callback, after=draft, journal=journal
+    )
     problem = problem.with_projection(Projection(FINAL_BETAS[-1] * c.beta, c.eta))
     found = simulation.simulate(problem, result)
     if target is None:
@@ -150,6 +161,7 @@ def _finished(
             again,
             callback=callback,
             after=found.result,
+            journal=journal,
         )
         found = simulation.simulate(problem, result)
         found = replace(found, deviation=_deviation(target, found.profile))
@@ -164,6 +176,7 @@ def _best_starts(
     config: TileConfig,
     options: DesignOptions,
     callback: Callback | None,
+    journal: Journal | None,
 ) -> tuple[list[DesignResult], tuple[Trial, ...]]:
     """Return the two best starts and all trials; one that reaches the target ends the search."""
     found: list[tuple[float, int, bool, DesignResult]] = []
@@ -173,7 +186,9 @@ def _best_starts(
         of_lines = (seed - config.seed) % 2 == 0
         try:
             start = _lines(problem, case, seed) if of_lines else None
-            result = optimize(problem, options, start=start, seed=seed, callback=callback)
+            result = optimize(
+                problem, options, start=start, seed=seed, callback=callback, journal=journal
+            )
         except NoEquilibriumError as caught:  # raised by all ranks or by none
             failure = caught
             continue
