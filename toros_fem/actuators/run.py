@@ -43,6 +43,7 @@ from toros_fem.fabrication.as_printed import (
 from toros_fem.objectives.metrics import UNITS, Measurement, Metric
 from toros_fem.output.reporter import DesignReporter
 from toros_fem.output.writer import write_results
+from toros_fem.relaxed.find import RelaxedResult
 from toros_fem.runs.folder import run_of
 
 
@@ -67,8 +68,8 @@ C = TypeVar("C", bound=ActuatorConfig)
 # Error of a metric that is as bad as a design whose contours have islands, or lines or gaps that
 # cannot be printed, before they are cleaned.
 UNCLEAN = 0.02
-# Order of convergence that the errors of laid lines are estimated with. On the nets and twisting lines
-# of docs/manufacture.md, edges twice as long changed a figure by 3 to 18 times its error.
+# Order of convergence that the errors of laid lines are estimated with. On the nets and twisting
+# lines of docs/manufacture.md, edges twice as long changed a figure by 3 to 18 times its error.
 ORDER_OF_LINES = 1.5
 
 
@@ -147,13 +148,7 @@ def design_actuator(
             str(seed): value if np.isfinite(value) else None
             for seed, value in best.objectives.items()
         }
-    if config.estimate_error and printed.evaluation is not None:
-        figures.update(_error_of_print(problem, printed.evaluation))
-    figures.update(curve_figures(output, problem, printed, config, measured))
-    summary = write_results(
-        output, result, printed, config=config, figures=figures, seconds=reporter.seconds
-    )
-    return ActuatorResult(summary, result, printed, problem)
+    return _written(output, result, printed, config, figures, reporter, measured)
 
 
 def _from_lines(
@@ -180,22 +175,70 @@ def _from_lines(
     assert isinstance(problem, ShapeDesign)
     figures: dict[str, Any] = {"seed": config.seed, "start": "random", **found.figures()}
     figures["densities_kept"] = better is not None
-    if config.estimate_error and better is not None and printed.evaluation is not None:
-        figures.update(_error_of_print(problem, printed.evaluation))
-    elif config.estimate_error:
-        figures.update(_error_of_lines(comm, case, config, found))
-    figures.update(curve_figures(output, problem, printed, config, measured))
-    summary = write_results(
-        output,
-        result,
-        printed,
-        config=config,
-        figures=figures,
-        seconds=reporter.seconds,
-        field=found.best.relaxed.field,
-        start=found.best.relaxed.start,
+    if better is not None:
+        return _written(
+            output, result, printed, config, figures, reporter, measured, found.best.relaxed
+        )
+
+    def estimate() -> dict[str, Any]:
+        return _error_of_lines(comm, case, config, found)
+
+    return _written(
+        output, result, printed, config, figures, reporter, measured, found.best.relaxed, estimate
     )
-    return ActuatorResult(summary, result, printed, problem)
+
+
+def _written(
+    output: Path | str,
+    result: DesignResult,
+    printed: PrintedDesign,
+    config: ActuatorConfig,
+    figures: dict[str, Any],
+    reporter: DesignReporter,
+    measured: Sequence[Measurement],
+    relaxed: RelaxedResult | None = None,
+    estimate: Callable[[], dict[str, Any]] | None = None,
+) -> ActuatorResult:
+    """Write a design, then its error and its curve, then the pictures (collective).
+
+    What took longest to find is on disk first.
+
+    Args:
+        output, result, printed, config, reporter, measured: As they are known by now.
+        figures: Further entries of the summary.
+        relaxed: The relaxed design that the lines come from; None without lines.
+        estimate: Returns the error of the print's metrics; None takes that of a refined mesh.
+    """
+    problem = result.problem
+    assert isinstance(problem, ShapeDesign)
+
+    def write(*, pictures: bool) -> dict[str, Any]:
+        return write_results(
+            output,
+            result,
+            printed,
+            config=config,
+            figures=figures,
+            seconds=reporter.seconds,
+            field=None if relaxed is None else relaxed.field,
+            start=None if relaxed is None else relaxed.start,
+            pictures=pictures,
+        )
+
+    def of_refined_mesh() -> dict[str, Any]:
+        made = printed.evaluation
+        return {} if made is None else _error_of_print(problem, made)
+
+    run = run_of(output)
+    steps = [lambda: curve_figures(output, problem, printed, config, measured)]
+    if config.estimate_error:
+        steps.insert(0, estimate or of_refined_mesh)
+    write(pictures=False)
+    for step in steps:
+        if run is not None:
+            run.check()
+        figures.update(step())
+    return ActuatorResult(write(pictures=True), result, printed, problem)
 
 
 def design_run(

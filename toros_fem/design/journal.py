@@ -161,6 +161,7 @@ def restored_evaluation(problem: DesignProblem, saved: Checkpoint) -> Evaluation
             fields[2], saved.arrays["unknowns"], numbers["response"]
         )
         return Evaluation(
+            problem=problem,
             objective=float(numbers["objective"]),
             shape=float(numbers["shape"]),
             perimeter=numbers["perimeter"],

@@ -49,6 +49,7 @@ def write_results(
     seconds: Mapping[str, float] | None = None,
     field: LineField | None = None,
     start: LineField | None = None,
+    pictures: bool = True,
 ) -> dict[str, Any]:
     """Write summary, history, drawing, fields and pictures of a design (collective).
 
@@ -66,6 +67,7 @@ def write_results(
         seconds: Further wall times in s, those of `DesignReporter.seconds` for instance.
         field: Line families that the design was made of; None for none.
         start: Line families that these began with, for lines.png; None leaves them out.
+        pictures: Whether to draw pictures; without them, what matters most is on disk at once.
 
     Returns:
         The summary, as in summary.json; equal on all ranks.
@@ -119,7 +121,8 @@ def write_results(
         write_pattern(folder / NAME, skin.pattern, printed.cells[: len(skin.pattern.panel)])
         write_print(folder, shown_print, positions, values, note, density)
         write_fields(folder / "skin.vtu", printed.pattern, positions, fields)
-        if_plotting(draw)
+        if pictures:
+            if_plotting(draw)
 
     def draw() -> None:
         from toros_fem.output.curve_plot import plot_convergence

@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-STOPS = (signal.SIGINT, signal.SIGTERM)
+# mpirun passes the second user signal on, but ends the ranks itself at the others.
+STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR2)
 
 
 class Signals:
-    """Handlers of SIGINT, SIGTERM and SIGUSR1 while a run is open.
+    """Handlers of SIGINT, SIGTERM and the user signals while a run is open.
 
-    A first SIGINT or SIGTERM is answered at the end of the step. Where nothing is to be written,
-    outside of design loops, or at a second one, the run stops at once. Handlers are installed in
-    the main thread alone.
+    SIGUSR1 asks for a write, the others for an end: the first of them at the end of the step.
+    Where nothing is to be written, outside of design loops, or at a second one, the run stops at
+    once. Handlers are installed in the main thread alone.
 
     Args:
         comm: Communicator of the run.
