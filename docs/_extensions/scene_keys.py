@@ -10,6 +10,7 @@ from sphinx.util.docutils import SphinxDirective
 from sphinx.util.nodes import nested_parse_with_titles
 
 from toros_fem.scene_files.sections import TITLES, sections_of
+from toros_fem.scene_files.writing import description
 from toros_fem.scenes.kinds import KINDS, Kind
 from toros_fem.units import write_quantity
 
@@ -37,6 +38,9 @@ def page_of(kind: Kind) -> list[str]:
             default = default_of(kind, key).replace(" ", "&nbsp;")
             lines.append(f"| `{key}` | {meaning.replace('|', '&#124;')} | {default} |")
         lines.append("")
+    for name, (of, meaning) in kind.config.entries().items():
+        lines += [f"**[{name}]** {meaning}; may stand several times", "", "| key | meaning |"]
+        lines += ["|---|---|", *(f"| `{key}` | {description(of, key)} |" for key in of.kinds()), ""]
     return lines
 
 
