@@ -34,6 +34,8 @@ from toros_fem.objectives.metrics import (
 # Number of edges around the tube on the coarsest of several meshes: from one with 11 the bend came
 # out with lines twice as wide, and T half as large again.
 LEAST_AROUND = 18
+# The same along a tube that is short.
+LEAST_ALONG = 6
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,8 @@ class TubeConfig(TubeSizes, ActuatorConfig):
 
     @property
     def coarsest_edge(self) -> float:
-        """Longest edge length in m of a useful mesh: eighteen edges around."""
-        return float(np.pi * self.diameter / LEAST_AROUND)
+        """Longest edge length in m of a useful mesh: eighteen edges around, and some along."""
+        return min(float(np.pi * self.diameter / LEAST_AROUND), self.length / LEAST_ALONG)
 
     tip_weight: float = quantity(
         1.0, "weight of the tip's position over that of all the rest", at_least=0

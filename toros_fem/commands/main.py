@@ -74,7 +74,8 @@ def _failed(error: BaseException) -> Answer:
     text = str(error) if plain else f"{kind}: {error}"
     if isinstance(error, KeyboardInterrupt):
         text = "stopped"
-    places = {key: getattr(error, key) for key in ("file", "line", "key") if hasattr(error, key)}
+    names = {"file": "path", "line": "line", "key": "key"}
+    places = {name: getattr(error, of) for name, of in names.items() if hasattr(error, of)}
     figures = {"error": {"type": kind, "message": str(error), **places}}
     return Answer(text, figures, exit_code(error))
 
@@ -83,7 +84,7 @@ def _print(out: TextIO, name: str | None, answer: Answer, *, as_json: bool) -> N
     if as_json:
         content = {"command": name, "exit_code": answer.code, **answer.figures}
         print(json.dumps(_plain(content), indent=2, ensure_ascii=False), file=out, flush=True)
-    elif answer.text:
+    if answer.text and (answer.code or not as_json):
         print(answer.text, file=sys.stderr if answer.code else out, flush=True)
 
 
