@@ -152,30 +152,20 @@ def test_kinds_without_an_action(
 
 @pytest.mark.slow
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreters")
-@pytest.mark.parametrize("ranks", [1, 2])
-def test_stopped_and_resumed(tmp_path: Path, designed: Designed, ranks: int) -> None:
-    """SIGTERM ends a real run with its code and one line; it goes on to the same result."""
+def test_stopped_and_resumed_on_other_ranks(tmp_path: Path) -> None:
+    """SIGTERM ends a real run with its code and one line; two ranks go on with it."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
     environment |= {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     scene, folder = small_scene(MPI.COMM_SELF, tmp_path), tmp_path / "run"
-    start = [] if ranks == 1 else ["mpirun", "--oversubscribe", "-n", str(ranks)]
-    toros = [*start, sys.executable, "-m", "toros_fem"]
-    words = [
-        "design",
-        str(scene),
-        "--output",
-        str(folder),
-        "--every",
-        "1",
-        *changes(iterations="40"),
-    ]
+    toros = [sys.executable, "-m", "toros_fem"]
+    words = ["design", str(scene), "--output", str(folder), *changes(iterations="8")]
     process = subprocess.Popen(
         [*toros, *words], env=environment, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     history, deadline = folder / "history.csv", time.monotonic() + 120
     while time.monotonic() < deadline and process.poll() is None:
-        if history.exists() and len(history.read_text().splitlines()) > 3:
+        if history.exists() and len(history.read_text().splitlines()) > 2:
             break
         time.sleep(0.05)
     process.send_signal(signal.SIGTERM)
@@ -184,11 +174,14 @@ def test_stopped_and_resumed(tmp_path: Path, designed: Designed, ranks: int) -> 
     assert "Traceback" not in error
     assert f"toros resume {folder}" in error
     assert not (folder / "summary.json").exists()
+    known = history.read_text().splitlines()
+    ranks = ["mpirun", "--oversubscribe", "-n", "2"]
     done = subprocess.run(
-        [*toros, "resume", str(folder), "--json"], env=environment, text=True,
+        [*ranks, *toros, "resume", str(folder), "--json"], env=environment, text=True,
         capture_output=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    assert found["inputs"]["iterations"] == 40
-    assert found["ranks"] == ranks
+    assert found["inputs"]["iterations"] == 8
+    assert found["ranks"] == 2
+    assert len(history.read_text().splitlines()) > len(known)
