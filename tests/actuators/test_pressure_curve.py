@@ -11,6 +11,7 @@ import pytest
 from helpers.designs import make_problem
 from helpers.scenes import TABLE_A, shared
 from mpi4py import MPI
+from shapely import Polygon
 
 from toros_fem._types import Bools
 from toros_fem.actuators.config import ActuatorConfig
@@ -117,7 +118,9 @@ def test_chambers_keep_the_ratios_of_their_pressures(tube: Skin) -> None:
 
 
 def printed_as(made: Print | None) -> Any:
-    return SimpleNamespace(evaluation=made, failure="" if made else "It fails.")
+    return SimpleNamespace(
+        evaluation=made, regions=[Polygon()] * 3, failure="" if made else "It fails."
+    )
 
 
 CONFIG = ActuatorConfig(curve_pressure=4e3, curve_steps=2)

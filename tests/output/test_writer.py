@@ -45,7 +45,7 @@ def test_everything_is_written_without_a_reporter(
     comm.barrier()
     assert {path.name for path in folder.iterdir()} == {
         "summary.json", "history.csv", "pattern.svg", "skin.vtu", "pattern.png", "manufacture.png",
-        "shape.png", "convergence.png", "design.png",
+        "shape.png", "convergence.png", "design.png", "pattern.npz", "print.npz", "frames",
     }  # fmt: skip
     assert json.loads((folder / "summary.json").read_text(encoding="utf-8")) == summary
     assert summary["inputs"] == config.as_dict()

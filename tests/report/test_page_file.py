@@ -1,6 +1,7 @@
 """The page holds all of a run, and nothing from elsewhere."""
 
 import dataclasses
+import html
 import json
 import re
 from pathlib import Path
@@ -56,7 +57,7 @@ def test_what_is_unusual_is_told(run: Path) -> None:
     (last,) = read_frames(run / "frames", "pressure")[-1:]
     snapped = dataclasses.replace(last, series="print", number=0, note="The skin snapped.")
     write_frame(run / "frames", snapped)
-    page = write_report(run).read_text(encoding="utf-8")
+    page = html.unescape(write_report(run).read_text(encoding="utf-8"))
     for text in (
         "At the design's pressure: The skin snapped.",
         "The curve ends before higher pressures: no step is small enough",

@@ -77,6 +77,8 @@ def trace_pressure_curve(
         """Return the points as long as the skin is filled, and why there are no more."""
         levels = [[float(p) for p in pressure * ratios] for pressure in pressures]
         found: list[TracePoint] = []
+        if not levels:
+            return found, None
         try:
             for point in trace(solver, made.projected, levels, problem.metrics, start=begin):
                 found.append(point)
