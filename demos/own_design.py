@@ -7,7 +7,8 @@ The default file is a finger with an elliptic section, 90 mm high, in millimetre
 it, cuts it into flat panels, fixes the part below a height, prints the flat end caps all over, and
 designs the rest so that the finger bends towards +x. With `--levels 2` the design goes on for a few
 steps on a mesh of half the edge length. The results lie in `output/own_design/`. Copy
-this script and change what differs in your case: every step is one call.
+this script and change what differs in your case: every step is one call. Without any script,
+`demos/scenes/own_design.toml` is the same design, and `examples/finger.toml` a fuller one.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from mpi4py import MPI
 import toros_fem as tf
 from toros_fem.command_line import run_from_command_line
 from toros_fem.config import Config, quantity
+from toros_fem.scenes.body_axis import body_axis
 
 FINGER = Path(__file__).parent / "surfaces" / "finger.stl"
 
@@ -72,20 +74,19 @@ def run(
     reporter = tf.DesignReporter(comm, output)
     surface = tf.meshes.read_surface(comm, file or FINGER, scale=c.scale)
     pattern = tf.meshes.unwrap(comm, surface).pattern
-    low, high = pattern.points[:, 2].min(), pattern.points[:, 2].max()
-    half_width = float(np.ptp(pattern.points[:, 0])) / 2
-    # A skin under pressure does not shorten, so the inner side of the bend keeps its length.
-    bend = tf.meshes.bend(np.radians(c.angle), high - low, neutral=half_width)
+    axis = body_axis(pattern, "z", "x", 0.0, None)
+    height = axis.local(pattern.points)[:, 2]
     flat = [
         name
         for name in pattern.panel_names
-        if np.ptp(pattern.points[pattern.vertices_of(name), 2]) < 1e-3 * (high - low)
+        if np.ptp(height[pattern.vertices_of(name)]) < 1e-3 * axis.length
     ]
     design = tf.ShapeDesign(
         comm,
         pattern,
-        target=lambda x: bend(x - [0, 0, low]) + [0, 0, low],
-        supports=tf.clamp_where(pattern, lambda x: x[:, 2] < low + c.fixed_height),
+        # A skin under pressure does not shorten, so the inner side of the bend keeps its length.
+        target=axis.deformer(np.radians(c.angle), None, None, neutral=axis.half_width),
+        supports=tf.clamp_where(pattern, lambda x: axis.local(x)[:, 2] < c.fixed_height),
         pressure=c.pressure,
         pressure_bounds=(1e3, c.pressure_max),
         printed_panels=flat,
