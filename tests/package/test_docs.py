@@ -12,6 +12,8 @@ import pytest
 from helpers.scenes import ROOT, shared
 from mpi4py import MPI
 
+from toros_fem.scene_files.reading import read_scene
+
 PAGES = [
     ROOT / "README.md",
     ROOT / "CONTRIBUTING.md",
@@ -95,6 +97,24 @@ def test_commands_have_their_options(script: str, options: tuple[str, ...]) -> N
     assert done.returncode == 0, done.stderr
     for option in options:
         assert option in done.stdout, f"{script} has no {option}"
+
+
+SCENES = [
+    (page, number, text)
+    for page in PAGES
+    for number, text in enumerate(
+        re.findall(r"^```toml\n(kind = .*?)^```", page.read_text(encoding="utf-8"), re.S | re.M)
+    )
+]
+
+
+@pytest.mark.parametrize(
+    ("page", "number", "text"), SCENES, ids=lambda value: getattr(value, "stem", str(value)[:8])
+)
+def test_scene_of_a_page_is_read(tmp_path: Path, page: Path, number: int, text: str) -> None:
+    path = tmp_path / f"{page.stem}-{number}.toml"
+    path.write_text(text, encoding="utf-8")
+    assert f'"{read_scene(path).kind.name}"' in text.splitlines()[0]
 
 
 # Makes a design of the tutorial short: what it finds is of no use, that it ends is.
