@@ -91,6 +91,11 @@ class Judge:
             faults.append(f"the tangent's lowest eigenvalue is {lowest:.2e}, noise {noise:.0e}")
         return Finding(residual, -1 if lowest < -noise else 1, faults)
 
+    def is_mechanism(self, model: SkinModel, state: Floats) -> bool:
+        """Return whether nothing but rounding holds a state: motions of it cost no energy."""
+        dense, _ = scaled_tangent(model, state)
+        return bool(eigvalsh(dense, subset_by_index=(0, 0))[0] <= _noise(dense))
+
     def _load(self, model: SkinModel, state: Floats) -> float:
         """Norm of the applied load; without any, or where supports move, that of the reactions.
 
@@ -125,12 +130,17 @@ class Judge:
             The eigenvalue, or 0 where none is below the rounding, and the rounding.
         """
         dense, _ = scaled_tangent(model, state)
-        noise = float(len(dense) * np.finfo(float).eps * np.abs(dense).sum(axis=1).max())
+        noise = _noise(dense)
         try:
             cholesky(dense + noise * np.eye(len(dense)), check_finite=False, overwrite_a=True)
         except LinAlgError:
             return float(eigvalsh(dense, subset_by_index=(0, 0))[0]), noise
         return 0.0, noise
+
+
+def _noise(dense: Floats) -> float:
+    """Rounding of the eigenvalues of a symmetric matrix."""
+    return float(len(dense) * np.finfo(float).eps * np.abs(dense).sum(axis=1).max())
 
 
 def _rounding(model: SkinModel, state: Floats) -> float:

@@ -29,6 +29,11 @@ def search_equilibrium(
     judge: Judge, solver: EquilibriumSolver, density: Floats, load: LoadCase
 ) -> tuple[bool, str]:
     """Return whether small steps on a path, or another minimiser, find one, and how."""
+    model = solver.model
+    if not judge.check(model, density, load, model.assembled).faults and judge.is_mechanism(
+        model, model.assembled
+    ):
+        return False, "the assembled shape is a mechanism: motions of it cost no energy"
     mean = density.mean()
     ways: dict[str, Callable[[float], tuple[Floats, LoadCase]]] = {
         "from the fabric": lambda fraction: (fraction * density, load),
@@ -51,7 +56,6 @@ def search_equilibrium(
             findings.append(f"{name} to a wrong end ({faults[0]})")
         else:
             findings.append(f"{name} {100 * reached:.0f} %")
-    model = solver.model
     model.set_density(density)
     model.set_load(load)
     state, steps = minimise(model)

@@ -8,8 +8,8 @@ from random_scenes import outcome_of
 ALONE = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank only")
 # Newton steps that no scene here may exceed.
 MOST = 1500
-# Their stiff folded seams collapse onto themselves; the oracle of the benchmark finds nothing
-# either, in more time than a test has.
+# Their stiff folded seams collapse onto themselves; what the oracle of the benchmark finds takes more
+# time than a test has.
 COLLAPSE = (7, 14)
 
 
@@ -29,3 +29,11 @@ def test_a_collapse_names_its_folds() -> None:
     assert row["outcome"] == "no equilibrium"
     assert "edges are folded" in row["reason"]
     assert row["steps"] <= MOST
+
+
+@ALONE
+def test_a_free_membrane_is_no_equilibrium() -> None:
+    row = outcome_of(471)  # a sheet without bending or load
+    assert row["outcome"] == "no equilibrium"
+    assert "a mechanism" in row["why"]
+    assert "not stable" in row["reason"]
