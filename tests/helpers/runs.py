@@ -84,8 +84,15 @@ def write_run(
     history, curve = [], []
     for k in range(iterations):
         part = (k + 1) / iterations
-        row = {"iteration": k, "level": 0, "objective": 0.5 * 0.1 ** (3 * part), "pressure": 5e3,
-               "volume_fraction": 0.4, "grey_level": 1 - 0.9 * part, "angle_deg": 90 * part}  # fmt: skip
+        row = {
+            "iteration": k,
+            "level": 0,
+            "objective": 0.5 * 0.1 ** (3 * part),
+            "pressure": 5e3,
+            "volume_fraction": 0.4,
+            "grey_level": 1 - 0.9 * part,
+            "angle_deg": 90 * part,
+        }
         shape = bent(pattern, part * np.pi / 2, rough)
         density = (1 - part) * drawn + part * (drawn > 0.6)
         write_frame(frames, Frame("iteration", k, plain, shape, density, row))

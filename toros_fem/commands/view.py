@@ -10,8 +10,9 @@ from mpi4py import MPI
 
 from toros_fem._mpi import on_first_rank
 from toros_fem.commands.command import Answer, Command
-from toros_fem.report.animation import SERIES, write_animation
+from toros_fem.report.animation import write_animation
 from toros_fem.report.page_file import write_report
+from toros_fem.report.run_folder import SERIES
 
 
 def _options(parser: argparse.ArgumentParser) -> None:

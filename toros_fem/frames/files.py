@@ -73,6 +73,7 @@ def read_frames(folder: Path, series: str) -> list[Frame]:
     for number in numbers(folder, series):
         arrays = read_arrays(folder / f"{series}-{number:06d}.npz", NAMES)
         names = (str(name) for name in arrays["names"])
+        values = (float(value) for value in arrays["values"])
         density = arrays.get("density")
         frames.append(
             Frame(
@@ -81,7 +82,7 @@ def read_frames(folder: Path, series: str) -> list[Frame]:
                 str(arrays["skin"]),
                 arrays["positions"].astype(np.float64),
                 None if density is None else density.astype(np.float64),
-                dict(zip(names, arrays["values"].tolist(), strict=True)),
+                dict(zip(names, values, strict=True)),
                 str(arrays["note"]),
             )
         )

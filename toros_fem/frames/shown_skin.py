@@ -94,7 +94,7 @@ def read_skin(path: Path) -> ShownSkin:
 
 def _arrays(skin: ShownSkin) -> Arrays:
     pattern = skin.pattern
-    arrays = {
+    arrays: dict[str, np.ndarray] = {
         "flat_points": pattern.flat_points,
         "flat_triangles": pattern.flat_triangles.astype(np.int32),
         "panel": pattern.panel.astype(np.int32),

@@ -166,7 +166,7 @@ def _decades(values: Floats) -> Floats:
     low = math.floor(math.log10(positive.min()))
     high = max(low + 1, math.ceil(math.log10(positive.max())))
     step = max(1, math.ceil((high - low) / 6))
-    return 10.0 ** np.arange(low, high + step, step)
+    return np.asarray(10.0 ** np.arange(low, high + step, step), dtype=np.float64)
 
 
 def _number(value: float, scientific: bool = False) -> str:

@@ -150,7 +150,8 @@ def _packed_border(
     packed: Packed, pattern: Pattern, regions: Sequence[BaseGeometry]
 ) -> dict[str, Any]:
     """Return the borders of the print: pieces of lines, each in one triangle."""
-    cells, weights = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 2, 3))]
+    cells: list[Ints] = [np.zeros(0, dtype=np.int64)]
+    weights: list[Floats] = [np.zeros((0, 2, 3))]
     for panel, region in enumerate(regions):
         here = np.flatnonzero(pattern.panel == panel)
         found, places = _border(region, pattern.corners[here])
