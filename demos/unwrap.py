@@ -6,52 +6,23 @@
 The file is an STL, OBJ, PLY, MSH or XDMF triangle mesh. Line elements in it and the borders between
 its groups of triangles become seams. Without them the seams are found: along creases, and wherever
 a panel would be stretched too far. The demo prints how far the panels are from the surface. It
-writes the pattern in true scale (pattern.svg), a picture (unwrap.png) and fields for ParaView
-(surface.vtu). Without a file it unwraps a capsule.
+writes the pattern, which scenes read (pattern.npz), a drawing in true scale (pattern.svg), a
+picture (unwrap.png) and fields for ParaView (surface.vtu). Without a file it unwraps a capsule.
+`toros unwrap` does the same.
 """
 
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import shapely
 from mpi4py import MPI
 
 from toros_fem.command_line import run_from_command_line
-from toros_fem.config import Config, quantity
-from toros_fem.fabrication.svg import write_svg
-from toros_fem.meshes import Surface, read_surface, unwrap
-from toros_fem.meshes.chart import METHODS
-from toros_fem.output.files import write_fields, write_json
-from toros_fem.output.writer import if_plotting, write_together
-
-
-@dataclass(frozen=True)
-class UnwrapConfig(Config):
-    """How a surface is read, cut and laid flat."""
-
-    scale: float = quantity(1.0, "length of the file's unit", "m", above=0)
-    component: int | None = quantity(
-        None, "connected component, 0 for the largest; none: the file holds only one", at_least=0
-    )
-    seams: str = quantity(
-        "given",
-        "seams of the file, found if it has none, or always found",
-        choices=("given", "auto"),
-    )
-    method: str = quantity("auto", "how panels are laid flat", choices=METHODS)
-    crease_angle: float = quantity(
-        45.0, "angle between normals above which a found seam follows an edge", "deg",
-        above=0, at_most=180,
-    )  # fmt: skip
-    max_stretch: float | None = quantity(
-        None, "largest stretch of a panel; none: 0.15 with found seams, no bound with given ones",
-        above=0,
-    )  # fmt: skip
+from toros_fem.commands.unwrap import UnwrapConfig, unwrap_sentence, unwrap_surface
+from toros_fem.meshes import Surface, read_surface
 
 
 def capsule(around: int = 36, radius: float = 0.02, length: float = 0.06) -> Surface:
@@ -98,60 +69,7 @@ def run(
     surface = (
         capsule() if file is None else read_surface(comm, file, config.scale, config.component)
     )
-    unwrapped = unwrap(
-        comm,
-        surface,
-        "auto" if config.seams == "auto" else None,
-        config.method,
-        crease_angle=np.radians(config.crease_angle),
-        max_stretch=config.max_stretch,
-    )
-    distortion, pattern = unwrapped.distortion, unwrapped.pattern
-    summary = {
-        "file": None if file is None else file.name,
-        "triangles": len(surface.triangles),
-        "closed": surface.closed,
-        "area_m2": surface.area,
-        "repairs": str(surface.repairs),
-        "panels": dict(zip(pattern.panel_names, unwrapped.methods, strict=True)),
-        "worst_stretch": distortion.worst_stretch,
-        "mean_stretch": distortion.mean_stretch,
-        "worst_seam": distortion.worst_seam,
-        "inputs": config.as_dict(),
-    }
-
-    def write() -> None:
-        output.mkdir(parents=True, exist_ok=True)
-        if verbose:
-            print(distortion.table())
-        write_svg(output / "pattern.svg", pattern, [shapely.Polygon()] * len(unwrapped.methods))
-
-        def draw() -> None:
-            from toros_fem.output.surface_plot import plot_unwrapped
-
-            plot_unwrapped(output / "unwrap.png", unwrapped)
-
-        if_plotting(draw)
-        fields = {
-            "area_ratio": distortion.area_ratio,
-            "stretch": distortion.strain,
-            "angle_error": distortion.angle_error,
-        }
-        write_fields(output / "surface.vtu", pattern, pattern.points, fields)
-        write_json(output / "summary.json", summary)
-
-    write_together(comm, output, write)
-    return summary
-
-
-def sentence(summary: dict[str, Any]) -> str:
-    """Return the result in a sentence."""
-    return (
-        f"{summary['triangles']} triangles (repairs: {summary['repairs']}) in "
-        f"{len(summary['panels'])} panels: stretch {summary['worst_stretch']:.2%} at most, "
-        f"{summary['mean_stretch']:.2%} in the mean, lengths at a seam within "
-        f"{summary['worst_seam']:.2%}"
-    )
+    return unwrap_surface(comm, output, surface, config, file=file, verbose=verbose)
 
 
 def main(comm: MPI.Comm) -> int:
@@ -162,7 +80,7 @@ def main(comm: MPI.Comm) -> int:
         UnwrapConfig(),
         run,
         Path("output/unwrap"),
-        sentence=sentence,
+        sentence=unwrap_sentence,
         arguments={"file": "triangle mesh; none: a capsule"},
     )
 

@@ -141,6 +141,10 @@ def test_json_alone_is_on_stdout(
     assert "a line of the library" in captured.err
     assert run(ALONE, ["doctor"]) == 0
     assert capsys.readouterr().out == "a line of the library\ndone\n"
+    assert run(ALONE, ["doctor", "--quiet"]) == 0
+    captured = capsys.readouterr()
+    assert captured.out == "done\n"
+    assert captured.err == ""
 
 
 def test_log_and_warnings_go_to_stderr(

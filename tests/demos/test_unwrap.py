@@ -21,7 +21,7 @@ def test_a_part_from_a_file(comm: MPI.Comm, tmp_path: Path) -> None:
     summary = demo.run(comm, folder, config, file=DATA / "bracket.stl")
     assert summary["triangles"] == 494
     assert set(summary["panels"].values()) == {"exact", "abf"}
-    assert "494 triangles (repairs: none) in 7 panels" in demo.sentence(summary)
+    assert "494 triangles (repairs: none) in 7 panels" in demo.unwrap_sentence(summary)
     comm.barrier()
     assert (folder / "unwrap.png").stat().st_size > 10_000
     cell_data = meshio.read(folder / "surface.vtu").cell_data

@@ -266,13 +266,14 @@ def _line_parts(config: ActuatorConfig, area: float, count: int, finest: int) ->
     relaxed = count if given else round(expected_triangles(area, config.relaxed_edge_length))
     rounds, more = config.corrections, config.relaxed_options.more_iterations
     steps, most = config.relaxed_iterations, 2 * config.relaxed_iterations + rounds * more
+    least = 1 + rounds // 2  # the last ones are left out where a print is close
     parts = [
         Part("relaxed design", relaxed, (3 * steps, DESIGN_STEP[1] * most)),
-        Part("laying of lines", finest, (LAYING[0], LAYING[1] * (1 + rounds))),
+        Part("laying of lines", finest, (LAYING[0] * least, LAYING[1] * (1 + rounds))),
         Part(
             f"prints of lines, {1 + rounds} at most",
             finest,
-            (LINE_PRINT[0], LINE_PRINT[1] * (1 + rounds)),
+            (LINE_PRINT[0] * least, LINE_PRINT[1] * (1 + rounds)),
         ),
     ]
     if config.density_iterations:

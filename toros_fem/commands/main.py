@@ -6,6 +6,7 @@ import contextlib
 import json
 import logging
 import math
+import os
 import sys
 import traceback
 import warnings
@@ -48,7 +49,8 @@ def run(comm: MPI.Comm, words: Sequence[str]) -> int:
     """
     as_json, out = "--json" in words, sys.stdout
     name = next((word for word in words if word in COMMANDS), None)
-    with _spoken(comm, quiet="--quiet" in words), _stdout_free(as_json):
+    quiet = "--quiet" in words
+    with _spoken(comm, quiet=quiet), _stdout_free(as_json=as_json, quiet=quiet):
         try:
             given = _parser(comm).parse_args(list(words))
             answer = COMMANDS[given.command].run(comm, given)
@@ -137,10 +139,14 @@ def _parser(comm: MPI.Comm) -> SuggestingParser:
 
 
 @contextlib.contextmanager
-def _stdout_free(wanted: bool) -> Iterator[None]:
-    """Send what is printed meanwhile to stderr, if wanted."""
-    with contextlib.redirect_stdout(sys.stderr) if wanted else contextlib.nullcontext():
-        yield
+def _stdout_free(*, as_json: bool, quiet: bool) -> Iterator[None]:
+    """Keep what is printed meanwhile from stdout: it goes to stderr, or nowhere."""
+    if quiet:
+        with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
+            yield
+    else:
+        with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
+            yield
 
 
 @contextlib.contextmanager
