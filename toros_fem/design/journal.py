@@ -37,6 +37,8 @@ class JournalEntry(Protocol):
     def saved(self) -> Checkpoint | None:
         """Return the last checkpoint of an earlier, interrupted run; None without.
 
+        From now on a stop waits for the next `offer`.
+
         Raises:
             CheckpointError: It cannot be read, or belongs to something else.
         """
@@ -54,7 +56,7 @@ class JournalEntry(Protocol):
         """
 
     def close(self) -> None:
-        """Say that no more checkpoints will come."""
+        """Say that no checkpoint will come soon, so that a stop need not wait for it."""
 
 
 class Journal(Protocol):
@@ -104,7 +106,10 @@ def kept_evaluation(
     entry = journal.entry(problem.comm, signature_of(problem))
     saved = entry.saved()
     if saved is not None:
-        return restored_evaluation(problem, saved)
+        found = restored_evaluation(problem, saved)
+        entry.close()
+        return found
+    entry.close()  # a stop need not wait for the simulation
     found = simulate()
     entry.offer(lambda: Checkpoint(*saved_evaluation(problem, found)), last=True)
     return found

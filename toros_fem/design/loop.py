@@ -149,9 +149,9 @@ def optimize(
     if after is not None:
         loop.take_over(after, start)
     first = loop.history[-1].stage + 1 if loop.history else 0
-    saved = None if entry is None else entry.saved()
-    begin = first if saved is None else loop.restore(saved)
     try:
+        saved = None if entry is None else entry.saved()
+        begin = first if saved is None else loop.restore(saved)
         for number, stage in enumerate(options.stages, first):
             if number < begin:
                 continue

@@ -87,6 +87,8 @@ class RunEntry:
     def saved(self) -> Checkpoint | None:
         """Return the checkpoint of an earlier, interrupted run; None without (collective).
 
+        From now on a stop waits for the next `offer`.
+
         Raises:
             CheckpointError: It is damaged, of a newer version, or belongs to something else.
         """
@@ -102,6 +104,7 @@ class RunEntry:
                 )  # fmt: skip
             return found
 
+        self._signals.waits = True
         return on_first_rank(self._comm, read)
 
     def offer(self, make: Callable[[], Checkpoint], *, last: bool) -> None:
@@ -123,7 +126,7 @@ class RunEntry:
         self._signals.waits = not last
 
     def close(self) -> None:
-        """Say that no more checkpoints will come."""
+        """Say that no checkpoint will come soon, so that a stop need not wait for it."""
         self._signals.waits = False
 
     def _write(self, checkpoint: Checkpoint) -> None:

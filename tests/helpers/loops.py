@@ -1,0 +1,48 @@
+"""Design loops that are stopped and go on."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+from typing import Any
+
+from mpi4py import MPI
+
+from toros_fem.design.journal import Checkpoint
+from toros_fem.design.options import Iteration
+
+
+class Stopped(Exception):  # noqa: N818
+    """In place of a signal."""
+
+
+class OneEntry:
+    """A journal of one loop in memory, as JSON would have it; it stops the loop after some rows."""
+
+    def __init__(self, stop_at: int | None = None, saved: Checkpoint | None = None) -> None:
+        self.stop_at, self.kept, self.rows = stop_at, saved, 0
+
+    def entry(self, comm: MPI.Comm, signature: str) -> OneEntry:
+        return self
+
+    def branch(self, name: str) -> OneEntry:
+        return self
+
+    def saved(self) -> Checkpoint | None:
+        return self.kept
+
+    def offer(self, make: Callable[[], Checkpoint], *, last: bool) -> None:
+        self.rows += 1
+        if self.rows == self.stop_at:
+            made = make()
+            self.kept = dataclasses.replace(made, numbers=json.loads(json.dumps(made.numbers)))
+            raise Stopped
+
+    def close(self) -> None:
+        pass
+
+
+def figures(row: Iteration) -> dict[str, Any]:
+    """All of a row but the wall time."""
+    return {name: value for name, value in row.columns().items() if name != "seconds"}

@@ -1,0 +1,118 @@
+"""Runs of a script that are killed or stopped by signals, and go on."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.run_files import content
+from helpers.scenes import ROOT
+from mpi4py import MPI
+
+# Under mpirun a child process would act as one of its ranks.
+pytestmark = [
+    pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="child processes are no ranks"),
+    pytest.mark.slow,
+]
+
+OPTIONS = {
+    "length": "0.05", "angle": "40", "edge-length": "4.5e-3", "filter-radius": "7e-3",
+    "levels": "1", "iterations": "5", "constrained-iterations": "3", "polish-iterations": "0",
+    "corrections": "0", "curve-pressure": "none",
+}  # fmt: skip
+ROWS = 10  # of a whole run: two stages, each with its start
+
+
+def start(folder: Path, *more: str, ranks: int = 1) -> subprocess.Popen[str]:
+    words = [word for name, value in OPTIONS.items() for word in (f"--{name}", value)]
+    python = [sys.executable] if ranks == 1 else ["mpirun", "-n", str(ranks), sys.executable]
+    return subprocess.Popen(
+        [*python, "demos/bend.py", "--output", str(folder), "--no-estimate-error", *words, *more],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def is_row(line: str) -> bool:
+    return line[:4].strip().isdigit()
+
+
+def finish(process: subprocess.Popen[str]) -> tuple[int, int, str]:
+    """Return how many rows are left, the exit code, and what stderr says."""
+    with process:
+        out, err = process.communicate(timeout=200)
+    return sum(map(is_row, out.splitlines())), process.returncode, err
+
+
+def stop(process: subprocess.Popen[str], number: int, rows: int, later: float = 0.0) -> Any:
+    """Send a signal some time after some rows; return as `finish` does.
+
+    SIGUSR1 after the first row does not stop it.
+    """
+    assert process.stdout is not None
+    count = 0
+    for line in process.stdout:
+        count += is_row(line)
+        if count == 1:
+            process.send_signal(signal.SIGUSR1)
+        if count == rows:
+            break
+    time.sleep(later)
+    process.send_signal(number)
+    left, code, err = finish(process)
+    return count + left, code, err
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    folder = tmp_path_factory.mktemp("whole")
+    rows, code, err = finish(start(folder))
+    assert (rows, code) == (ROWS, 0), err
+    return content(folder)
+
+
+def test_killed_at_any_moment_a_run_loses_at_most_two_steps(tmp_path: Path, whole: Any) -> None:
+    """And nothing is damaged: in the end all is the same, to the last bit."""
+    rng, done = np.random.default_rng(5), 0
+    for count in range(3):
+        more = ["--resume"] if count else []
+        rows, code, err = stop(start(tmp_path, *more), signal.SIGKILL, 2, rng.uniform(0, 0.3))
+        assert code == -signal.SIGKILL, err
+        done = max(0, done + rows - 2)  # at least
+    rows, code, err = finish(start(tmp_path, "--resume"))
+    assert code == 0, err
+    assert rows <= ROWS - done
+    assert content(tmp_path) == whole
+    assert not list(tmp_path.glob("earlier-*"))
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_step_and_a_line_says_how_to_go_on(
+    tmp_path: Path, whole: Any, number: signal.Signals
+) -> None:
+    rows, code, err = stop(start(tmp_path), number, 3)
+    assert code == 128 + number
+    assert err.splitlines() == [
+        f"stopped by {number.name}; the state is on disk. Go on with: the same command and --resume"
+    ]
+    left, code, err = finish(start(tmp_path, "--resume"))
+    assert (rows + left, code) == (ROWS, 0), err
+    assert content(tmp_path) == whole
+
+
+def test_ranks_stop_together(tmp_path: Path, whole: Any) -> None:
+    """Under mpirun by the signal that it passes on; one rank goes on alone, to the tolerance."""
+    rows, code, err = stop(start(tmp_path, ranks=2), signal.SIGUSR2, 3)
+    assert code == 128 + signal.SIGUSR2
+    assert "stopped by SIGUSR2; the state is on disk" in err
+    assert "Traceback" not in err
+    left, code, err = finish(start(tmp_path, "--resume"))
+    assert (rows + left, code) == (ROWS, 0), err
+    objective = float(content(tmp_path)[0][-1]["objective"])
+    assert objective == pytest.approx(float(whole[0][-1]["objective"]), rel=0.02)
