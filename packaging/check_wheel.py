@@ -15,6 +15,7 @@ import subprocess
 import sys
 import tarfile
 import tempfile
+import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -48,6 +49,22 @@ def build(work: Path) -> tuple[Path, Path]:
     )
     (archive,), (wheel,) = (work / "dist").glob("*.tar.gz"), (work / "dist").glob("*.whl")
     return archive, wheel
+
+
+def missing_files(archive: Path, wheel: Path, source: Path) -> list[str]:
+    """Return the files of the package, data too, and the licences that an archive lacks."""
+    with tarfile.open(archive) as tar:
+        packed = {name.partition("/")[2] for name in tar.getnames()}
+    with zipfile.ZipFile(wheel) as installed:
+        names = set(installed.namelist())
+    missing = [name for name in ("COPYING", "COPYING.LESSER") if name not in packed]
+    for folder in ("toros_fem", "forms", "meshes"):
+        for path in (source / folder).rglob("*"):
+            if path.is_file() and "egg-info" not in str(path):
+                place = path.relative_to(source).as_posix()
+                inside = place if folder == "toros_fem" else f"toros_fem/{place}"
+                missing += [place] * (place not in packed) + [inside] * (inside not in names)
+    return missing
 
 
 def check(wheel: Path, work: Path) -> str:
@@ -85,13 +102,9 @@ def main() -> None:
     output = parser.parse_args().output
     with tempfile.TemporaryDirectory() as folder:
         archive, wheel = build(Path(folder))
-        with tarfile.open(archive) as tar:
-            names = [name.partition("/")[2] for name in tar.getnames()]
-        missing = [
-            name for name in ("COPYING", "COPYING.LESSER", "forms/energy.py") if name not in names
-        ]
+        missing = missing_files(archive, wheel, Path(folder) / "source")
         if missing:
-            sys.exit(f"the source archive lacks {', '.join(missing)}")
+            sys.exit(f"the archives lack {', '.join(missing)}")
         print(check(wheel, Path(folder)).strip())
         if output is not None:
             output.mkdir(parents=True, exist_ok=True)
