@@ -113,7 +113,7 @@ def test_a_mesh_that_is_not_there(
     assert run(comm, ["new", "own-mesh", str(path)]) == 0
     capsys.readouterr()
     assert run(comm, ["check", str(path)]) == 2
-    assert ("there is no file" in capsys.readouterr().err) == (comm.rank == 0)
+    assert ("files.mesh: there is no" in capsys.readouterr().err) == (comm.rank == 0)
 
 
 def test_own_mesh(comm: MPI.Comm, capsys: pytest.CaptureFixture[str]) -> None:

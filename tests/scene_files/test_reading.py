@@ -255,3 +255,21 @@ def test_files_that_cannot_be_read(comm: MPI.Comm, tmp_path: Path) -> None:
     found = read_scene(folder / "dos.toml", comm=comm).config
     assert found == BendConfig(length=1.0)
     assert comm.allgather(found) == [found] * comm.size
+
+
+def test_files_that_are_not_there(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder = shared(comm, tmp_path)
+    if comm.rank == 0:
+        text = 'kind = "own-mesh"\n[files]\nmesh = "here.stl"\ntarget = "sub/there.stl"\n'
+        (folder / "my.toml").write_text(text, encoding="utf-8")
+        (folder / "here.stl").touch()
+    comm.barrier()
+    found = read_scene(folder / "my.toml", comm=comm)
+    with pytest.raises(SceneError, match=r"my.toml, line 4: files.target: there is no .*there.stl"):
+        found.require_files(comm)
+    change = f"files.target={folder / 'here.stl'}"
+    read_scene(found.path, comm=comm, changes=[change]).require_files(comm)
+    other = read_scene(found.path, comm=comm, changes=["files.mesh=no.stl"])
+    with pytest.raises(SceneError, match="^files.mesh: there is no no.stl") as caught:
+        other.require_files(comm)
+    assert caught.value.line is None

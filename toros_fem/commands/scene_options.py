@@ -67,9 +67,12 @@ def scene_of(comm: MPI.Comm, given: argparse.Namespace) -> Scene:
     """Read the scene that the options name (collective).
 
     Raises:
-        SceneError: The file cannot be read, or a key or value is wrong.
+        SceneError: The file cannot be read, a key or value is wrong, or a file that it names is
+            not there.
     """
-    return read_scene(given.file, comm=comm, coarse=given.coarse, changes=given.set)
+    scene = read_scene(given.file, comm=comm, coarse=given.coarse, changes=given.set)
+    scene.require_files(comm)
+    return scene
 
 
 @contextmanager

@@ -6,7 +6,7 @@ import difflib
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -36,12 +36,34 @@ class Scene:
         kind: Its kind.
         config: Its numbers.
         files: Files and folders that it names, by name, absolute or relative to the current folder.
+        lines: Line of each of these in the file; none where the command line gives it.
     """
 
     path: Path
     kind: Kind
     config: Config
     files: Mapping[str, Path]
+    lines: Mapping[str, int]
+
+    def require_files(self, comm: MPI.Comm) -> None:
+        """Check that the files and folders that it names are there (collective).
+
+        Raises:
+            SceneError: One is not; with file, line and key. It is raised on all ranks.
+        """
+        missing = on_first_rank(
+            comm, lambda: [name for name, path in self.files.items() if not path.exists()]
+        )
+        for name in missing:
+            line = self.lines.get(name)
+            at = "" if line is None else f"{self.path}, line {line}: "
+            raise SceneError(
+                f"{at}files.{name}: there is no {self.files[name]}. Paths in a scene file are "
+                "relative to it, those of the command line to the current folder.",
+                self.path,
+                line,
+                f"files.{name}",
+            )
 
 
 def read_scene(
@@ -53,7 +75,7 @@ def read_scene(
 ) -> Scene:
     """Read a scene file.
 
-    Paths in it are relative to the file. Whether the files that it names exist is not checked.
+    Paths in it are relative to the file. `Scene.require_files` checks whether they exist.
 
     Args:
         path: The file, in TOML.
@@ -146,7 +168,9 @@ class _Reader:
             over[name] = self.value(kind.config, name, value, ("coarse", name))
         if coarse:
             config = self.updated(config, over, {n: ("coarse", n) for n in over}, kind.coarse)
-        scene = Scene(self.path, kind, config, self.files(kind))
+        files = self.files(kind)
+        lines = {name: line_of(self.lines, ("files", name)) or 0 for name in files}
+        scene = Scene(self.path, kind, config, files, lines)
         return self.changed(scene, sections, changes)
 
     def entries(self, name: str, of: type[Config]) -> tuple[Config, ...]:
@@ -296,7 +320,8 @@ class _Reader:
             config = scene.config.updated(**values)
         except ParameterError as caught:
             raise SceneError(f"{self.path}, as changed: {caught}", self.path) from None
-        return Scene(self.path, scene.kind, config, files)
+        lines = {name: k for name, k in scene.lines.items() if files[name] is scene.files[name]}
+        return replace(scene, config=config, files=files, lines=lines)
 
 
 def _refuse(change: str, why: str, key: str) -> NoReturn:

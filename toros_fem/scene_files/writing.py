@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -103,10 +104,11 @@ def description(config: Config | type[Config], name: str) -> str:
     if kind is bool:
         parts.append("true or false")
     if spec.bounds:
-        parts.append(spec.bounds + (", or none" if optional else ""))
-    elif optional:
-        parts.append("or none")
-    return "; ".join(parts)
+        parts.append(spec.bounds)
+    text = "; ".join(parts)
+    if not optional or re.search(r"\bnone\b", spec.meaning):
+        return text
+    return f"{text}, or none" if spec.bounds else f"{text}; or none"
 
 
 def _comment(text: str) -> list[str]:
