@@ -1,7 +1,9 @@
 """Each demo as a scene file, and the example of a finger from an STL file."""
 
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from demo_runs import DEMOS
@@ -9,12 +11,13 @@ from helpers.scenes import ROOT, shared
 from mpi4py import MPI
 
 from demos import own_design
+from toros_fem.config import Config
 from toros_fem.scene_files.reading import read_scene
 from toros_fem.scenes import tile, tile_sheet
 from toros_fem.scenes.own_mesh import OwnMeshConfig
 
 FOLDER = ROOT / "demos" / "scenes"
-CONFIGS = {
+CONFIGS: dict[str, tuple[Config, Callable[[Any], Any]]] = {
     **{name: (demo.config, demo.coarse) for name, demo in DEMOS.items()},
     "tile": (tile.TargetTileConfig(), tile.coarse),
     "tile_sheet": (tile_sheet.TileSheetConfig(), tile_sheet.coarse),
@@ -84,4 +87,4 @@ def test_example_of_a_finger() -> None:
     quick = read_scene(found.path, coarse=True).config
     assert isinstance(quick, OwnMeshConfig)
     assert quick.level_count == 1
-    assert quick.filter_radius == 2 * config.filter_radius
+    assert (quick.filter_radius, config.filter_radius) == (4e-3, 2e-3)

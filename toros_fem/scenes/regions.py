@@ -6,7 +6,7 @@ import operator
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class _Node(NamedTuple):
 
     truth: bool
     power: int | None
-    at: Callable[[Floats], Floats]
+    at: Callable[[Floats], Any]
 
 
 @dataclass(frozen=True)
