@@ -9,7 +9,15 @@ from mpi4py import MPI
 
 from toros_fem.design.options import Iteration
 from toros_fem.equilibrium.newton import NewtonStep
-from toros_fem.output.console import ProgressBar, header, line, print_line, print_step
+from toros_fem.output import console
+from toros_fem.output.console import (
+    ProgressBar,
+    duration,
+    header,
+    line,
+    print_line,
+    print_step,
+)
 
 
 def row(metrics: dict[str, float]) -> Iteration:
@@ -63,14 +71,24 @@ def test_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     bar.close()
 
 
-def test_no_bar_without_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    stream = io.StringIO()
+def test_lines_without_a_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Now and then, with the time left; steps before a run was resumed took no time."""
+    stream, clock = io.StringIO(), iter((0.0, 20.0, 40.0, 50.0, 5000.0, 5010.0))
     monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
     bar = ProgressBar()
     bar.expect(40)
-    bar.advance(10)
+    for done in (10, 11, 12, 13, 20, 40):
+        bar.advance(done)
     bar.close()
     assert stream.getvalue() == ""
+    assert capsys.readouterr().out.splitlines() == [
+        "step 12 of 40, about 9.3 min left",
+        "step 20 of 40, about 2.8 h left",
+    ]
+    assert [duration(s) for s in (3.4, 59, 61, 7000)] == ["3 s", "59 s", "1.0 min", "1.9 h"]
 
 
 def test_lines_do_not_break_the_bar(

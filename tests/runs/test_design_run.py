@@ -17,7 +17,7 @@ from toros_fem.design.options import Iteration
 from toros_fem.errors import RunStoppedError
 from toros_fem.output.reporter import DesignReporter
 from toros_fem.runs.folder import open_run
-from toros_fem.scenes import bend
+from toros_fem.scenes import bend, twist
 
 TWO_LEVELS = bend.BendConfig(
     length=0.04,
@@ -91,3 +91,24 @@ def test_several_starts(comm: MPI.Comm, tmp_path: Path) -> None:
     comm.barrier()
     design(comm, folder / "stopped", bend, config)
     assert content(folder / "stopped")[1:] == content(folder / "whole")[1:]
+
+
+@pytest.mark.slow
+def test_lines_from_a_random_start(comm: MPI.Comm, tmp_path: Path) -> None:
+    """Inside a stage of the relaxed design, and after a print, which is not simulated again."""
+    config = twist.TwistConfig(
+        start="relaxed",
+        length=0.06,
+        relaxed_edge_length=5e-3,
+        relaxed_iterations=2,
+        directions=6,
+        print_edge_length=2.2e-3,
+        laid_width=2.5e-3,
+        corrections=0,
+        density_iterations=1,
+        cross_sections=4,
+        twist=60.0,
+        pressure=8e3,
+        **DESIGN_ALONE,
+    )
+    check(comm, shared(comm, tmp_path), twist, config, 3, 4)

@@ -244,8 +244,8 @@ def test_signals_ask_for_a_write_or_an_end(comm: MPI.Comm, folder: Path) -> None
 
         entry.offer(state, last=False)
 
-    with (
-        pytest.raises(RunStoppedError, match="stopped by SIGTERM; .*go on by this") as stop,
+    with (  # noqa: PT012
+        pytest.raises(RunStoppedError, match=r"stopped by SIGTERM; .*go on by this") as stop,
         open_run(comm, folder, INPUTS, every=9, again="go on by this") as run,
     ):
         entry = run.journal(folder).entry(comm, "loop")

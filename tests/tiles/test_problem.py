@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.loops import OneEntry, Stopped, figures
 from helpers.tiles import (
     ANGLES,
     CONTRAST,
@@ -191,6 +192,23 @@ def test_short_design_run(comm: MPI.Comm) -> None:
         assert [row.rejected for row in rows] == [row.rejected for row in result.history]
         for row, same in zip(result.history, rows, strict=True):
             assert row.objective == pytest.approx(same.objective, rel=1e-8)
+
+
+def test_a_design_that_was_stopped_goes_on_bit_for_bit() -> None:
+    """Directions and triangles spread over the ranks."""
+    target = ProfileTarget(np.array([900.0, 1200.0, 2400.0]))
+    for alone in (True, False):
+        problem = make_problem(alone, target, angles=THREE, beta=8.0)
+        start = start_of(problem)
+        stages = DesignOptions((Stage(4),))
+        whole = optimize(problem, stages, start=start)
+        journal = OneEntry(stop_at=3)
+        with pytest.raises(Stopped):
+            optimize(problem, stages, start=start, journal=journal)
+        assert journal.kept is not None
+        again = optimize(problem, stages, start=start, journal=OneEntry(saved=journal.kept))
+        assert [figures(r) for r in again.history] == [figures(r) for r in whole.history]
+        assert np.array_equal(again.density, whole.density)
 
 
 def test_objective_of_zero() -> None:

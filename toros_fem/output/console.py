@@ -1,8 +1,9 @@
-"""Lines and a progress bar on the terminal while a design runs."""
+"""Lines, and a progress bar on a terminal, while a design runs."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable
 
 from mpi4py import MPI
@@ -13,6 +14,8 @@ from toros_fem.equilibrium.newton import NewtonStep
 
 # Least width of a column that holds a metric.
 METRIC_WIDTH = 12
+# Time in s between two lines on the progress, where there is no terminal.
+LINE_EVERY = 30.0
 
 
 def print_line(text: str) -> None:
@@ -63,11 +66,17 @@ def _width(title: str) -> int:
 
 
 class ProgressBar:
-    """A bar on a terminal that shows the number of steps done; nothing elsewhere."""
+    """The number of steps done and the time left: a bar on a terminal, else lines now and then.
+
+    The time left is that of the steps so far, those of a resumed run left out. Steps on finer
+    meshes take longer.
+    """
 
     def __init__(self) -> None:
         self._bar: tqdm | None = None
         self._total: int | None = None
+        self._first: tuple[int, float] | None = None  # step, and time in s
+        self._said = 0.0
 
     def expect(self, total: int) -> None:
         """Set the planned number of steps."""
@@ -78,22 +87,45 @@ class ProgressBar:
 
     def advance(self, done: int) -> None:
         """Show how many steps are done; the last planned one removes the bar."""
+        now = time.monotonic()
+        if self._first is None or done < self._first[0]:
+            self._first, self._said = (done, now), now
         if self._total is None or done >= self._total:
             self.close()
+            return
+        if not sys.stderr.isatty():
+            self._say(done, now)
             return
         if self._bar is None:
             self._bar = tqdm(
                 total=self._total,
+                initial=done,
                 unit="step",
                 file=sys.stderr,
                 mininterval=0,
                 leave=False,
-                disable=None,
             )
         self._bar.update(done - self._bar.n)
+
+    def _say(self, done: int, now: float) -> None:
+        assert self._first is not None
+        assert self._total is not None
+        first, begin = self._first
+        if done > first and now >= self._said + LINE_EVERY:
+            self._said = now
+            left = (now - begin) / (done - first) * (self._total - done)
+            print_line(f"step {done} of {self._total}, about {duration(left)} left")
 
     def close(self) -> None:
         """Remove the bar."""
         if self._bar is not None:
             self._bar.close()
             self._bar = None
+
+
+def duration(seconds: float) -> str:
+    """Return a time in h, min or s, in about two digits."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    number, unit = (seconds / 60, "min") if seconds < 3600 else (seconds / 3600, "h")
+    return f"{number:.1f} {unit}" if number < 10 else f"{number:.0f} {unit}"
