@@ -14,7 +14,7 @@ from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.analysis.trace import trace
-from toros_fem.analysis.wrinkles import wrinkles
+from toros_fem.analysis.wrinkles import wrinkle_field, wrinkles
 from toros_fem.design.config import DesignConfig
 from toros_fem.design.loop import DesignResult
 from toros_fem.design.shape_problem import ShapeProblem
@@ -157,6 +157,25 @@ def test_pressure_path(comm: MPI.Comm, tmp_path: Path, tube_solver: EquilibriumS
     assert meshio.read(folder / "skin.vtu").points == pytest.approx(points[2].positions)
     for name in ("curve.png", "shapes.png"):
         assert (folder / name).stat().st_size > 5000
+
+
+def test_pressure_path_of_a_tension_field_shows_its_wrinkles(
+    comm: MPI.Comm, tmp_path: Path
+) -> None:
+    tube = cylinder(comm, 0.04, 0.02, 6e-3)
+    composite = Composite(bending=None, membrane=Membrane("tension-field"))
+    solver = EquilibriumSolver(sew(comm, tube), composite, clamp(tube, ["base", "tip"]))
+    density = np.zeros(len(tube.panel))
+    wide = Metric("radius", "ratio", 1.0, swelling)
+    points = list(trace(solver, density[solver.skin.owned_cells], [2e3], [wide]))
+    folder = shared(comm, tmp_path)
+    write_pressure_path(comm, folder, tube, points, density, [wide], composite=composite)
+    comm.barrier()
+    folds = wrinkle_field(solver, density[solver.skin.owned_cells], points[0].result)
+    fields = meshio.read(folder / "skin.vtu").cell_data
+    assert np.array_equal(fields["wrinkling"][0], folds.state)
+    assert fields["tension"][0] == pytest.approx(folds.direction)
+    assert (folder / "wrinkles.png").stat().st_size > 5000
 
 
 def test_pressure_path_of_half_a_tube_shows_the_whole(comm: MPI.Comm, tmp_path: Path) -> None:

@@ -16,13 +16,22 @@ from toros_fem.design.config import DesignConfig, MaterialConfig
 from toros_fem.design.options import DesignOptions, Stage
 from toros_fem.errors import ParameterError
 from toros_fem.fabrication.printability import PrintLimits
-from toros_fem.materials import CURVATURES, SEAMS, Bending, Bladder, Composite, Knit
+from toros_fem.materials import (
+    CURVATURES,
+    SEAMS,
+    WRINKLINGS,
+    Bending,
+    Bladder,
+    Composite,
+    Knit,
+    Membrane,
+)
 from toros_fem.mma.optimizer import MMAOptions
 
 
 @dataclass(frozen=True)
 class SkinConfig(MaterialConfig):
-    """Bending of the sheets, seams, bladder and knit; SI units."""
+    """Bending and wrinkling of the sheets, seams, bladder and knit; SI units."""
 
     bladder_young: float = quantity(
         0.29e6, "Young's modulus of a rubber bladder that moves with the skin", "Pa", above=0
@@ -34,7 +43,11 @@ class SkinConfig(MaterialConfig):
         Bending.curvature, "curvature term of the sheet; none for a membrane", choices=CURVATURES
     )
     seams: str = quantity(Bending.seams, "how seams carry moments", choices=SEAMS)
-
+    wrinkling: str | None = quantity(
+        None,
+        "fine wrinkles, which carry no compression; none leaves wrinkles to the mesh",
+        choices=WRINKLINGS,
+    )
     knit_ratio: float | None = quantity(
         None,
         "modulus of the fabric along its courses over that along its wales; none for an isotropic "
@@ -50,11 +63,12 @@ class SkinConfig(MaterialConfig):
 
     @property
     def composite(self) -> Composite:
-        """Fabric and reinforcement, with their bending, the bladder and the knit."""
+        """Fabric and reinforcement, with bending, wrinkling, the bladder and the knit."""
         thickness, ratio = self.bladder_thickness, self.knit_ratio
         return replace(
             super().composite,
             bending=None if self.bending is None else Bending(self.bending, self.seams),
+            membrane=Membrane(self.wrinkling),
             bladder=None if thickness is None else Bladder(self.bladder_young, thickness),
             knit=None if ratio is None else Knit(ratio, float(np.radians(self.grain_angle))),
         )

@@ -15,7 +15,7 @@ from toros_fem._mpi import on_first_rank
 from toros_fem._types import Floats
 from toros_fem._validate import require_kind
 from toros_fem.analysis.trace_point import TracePoint
-from toros_fem.analysis.wrinkles import Tension, wrinkles
+from toros_fem.analysis.wrinkles import Tension, WrinkleField, wrinkles
 from toros_fem.config import Config
 from toros_fem.design.loop import DesignResult
 from toros_fem.errors import OutputError
@@ -26,6 +26,7 @@ from toros_fem.fabrication.svg import write_svg
 from toros_fem.frames.record import shown_skin, write_path, write_print
 from toros_fem.frames.shown_skin import ShownSkin
 from toros_fem.lines.field import LineField
+from toros_fem.materials import Composite
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, write_pattern
@@ -95,10 +96,8 @@ def write_results(
         target = None if target is None else whole.at_vertices(target)
         fields = {name: whole.at_cells(values) for name, values in fields.items()}
         stiffened = whole.at_cells(stiffened)
-    folds = None
-    if composite.membrane.relaxed:
-        folds = wrinkles(printed.pattern, composite, stiffened, positions)
-        fields |= {"wrinkling": folds.state.astype(np.float64), "tension": folds.direction}
+    folds = _wrinkles_of(printed.pattern, composite, stiffened, positions)
+    fields |= _wrinkle_fields(folds)
     fields["printed"] = printed.cells.astype(np.float64)
     made = printed.evaluation is not None
     shown_print = shown_skin(problem, printed.regions if made else None)
@@ -163,6 +162,22 @@ def write_results(
 
     write_together(skin.comm, folder, write)
     return summary
+
+
+def _wrinkles_of(
+    pattern: Pattern, composite: Composite | None, density: Floats, positions: Floats
+) -> WrinkleField | None:
+    """Return the wrinkles of a tension field; None of other sheets."""
+    if composite is None or not composite.membrane.relaxed:
+        return None
+    return wrinkles(pattern, composite, density, positions)
+
+
+def _wrinkle_fields(folds: WrinkleField | None) -> dict[str, Floats]:
+    """Return the fields of skin.vtu that show wrinkles."""
+    if folds is None:
+        return {}
+    return {"wrinkling": folds.state.astype(np.float64), "tension": folds.direction}
 
 
 def _title(metrics: Sequence[Metric], summary: Mapping[str, Any]) -> str:
@@ -247,6 +262,7 @@ def write_pressure_path(
     metrics: Sequence[Metric],
     *,
     whole: Mirrored | None = None,
+    composite: Composite | None = None,
     config: Config | None = None,
     figures: Mapping[str, Any] | None = None,
     seconds: Mapping[str, float] | None = None,
@@ -262,6 +278,8 @@ def write_pressure_path(
         metrics: Numbers that were measured, drawn over the pressure.
         whole: The whole skin that the pattern is a part of, by `meshes.mirrored`: volumes, fields
             and pictures are its own. None: the pattern is whole.
+        composite: Materials; those of a tension field add the wrinkles of the last state to the
+            fields and pictures. None adds nothing.
         config: Configuration of the run, for "inputs" in the summary.
         figures: Further entries of the summary.
         seconds: Wall times in s.
@@ -293,20 +311,24 @@ def write_pressure_path(
         "seconds": dict(seconds or {}),
     }
     summary = dict(comm.bcast(summary, root=0))  # each rank has its own clock
+    folds = _wrinkles_of(skin, composite, density, shapes[-1])
 
     def draw() -> None:
         from toros_fem.output.curve_plot import plot_pressure_path
+        from toros_fem.output.line_plot import plot_wrinkles
         from toros_fem.output.shape_plot import plot_shapes
 
         chosen = np.linspace(0, len(points) - 1, 4).round().astype(int)
         titled = [(f"{1e-3 * points[k].result.pressure:.3g} kPa", shapes[k]) for k in chosen]
         plot_pressure_path(folder / "curve.png", rows, metrics)
         plot_shapes(folder / "shapes.png", skin.triangles, titled, density)
+        if folds is not None:
+            plot_wrinkles(folder / "wrinkles.png", skin, folds)
 
     def write() -> None:
         write_table(folder / "curve.csv", rows)
         write_path(folder, "pressure", ShownSkin(skin), points, whole, density)
-        write_fields(folder / "skin.vtu", skin, shapes[-1], {"density": density})
+        write_fields(folder / "skin.vtu", skin, shapes[-1], {"density": density} | _wrinkle_fields(folds))
         write_json(folder / "summary.json", summary)
         if_plotting(draw)
 

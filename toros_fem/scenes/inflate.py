@@ -26,6 +26,10 @@ METRICS = (
 )
 
 
+# First pressure of a tension field over the last one.
+SLACK = 0.01
+
+
 @dataclass(frozen=True)
 class InflateConfig(SymmetricConfig, TubeSizes, SkinConfig):
     """Numbers of the inflated tube; SI units."""
@@ -59,7 +63,9 @@ def run(
     skin = sew(comm, pattern)
     log = print_step(comm) if verbose else None
     solver = EquilibriumSolver(skin, config.composite, supports, log=log)
-    levels = np.linspace(0.0, config.highest_pressure, config.levels + 1)
+    # A tension field without pressure is slack, and has no shape.
+    first = 0.0 if config.wrinkling is None else SLACK * config.highest_pressure
+    levels = np.linspace(first, config.highest_pressure, config.levels + 1)
     metrics = [metric.of_whole(planes) for metric in METRICS]
     points = list(trace(solver, density[skin.owned_cells], [*map(float, levels)], metrics))
     radius = np.array([point.metrics["radius_percent"] for point in points])
@@ -74,7 +80,8 @@ def run(
     }
     return write_pressure_path(
         comm, output, pattern, points, density, METRICS,
-        whole=mirrored(pattern, planes), config=config,
+        whole=mirrored(pattern, planes),
+        composite=config.composite, config=config,
         figures=figures, seconds={"total": time.perf_counter() - begin},
     )  # fmt: skip
 

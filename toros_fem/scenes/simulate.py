@@ -122,7 +122,8 @@ def simulate_actuator(
         figures |= error_figures(solver, own, points[-1].result, made.metrics)
     return write_pressure_path(
         comm, output, made.pattern, points, density, made.metrics,
-        whole=mirrored(made.pattern, made.symmetry) if made.symmetry else None, config=config,
+        whole=mirrored(made.pattern, made.symmetry) if made.symmetry else None,
+        composite=config.composite, config=config,
         figures=figures, seconds={"total": time.perf_counter() - begin},
     )  # fmt: skip
 
