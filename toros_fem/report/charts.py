@@ -43,6 +43,7 @@ class Chart:
         lines: Its lines.
         target: A value to reach, a dashed line; None for none.
         points: Values of others, measured for instance: name, x and y.
+        chosen: The place that the run's figures are of: name, x and y; None for none.
         logarithmic: Whether its y axis is logarithmic.
         breaks: Places where something changes, dotted lines.
     """
@@ -53,6 +54,7 @@ class Chart:
     lines: Sequence[Line]
     target: float | None = None
     points: Sequence[tuple[str, float, float]] = ()
+    chosen: tuple[str, float, float] | None = None
     logarithmic: bool = False
     breaks: Sequence[float] = ()
 
@@ -132,6 +134,9 @@ class Chart:
             f'<path class="other" d="M{across(a) - 5:.1f},{up(b):.1f} h10 m-5,-5 v10"/>'
             for _, a, b in self.points
         )
+        if self.chosen is not None:
+            _, a, b = self.chosen
+            out.append(f'<circle class="chosen" cx="{across(a):.1f}" cy="{up(b):.1f}" r="5"/>')
         out.append(f'<line class="now" x1="-9" x2="-9" y1="{TOP}" y2="{floor}"/></svg>')
         return "".join(out) + self._legend()
 
@@ -140,6 +145,8 @@ class Chart:
         if self.target is not None:
             entries.append(("target", f"target {_number(self.target)}"))
         entries += [("other", name) for name, *_ in self.points]
+        if self.chosen is not None:
+            entries.append(("chosen", self.chosen[0]))
         if self.breaks:
             entries.append(("break", "finer mesh"))
         keys = "".join(f'<li class="{look}">{escape(name)}</li>' for look, name in entries)

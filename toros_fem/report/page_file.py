@@ -152,8 +152,7 @@ def _curve(run: Run) -> list[Chart]:
             if m["metric"] == metric.key
         ]
         value = run.summary.get(metric.key)
-        if at and value is not None:
-            points.append(("the design's pressure", at / 1e3, value))
+        inside = at and value is not None and x[0] <= at / 1e3 <= x[-1]
         charts.append(
             Chart(
                 "pressure",
@@ -162,6 +161,7 @@ def _curve(run: Run) -> list[Chart]:
                 [Line(metric.name, x, [row[metric.key] for row in here])],
                 metric.target,
                 points,
+                ("the design's pressure", at / 1e3, value) if inside else None,
             )
         )
     return charts

@@ -9,7 +9,7 @@ from typing import Any
 from urllib.parse import quote
 
 from toros_fem.report.run_folder import Run
-from toros_fem.report.words import as_shown, metrics_of
+from toros_fem.report.words import NONE, as_shown, metrics_of
 
 # What the files of a run hold, in the order of the list.
 FILES = {
@@ -52,13 +52,17 @@ def key_figures(run: Run) -> str:
             designed = run.history[-1].get(metric.key)
         cells = [
             metric.formatted(value),
-            "–" if error is None else f"± {error:.2g}{metric.unit}",
+            NONE if error is None else f"± {error:.2g}{metric.unit}",
             metric.formatted(metric.target),
             metric.formatted(designed),
         ]
         rows.append([metric.name, *cells])
     head = ["", "as printed", "error estimate", "target", "as designed"]
-    table = _table(rows, head) if rows else ""
+    if all(row[4] == NONE for row in rows):
+        head[1] = "value"  # of a simulation
+    kept = [k for k in range(5) if k == 0 or any(row[k] != NONE for row in rows)]
+    table = _table([[row[k] for k in kept] for row in rows], [head[k] for k in kept])
+    table = table if rows else ""
     return table + _pairs(_further(run))
 
 
@@ -85,8 +89,8 @@ def _further(run: Run) -> list[tuple[str, str]]:
         found.append(("printed pieces", f"{made['pieces']}, of these {made['islands']} islands"))
     if _is_number(summary.get("triangles")):
         parts = summary.get("parts_by_symmetry", 1)
-        by = f" of one of {parts} equal parts" if parts > 1 else ""
-        found.append(("triangles", f"{summary['triangles']}{by}"))
+        count = summary["triangles"]
+        found.append(("triangles", f"{parts} equal parts of {count}" if parts > 1 else f"{count}"))
     if run.history:
         found.append(("iterations", f"{run.history[-1]['iteration']:.0f}"))
     seconds = (summary.get("seconds") or {}).get("total")
@@ -102,8 +106,8 @@ def warnings(run: Run) -> list[str]:
     summary, found = run.summary, []
     if not summary:
         found.append(
-            "This run has no summary: it was stopped, or it still goes on. The shapes are those of "
-            "the design so far, not of a print."
+            "This run has no summary: it was stopped, or it still goes on. What is shown is the "
+            "design so far, not a print."
         )
     if summary.get("printed_failure"):
         found.append(f"The print has no equilibrium: {summary['printed_failure']}")

@@ -10,6 +10,8 @@ from toros_fem.objectives.metrics import UNITS
 
 # Endings of keys in SI units: sign of the unit shown, and the factor to it.
 SI_ENDINGS = {"pa": ("kPa", 1e-3), "m3": ("ml", 1e6), "m": ("mm", 1e3), "kg": ("g", 1e3)}
+# What stands for a value that is missing.
+NONE = "–"
 # Columns of the history that do not name their unit.
 BARE = {"pressure": "pa", "perimeter": "m"}
 
@@ -38,7 +40,7 @@ class Metric:
 
     def formatted(self, value: float | None) -> str:
         """Return a value with its unit."""
-        return "–" if value is None else f"{value:.4g}{self.unit}"
+        return NONE if value is None else f"{value:.4g}{self.unit}"
 
 
 def metrics_of(summary: Mapping[str, Any], columns: list[str]) -> list[Metric]:
