@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import difflib
 import sys
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from mpi4py import MPI
 
+from toros_fem._mpi import ending_together
 from toros_fem.config import Config
 from toros_fem.errors import RunStoppedError, TorosError
 from toros_fem.runs.folder import open_run
@@ -204,10 +206,22 @@ def _reader(kind: type, *, optional: bool) -> Callable[[str], Any]:
     return read
 
 
+def tell_alone(comm: MPI.Comm, error: Exception) -> None:
+    """Print an error that this rank has and others have not."""
+    text = f"{type(error).__name__}: {error}"
+    if not isinstance(error, TorosError):
+        text = "".join(traceback.format_exception(error))
+    print(f"rank {comm.rank} alone: {text}", file=sys.stderr, flush=True)
+
+
 def run_guarded(comm: MPI.Comm, action: Callable[[], str]) -> int:
-    """Print the text that an action returns, or its error in one line; return the exit code."""
+    """Print the text that an action returns, or its error in one line; return the exit code.
+
+    An error of one rank alone ends all ranks, since the others wait for it.
+    """
     try:
-        text = action()
+        with ending_together(comm, lambda error: tell_alone(comm, error)):
+            text = action()
     except RunStoppedError as stop:
         if comm.rank == 0:
             print(stop, file=sys.stderr)

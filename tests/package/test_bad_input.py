@@ -1498,3 +1498,41 @@ def test_there_are_enough_cases() -> None:
     names = [bad.name for bad in CASES]
     assert len(set(names)) == len(names) >= 120
     assert sum(bad.risky for bad in CASES) >= 20
+
+
+DIFFERENT: dict[str, Callable[[Scene], object]] = {
+    "length": lambda s: m.cylinder(s.comm, s.by_rank(0.04, 0.05), 0.02, 7e-3),
+    "edge_length": lambda s: m.cylinder(s.comm, 0.04, 0.02, s.by_rank(7e-3, "fine")),
+    "outline": lambda s: m.two_panels(s.comm, s.by_rank(SQUARE, SQUARE[::-1]), 4e-3),
+    "path": lambda s: m.read_surface(s.comm, s.by_rank("a.stl", "b.stl")),
+    "pattern": lambda s: tf.sew(s.comm, s.by_rank(s.pattern, square())),
+    "composite": lambda s: _solver(s, composite=tf.Composite(c1=s.by_rank(1.9, 1.8), bending=None)),
+    "supports": lambda s: _solver(s, supports=s.by_rank(s.held, tf.clamp(s.pattern, ["tip"]))),
+    "pressure": lambda s: s.solver.solve(s.plain, s.by_rank(100.0, 200.0)),
+    "filter_radius": lambda s: s.designed(filter_radius=s.by_rank(0.012, 0.013)),
+    "target": lambda s: s.designed(target=s.by_rank(s.pattern.points, 1.1 * s.pattern.points)),
+    "seed": lambda s: tf.optimize(s.design, [tf.Stage(1)], seed=s.comm.rank),
+    "options": lambda s: tf.optimize(s.design, [tf.Stage(1 + s.comm.rank)]),
+}
+
+
+@pytest.mark.parametrize("name", list(DIFFERENT))
+def test_different_arguments_on_the_ranks(scene: Scene, name: str) -> None:
+    if scene.comm.size == 1:
+        pytest.skip("one rank has nothing to differ from")
+    with pytest.raises(e.ParameterError, match=f"{name} differs between the ranks: .* on rank 1"):
+        DIFFERENT[name](scene)
+
+
+def test_more_ranks_than_triangles(scene: Scene) -> None:
+    """It is told before anything is distributed; as many ranks as triangles are enough."""
+    comm = scene.comm
+    corners = [(0.0, 0.0, 0.0), (0.01, 0.0, 0.0), (0.0, 0.01, 0.0), (0.01, 0.01, 0.0)]
+    triangles = [[0, 1, 2], [1, 3, 2]][: max(1, comm.size - 1)]
+    pattern = m.moulded(np.array(corners)[: 2 + len(triangles)], triangles)
+    if comm.size > len(triangles):
+        words = f"{len(triangles)} triangles cannot be shared by {comm.size} ranks"
+        with pytest.raises(e.PatternError, match=words):
+            tf.sew(comm, pattern)
+    else:
+        assert len(tf.sew(comm, pattern).owned_cells) == len(triangles)

@@ -1,10 +1,13 @@
 """Reductions and errors are the same on all ranks."""
 
+import warnings
+
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from toros_fem import _mpi
+from toros_fem.errors import ParameterError, UnitWarning
 
 
 def test_reductions(comm: MPI.Comm) -> None:
@@ -52,3 +55,68 @@ def test_first_rank_acts_for_all(comm: MPI.Comm) -> None:
 
     with pytest.raises(OSError, match="no space"):
         _mpi.on_first_rank(comm, fail)
+
+
+def test_equal_arguments_pass(comm: MPI.Comm) -> None:
+    _mpi.require_alike(comm, a=1.0, b="x", c=None, d=[1, (2, 3)], e=np.eye(2), f={"g": 1})
+    _mpi.require_alike(comm, number=[1, 1.0, np.float64(1)][comm.rank % 3])
+
+
+def test_other_arguments_are_told_on_all_ranks(comm: MPI.Comm) -> None:
+    if comm.size == 1:
+        return
+    for value in (comm.rank, str(comm.rank), [0, comm.rank], np.full(2, comm.rank)):
+        with pytest.raises(ParameterError, match="second differs between the ranks: .* on rank 1"):
+            _mpi.require_alike(comm, first=0, second=value)
+
+
+def test_warnings_come_from_one_rank(comm: MPI.Comm) -> None:
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        _mpi.warn_together(comm, "odd", UnitWarning)
+    assert len(found) == (1 if comm.rank == 0 else 0)
+
+
+class Ended(Exception):
+    """What stands for the end of the program."""
+
+
+class Lone:
+    """Two ranks, of which the other one never arrives."""
+
+    size = 2
+
+    def __init__(self) -> None:
+        self.codes: list[int] = []
+
+    def Dup(self) -> "Lone":
+        return self
+
+    def Ibarrier(self) -> "Lone":
+        return self
+
+    def Test(self) -> bool:
+        return False
+
+    def Abort(self, code: int) -> None:
+        self.codes.append(code)
+        raise Ended
+
+
+def test_an_error_of_one_rank_alone_ends_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error is told before the end, not after it."""
+    monkeypatch.setattr(_mpi, "PATIENCE", 0.05)
+    lone, told = Lone(), []
+    with pytest.raises(Ended), _mpi.ending_together(lone, told.append):  # type: ignore[arg-type]
+        raise ValueError("alone")
+    assert [str(error) for error in told] == ["alone"]
+    assert lone.codes == [1]
+
+
+def test_an_error_of_all_ranks_passes(comm: MPI.Comm) -> None:
+    told: list[Exception] = []
+    with pytest.raises(ValueError, match="all"), _mpi.ending_together(comm, told.append):
+        raise ValueError("all")
+    with _mpi.ending_together(comm, told.append):
+        pass
+    assert not told

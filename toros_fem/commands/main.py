@@ -16,7 +16,8 @@ from typing import Any, TextIO
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.command_line import SuggestingParser, UsageError
+from toros_fem._mpi import ending_together
+from toros_fem.command_line import SuggestingParser, UsageError, tell_alone
 from toros_fem.commands import check, design, doctor, export, new, resume, simulate, unwrap, view
 from toros_fem.commands.command import Answer, Command
 from toros_fem.commands.exit_codes import DONE, INTERNAL, MEANING, exit_code
@@ -52,8 +53,9 @@ def run(comm: MPI.Comm, words: Sequence[str]) -> int:
     quiet = "--quiet" in words
     with _spoken(comm, quiet=quiet), _stdout_free(as_json=as_json, quiet=quiet):
         try:
-            given = _parser(comm).parse_args(list(words))
-            answer = COMMANDS[given.command].run(comm, given)
+            with ending_together(comm, lambda error: tell_alone(comm, error)):
+                given = _parser(comm).parse_args(list(words))
+                answer = COMMANDS[given.command].run(comm, given)
         except SystemExit as asked:  # --help and --version
             return int(asked.code or DONE)
         except (TorosError, KeyboardInterrupt) as error:
