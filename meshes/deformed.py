@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from toros_fem._mpi import on_first_rank, require_alike
 from toros_fem._types import Floats, Ints
-from toros_fem._validate import require_kind
+from toros_fem._validate import real_numbers, require_kind
 from toros_fem.errors import TargetError
 from toros_fem.meshes.mesh_file import load
 from toros_fem.meshes.pattern import Pattern
@@ -116,7 +116,9 @@ def _corners(path: Path) -> Floats:
 
 def _read(path: Path, pattern: Pattern) -> Floats:
     mesh = load(path, TargetError, "OBJ, PLY or VTU")
-    points = np.asarray(mesh.points, dtype=np.float64)
+    points = real_numbers(f"points of {path}", mesh.points, "(n, 3), in m", TargetError)
+    if points.ndim != 2:
+        raise TargetError(f"{path} holds no vertices. Save the deformed skin itself.")
     if points.shape != pattern.points.shape:
         raise TargetError(
             f"{path} has {len(points)} vertices in {points.shape[1]} dimensions; the skin has "

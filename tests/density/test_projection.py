@@ -41,7 +41,7 @@ def test_parameters() -> None:
 
 def test_integers_are_numbers() -> None:
     values = np.linspace(0, 1, 7).astype(np.float64)
-    whole, plain = Projection(20, 1), Projection(20.0, 1.0)
+    whole, plain = Projection(20, 0.5), Projection(20.0, 0.5)
     assert np.array_equal(whole.forward(values), plain.forward(values))
     assert np.array_equal(whole.backward(values, values), plain.backward(values, values))
     assert Projection(20, 0.5).forward(np.array([0, 1])) == pytest.approx([0, 1])

@@ -66,7 +66,7 @@ def test_one_pressure_counts_for_all_chambers(tube: Skin) -> None:
     assert made(tube.pattern, (2e3, 0.0)).pressures == pytest.approx([2e3, 0])
     with pytest.raises(errors.ParameterError, match="one for each of the 2 chambers"):
         made(tube.pattern, (1.0, 2.0, 3.0))
-    with pytest.raises(errors.ParameterError, match="pressure = 1.0, -2.0 Pa must be finite"):
+    with pytest.raises(errors.ParameterError, match="pressure = -2.0 Pa must be finite"):
         made(tube.pattern, (1.0, -2.0))
 
 
@@ -79,7 +79,7 @@ def test_a_load_case_keeps_its_own_arrays(tube: Skin) -> None:
 
 
 def test_arrays_that_do_not_fit(tube: Skin) -> None:
-    with pytest.raises(errors.ParameterError, match="force has shape"):
+    with pytest.raises(errors.ParameterError, match="force.* must be finite and of shape"):
         made(tube.pattern, force=np.zeros((3, 3)))
     with pytest.raises(errors.ParameterError, match="displacement has shape"):
         made(tube.pattern, displacement=np.zeros((3, 3)))

@@ -117,7 +117,7 @@ def test_displacements_join_and_are_checked(tube: Skin) -> None:
     assert not last.any(), "the second counts"
     with pytest.raises(errors.ParameterError, match="displacement has shape"):
         Supports(up.fixed, displacement=np.zeros((2, 3)))
-    with pytest.raises(errors.ParameterError, match=r"must be a vector \(3,\)"):
+    with pytest.raises(errors.ParameterError, match=r"must be a finite vector \(3,\)"):
         displace(pattern, ["tip"], [1.0, 2.0])
 
 

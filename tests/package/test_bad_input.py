@@ -22,12 +22,19 @@ from petsc4py import PETSc
 import toros_fem as tf
 from toros_fem import errors as e
 from toros_fem import meshes as m
+from toros_fem.actuators.problem import actuator_problem
 from toros_fem.equilibrium.solver import EquilibriumResult
 from toros_fem.fabrication.cleaning import require_island_area
 from toros_fem.mechanics.chambers import chambers_of_panels
 from toros_fem.mma import MMA, MMAOptions
 from toros_fem.output.files import write_fields
 from toros_fem.output.writer import write_pictures
+from toros_fem.scenes.bend import BendConfig
+from toros_fem.scenes.bend import case as bend_case
+from toros_fem.scenes.gripper import GripperConfig
+from toros_fem.scenes.inflate import InflateConfig
+from toros_fem.scenes.twist import TwistConfig
+from toros_fem.scenes.walker import WalkerConfig
 from toros_fem.tiles import PrintedTile, read_tile
 
 # Characters of the longest message: about three lines of a terminal.
@@ -313,7 +320,12 @@ MESHES = [
         "1.5",
         "whole",
     ),
-    case("a single triangle under pressure", lambda s: _one_triangle(), P, "nothing can move"),
+    case(
+        "a single triangle under pressure",
+        lambda s: _one_triangle().solve(np.zeros(1), 10.0),
+        e.OpenSkinError,
+        "closed skin",
+    ),
     case(
         "an open tube under pressure",
         lambda s: _open_tube(s).solve(s.plain[:0], 10.0),
@@ -328,8 +340,7 @@ def _one_triangle() -> tf.EquilibriumSolver:
     alone = MPI.COMM_SELF
     corners = np.array([[0.0, 0, 0], [0.01, 0, 0], [0, 0.01, 0]])
     pattern = m.moulded(corners, [[0, 1, 2]])
-    fixed = tf.Supports(np.ones((3, 3), dtype=bool))
-    return tf.EquilibriumSolver(tf.sew(alone, pattern), tf.Composite(bending=None), fixed)
+    return tf.EquilibriumSolver(tf.sew(alone, pattern), tf.Composite(bending=None), tf.pin(pattern))
 
 
 def _open_tube(s: Scene) -> tf.EquilibriumSolver:
@@ -955,9 +966,7 @@ SOLVES = [
     case(
         "trial is a word", lambda s: s.solver.solve(s.plain, 10.0, trial="yes"), P, "trial = 'yes'"
     ),
-    case(
-        "path of one pressure", lambda s: tf.trace(s.solver, s.plain, 1e3), P, "list of pressures"
-    ),
+    case("path of one pressure", lambda s: tf.trace(s.solver, s.plain, 1e3), P, "all pressures"),
     case(
         "path of text",
         lambda s: tf.trace(s.solver, s.plain, ["low", "high"]),
@@ -1457,7 +1466,84 @@ OUTPUTS = [
     ),
 ]
 
+
+def _island(s: Scene) -> object:
+    config = BendConfig(edge_length=5e-3, filter_radius=0.01, island_area=1.0, levels=1)
+    return actuator_problem(s.comm, bend_case(s.comm, config), config)
+
+
+SCENES = [
+    case(
+        "curve ends below the pressure",
+        lambda s: InflateConfig(pressure=50e3),
+        P,
+        "pressure = 50000 Pa",
+        "highest_pressure = 20000 Pa",
+    ),
+    case(
+        "inflation in one level", lambda s: InflateConfig(levels=1), P, "levels = 1", "at least 2"
+    ),
+    case("inflation in no level", lambda s: InflateConfig(levels=0), P, "levels = 0"),
+    case(
+        "twist of no sections",
+        lambda s: TwistConfig(cross_sections=0),
+        P,
+        "cross_sections = 0",
+        "at least 1",
+    ),
+    case("twist of many turns", lambda s: TwistConfig(twist=1e5), P, "100000", "2160"),
+    case(
+        "bend of many turns",
+        lambda s: BendConfig(angle=1e4),
+        P,
+        "angle = 10000.0 deg",
+        "at most 720",
+    ),
+    case(
+        "bend of a scene is text", lambda s: BendConfig(angle="90"), P, "angle = '90'", "a number"
+    ),
+    case(
+        "bend of an unknown number",
+        lambda s: BendConfig(angel=90.0),
+        P,
+        "'angel'",
+        "did you mean 'angle'?",
+    ),
+    case("bend of half a seed", lambda s: BendConfig(seed=0.5), P, "seed = 0.5"),
+    case(
+        "gripper lifts less than nothing",
+        lambda s: GripperConfig(mass=-1.0),
+        P,
+        "mass = -1.0 kg",
+        "at least 0",
+    ),
+    case(
+        "gripper wraps by NaN", lambda s: GripperConfig(wrap_angle=NAN), P, "wrap_angle = nan deg"
+    ),
+    case(
+        "walker presses twice as hard",
+        lambda s: WalkerConfig(released_pressure_fraction=2.0),
+        P,
+        "released_pressure_fraction = 2.0",
+        "at most 1",
+    ),
+    case("walker flies", lambda s: WalkerConfig(motion="fly"), P, "motion = 'fly'", "'crawl'"),
+    case("islands of a scene larger than its skin", _island, P, "island_area = 1.0 m²", risky=True),
+    case(
+        "Poisson's ratio of a scene", lambda s: BendConfig(poisson=0.6), P, "poisson = 0.6", "0.5"
+    ),
+    case(
+        "fabric of a scene without stiffness",
+        lambda s: BendConfig(fabric_young=0.0),
+        P,
+        "fabric_young = 0.0 Pa",
+    ),
+    case("threshold of a scene", lambda s: BendConfig(eta=1.0), P, "eta = 1.0", "below 1"),
+]
+
+
 CASES = [
+    *SCENES,
     *MESHES,
     *PATTERNS,
     *FILES,

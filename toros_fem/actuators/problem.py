@@ -11,6 +11,7 @@ from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.density.projection import Projection
 from toros_fem.design.shape_design import ShapeDesign
+from toros_fem.fabrication.cleaning import require_island_area
 from toros_fem.output.console import print_step
 
 C = TypeVar("C", bound=ActuatorConfig)
@@ -26,6 +27,7 @@ def actuator_problem(
     Raises:
         TorosError: A number is out of its bounds, or does not fit the case.
     """
+    require_island_area(case.pattern, config.island_area)
     return ShapeDesign(
         comm,
         case.pattern,

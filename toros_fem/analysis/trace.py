@@ -130,8 +130,8 @@ def _levels(
     """Return the pressures of a path, all checked before the first is solved for."""
     if is_number(pressure) or np.ndim(pressure) == 0 or not len(pressure):  # type: ignore[arg-type]
         raise ParameterError(
-            f'pressure = {shown(pressure)}: a path by="pressure" needs a list of pressures in Pa, '
-            "in the order in which they act."
+            f'pressure = {shown(pressure)}: a path by="pressure" needs all pressures in Pa, '
+            "as a list, in the order in which they act."
         )
     model, levels = solver.model, cast(Sequence[Pressure], pressure)
     for level in levels:

@@ -36,7 +36,7 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import refine
 from toros_fem.meshes.skin import Skin, sew
 from toros_fem.objectives.metrics import Metric, check_metrics, distance
-from toros_fem.objectives.shape import Objective, ShapeObjective, checked_target
+from toros_fem.objectives.shape import Objective, ShapeObjective, checked_target, require_near
 
 DEFAULT_LENGTH_SCALE = LengthScale()
 
@@ -147,6 +147,7 @@ class ShapeDesign(ShapeProblem):
             check_metrics(metrics)
         skin = sew(comm, pattern)
         goal = checked_target(skin, target(pattern.points) if callable(target) else target)
+        require_near(pattern, goal)
         for name, made in (("objective", objective), ("log", log)):
             if made is not None:
                 require_callable(name, made, "a function, or None")

@@ -256,11 +256,6 @@ class Supports:
             guides = np.concatenate([np.zeros_like(along), along / pattern.size], axis=1)
             motions = np.concatenate([motions, guides])
         rank = np.linalg.matrix_rank(motions, tol=1e-6) if len(motions) else 0
-        if self.fixed.all():
-            raise ParameterError(
-                "the supports fix all vertices in all components, so that nothing can move. Leave "
-                "some free."
-            )
         if rank < 6:
             raise ParameterError(
                 f"the supports fix {self.fixed.sum()} components and leave {6 - rank} of the 6 "

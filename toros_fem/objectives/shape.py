@@ -131,8 +131,7 @@ def checked_target(skin: Nodes, target: Floats) -> Floats:
     """Return the target positions of all assembled vertices, (n, 3), checked.
 
     Raises:
-        TargetError: The target has another number of vertices, is not finite, or is ten times as
-            large as the skin or as far away, as one in millimetres would be.
+        TargetError: The target has another number of vertices or is not finite.
     """
     n = len(skin.pattern.points)
     target = real_numbers("target", target, f"positions ({n}, 3) in m, or a map", TargetError)
@@ -144,19 +143,28 @@ def checked_target(skin: Nodes, target: Floats) -> Floats:
     if not np.isfinite(target).all():
         vertex = int(np.flatnonzero(~np.isfinite(target).all(axis=1))[0])
         raise TargetError(f"target vertex {vertex} = {target[vertex]} is not finite.")
-    size, goal = skin.pattern.size, float(np.linalg.norm(np.ptp(target, axis=0)))
+    return target
+
+
+def require_near(pattern: Pattern, target: Floats) -> None:
+    """Check that a skin can be thought to reach its target positions (n, 3) in m.
+
+    Raises:
+        TargetError: The target is `FAR` times as large as the skin, as one in millimetres would be,
+            or as far away from it.
+    """
+    size, goal = pattern.size, float(np.linalg.norm(np.ptp(target, axis=0)))
     if goal > FAR * size:
         raise TargetError(
             f"the target is {goal:.3g} m across and the skin {size:.3g} m; no skin stretches "
             f"{FAR:g}-fold. Is the target in millimetres? Multiply it by 1e-3."
         )
-    away = float(np.linalg.norm(target.mean(axis=0) - skin.pattern.points.mean(axis=0)))
+    away = float(np.linalg.norm(target.mean(axis=0) - pattern.points.mean(axis=0)))
     if away > FAR * size:
         raise TargetError(
             f"the target is {away:.3g} m away from the skin, which is {size:.3g} m across. Move it "
             "to the skin, or give it in m."
         )
-    return target
 
 
 def _factors(name: str, given: Floats | None, shape: tuple[int, int], default: float) -> Floats:

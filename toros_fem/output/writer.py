@@ -344,7 +344,7 @@ def if_plotting(draw: Callable[[], None]) -> None:
         print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
 
 
-def write_together(comm: MPI.Comm, folder: Path, action: Callable[[], None]) -> None:
+def write_together(comm: MPI.Comm, folder: str | Path, action: Callable[[], None]) -> None:
     """Make a folder and write files into it on the first rank (collective).
 
     Args:
@@ -355,6 +355,7 @@ def write_together(comm: MPI.Comm, folder: Path, action: Callable[[], None]) -> 
     Raises:
         OutputError: The folder or a file cannot be written; on all ranks.
     """
+    folder = Path(folder)
 
     def guarded() -> None:
         try:

@@ -34,7 +34,7 @@ MEASURED = (Measurement("angle_deg", 180.0, 13e3, 150.0, "paper, measured"),)
 class BendConfig(SymmetricConfig, TubeConfig):
     """Numbers of the bending tube; SI units."""
 
-    angle: float = quantity(180.0, "bend angle of the target", "deg")
+    angle: float = quantity(180.0, "bend angle of the target", "deg", at_least=-720, at_most=720)
     neutral: float = quantity(
         0.01,
         "distance of the line that keeps its length from the axis, towards the inner side",

@@ -28,9 +28,13 @@ from toros_fem.meshes import bend, compose, twist
 class BendTwistConfig(CrossSectionTubeConfig):
     """Numbers of the tube that bends and twists; SI units."""
 
-    angle: float = quantity(90.0, "bend angle of the target", "deg")
+    angle: float = quantity(90.0, "bend angle of the target", "deg", at_least=-720, at_most=720)
     twist: float = quantity(
-        60.0, "twist of the target, positive if counter-clockwise seen from the tip", "deg"
+        60.0,
+        "twist of the target, positive if counter-clockwise seen from the tip",
+        "deg",
+        at_least=-2160,
+        at_most=2160,
     )
     neutral: float = quantity(
         0.01,

@@ -68,18 +68,24 @@ class GripperConfig(ActuatorConfig):
         "angle by which a finger goes around the object; none takes 90 at a sphere and 75 at a box",
         "deg",
         above=0,
+        at_most=360,
     )
     tip_angle: float | None = quantity(
         None,
         "angle by which the finger's outer quarter is to turn; none takes that at the object",
         "deg",
         above=0,
+        at_most=360,
     )
     edge_bend_radius: float = quantity(
         0.047, "radius around which a finger bends at a box, whose edges are sharper", "m", above=0
     )
     edge_angle: float = quantity(
-        60.0, "angle by which a finger has turned where it touches a box's edge", "deg", above=0
+        60.0,
+        "angle by which a finger has turned where it touches a box's edge",
+        "deg",
+        above=0,
+        at_most=180,
     )
     tail_length: float = quantity(
         0.01, "length of a finger that is straight below a box", "m", at_least=0

@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem._types import Floats
 from toros_fem.actuators.config import SkinConfig
 from toros_fem.actuators.tube import SymmetricConfig, TubeSizes, plain_planes, plain_tube
 from toros_fem.analysis.trace import trace
 from toros_fem.config import quantity
 from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.errors import ParameterError
 from toros_fem.meshes import mirrored, sew
 from toros_fem.objectives.metrics import Metric, shortening, swelling
 from toros_fem.output.console import print_step
@@ -24,19 +26,38 @@ METRICS = (
     Metric("radius", "percent", 100.0, lambda of, x: 100 * swelling(of, x)),
     Metric("length", "percent", 100.0, lambda of, x: 100 * (1 - shortening(of, x))),
 )
-
-
 # First pressure of a tension field over the last one.
 SLACK = 0.01
 
 
 @dataclass(frozen=True)
 class InflateConfig(SymmetricConfig, TubeSizes, SkinConfig):
-    """Numbers of the inflated tube; SI units."""
+    """Numbers of the inflated tube; SI units.
+
+    Raises:
+        ParameterError: As in `Config`, or the curve ends below the pressure.
+    """
 
     pressure: float = quantity(10e3, "the tube counts as saturated above", "Pa", above=0)
     highest_pressure: float = quantity(20e3, "last pressure", "Pa", above=0)
     levels: int = quantity(40, "number of pressures", at_least=2)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.pressure < self.highest_pressure:
+            raise ParameterError(
+                f"pressure = {self.pressure:g} Pa must be below highest_pressure = "
+                f"{self.highest_pressure:g} Pa, where the curve ends. Raise highest_pressure."
+            )
+
+    @property
+    def pressures(self) -> Floats:
+        """The pressures of the path in Pa, with the one at which the tube counts as saturated."""
+        # A tension field without pressure is slack, and has no shape.
+        first = 0.0 if self.wrinkling is None else SLACK * self.highest_pressure
+        levels = np.linspace(first, self.highest_pressure, self.levels + 1)
+        near = np.isclose(levels, self.pressure, rtol=1e-9, atol=0.0)
+        return levels if near.any() else np.sort(np.append(levels, self.pressure))
 
 
 def coarse(config: InflateConfig) -> InflateConfig:
@@ -63,9 +84,7 @@ def run(
     skin = sew(comm, pattern)
     log = print_step(comm) if verbose else None
     solver = EquilibriumSolver(skin, config.composite, supports, log=log)
-    # A tension field without pressure is slack, and has no shape.
-    first = 0.0 if config.wrinkling is None else SLACK * config.highest_pressure
-    levels = np.linspace(first, config.highest_pressure, config.levels + 1)
+    levels = config.pressures
     metrics = [metric.of_whole(planes) for metric in METRICS]
     points = list(trace(solver, density[skin.owned_cells], [*map(float, levels)], metrics))
     radius = np.array([point.metrics["radius_percent"] for point in points])

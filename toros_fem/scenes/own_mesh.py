@@ -96,10 +96,13 @@ class OwnMeshConfig(ActuatorConfig):
         None, "distance at which it ends; none takes the far end, or where a round tip begins",
         "m", above=0,
     )  # fmt: skip
-    bend: float | None = quantity(None, "bend angle of the target", "deg")
-    twist: float | None = quantity(
-        None, "twist of the target, positive if counter-clockwise seen from the tip", "deg"
+    bend: float | None = quantity(
+        None, "bend angle of the target", "deg", at_least=-720, at_most=720
     )
+    twist: float | None = quantity(
+        None, "twist of the target, positive if counter-clockwise seen from the tip", "deg",
+        at_least=-2160, at_most=2160,
+    )  # fmt: skip
     shorten: float | None = quantity(None, "shortening of the target", "%", below=100)
     neutral: float | None = quantity(
         None,

@@ -36,7 +36,11 @@ class TwistConfig(CrossSectionTubeConfig):
     """Numbers of the twisting tube; SI units."""
 
     twist: float = quantity(
-        300.0, "twist of the target, positive if counter-clockwise seen from the tip", "deg"
+        300.0,
+        "twist of the target, positive if counter-clockwise seen from the tip",
+        "deg",
+        at_least=-2160,
+        at_most=2160,
     )
     keep_length: bool = quantity(False, "let the tube keep its length, or have the one given")
     length_ratio: float = quantity(
