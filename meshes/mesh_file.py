@@ -13,6 +13,13 @@ import numpy as np
 
 from toros_fem._types import Ints
 from toros_fem.errors import SurfaceError, TorosError
+from toros_fem.meshes.time_limit import TimeLimitError, within
+
+# Some of meshio's readers look for the next line of a file that has ended, and never return. These
+# times in s are far beyond those of good files.
+SECONDS, SECONDS_PER_MEGABYTE = 5.0, 60.0
+# Characters of the longest message of meshio that is passed on.
+LONGEST = 160
 
 
 def load(path: Path, failure: type[TorosError], formats: str) -> Any:
@@ -37,17 +44,22 @@ def load(path: Path, failure: type[TorosError], formats: str) -> Any:
             contextlib.redirect_stderr(printed),
             np.errstate(over="ignore"),
         ):
-            return meshio.read(path)
+            limit = SECONDS + SECONDS_PER_MEGABYTE * path.stat().st_size / 1e6
+            return within(limit, lambda: meshio.read(path))
     except ImportError as error:
         raise failure(
             f"{path} cannot be read as a mesh, since meshio lacks a package for its format "
             f"({error}). Save it as {formats}, or install that package."
         ) from error
-    except (Exception, SystemExit) as error:
-        why = printed.getvalue().strip() or f"{type(error).__name__}: {error}"
+    except TimeLimitError:
         raise failure(
-            f"{path} cannot be read as a mesh ({' '.join(why.split())}). Save it as {formats}."
-        ) from error
+            f"{path} cannot be read as a mesh in a reasonable time: it ends too early, or its "
+            f"counts are wrong. Save it again, as {formats}."
+        ) from None
+    except (Exception, SystemExit) as error:
+        why = " ".join((printed.getvalue().strip() or f"{type(error).__name__}: {error}").split())
+        why = why if len(why) <= LONGEST else f"{why[:LONGEST]} …"
+        raise failure(f"{path} cannot be read as a mesh ({why}). Save it as {formats}.") from error
 
 
 def obj_lines(path: Path) -> Ints:

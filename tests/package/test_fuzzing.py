@@ -5,6 +5,7 @@ The faults are changes of bytes, and of words and numbers, of small good files.
 
 from __future__ import annotations
 
+import contextlib
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -33,6 +34,7 @@ from toros_fem.meshes import (
     Surface,
     cylinder,
     from_mesh,
+    mesh_file,
     read_pattern,
     read_surface,
     write_pattern,
@@ -52,8 +54,10 @@ WORDS = [
     b"nan", b"inf", b"-1", b"0", b"1e400", b"99999999999999999999", b"1.5", b"", b"\0", b"x",
     "Ü".encode(), b"\xff\xfe", b"[", b"]", b'"', b"=", b"-0", b"1e-400", b"true", b"4294967295",
 ]  # fmt: skip
+# Characters of the longest message, of which a path may be a good part.
+LONGEST = 600
 # Seconds in which every file is read or refused.
-PATIENCE = 20
+PATIENCE = 40
 
 EXAMPLES = settings(
     max_examples=50,
@@ -98,12 +102,24 @@ def damaged(content: bytes, kind: str, place: float, what: int) -> bytes:
     return b"\n".join([*lines[:row], b" ".join(words), *lines[row + 1 :]])
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _impatient() -> Iterator[None]:
+    """Files here are small: what hangs in meshio shall not last."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(mesh_file, "SECONDS", 1.0)
+        yield
+
+
+class TooLongError(BaseException):
+    """A file takes more than `PATIENCE` to read; no `except Exception` catches it."""
+
+
 @contextmanager
 def soon() -> Iterator[None]:
     """Fail what hangs."""
 
     def stop(_: int, __: FrameType | None) -> None:
-        raise AssertionError(f"the reader takes more than {PATIENCE} s")
+        raise TooLongError
 
     before = signal.signal(signal.SIGALRM, stop)
     signal.alarm(PATIENCE)
@@ -126,12 +142,12 @@ def read_damaged(
         content = damaged(content, *fault)
     path.write_bytes(content)
     with soon():
+        made, refusal = None, ""
         try:
             made = read()
         except failures as error:
-            assert 10 < len(str(error)) < 1500
-        else:
-            assert isinstance(made, kind)
+            refusal = str(error)
+    assert isinstance(made, kind) or 10 < len(refusal) < LONGEST
 
 
 @pytest.fixture(scope="module")
@@ -244,11 +260,8 @@ def test_tiles_of_other_entries(folder: Path, data: st.DataObject) -> None:
     path = folder / "tile.npz"
     write_tile(folder, PrintedTile(np.ones(36, dtype=bool), (0.01, 0.01), 3e-3))
     _exchange(path, data)
-    with soon():
-        try:
-            assert isinstance(read_tile(ALONE, folder), PrintedTile)
-        except TileFileError:
-            pass
+    with soon(), contextlib.suppress(TileFileError):
+        assert isinstance(read_tile(ALONE, folder), PrintedTile)
 
 
 @EXAMPLES
@@ -257,11 +270,8 @@ def test_patterns_of_other_entries(folder: Path, skin: Pattern, data: st.DataObj
     path = folder / "pattern.npz"
     write_pattern(path, skin)
     _exchange(path, data)
-    with soon():
-        try:
-            assert isinstance(read_pattern(ALONE, path), Pattern)
-        except PatternFileError:
-            pass
+    with soon(), contextlib.suppress(PatternFileError):
+        assert isinstance(read_pattern(ALONE, path), Pattern)
 
 
 def _exchange(path: Path, data: st.DataObject) -> None:

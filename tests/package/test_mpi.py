@@ -77,7 +77,7 @@ def test_warnings_come_from_one_rank(comm: MPI.Comm) -> None:
     assert len(found) == (1 if comm.rank == 0 else 0)
 
 
-class Ended(Exception):
+class EndedError(Exception):
     """What stands for the end of the program."""
 
 
@@ -89,25 +89,25 @@ class Lone:
     def __init__(self) -> None:
         self.codes: list[int] = []
 
-    def Dup(self) -> "Lone":
+    def Dup(self) -> "Lone":  # noqa: N802
         return self
 
-    def Ibarrier(self) -> "Lone":
+    def Ibarrier(self) -> "Lone":  # noqa: N802
         return self
 
-    def Test(self) -> bool:
+    def Test(self) -> bool:  # noqa: N802
         return False
 
-    def Abort(self, code: int) -> None:
+    def Abort(self, code: int) -> None:  # noqa: N802
         self.codes.append(code)
-        raise Ended
+        raise EndedError
 
 
 def test_an_error_of_one_rank_alone_ends_all(monkeypatch: pytest.MonkeyPatch) -> None:
     """The error is told before the end, not after it."""
     monkeypatch.setattr(_mpi, "PATIENCE", 0.05)
     lone, told = Lone(), []
-    with pytest.raises(Ended), _mpi.ending_together(lone, told.append):  # type: ignore[arg-type]
+    with pytest.raises(EndedError), _mpi.ending_together(lone, told.append):  # type: ignore[arg-type]
         raise ValueError("alone")
     assert [str(error) for error in told] == ["alone"]
     assert lone.codes == [1]

@@ -218,7 +218,9 @@ class Supports:
         position = np.zeros(len(ends))
         planes = [*self.planes, *((k, 0.0) for k in range(3))]
         for k, at in sorted(planes, key=lambda plane: plane[1] == origin[plane[0]]):
-            inside = self._held(pattern, k, at)[ends].all(axis=1)
+            held = self._held(pattern, k, at)
+            # A sheet that lies in the plane as a whole encloses nothing with it.
+            inside = held[ends].all(axis=1) & ~held.all()
             axis[inside], position[inside] = k, at
         return axis, position
 
