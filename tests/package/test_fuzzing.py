@@ -172,7 +172,7 @@ FORMATS: dict[str, dict[str, Any]] = {
 
 
 @pytest.fixture(scope="module", params=list(FORMATS))
-def mesh_file(request: pytest.FixtureRequest, folder: Path) -> tuple[Path, bytes]:
+def damaged_mesh(request: pytest.FixtureRequest, folder: Path) -> tuple[Path, bytes]:
     path = folder / request.param
     meshio.write_points_cells(path, POINTS, [("triangle", TRIANGLES)], **FORMATS[request.param])
     assert len(read_surface(ALONE, path).triangles) == len(TRIANGLES)
@@ -181,8 +181,8 @@ def mesh_file(request: pytest.FixtureRequest, folder: Path) -> tuple[Path, bytes
 
 @EXAMPLES
 @given(found=faults())
-def test_surfaces(mesh_file: tuple[Path, bytes], found: list[tuple[str, float, int]]) -> None:
-    path, content = mesh_file
+def test_surfaces(damaged_mesh: tuple[Path, bytes], found: list[tuple[str, float, int]]) -> None:
+    path, content = damaged_mesh
     read_damaged(
         path,
         content,
