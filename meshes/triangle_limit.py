@@ -40,7 +40,8 @@ def require_affordable(area: float, edge_length: float) -> None:
     raise MeshSizeError(
         f"edge_length = {edge_length:.3g} m gives about {count:.2g} triangles on {area:.3g} m², "
         f"more than {most}. Give at least {longest:.2g} m, or, where the memory is there, allow it "
-        "by --allow-large or `with toros_fem.meshes.triangle_limit(None):`."
+        "by --allow-large or `with toros_fem.meshes.triangle_limit(None):`.",
+        area,
     )
 
 
@@ -56,3 +57,11 @@ def triangle_limit(most: int | None) -> Iterator[None]:
         yield
     finally:
         _most.reset(token)
+
+
+@contextmanager
+def lowered_limit(most: int) -> Iterator[None]:
+    """Make meshes inside a `with` block with a largest number of triangles, if none is lower."""
+    now = _most.get()
+    with triangle_limit(most if now is None else min(most, now)):
+        yield

@@ -12,7 +12,19 @@ class ParameterError(TorosError, ValueError):
 
 
 class MeshSizeError(ParameterError):
-    """A mesh would have more triangles than the limit; the message names an edge length."""
+    """A mesh would have more triangles than the limit; the message names an edge length.
+
+    Args:
+        message: The message.
+        area: Area of the mesh in m².
+    """
+
+    def __init__(self, message: str, area: float) -> None:
+        super().__init__(message, area)
+        self.area = area
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 class PatternError(TorosError, ValueError):

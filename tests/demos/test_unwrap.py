@@ -13,15 +13,16 @@ from mpi4py import MPI
 
 from demos import unwrap as demo
 from toros_fem import errors
+from toros_fem.commands.unwrap import UnwrapConfig, unwrap_sentence
 
 
 def test_a_part_from_a_file(comm: MPI.Comm, tmp_path: Path) -> None:
     folder = comm.bcast(tmp_path, root=0) / "bracket"
-    config = demo.UnwrapConfig(scale=1e-3)
+    config = UnwrapConfig(scale=1e-3)
     summary = demo.run(comm, folder, config, file=DATA / "bracket.stl")
     assert summary["triangles"] == 494
     assert set(summary["panels"].values()) == {"exact", "abf"}
-    assert "494 triangles (repairs: none) in 7 panels" in demo.unwrap_sentence(summary)
+    assert "494 triangles (repairs: none) in 7 panels" in unwrap_sentence(summary)
     comm.barrier()
     assert (folder / "unwrap.png").stat().st_size > 10_000
     cell_data = meshio.read(folder / "surface.vtu").cell_data
@@ -30,14 +31,14 @@ def test_a_part_from_a_file(comm: MPI.Comm, tmp_path: Path) -> None:
     assert [group.get("id") for group in panels] == list(summary["panels"])
     written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert written == summary
-    assert demo.UnwrapConfig(**written["inputs"]) == config
+    assert UnwrapConfig(**written["inputs"]) == config
 
 
 def test_capsule(comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Without a file, in a single panel where any stretch is allowed; the table on request."""
     assert demo.capsule(12, 0.02, 0.04).closed
     folder = comm.bcast(tmp_path, root=0)
-    config = demo.UnwrapConfig(seams="auto", max_stretch=10.0)
+    config = UnwrapConfig(seams="auto", max_stretch=10.0)
     summary = demo.run(comm, folder, config, verbose=True)
     assert summary["file"] is None
     assert summary["closed"]
@@ -47,11 +48,11 @@ def test_capsule(comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 def test_values_out_of_bounds_are_named() -> None:
     with pytest.raises(errors.ParameterError, match=r"scale = 0 m .* above 0"):
-        demo.UnwrapConfig(scale=0)
+        UnwrapConfig(scale=0)
     with pytest.raises(errors.ParameterError, match=r"component = -1 .* at least 0"):
-        demo.UnwrapConfig(component=-1)
+        UnwrapConfig(component=-1)
     with pytest.raises(errors.ParameterError, match="method = 'best' must be one of 'auto'"):
-        demo.UnwrapConfig(method="best")
+        UnwrapConfig(method="best")
 
 
 @pytest.mark.slow

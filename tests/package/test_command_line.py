@@ -11,8 +11,9 @@ from demo_runs import DEMOS
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
-from demos import own_design, three_field, unwrap
+from demos import own_design, three_field
 from toros_fem.command_line import option_help, run_from_command_line
+from toros_fem.commands.unwrap import UnwrapConfig
 from toros_fem.config import Config, quantity
 from toros_fem.errors import OutputError
 from toros_fem.scenes import tile, tile_sheet
@@ -23,7 +24,7 @@ CONFIGS: dict[str, Config] = {
     "three_field": three_field.ThreeFieldConfig(),
     "tile": tile.TargetTileConfig(),
     "tile_sheet": tile_sheet.TileSheetConfig(),
-    "unwrap": unwrap.UnwrapConfig(),
+    "unwrap": UnwrapConfig(),
 }
 
 
@@ -73,6 +74,12 @@ class Script:
             sentence=lambda summary: f"{summary['count']} made",
             **options,
         )
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(comm: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs lie in folders, which shall not stay in the checkout."""
+    monkeypatch.chdir(comm.bcast(tmp_path, root=0))
 
 
 @pytest.fixture

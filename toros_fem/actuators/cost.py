@@ -16,8 +16,12 @@ from toros_fem.actuators.pressure_curve import HALVINGS
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
 from toros_fem.design.loop import optimize
 from toros_fem.design.options import DesignOptions, Stage
-from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.triangle_limit import expected_triangles, require_affordable
+from toros_fem.errors import MeshSizeError
+from toros_fem.meshes.triangle_limit import (
+    expected_triangles,
+    lowered_limit,
+    require_affordable,
+)
 
 log = logging.getLogger(__name__)
 C = TypeVar("C", bound=ActuatorConfig)
@@ -40,6 +44,8 @@ DESIGN_STEP, PRINT, LINE_PRINT, CURVE_POINT, REFINED = (
 CLEANING, LAYING = 10, (6, 15)
 # The probe's mesh is finer by this factor than the coarsest useful one.
 PROBE_FINER = 2.0
+# Triangles of a mesh that is made at once.
+QUICK = 50_000
 PROBE_STEPS = 2
 # Part of a design that is no Newton step: reading, set-ups, pictures; in s.
 AROUND = (5.0, 20.0)
@@ -151,52 +157,91 @@ def probe(comm: MPI.Comm, case: ActuatorCase, config: ActuatorConfig) -> Probe:
     )
 
 
-def cost(config: ActuatorConfig, pattern: Pattern, ranks: int) -> Cost:
+def cost(config: ActuatorConfig, made: Sized, ranks: int) -> Cost:
     """Return the expected cost of a design.
 
     Args:
         config: The configuration of the whole design.
-        pattern: The pattern on the mesh of `probe_config`.
+        made: Area, and the mesh of `probe_config`, by `sized`.
         ranks: Number of ranks.
     """
-    area, count = float(pattern.areas.sum()), len(pattern.panel)
-    finest = _finest_triangles(config, area, count)
+    area, count = made.area, made.triangles
+    finest = _finest_triangles(config, made)
     lines = config.start == "relaxed"
     largest = 4 * finest if config.estimate_error and not lines else finest
     work = max(OF_TRIANGLE * finest, OF_REFINED * largest)
+    # A closed surface has half as many vertices as triangles, and three edges for two of them.
+    unknowns = 3 * 0.5 + (1.5 if config.bending == "midedge" else 0.0)
     return Cost(
         triangles=finest,
         largest=largest,
-        unknowns=round(_unknowns(config, pattern) * finest / count),
+        unknowns=round(unknowns * finest),
         memory=ranks * OF_RANK + work * (1.2 if ranks > 1 else 1.0),
         parts=_line_parts(config, area, count, finest) if lines else _density_parts(config, finest),
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Sized:
+    """Area of a skin, before its finest mesh is made.
+
+    Attributes:
+        area: Area in m².
+        triangles: Triangles of the given mesh; 0 where it is not made.
+        case: The case on that mesh; None where even this has too many triangles for a quick look.
+    """
+
+    area: float
+    triangles: int
+    case: ActuatorCase | None
+
+
+def sized(comm: MPI.Comm, case: CaseMaker[C], mesh: C, config: C) -> Sized:
+    """Return the area of a skin, and check that no mesh of its design is too fine (collective).
+
+    Args:
+        comm: Communicator.
+        case: Makes the case of a configuration.
+        mesh: Configuration of a mesh that is made, if it is not too large for a quick look.
+        config: Configuration of the whole design.
+
+    Raises:
+        MeshSizeError: A mesh would have more triangles than `triangle_limit` allows.
+    """
+    try:
+        with lowered_limit(QUICK):
+            made = case(comm, mesh)
+    except MeshSizeError as error:  # raised by all ranks
+        found = Sized(error.area, 0, None)
+    else:
+        found = Sized(float(made.pattern.areas.sum()), len(made.pattern.panel), made)
+    for edge in _edges(config):
+        require_affordable(found.area, edge)
+    return found
+
+
 def affordable(case: CaseMaker[C], config: C) -> CaseMaker[C]:
-    """Return a maker of cases that also checks the finest mesh of a design, before it is made.
+    """Return a maker of cases that first checks all meshes of a design.
 
     Args:
         case: Makes the case of a configuration.
         config: The configuration of the whole design.
 
     Returns:
-        It raises MeshSizeError with the first case if the finest mesh would have more triangles
-        than `triangle_limit` allows.
+        It raises MeshSizeError with the first case if a mesh of the design would have more
+        triangles than `triangle_limit` allows.
     """
-    told = False
+    checked = False
 
     def make(comm: MPI.Comm, of: C) -> ActuatorCase:
-        nonlocal told
-        made = case(comm, of)
-        area = float(made.pattern.areas.sum())
-        for edge in _edges(config):
-            require_affordable(area, edge)
-        if not told and comm.rank == 0:
-            finest = _finest_triangles(config, area, len(made.pattern.panel))
-            log.info("about %d triangles on the finest mesh", finest)
-        told = True
-        return made
+        nonlocal checked
+        if checked:
+            return case(comm, of)
+        first = sized(comm, case, of, config)
+        checked = True
+        if comm.rank == 0:
+            log.info("about %d triangles on the finest mesh", _finest_triangles(config, first))
+        return case(comm, of) if first.case is None else first.case
 
     return make
 
@@ -217,17 +262,11 @@ def _edges(config: ActuatorConfig) -> Sequence[float]:
     return (edge,)
 
 
-def _finest_triangles(config: ActuatorConfig, area: float, count: int) -> int:
+def _finest_triangles(config: ActuatorConfig, made: Sized) -> int:
     edges = _edges(config)
     if edges:
-        return round(expected_triangles(area, min(edges)))
-    return round(count * 4.0 ** (config.level_count - 1))
-
-
-def _unknowns(config: ActuatorConfig, pattern: Pattern) -> int:
-    """Return coordinates of the vertices and, for the curvature "midedge", rotations of edges."""
-    rotations = len(pattern.edges.ends) if config.bending == "midedge" else 0
-    return 3 * len(pattern.points) + rotations
+        return round(expected_triangles(made.area, min(edges)))
+    return round(made.triangles * 4.0 ** (config.level_count - 1))
 
 
 def _density_parts(config: ActuatorConfig, finest: int) -> tuple[Part, ...]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.actuators.cost import Cost, Probe, affordable, cost, probe, probe_config
+from toros_fem.actuators.cost import Cost, Probe, cost, probe, probe_config, sized
 from toros_fem.commands.command import Answer, Command
 from toros_fem.commands.doctor import memory_gib
 from toros_fem.commands.scene_options import add_scene_options, meshes_allowed, scene_of
@@ -62,9 +62,10 @@ def _of_actuator(comm: MPI.Comm, scene: Scene, *, probing: bool) -> tuple[Cost, 
     files = {name: scene.files.get(name) for name in scene.kind.design.files}
     maker, config = scene.kind.cases(comm, scene.config, **files)
     coarse = probe_config(config)
-    case = affordable(maker, config)(comm, coarse)
-    tried = probe(comm, case, coarse) if probing else None
-    return cost(config, case.pattern, comm.size), tried
+    made = sized(comm, maker, coarse, config)
+    # What is too large for a quick look is too large for a probe.
+    tried = probe(comm, made.case, coarse) if probing and made.case is not None else None
+    return cost(config, made, comm.size), tried
 
 
 def _triangles(scene: Scene) -> int | None:
@@ -124,7 +125,7 @@ def _lines(comm: MPI.Comm, found: Cost, tried: Probe | None) -> list[str]:
         f"memory      about {memory:.1f} GiB{of}, to a quarter",
     ]
     if tried is None:
-        return [*lines, "time        not estimated, without a probe"]
+        return [*lines, "time        not estimated without a probe"]
     low, high = found.seconds(tried.per_step, tried.triangles)
     ranks = "1 rank" if comm.size == 1 else f"{comm.size} ranks"
     lines += [

@@ -53,15 +53,19 @@ def run(comm: MPI.Comm, words: Sequence[str]) -> int:
     quiet = "--quiet" in words
     with _spoken(comm, quiet=quiet), _stdout_free(as_json=as_json, quiet=quiet):
         try:
-            with ending_together(comm, lambda error: tell_alone(comm, error)):
+            try:
                 given = _parser(comm).parse_args(list(words))
+            except SystemExit:  # --help and --version, which are printed now
+                return DONE
+            with ending_together(comm, lambda error: tell_alone(comm, error)):
                 answer = COMMANDS[given.command].run(comm, given)
-        except SystemExit as asked:  # --help and --version
-            return int(asked.code or DONE)
-        except (TorosError, KeyboardInterrupt) as error:
-            if isinstance(error, KeyboardInterrupt) and comm.size > 1:
-                comm.Abort(exit_code(error))  # the other ranks may not know of it
+        except TorosError as error:
             answer = _failed(error)
+        except KeyboardInterrupt as error:
+            answer = _failed(error)
+            if comm.size > 1:
+                print(answer.text, file=sys.stderr, flush=True)
+                comm.Abort(answer.code)  # the other ranks may not know of it
         except Exception as error:
             print(f"rank {comm.rank}: {traceback.format_exc()}", file=sys.stderr, flush=True)
             if comm.size > 1:
