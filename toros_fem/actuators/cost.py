@@ -170,12 +170,10 @@ def cost(config: ActuatorConfig, made: Sized, ranks: int) -> Cost:
     lines = config.start == "relaxed"
     largest = 4 * finest if config.estimate_error and not lines else finest
     work = max(OF_TRIANGLE * finest, OF_REFINED * largest)
-    # A closed surface has half as many vertices as triangles, and three edges for two of them.
-    unknowns = 3 * 0.5 + (1.5 if config.bending == "midedge" else 0.0)
     return Cost(
         triangles=finest,
         largest=largest,
-        unknowns=round(unknowns * finest),
+        unknowns=round(_unknowns(config, made) * finest),
         memory=ranks * OF_RANK + work * (1.2 if ranks > 1 else 1.0),
         parts=_line_parts(config, area, count, finest) if lines else _density_parts(config, finest),
     )
@@ -267,6 +265,16 @@ def _finest_triangles(config: ActuatorConfig, made: Sized) -> int:
     if edges:
         return round(expected_triangles(made.area, min(edges)))
     return round(made.triangles * 4.0 ** (config.level_count - 1))
+
+
+def _unknowns(config: ActuatorConfig, made: Sized) -> float:
+    """Return coordinates of vertices and, for "midedge", rotations of edges for each triangle."""
+    # A closed surface has half as many vertices as triangles, and three edges for two of them.
+    points, edges = 0.5, 1.5
+    if made.case is not None:
+        pattern = made.case.pattern
+        points, edges = (len(x) / made.triangles for x in (pattern.points, pattern.edges.ends))
+    return 3 * points + (edges if config.bending == "midedge" else 0.0)
 
 
 def _density_parts(config: ActuatorConfig, finest: int) -> tuple[Part, ...]:
