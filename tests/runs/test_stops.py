@@ -1,5 +1,6 @@
 """Runs of a script that are killed or stopped by signals, and go on."""
 
+import json
 import signal
 import subprocess
 import sys
@@ -116,3 +117,20 @@ def test_ranks_stop_together(tmp_path: Path, whole: Any) -> None:
     assert (rows + left, code) == (ROWS, 0), err
     objective = float(content(tmp_path)[0][-1]["objective"])
     assert objective == pytest.approx(float(whole[0][-1]["objective"]), rel=0.02)
+
+
+def test_what_follows_a_design_stops_at_once(tmp_path: Path) -> None:
+    """In the middle of a solve; design and pattern are on disk."""
+    process = start(tmp_path, "--estimate-error")
+    assert process.stdout is not None
+    rows = 0
+    while rows < ROWS:
+        rows += is_row(process.stdout.readline())
+    while not (tmp_path / "skin.vtu").exists() and process.poll() is None:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, code, err = finish(process)
+    assert code == 128 + signal.SIGINT, err
+    assert err.startswith("stopped by SIGINT; the state is on disk")
+    assert len(err.splitlines()) == 1
+    assert json.loads((tmp_path / "summary.json").read_text())["angle_deg"] > 0

@@ -24,6 +24,7 @@ MEANING = {
     NO_EQUILIBRIUM: "no equilibrium was found, or the design failed",
     NOT_WRITTEN: "a folder or file cannot be written or is in use",
     INTERRUPTED: "stopped by Ctrl-C (SIGINT); the state of a design is written",
+    140: "stopped by SIGUSR2, which mpirun passes on; the state of a design is written",
     143: "stopped by SIGTERM; the state of a design is written",
 }
 

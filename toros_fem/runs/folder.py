@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import logging
+import shlex
 import signal
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -138,6 +139,9 @@ class Run:
         finally:
             if self._lock is not None:
                 self._lock.release()
+        at_once = self._signals.stopped_at_once
+        if at_once and error is not None and not isinstance(error, RunStoppedError):
+            self._stop(at_once)  # PETSc makes an error of its own of one in a callback
 
 
 def run_of(folder: str | Path) -> Run | None:
@@ -216,7 +220,7 @@ def open_run(
         scene=text,
         resumed=resume,
         every=every,
-        again=again or f"toros resume {folder}",
+        again=again or f"toros resume {shlex.quote(str(folder))}",
     )
 
 

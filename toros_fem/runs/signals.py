@@ -23,6 +23,10 @@ class Signals:
     Where nothing is to be written, outside of design loops, or at a second one, the run stops at
     once. Handlers are installed in the main thread alone.
 
+    Attributes:
+        waits: Whether a design loop will look at what is asked soon.
+        stopped_at_once: Number of the signal that did not wait; 0 for none.
+
     Args:
         comm: Communicator of the run.
         stop: Raises the error that ends the run, for the number of a signal.
@@ -31,7 +35,8 @@ class Signals:
     def __init__(self, comm: MPI.Comm, stop: Callable[[int], None]) -> None:
         self._comm, self._stop = comm, stop
         self._asked, self._write = 0, False
-        self.waits = False  # whether a design loop will look at the flags soon
+        self.waits = False
+        self.stopped_at_once = 0
         self._before: dict[int, Any] = {}
 
     def install(self) -> None:
@@ -56,6 +61,7 @@ class Signals:
             sys.stderr.flush()
             self._comm.Abort(128 + number)
         if again or (self._comm.size == 1 and not self.waits):
+            self.stopped_at_once = number
             self._stop(number)
 
     def asked(self, comm: MPI.Comm) -> tuple[int, bool]:
