@@ -82,10 +82,11 @@ def commands() -> list[tuple[str, tuple[str, ...]]]:
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreters")
 @pytest.mark.parametrize(("script", "options"), commands(), ids=lambda value: str(value)[:40])
 def test_commands_have_their_options(script: str, options: tuple[str, ...]) -> None:
-    command = ["-m", "toros_fem", script.split()[1]]
-    if not script.startswith("toros "):
+    command = [str(ROOT / script)]
+    if script.startswith("toros "):
+        command = ["-m", "toros_fem", *script.split()[1:]]
+    else:
         assert (ROOT / script).is_file(), script
-        command = [str(ROOT / script)]
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
     done = subprocess.run(
         [sys.executable, *command, "--help"],
