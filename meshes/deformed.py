@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from toros_fem._mpi import on_first_rank, require_alike
 from toros_fem._types import Floats, Ints
-from toros_fem._validate import real_numbers, require_kind
+from toros_fem._validate import checked_path, real_numbers, require_kind
 from toros_fem.errors import TargetError
 from toros_fem.meshes.mesh_file import load
 from toros_fem.meshes.pattern import Pattern
@@ -40,9 +40,9 @@ def from_mesh(comm: MPI.Comm, path: Path, pattern: Pattern) -> Floats:
             not the pattern's.
     """
     require_alike(comm, path=str(path), pattern=pattern)
-    require_kind("path", path, (str, Path), "the path of a mesh file", TargetError)
+    path = checked_path("path", path, TargetError)
     require_kind("pattern", pattern, Pattern, "a Pattern")
-    return on_first_rank(comm, lambda: _read(Path(path), pattern))
+    return on_first_rank(comm, lambda: _read(path, pattern))
 
 
 def from_copy(

@@ -12,7 +12,7 @@ from scipy.sparse.linalg import spsolve
 
 from toros_fem._mpi import on_first_rank, require_alike
 from toros_fem._types import Bools, Floats, Ints
-from toros_fem._validate import checked_axes
+from toros_fem._validate import checked_axes, require_kind, shown
 from toros_fem.errors import OutlineError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import Line, region_mesh
@@ -52,6 +52,8 @@ def two_panels(
             the edge length.
     """
     require_alike(comm, outline=outline, edge_length=edge_length, lines=lines, planes=planes)
+    if not isinstance(lines, list | tuple):
+        raise OutlineError(f"lines = {shown(lines)} must be a list of lines, () for none.")
     planes = checked_axes("planes", planes, (0, 1), OutlineError)
 
     def build() -> Pattern:
@@ -78,6 +80,7 @@ def plane_centroids(pattern: Pattern) -> Floats:
 
     `Pattern.centroids` are in each panel's own coordinates, which are mirrored on the bottom.
     """
+    require_kind("pattern", pattern, Pattern, "a Pattern")
     return pattern.points[pattern.triangles, :2].mean(axis=1)
 
 

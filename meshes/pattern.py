@@ -10,7 +10,14 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from toros_fem._types import Bools, Floats, Ints
-from toros_fem._validate import checked_names, is_number, real_numbers, shown, whole_numbers
+from toros_fem._validate import (
+    checked_names,
+    is_number,
+    real_numbers,
+    require_flag,
+    shown,
+    whole_numbers,
+)
 from toros_fem.errors import (
     DegenerateTriangleError,
     ManifoldError,
@@ -112,6 +119,7 @@ class Pattern:
             object.__setattr__(self, name, array)
         names = checked_names("panel_names", self.panel_names, PatternError)
         object.__setattr__(self, "panel_names", names)
+        require_flag(moulded=self.moulded)
         self._check_sizes()
         self._check_triangles()
         self._check_edges()
@@ -153,7 +161,7 @@ class Pattern:
         Raises:
             PanelError: There is no such panel.
         """
-        if name not in self.panel_names:
+        if not isinstance(name, str) or name not in self.panel_names:
             known = ", ".join(map(repr, self.panel_names[:MOST_NAMES]))
             more = ", …" if len(self.panel_names) > MOST_NAMES else ""
             raise PanelError(f"no panel is named {shown(name)}; there are {known}{more}.")
@@ -308,7 +316,7 @@ class Pattern:
         unused = np.setdiff1d(np.arange(n), self.sewn)
         if len(unused):
             raise PatternError(f"assembled vertex {unused[0]} belongs to no flat point.")
-        if not (is_number(self.seam_tolerance) and self.seam_tolerance >= 0):
+        if not (is_number(self.seam_tolerance) and 0 <= self.seam_tolerance < np.inf):
             raise PatternError(
                 f"seam_tolerance = {shown(self.seam_tolerance)} must be a number, not negative."
             )

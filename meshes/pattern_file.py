@@ -11,8 +11,9 @@ from zipfile import BadZipFile
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._mpi import on_first_rank
+from toros_fem._mpi import on_first_rank, require_alike
 from toros_fem._types import Bools
+from toros_fem._validate import checked_path, require_kind
 from toros_fem.errors import PatternFileError, TorosError
 from toros_fem.meshes.pattern import Pattern
 
@@ -37,6 +38,8 @@ def write_pattern(path: Path | str, pattern: Pattern, printed: Bools | None = No
         pattern: The pattern.
         printed: Whether each triangle is printed, (t,); None leaves it out.
     """
+    path = checked_path("path", path, PatternFileError)
+    require_kind("pattern", pattern, Pattern, "a Pattern")
     entries = pattern_entries(pattern)
     if printed is not None:
         entries[PRINTED] = printed
@@ -54,10 +57,12 @@ def read_pattern(comm: MPI.Comm, path: Path | str) -> Pattern:
         PatternFileError: There is no such file, it is another kind of file, of a newer version,
             lacks an entry, or holds no valid pattern.
     """
+    require_alike(comm, path=str(path))
+    place = checked_path("path", path, PatternFileError)
     wanted = f"a {NAME} of `toros unwrap`"
     names = (*ARRAYS, *NUMBERS)
     return on_first_rank(
-        comm, lambda: read_archive(Path(path), FORMAT, VERSION, names, wanted, pattern_of)
+        comm, lambda: read_archive(place, FORMAT, VERSION, names, wanted, pattern_of)
     )
 
 
@@ -71,6 +76,8 @@ def read_print(comm: MPI.Comm, path: Path | str) -> tuple[Pattern, Bools]:
     Raises:
         PatternFileError: As for `read_pattern`, or the file does not say what is printed.
     """
+    require_alike(comm, path=str(path))
+    place = checked_path("path", path, PatternFileError)
     wanted = f"the {NAME} of a design"
 
     def make(entries: Mapping[str, Any]) -> tuple[Pattern, Bools]:
@@ -80,9 +87,7 @@ def read_print(comm: MPI.Comm, path: Path | str) -> tuple[Pattern, Bools]:
         return pattern, printed
 
     names = (*ARRAYS, *NUMBERS)
-    return on_first_rank(
-        comm, lambda: read_archive(Path(path), FORMAT, VERSION, names, wanted, make)
-    )
+    return on_first_rank(comm, lambda: read_archive(place, FORMAT, VERSION, names, wanted, make))
 
 
 def pattern_entries(pattern: Pattern) -> dict[str, Any]:

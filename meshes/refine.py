@@ -9,6 +9,7 @@ import numpy as np
 from toros_fem._types import Floats, Ints
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import edges_of
+from toros_fem.meshes.triangle_limit import require_fewer
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,11 @@ def refine(pattern: Pattern) -> Refinement:
 
     Args:
         pattern: Any pattern.
+
+    Raises:
+        MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
+    require_fewer(4 * len(pattern.panel))
     flat, tri = pattern.flat_points, pattern.flat_triangles
     edges = edges_of(tri)
     # Two flat edges that are sewn together share their middle.

@@ -106,9 +106,9 @@ class Surface:
                 raise SurfaceError(f"{name} has shape {array.shape}; it must be {required}.")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        names = self.part_names or tuple(
-            f"part-{k}" for k in range(1 + int(self.parts.max(initial=0)))
-        )
+        names = self.part_names
+        if isinstance(names, tuple) and not names:
+            names = tuple(f"part-{k}" for k in range(1 + int(self.parts.max(initial=0))))
         object.__setattr__(self, "part_names", checked_names("part_names", names, SurfaceError))
         self._check_sizes()
         check_edges(self.points, self.triangles)

@@ -11,9 +11,9 @@ from mpi4py import MPI
 from toros_fem._mpi import on_first_rank, require_alike
 from toros_fem._types import Floats, Ints
 from toros_fem._validate import (
+    checked_path,
     real_numbers,
     require_count,
-    require_kind,
     require_positive,
 )
 from toros_fem.errors import SurfaceError, UnitError
@@ -57,11 +57,11 @@ def read_surface(
         ManifoldError, OrientationError, DegenerateTriangleError: As of `Surface`.
     """
     require_alike(comm, path=str(path), scale=scale, component=component)
-    require_kind("path", path, (str, Path), "the path of a mesh file", SurfaceError)
+    path = checked_path("path", path, SurfaceError)
     require_positive(scale=scale)
     if component is not None:
         require_count(0, component=component)
-    return on_first_rank(comm, lambda: _read(Path(path), scale, component))
+    return on_first_rank(comm, lambda: _read(path, scale, component))
 
 
 def _read(path: Path, scale: float, component: int | None) -> Surface:

@@ -86,7 +86,7 @@ def curl(
         )
 
     def deform(points: Floats) -> Floats:
-        away = np.asarray(points, dtype=np.float64) - start
+        away = _points(points) - start
         far, high = away @ out, away @ side
         bent = np.clip(far, 0, length)
         turn = angle * bent / length
@@ -133,7 +133,7 @@ def stand(angle: float, length: float, *, directions: npt.ArrayLike, root: float
     bends = [curl(angle, length, origin=root * arm, along=arm, toward=(0, 0, -1)) for arm in arms]
 
     def deform(points: Floats) -> Floats:
-        found = np.array(points, dtype=np.float64)
+        found = _points(points).copy()
         nearest = np.argmax(found @ arms.T, axis=1)
         for k, bent in enumerate(bends):
             found[nearest == k] = bent(found[nearest == k])
@@ -148,7 +148,7 @@ def twist(angle: float, length: float) -> Deformer:
     _require_angle(angle, TWIST_TURNS)
 
     def deform(points: Floats) -> Floats:
-        x, y, z = np.asarray(points, dtype=np.float64).T
+        x, y, z = _points(points).T
         turn = angle * z / length
         c, s = np.cos(turn), np.sin(turn)
         return np.stack([c * x - s * y, s * x + c * y, z], axis=1)
@@ -164,7 +164,7 @@ def contract(axial: float, radial: float = 1.0) -> Deformer:
         radial: Ratio of new to old radius.
     """
     require_positive(axial=axial, radial=radial)
-    return lambda points: np.asarray(points, dtype=np.float64) * [radial, radial, axial]
+    return lambda points: _points(points) * [radial, radial, axial]
 
 
 def compose(*deformers: Deformer) -> Deformer:
@@ -199,6 +199,11 @@ def _require_angle(angle: float, turns: int) -> None:
             f"angle = {angle:g} rad is {abs(angle) / (2 * np.pi):.3g} turns, more than {turns}; "
             f"degrees? Give {angle:g}° as np.radians({angle:g}) = {np.radians(angle):.4g}."
         )
+
+
+def _points(points: npt.ArrayLike) -> Floats:
+    what = "(n, 3), in m"
+    return checked_floats("points", points, what, lambda s: s[-1:] == (3,), finite=False)
 
 
 def _vector(name: str, value: npt.ArrayLike) -> Floats:

@@ -10,13 +10,19 @@ from scipy.spatial import cKDTree
 
 from toros_fem._mpi import on_first_rank, require_alike
 from toros_fem._types import Floats, Ints
-from toros_fem._validate import real_numbers, require_choice, require_count, require_positive
+from toros_fem._validate import (
+    checked_floats,
+    real_numbers,
+    require_choice,
+    require_count,
+    require_positive,
+)
 from toros_fem.errors import ParameterError, PatternError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import glued
 from toros_fem.meshes.sheet import grid, one_panel
 from toros_fem.meshes.tile_symmetry import SAME, SYMMETRIES, check_symmetry, unstructured
-from toros_fem.meshes.triangle_limit import require_affordable
+from toros_fem.meshes.triangle_limit import require_affordable, require_fewer
 
 TILE = "tile"
 KINDS = ("right", "crossed", "union-jack", "unstructured")
@@ -53,6 +59,7 @@ class Tile:
             ParameterError: A number is not whole, or less than 1.
         """
         require_count(1, along=along, across=across)
+        require_fewer(len(self.wraps) * int(along) * int(across))
         j, i = np.divmod(np.arange(along * across), along)
         copies = np.stack([i, j], axis=1)
         wraps, home = np.divmod(copies[:, None, None] + self.wraps, [along, across])
@@ -95,6 +102,9 @@ class Tile:
         Returns:
             The triangle, and the distance of its centroid in m, (k,) each.
         """
+        places = checked_floats(
+            "places", places, "(k, 2), in m", lambda shape: len(shape) == 2 and shape[1] == 2
+        )
         size = np.diagonal(self.lattice)
         tree = cKDTree(_home(self.pattern.centroids, size), boxsize=size)
         away, found = tree.query(_home(places, size))

@@ -8,6 +8,7 @@ from contextvars import ContextVar
 
 import numpy as np
 
+from toros_fem._validate import require_count
 from toros_fem.errors import MeshSizeError
 
 # Such a skin needs about 50 GB: docs/command_line.md.
@@ -45,6 +46,20 @@ def require_affordable(area: float, edge_length: float) -> None:
     )
 
 
+def require_fewer(count: int) -> None:
+    """Check that a mesh of a known number of triangles keeps the limit.
+
+    Raises:
+        MeshSizeError: It does not.
+    """
+    most = _most.get()
+    if most is not None and count > most:
+        raise MeshSizeError(
+            f"{count:.3g} triangles are more than {most}. Make fewer copies or longer edges, or "
+            "allow it by `with toros_fem.meshes.triangle_limit(None):`."
+        )
+
+
 @contextmanager
 def triangle_limit(most: int | None) -> Iterator[None]:
     """Make meshes inside a `with` block with another largest number of triangles.
@@ -52,6 +67,8 @@ def triangle_limit(most: int | None) -> Iterator[None]:
     Args:
         most: The largest number; None for no limit.
     """
+    if most is not None:
+        require_count(1, most=most)
     token = _most.set(most)
     try:
         yield

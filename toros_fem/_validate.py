@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,8 @@ from toros_fem.errors import ParameterError, TorosError
 
 # Longest text of a value in a message.
 LONGEST = 60
+# Whole numbers from here on have no type in NumPy.
+LARGEST = 2**63
 
 
 def shown(value: Any) -> str:
@@ -27,9 +31,10 @@ def shown(value: Any) -> str:
 
 
 def is_number(value: Any) -> bool:
-    """Return whether a value is one real number, and not a truth value."""
-    numbers = (int, float, np.integer, np.floating)
-    return isinstance(value, numbers) and not isinstance(value, bool)
+    """Return whether a value is one real number that NumPy takes, and not a truth value."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return False
+    return not isinstance(value, int) or abs(value) < LARGEST
 
 
 def require_positive(*, at_most: float = math.inf, **values: Any) -> None:
@@ -76,7 +81,7 @@ def require_count(least: int, **values: Any) -> None:
         ParameterError: Naming the value and the bound.
     """
     for name, value in values.items():
-        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+        whole = isinstance(value, int | np.integer) and is_number(value)
         if not (whole and value >= least):
             raise ParameterError(
                 f"{name} = {shown(value)} must be a whole number, at least {least}."
@@ -158,6 +163,17 @@ def require_kind(
         raise failure(f"{name} = {shown(value)} must be {what}.")
 
 
+def checked_path(name: str, value: Any, failure: type[TorosError] = ParameterError) -> Path:
+    """Return the path of a file or folder.
+
+    Raises:
+        TorosError: Of the type `failure`: it is no text and no path.
+    """
+    if not isinstance(value, str | os.PathLike) or not str(value):
+        raise failure(f"{name} = {shown(value)} must be the path of a file or folder, as text.")
+    return Path(value)
+
+
 def require_callable(name: str, value: Any, what: str) -> None:
     """Check that a value can be called.
 
@@ -223,7 +239,7 @@ def real_numbers(
         array = np.asarray(values)
     except (ValueError, TypeError):  # lists of different lengths
         array = np.array(None)
-    if array.dtype.kind not in "biuf":
+    if array.dtype.kind not in "biuf" or (array.dtype.kind == "b" and not array.ndim):
         raise failure(f"{name} = {shown(values)} must be real numbers, {what}.")
     return array.astype(np.float64, copy=False)
 

@@ -16,6 +16,9 @@ from toros_fem._validate import (
 )
 from toros_fem.errors import ParameterError
 
+# Modulus in Pa beyond that of any solid.
+STIFFEST = 1e13
+
 
 def _store_floats(record: object, *names: str) -> None:
     """Turn fields of a frozen dataclass into floats: forms take no integers."""
@@ -41,7 +44,8 @@ class Material:
     thickness: float
 
     def __post_init__(self) -> None:
-        require_positive(**{"Material.young": self.young, "Material.thickness": self.thickness})
+        require_positive(**{"Material.young": self.young}, at_most=STIFFEST)
+        require_positive(**{"Material.thickness": self.thickness})
         require_between(0.0, 0.5, **{"Material.poisson": self.poisson})
         _store_floats(self, "young", "poisson", "thickness")
 

@@ -8,7 +8,7 @@ from typing import Literal, cast, overload
 import numpy as np
 
 from toros_fem._types import Floats
-from toros_fem._validate import is_number, require_choice, require_kind, shown
+from toros_fem._validate import is_number, require_callable, require_choice, require_kind, shown
 from toros_fem.analysis.arc_length import ArcLengthOptions, follow_arc
 from toros_fem.analysis.pressure_path import follow_pressures
 from toros_fem.analysis.trace_point import Pressure, TracePoint
@@ -100,6 +100,9 @@ def trace(
     require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
     require_choice("by", by, PATHS)
     check_metrics(metrics)
+    require_kind("options", options, (ArcLengthOptions, type(None)), "ArcLengthOptions, or None")
+    if stop is not None:
+        require_callable("stop", stop, "a function of a TracePoint, or None")
     if by == "pressure":
         if options is not None:
             raise ParameterError('options are those of a path by="arc-length"; leave them out.')

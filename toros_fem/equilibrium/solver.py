@@ -11,7 +11,14 @@ from petsc4py import PETSc
 
 from toros_fem._mpi import largest, norm, raise_together, require_alike, warn_together
 from toros_fem._types import Floats
-from toros_fem._validate import real_numbers, require_callable, require_flag, require_kind
+from toros_fem._validate import (
+    real_numbers,
+    require_between,
+    require_callable,
+    require_finite,
+    require_flag,
+    require_kind,
+)
 from toros_fem.equilibrium.continuation import Attempt, ContinuationResult, run_continuation
 from toros_fem.equilibrium.diagnostics import Condition, condition_of, failure, success
 from toros_fem.equilibrium.newton import NewtonStep
@@ -19,7 +26,7 @@ from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.path import PathPoint, critical_load, find_jump, leads_back
 from toros_fem.equilibrium.prescribed import PrescribedDisplacement
 from toros_fem.equilibrium.snes import Attempts, SnesSolver
-from toros_fem.errors import MaterialWarning, NoEquilibriumError, ParameterError
+from toros_fem.errors import MaterialWarning, NoEquilibriumError, ParameterError, UnitWarning
 from toros_fem.materials import Composite
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.dead_loads import Weight
@@ -42,6 +49,8 @@ FLAT, OPENING, LOWERED = 0.2, 0.4, 1.7
 LARGER = 10.0
 # Fraction of the skin's size by which two states may differ and be the same.
 SAME = 1e-6
+# Thickness over the skin's size from which a unit is in doubt.
+THICK = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,8 +179,9 @@ class EquilibriumSolver:
         given = {"composite": composite, "supports": supports, "options": options}
         more = {"chambers": chambers, "weight": weight, "families": families, "crossing": crossing}
         require_alike(skin.comm, **given, **more)
+        require_between(0.0, np.inf, crossing=crossing)
         _require_kinds(composite, supports, options, log, chambers, weight)
-        _warn_of_soft_print(skin, composite)
+        _warn_of_odd_sheets(skin, composite)
         self.skin, self.log = skin, log
         self.model: SkinModel
         if families is None:
@@ -231,6 +241,7 @@ class EquilibriumSolver:
         """
         model = self.model
         require_alike(self.skin.comm, pressure=pressure, weight_fraction=weight_fraction)
+        require_finite(weight_fraction=weight_fraction)
         require_flag(raise_on_failure=raise_on_failure, trial=trial)
         load = make_load_case(
             self.skin.pattern,
@@ -269,6 +280,7 @@ class EquilibriumSolver:
             ParameterError: The solver has been used for other designs since.
             EquilibriumError: There is no stable equilibrium near.
         """
+        require_kind("trial", trial, EquilibriumResult, "an EquilibriumResult of this solver")
         if trial is self._factorised_at:
             return trial
         known = next((k for k in self._known if k.result is trial), None)
@@ -479,6 +491,7 @@ class EquilibriumSolver:
         return min(FEW_STEPS, most) if trial else most
 
     def _require_last(self, at: EquilibriumResult) -> None:
+        require_kind("at", at, EquilibriumResult, "an EquilibriumResult of this solver")
         if at is not self._factorised_at:
             raise ParameterError(
                 "the tangent is that of another state: the solver has been used since. Solve for "
@@ -712,7 +725,15 @@ def _require_kinds(
         require_callable("log", log, "a function of a Newton step, or None")
 
 
-def _warn_of_soft_print(skin: Skin, composite: Composite) -> None:
+def _warn_of_odd_sheets(skin: Skin, composite: Composite) -> None:
+    thickness = max(composite.fabric.thickness, composite.reinforcement.thickness)
+    if thickness > THICK * skin.pattern.size:
+        warn_together(
+            skin.comm,
+            f"the sheet is {thickness:.3g} m thick and the skin {skin.pattern.size:.3g} m across. "
+            "Is the thickness in millimetres? Give it in m: 0.5 mm are 0.5e-3.",
+            UnitWarning,
+        )
     printed, fabric = (
         sheet.membrane_stiffness for sheet in (composite.reinforcement, composite.fabric)
     )

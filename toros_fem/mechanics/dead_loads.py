@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem._types import Floats
-from toros_fem._validate import checked_floats, require_between
+from toros_fem._validate import checked_floats, require_between, require_kind
 from toros_fem.errors import ParameterError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import Refinement
@@ -72,6 +72,7 @@ def spread_force(pattern: Pattern, panel: str, force: Sequence[float] | Floats) 
         PanelError: There is no such panel.
         ParameterError: The force is no finite vector.
     """
+    require_kind("pattern", pattern, Pattern, "a Pattern")
     total = _vector("force", force, 3, "N")
     cells = pattern.cells_of(panel)
     third = np.repeat(pattern.areas[cells] / 3, 3)
@@ -105,6 +106,7 @@ def point_force(
         ParameterError: An array is no finite vector of its length; or the point is further
             from the skin than `ON_SKIN` of its size.
     """
+    require_kind("pattern", pattern, Pattern, "a Pattern")
     whole = _vector("force", force, 3, "N")
     flat = panel is not None
     at = _vector("place", place, 2 if flat else 3, "m")

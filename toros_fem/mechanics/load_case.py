@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toros_fem._types import Floats
-from toros_fem._validate import checked_floats, real_numbers, require_between
+from toros_fem._validate import checked_floats, real_numbers, require_finite
 from toros_fem.errors import ParameterError
 from toros_fem.mechanics.supports import Supports, require_displacement
 from toros_fem.meshes.pattern import Pattern
@@ -107,7 +107,7 @@ def make_load_case(
     """
     what = "in Pa, one for all chambers or one for each"
     values = real_numbers("pressure", pressure, what)
-    require_between(0.0, np.inf, weight_fraction=weight_fraction)
+    require_finite(weight_fraction=weight_fraction)
     if not (np.isfinite(values) & (values >= 0)).all():
         wrong = values[~(np.isfinite(values) & (values >= 0))].ravel()[0]
         raise ParameterError(f"pressure = {float(wrong)} Pa must be finite and at least 0.")

@@ -12,6 +12,7 @@ import numpy as np
 from toros_fem._types import Bools, Floats, Ints
 from toros_fem._validate import (
     checked_floats,
+    is_number,
     require_callable,
     require_finite,
     require_kind,
@@ -92,12 +93,23 @@ class Supports:
             )
         object.__setattr__(self, "fixed", fixed)
         what = "ends of free edges, (k, 2)"
-        object.__setattr__(self, "guided", whole_numbers("guided", self.guided, what))
+        guided = whole_numbers("guided", self.guided, what)
+        if guided.ndim != 2:
+            raise ParameterError(f"guided has shape {guided.shape}; it must be {what}.")
+        object.__setattr__(self, "guided", guided)
         what = "normals of planes, (k, 3)"
         normals = checked_floats("normals", self.normals, what, lambda _: True, finite=False)
         object.__setattr__(self, "normals", normals)
         moved = require_displacement(self.displacement, fixed.shape)
         object.__setattr__(self, "displacement", moved)
+        for plane in self.planes if isinstance(self.planes, list | tuple) else [None]:
+            pair = isinstance(plane, list | tuple) and len(plane) == 2
+            if not (pair and plane[0] in (0, 1, 2) and is_number(plane[1])):
+                raise ParameterError(
+                    f"planes = {shown(self.planes)} must be a list of pairs: axis 0, 1 or 2, and "
+                    "coordinate in m. symmetry_plane makes them."
+                )
+        object.__setattr__(self, "planes", tuple(self.planes))
         count = len(self.guided)
         if self.guided.shape != (count, 2) or self.normals.shape != (count, 3):
             raise ParameterError(

@@ -328,7 +328,9 @@ def write_pressure_path(
     def write() -> None:
         write_table(folder / "curve.csv", rows)
         write_path(folder, "pressure", ShownSkin(skin), points, whole, density)
-        write_fields(folder / "skin.vtu", skin, shapes[-1], {"density": density} | _wrinkle_fields(folds))
+        write_fields(
+            folder / "skin.vtu", skin, shapes[-1], {"density": density} | _wrinkle_fields(folds)
+        )
         write_json(folder / "summary.json", summary)
         if_plotting(draw)
 
