@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from toros_fem.config import Config, quantity
+from toros_fem.config import Config, entries, quantity
 from toros_fem.errors import ParameterError
 
 
@@ -131,3 +131,41 @@ def test_a_class_with_another_type_is_refused() -> None:
     for kind in (Wrong, Bare):
         with pytest.raises(TypeError, match=r"size.* must be a float, int, bool or str"):
             kind()
+
+
+@dataclass(frozen=True)
+class Part(Config):
+    """A part of a set."""
+
+    size: float = quantity(1.0, "size of the part", "m", above=0)
+
+
+@dataclass(frozen=True)
+class Parts(Config):
+    """A set of parts."""
+
+    count: int = quantity(3, "number of samples", at_least=1)
+    parts: tuple[Part, ...] = entries(Part, "A part")
+
+
+def test_fields_that_hold_other_configurations() -> None:
+    """They are no options, and come back from what summaries hold."""
+    assert list(Parts.kinds()) == ["count"]
+    assert Parts.entries() == {"parts": (Part, "A part")}
+
+    def made(*parts: Any) -> Parts:
+        return Parts(parts=parts)
+
+    both = Parts(parts=(Part(size=2.0), Part()))
+    assert Parts(**json.loads(json.dumps(both.as_dict()))) == both
+    assert made(Part(size=2.0), {"size": 1.0}) == both
+    assert pickle.loads(pickle.dumps(both)) == both
+    assert hash(both) == hash(copy.deepcopy(both))
+    with pytest.raises(ParameterError, match="size = -1.0 m must be a finite number, above 0"):
+        made({"size": -1.0})
+    with pytest.raises(ParameterError, match="unknown parameter 'sise'; did you mean 'size'"):
+        made({"sise": 1.0})
+    with pytest.raises(ParameterError, match="parts = 3 must be a list of Part"):
+        Parts(**{"parts": 3})
+    with pytest.raises(ParameterError, match=r"parts has Sample\(.* in it; it must be a Part"):
+        made(Sample())
