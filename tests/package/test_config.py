@@ -156,6 +156,7 @@ def test_fields_that_hold_other_configurations() -> None:
     def made(*parts: Any) -> Parts:
         return Parts(parts=parts)
 
+    no_list: Any = 3
     both = Parts(parts=(Part(size=2.0), Part()))
     assert Parts(**json.loads(json.dumps(both.as_dict()))) == both
     assert made(Part(size=2.0), {"size": 1.0}) == both
@@ -166,6 +167,6 @@ def test_fields_that_hold_other_configurations() -> None:
     with pytest.raises(ParameterError, match="unknown parameter 'sise'; did you mean 'size'"):
         made({"sise": 1.0})
     with pytest.raises(ParameterError, match="parts = 3 must be a list of Part"):
-        Parts(**{"parts": 3})
+        Parts(parts=no_list)
     with pytest.raises(ParameterError, match=r"parts has Sample\(.* in it; it must be a Part"):
         made(Sample())

@@ -6,6 +6,7 @@ from mpi4py import MPI
 
 from toros_fem.errors import PanelError, ParameterError
 from toros_fem.meshes import cylinder
+from toros_fem.meshes.pattern import Pattern
 from toros_fem.scenes.regions import Expression, RegionConfig
 
 X, Y, Z = POINTS = np.random.default_rng(3).uniform(-0.02, 0.02, (3, 500))
@@ -87,6 +88,11 @@ def test_regions_of_a_skin(comm: MPI.Comm) -> None:
     )
     with pytest.raises(ParameterError, match=r"'z < -5' holds nothing; .* z from 0 to 60 mm"):
         RegionConfig(where="z < -5").vertices(tube)
+    divided = Pattern(
+        tube.flat_points, tube.flat_triangles, tube.panel, tube.sewn, tube.points,
+        ("wall", "cap-1", "cap-2"),
+    )  # fmt: skip
+    np.testing.assert_array_equal(RegionConfig(panels="cap").cells(divided), caps)
     with pytest.raises(PanelError, match="no panel is named 'side'"):
         RegionConfig(panels="side").cells(tube)
 

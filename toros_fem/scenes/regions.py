@@ -283,7 +283,9 @@ class RegionConfig(Config):
         None, 'condition on the coordinates of the assembled skin, "z < 5 mm" for instance'
     )
     panels: str | None = quantity(
-        None, "names of panels with commas between them; with a condition, where it holds on them"
+        None,
+        "names of panels, or of parts of the mesh file, with commas between them; with a "
+        "condition, where it holds on them",
     )
 
     def __post_init__(self) -> None:
@@ -306,7 +308,7 @@ class RegionConfig(Config):
         inside = np.ones(len(pattern.points), dtype=bool)
         if self.panels is not None:
             inside[:] = False
-            for name in self._names:
+            for name in self._names(pattern):
                 inside[pattern.vertices_of(name)] = True
         return self._checked(pattern, inside, pattern.points)
 
@@ -319,15 +321,20 @@ class RegionConfig(Config):
         """
         panels: list[Ints] = []
         if self.panels is not None:
-            panels = [pattern.cells_of(name) for name in self._names]
+            panels = [pattern.cells_of(name) for name in self._names(pattern)]
         inside = np.full(len(pattern.panel), self.panels is None)
         for cells in panels:
             inside[cells] = True
         return self._checked(pattern, inside, pattern.points[pattern.triangles].mean(axis=1))
 
-    @property
-    def _names(self) -> list[str]:
-        return [name.strip() for name in (self.panels or "").split(",")]
+    def _names(self, pattern: Pattern) -> list[str]:
+        """Return names of panels; a part of a mesh file that was divided has several, "sole-1"."""
+        found = []
+        for name in (name.strip() for name in (self.panels or "").split(",")):
+            numbered = re.compile(rf"{re.escape(name)}-\d+")
+            parts = [panel for panel in pattern.panel_names if numbered.fullmatch(panel)]
+            found += [name] if name in pattern.panel_names or not parts else parts
+        return found
 
     def _checked(self, pattern: Pattern, inside: Bools, points: Floats) -> Bools:
         if self.where is not None:
