@@ -124,17 +124,33 @@ def test_own_mesh(comm: MPI.Comm, capsys: pytest.CaptureFixture[str]) -> None:
         assert json.loads(captured.out)["triangles"] == 1832
 
 
-@pytest.mark.parametrize("kind", ["inflate", "tile", "tile-sheet"])
-def test_kinds_without_a_design_of_a_skin(
-    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
+@pytest.mark.parametrize(("kind", "triangles"), [("inflate", 715), ("tile", 10000)])
+def test_other_kinds(
+    comm: MPI.Comm,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    kind: str,
+    triangles: int,
 ) -> None:
     path = shared(comm, tmp_path) / "scene.toml"
     assert run(comm, ["new", kind, str(path)]) == 0
     capsys.readouterr()
-    assert run(comm, ["check", str(path), "--json"]) == 0
+    assert run(comm, ["check", str(path), "--coarse", "--json"]) == 0
     captured = capsys.readouterr()
     if comm.rank == 0:
-        assert json.loads(captured.out)["kind"] == kind
+        found = json.loads(captured.out)
+        assert found["triangles"] == pytest.approx(triangles, rel=0.1)
+        assert 0 < found["minutes"][0] < found["minutes"][1]
+
+
+def test_a_kind_without_an_estimate(
+    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = shared(comm, tmp_path) / "scene.toml"
+    assert run(comm, ["new", "tile-sheet", str(path)]) == 0
+    capsys.readouterr()
+    assert run(comm, ["check", str(path)]) == 0
+    assert ("'tile-sheet' is not estimated." in capsys.readouterr().out) == (comm.rank == 0)
 
 
 def test_reading_is_the_same_on_all_ranks(comm: MPI.Comm, tmp_path: Path) -> None:

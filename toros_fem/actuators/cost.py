@@ -16,6 +16,7 @@ from toros_fem.actuators.pressure_curve import HALVINGS
 from toros_fem.actuators.problem import CaseMaker, actuator_problem
 from toros_fem.design.loop import optimize
 from toros_fem.design.options import DesignOptions, Stage
+from toros_fem.design.problem import DesignProblem
 from toros_fem.errors import MeshSizeError
 from toros_fem.meshes.triangle_limit import (
     expected_triangles,
@@ -72,7 +73,7 @@ class Cost:
 
     Attributes:
         triangles: Expected triangles of the finest mesh of the design or of its print.
-        largest: Those of the largest mesh at all, that of the error estimate.
+        largest: Those of the largest mesh at all, that of the error estimate for instance.
         unknowns: Unknowns of an equilibrium on the finest mesh.
         memory: Bytes of all ranks together, to about a quarter.
         parts: Parts of the run that take time.
@@ -147,14 +148,41 @@ def probe(comm: MPI.Comm, case: ActuatorCase, config: ActuatorConfig) -> Probe:
         NoEquilibriumError: The start has no equilibrium.
     """
     problem = actuator_problem(comm, case, config)
+    return probe_problem(problem, len(case.pattern.panel), config.seed)
+
+
+def probe_problem(problem: DesignProblem, triangles: int, seed: int) -> Probe:
+    """Make a few steps of a design from noise and take their time (collective).
+
+    Args:
+        problem: The problem.
+        triangles: Triangles of its mesh.
+        seed: Seed of the start.
+
+    Raises:
+        NoEquilibriumError: The start has no equilibrium.
+    """
     begin = time.perf_counter()
-    result = optimize(problem, DesignOptions((Stage(PROBE_STEPS),)), seed=config.seed)
-    seconds = comm.bcast(time.perf_counter() - begin)
-    return Probe(
-        len(case.pattern.panel),
-        sum(row.newton_steps for row in result.history),
-        seconds,
-    )
+    result = optimize(problem, DesignOptions((Stage(PROBE_STEPS),)), seed=seed)
+    seconds = problem.comm.bcast(time.perf_counter() - begin)
+    return Probe(triangles, sum(row.newton_steps for row in result.history), seconds)
+
+
+def simple_cost(
+    triangles: int, largest: int, unknowns: int, ranks: int, parts: tuple[Part, ...]
+) -> Cost:
+    """Return the cost of a run from its meshes and parts.
+
+    Args:
+        triangles: Triangles of the finest mesh of the design.
+        largest: Those of the largest mesh that is simulated.
+        unknowns: Unknowns of an equilibrium on the finest mesh.
+        ranks: Number of ranks.
+        parts: Its parts.
+    """
+    work = max(OF_TRIANGLE * triangles, OF_REFINED * largest)
+    memory = ranks * OF_RANK + work * (1.2 if ranks > 1 else 1.0)
+    return Cost(triangles, largest, unknowns, memory, parts)
 
 
 def cost(config: ActuatorConfig, made: Sized, ranks: int) -> Cost:
@@ -169,14 +197,8 @@ def cost(config: ActuatorConfig, made: Sized, ranks: int) -> Cost:
     finest = _finest_triangles(config, made)
     lines = config.start == "relaxed"
     largest = 4 * finest if config.estimate_error and not lines else finest
-    work = max(OF_TRIANGLE * finest, OF_REFINED * largest)
-    return Cost(
-        triangles=finest,
-        largest=largest,
-        unknowns=round(_unknowns(config, made) * finest),
-        memory=ranks * OF_RANK + work * (1.2 if ranks > 1 else 1.0),
-        parts=_line_parts(config, area, count, finest) if lines else _density_parts(config, finest),
-    )
+    parts = _line_parts(config, area, count, finest) if lines else _density_parts(config, finest)
+    return simple_cost(finest, largest, round(_unknowns(config, made) * finest), ranks, parts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,23 +4,41 @@ from __future__ import annotations
 
 import argparse
 import logging
+import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.actuators.cost import Cost, Probe, cost, probe, probe_config, sized
+from toros_fem.actuators.cost import (
+    Cost,
+    Part,
+    Probe,
+    cost,
+    probe,
+    probe_config,
+    probe_problem,
+    simple_cost,
+    sized,
+)
+from toros_fem.actuators.tube import plain_planes, plain_tube
 from toros_fem.commands.command import Answer, Command
 from toros_fem.commands.doctor import memory_gib
 from toros_fem.commands.scene_options import add_scene_options, meshes_allowed, scene_of
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.meshes import sew
 from toros_fem.meshes.triangle_limit import expected_triangles, require_affordable
 from toros_fem.scene_files.reading import Scene
 from toros_fem.scenes.inflate import InflateConfig
-from toros_fem.scenes.tile import TargetTileConfig
+from toros_fem.scenes.tile import TargetTileConfig, tile_case
+from toros_fem.tiles.case import tile_problem
 
 log = logging.getLogger(__name__)
 # Part of the machine's memory above which a run is warned of.
 CROWDED = 0.8
+# Edges around the tube of an inflation's probe, at least.
+PROBE_AROUND = 36
 
 
 def _options(parser: argparse.ArgumentParser) -> None:
@@ -46,12 +64,16 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
             found, tried = _of_actuator(comm, scene, probing=not given.no_probe)
             figures |= _figures(comm, found, tried)
             lines += _lines(comm, found, tried)
+        elif isinstance(scene.config, TargetTileConfig):
+            found, tried = _of_tile(comm, scene.config, probing=not given.no_probe)
+            figures |= _figures(comm, found, tried)
+            lines += _lines(comm, found, tried)
+        elif isinstance(scene.config, InflateConfig):
+            found, tried = _of_inflation(comm, scene.config, probing=not given.no_probe)
+            figures |= _figures(comm, found, tried)
+            lines += _lines(comm, found, tried)
         else:
-            triangles = _triangles(scene)
-            if triangles is not None:
-                figures["triangles"] = triangles
-                lines.append(f"triangles   about {triangles}")
-            lines.append(f"time        not estimated for scenes of the kind {scene.kind.name!r}")
+            lines.append(f"The cost of scenes of the kind {scene.kind.name!r} is not estimated.")
     return Answer("\n".join(lines), figures)
 
 
@@ -68,18 +90,53 @@ def _of_actuator(comm: MPI.Comm, scene: Scene, *, probing: bool) -> tuple[Cost, 
     return cost(config, made, comm.size), tried
 
 
-def _triangles(scene: Scene) -> int | None:
-    """Return the expected triangles of a scene without a case; None where they are not known."""
-    config = scene.config
-    if isinstance(config, InflateConfig):
-        area = np.pi * config.diameter * (config.length + config.diameter / 2)
-        area /= 1 if config.whole else 2
-    elif isinstance(config, TargetTileConfig):
-        area = config.size**2
-    else:
-        return None
-    require_affordable(float(area), config.edge_length)
-    return round(expected_triangles(float(area), config.edge_length))
+def _of_tile(
+    comm: MPI.Comm, config: TargetTileConfig, *, probing: bool
+) -> tuple[Cost, Probe | None]:
+    """Return the cost of the design of a tile, and its probe on the mesh of the starts."""
+    require_affordable(config.size**2, config.edge_length / 2)  # the mesh of the prints
+    case = tile_case(comm, config)
+    assert case.coarse is not None
+    assert case.fine is not None
+    pattern = case.tile.pattern
+    count, rounds = len(pattern.panel), config.corrections
+    trials = 2 * config.starts * config.trial_iterations + 2 * config.draft_iterations
+    finish = 2 * config.finish_iterations + 2
+    most = 2 * (finish + rounds * (config.correction_iterations + 1))
+    parts = (
+        Part("random starts", len(case.coarse.pattern.panel), (3 * trials, 12 * trials)),
+        Part("design and corrections", count, (3 * finish, 10 * most)),
+        Part("prints", len(case.fine.pattern.panel), (20, 60 * (1 + rounds))),
+    )
+    tried = None
+    if probing:
+        problem = tile_problem(comm, replace(case, tile=case.coarse), config)
+        tried = probe_problem(problem, len(case.coarse.pattern.panel), config.seed)
+    unknowns = 3 * len(pattern.points)
+    return simple_cost(count, len(case.fine.pattern.panel), unknowns, comm.size, parts), tried
+
+
+def _of_inflation(
+    comm: MPI.Comm, config: InflateConfig, *, probing: bool
+) -> tuple[Cost, Probe | None]:
+    """Return the cost of inflating a tube, and the probe: one equilibrium of a coarser one."""
+    planes = () if config.whole else plain_planes(config.seams)
+    area = np.pi * config.diameter * (config.length + config.diameter / 2) / 2 ** len(planes)
+    require_affordable(area, config.edge_length)
+    triangles = round(expected_triangles(area, config.edge_length))
+    longest = min(np.pi * config.diameter / PROBE_AROUND, config.length / 6)
+    coarse = config.updated(edge_length=max(config.edge_length, float(longest)))
+    pattern, supports, density = plain_tube(comm, coarse, planes, seams=coarse.seams)
+    tried = None
+    if probing:
+        skin = sew(comm, pattern)
+        solver = EquilibriumSolver(skin, coarse.composite, supports)
+        begin = time.perf_counter()
+        found = solver.solve(density[skin.owned_cells], coarse.pressure)
+        seconds = comm.bcast(time.perf_counter() - begin)
+        tried = Probe(len(pattern.panel), found.steps, seconds)
+    parts = (Part("pressures", triangles, (4 * config.levels, 15 * config.levels)),)
+    return simple_cost(triangles, triangles, 3 * triangles, comm.size, parts), tried
 
 
 def _figures(comm: MPI.Comm, found: Cost, tried: Probe | None) -> dict[str, Any]:
@@ -118,7 +175,7 @@ def _lines(comm: MPI.Comm, found: Cost, tried: Probe | None) -> list[str]:
             machine,
         )
     of = "" if machine is None else f" of {machine:.1f} GiB"
-    more = f", {found.largest} for the estimate of the error" * (found.largest > found.triangles)
+    more = f", {found.largest} on a refined one" * (found.largest > found.triangles)
     lines = [
         f"triangles   about {found.triangles} on the finest mesh{more}",
         f"unknowns    about {found.unknowns} on the finest mesh",
