@@ -68,7 +68,12 @@ def raise_together(comm: MPI.Comm, error: Exception | None) -> None:
 
 
 def on_first_rank(comm: MPI.Comm, action: Callable[[], T]) -> T:
-    """Run an action on the first rank; return its result or raise its error on all (collective)."""
+    """Run an action on the first rank; return its result or raise its error on all (collective).
+
+    Raises:
+        ParameterError: `comm` is no communicator.
+    """
+    require_comm(comm)
     result, error = None, None
     if comm.rank == 0:
         try:
@@ -80,6 +85,18 @@ def on_first_rank(comm: MPI.Comm, action: Callable[[], T]) -> T:
     return found
 
 
+def require_comm(comm: Any) -> None:
+    """Check that a value is a communicator.
+
+    Raises:
+        ParameterError: It is not.
+    """
+    if not isinstance(comm, MPI.Comm):
+        raise ParameterError(
+            f"comm = {shown(comm)} must be an MPI communicator, one of mpi4py.MPI."
+        )
+
+
 def require_alike(comm: MPI.Comm, **arguments: Any) -> None:
     """Check that a communicator is one, and that arguments are equal on all its ranks (collective).
 
@@ -89,10 +106,7 @@ def require_alike(comm: MPI.Comm, **arguments: Any) -> None:
     Raises:
         ParameterError: They are not; on all ranks.
     """
-    if not isinstance(comm, MPI.Comm):
-        raise ParameterError(
-            f"comm = {shown(comm)} must be an MPI communicator, one of mpi4py.MPI."
-        )
+    require_comm(comm)
     if comm.size == 1:
         return
     digests = comm.allgather([_digest(value) for value in arguments.values()])

@@ -1269,7 +1269,7 @@ DESIGNS = [
         "sharpness = 0",
     ),
     case("objective is text", lambda s: s.designed(objective="shape"), P, "objective = 'shape'"),
-    case("symmetry is text", lambda s: s.designed(symmetry="y"), P, "axes holds 'y'"),
+    case("symmetry is text", lambda s: s.designed(symmetry="y"), P, "symmetry = 'y'"),
     case(
         "force of a design is short",
         lambda s: tf.optimize(s.designed(force=np.zeros(3)), [tf.Stage(1)]),

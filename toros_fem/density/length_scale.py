@@ -9,7 +9,13 @@ import numpy.typing as npt
 
 from toros_fem._mpi import sum_over_ranks
 from toros_fem._types import Floats
-from toros_fem._validate import require_between, require_kind, require_positive
+from toros_fem._validate import (
+    require_between,
+    require_count,
+    require_kind,
+    require_positive,
+    shown,
+)
 from toros_fem.density.bar_width import (
     bar_violation,
     threshold_for_width,
@@ -112,6 +118,14 @@ class LengthScaleConstraints:
         parts: int = 1,
     ) -> None:
         require_kind("parameters", parameters, LengthScale, "a LengthScale")
+        require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
+        require_kind("projection", projection, (Projection, type(None)), "a Projection, or None")
+        require_count(1, parts=parts)
+        if np.shape(designed) != np.shape(skin.owned_cells) or np.asarray(designed).dtype != bool:
+            raise ParameterError(
+                f"designed = {shown(designed)} must be True or False for each of the "
+                f"{len(skin.owned_cells)} triangles of this rank."
+            )
         projection = projection or Projection()
         p, radius = parameters, filter.radius
         self._comm, self._filter = skin.comm, filter

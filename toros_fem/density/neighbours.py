@@ -12,7 +12,11 @@ from scipy.spatial import cKDTree
 
 from toros_fem._mpi import warn_together
 from toros_fem._types import Floats, Ints
-from toros_fem._validate import require_positive
+from toros_fem._validate import (
+    checked_floats,
+    require_kind,
+    require_positive,
+)
 from toros_fem.errors import ParameterError, ResolutionWarning
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
@@ -74,13 +78,15 @@ class Neighbourhood:
     ) -> None:
         require_positive(radius=radius)
         pattern.require_flat_panels("a search on the panels (cone filter, perimeter)")
+        require_kind("whole", whole, (Mirrored, type(None)), "a Mirrored, by mirrored(…), or None")
         self.radius = radius
         cells: Ints = np.arange(len(pattern.panel), dtype=np.int64)
         points, panel = pattern.centroids, pattern.panel
         if whole is not None:
             cells, points, panel = whole.cell, whole.pattern.centroids, whole.pattern.panel
         elif lattice is not None:
-            points, cells = _repeated(points, np.asarray(lattice, dtype=np.float64), radius)
+            lattice = checked_floats("lattice", lattice, "two vectors (2, 2), in m", lambda _: True)
+            points, cells = _repeated(points, lattice, radius)
             panel = panel[cells]
         # A third coordinate separates the panels by more than the radius and their size.
         self._floor = 3 * radius + 2 * float(np.ptp(points, axis=0).max())

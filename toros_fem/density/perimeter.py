@@ -7,7 +7,12 @@ from scipy.integrate import quad
 
 from toros_fem._mpi import dot
 from toros_fem._types import Floats
-from toros_fem._validate import require_finite, require_kind, require_positive
+from toros_fem._validate import (
+    require_finite,
+    require_flag,
+    require_kind,
+    require_positive,
+)
 from toros_fem.density.neighbours import (
     Neighbourhood,
     Pairs,
@@ -65,7 +70,8 @@ class Perimeter:
         whole: Mirrored | None = None,
     ) -> None:
         require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
-        require_positive(window=window)
+        require_positive(window=window, at_most=skin.pattern.size)
+        require_flag(area_weighted=area_weighted)
         require_finite(sharpness=sharpness)
         if sharpness == 0:
             raise ParameterError(

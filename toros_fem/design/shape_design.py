@@ -12,6 +12,8 @@ from mpi4py import MPI
 from toros_fem._mpi import require_alike
 from toros_fem._types import Floats
 from toros_fem._validate import (
+    checked_axes,
+    checked_floats,
     real_numbers,
     require_callable,
     require_kind,
@@ -156,10 +158,14 @@ class ShapeDesign(ShapeProblem):
             ("length_scale", LengthScale, length_scale),
         ):
             require_kind(name, value, (kind, type(None)), f"a {kind.__name__}, or None")
-        whole = mirrored(pattern, tuple(symmetry)) if symmetry else None
+        planes = checked_axes("symmetry", symmetry)
+        whole = mirrored(pattern, planes) if planes else None
+        if force is not None:
+            places = pattern.points.shape
+            force = checked_floats("force", force, f"finite and of shape {places}, in N", places)
         solver = EquilibriumSolver(
             skin,
-            composite or Composite(),
+            Composite() if composite is None else composite,
             supports,
             options,
             log,

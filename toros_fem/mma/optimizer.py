@@ -142,6 +142,7 @@ class MMA:
             raise ParameterError("MMA needs finite bounds for every variable.")
         self.options = options or MMAOptions()
         self._move: float | Floats = float(self.options.move)
+        require_kind("move", move, (PETSc.Vec, type(None)), "a PETSc.Vec, or None")
         if move is not None:
             self._move = move.array.copy()
             for end in (
@@ -180,10 +181,15 @@ class MMA:
         Raises:
             ParameterError: The number of values or gradients is wrong.
         """
+        given = {"values": values, "jacobian": jacobian, "residuals": residuals}
+        for name, rows in {**given, "residual_jacobian": residual_jacobian}.items():
+            require_kind(name, rows, (list, tuple, np.ndarray), "a list, () for none")
+        for vector in (x, gradient, *jacobian, *residual_jacobian):
+            require_kind("x or a gradient", vector, PETSc.Vec, "a PETSc.Vec")
         self._check(values, jacobian)
         require_finite(value=value)
-        for name, given in (("values", values), ("residuals", residuals)):
-            checked_floats(name, given, "finite numbers, the same on all ranks", lambda _: True)
+        for name, numbers in (("values", values), ("residuals", residuals)):
+            checked_floats(name, numbers, "finite numbers, the same on all ranks", lambda _: True)
         wrong = sum(not np.isfinite(row.array).all() for row in (gradient, *jacobian))
         if largest(self._comm, wrong):
             raise ParameterError(

@@ -9,7 +9,12 @@ from toros_fem._types import Floats
 from toros_fem._validate import checked_floats
 from toros_fem.errors import ParameterError
 from toros_fem.objectives.rotation import polar_rotation, require_determined
-from toros_fem.objectives.shape import Nodes, Objective, checked_target
+from toros_fem.objectives.shape import (
+    Nodes,
+    Objective,
+    checked_target,
+    require_objective,
+)
 
 
 class AlignedObjective:
@@ -34,6 +39,7 @@ class AlignedObjective:
         self, skin: Nodes, target: Floats, objective: Objective, weights: Floats | None = None
     ) -> None:
         target = checked_target(skin, target)
+        require_objective("objective", objective)
         count = len(skin.pattern.points)
         factors = np.ones(count)
         if weights is not None:

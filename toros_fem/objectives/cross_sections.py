@@ -75,6 +75,8 @@ class CrossSections:
         for name in ("position_weights", "orientation_weights"):
             weights = real_numbers(name, getattr(self, name), "one for each cross-section")
             object.__setattr__(self, name, weights)
+        if labels.ndim != 1:
+            raise ParameterError(f"labels has shape {labels.shape}; it must be (n,).")
         count = int(self.labels.max(initial=-1)) + 1
         sizes = np.bincount(self.labels[self.labels >= 0], minlength=count)
         if count == 0 or sizes.min() < 3:

@@ -16,7 +16,10 @@ from toros_fem._validate import (
     require_positive,
 )
 from toros_fem.errors import ParameterError
-from toros_fem.objectives.shape import Nodes
+from toros_fem.objectives.shape import (
+    Nodes,
+    require_nodes,
+)
 
 SHAPES = ("sphere", "box")
 
@@ -91,6 +94,7 @@ class GapObjective:
 
     def __init__(self, skin: Nodes, body: Body, weights: Floats, factor: float = 1.0) -> None:
         require_between(0.0, np.inf, factor=factor)
+        require_nodes(skin)
         require_kind("body", body, Body, "a Body")
         pattern, count = skin.pattern, len(skin.pattern.points)
         weights = checked_floats("weights", weights, f"finite and ({count},)", lambda _: True)

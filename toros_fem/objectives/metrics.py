@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from toros_fem._types import Floats, Ints
 from toros_fem._validate import (
+    checked_floats,
     is_number,
     require_callable,
     require_finite,
@@ -177,6 +178,9 @@ class Measurement:
         pressure: Pressure in Pa.
         value: The value, in the metric's unit.
         source: Who measured it, as legends say it.
+
+    Raises:
+        ParameterError: A number is not finite, or a text is none.
     """
 
     key: str
@@ -184,6 +188,11 @@ class Measurement:
     pressure: float
     value: float
     source: str
+
+    def __post_init__(self) -> None:
+        for name in ("key", "source"):
+            require_kind(name, getattr(self, name), str, "a text")
+        require_finite(target=self.target, pressure=self.pressure, value=self.value)
 
     def belongs_to(self, metric: Metric) -> bool:
         """Return whether this is a value of a metric with the same target."""
@@ -240,6 +249,7 @@ def bend_angle(
         panel: Name of the wall's panel.
         sections: Number of slabs; each should contain at least one ring of vertices.
     """
+    positions = _checked(pattern, positions)
     rings = _rings(pattern, panel, sections)
     return turn_angle(pattern, positions, rings, (0, 0, 1), (1, 0, 0))
 
@@ -261,6 +271,7 @@ def twist_angle(
         panel: Name of the wall's panel.
         sections: Number of cross-sections; between neighbours the twist must stay under 180°.
     """
+    positions = _checked(pattern, positions)
     return turn_about(pattern, positions, _rings(pattern, panel, sections), (0, 0, 1))
 
 
@@ -293,6 +304,7 @@ def length_ratio(pattern: Pattern, positions: Floats, panel: str = "wall") -> fl
         positions: Deformed positions of all assembled vertices, (n, 3), in m.
         panel: Name of the wall's panel.
     """
+    positions = _checked(pattern, positions)
     wall = pattern.vertices_of(panel)
     height = pattern.points[wall, 2]
     low, high = height.min(), height.max()
@@ -322,7 +334,13 @@ def swelling(pattern: Pattern, positions: Floats, panel: str = "wall") -> float:
         positions: Deformed positions of all assembled vertices, (n, 3), in m.
         panel: Name of the wall's panel.
     """
+    positions = _checked(pattern, positions)
     rings = _rings(pattern, panel, 12)[4:8]
+    if not rings:
+        raise MetricError(
+            f"the middle third of panel {panel!r} has no ring of six vertices or more, so that its "
+            "radius is not known. Refine the mesh."
+        )
     ring = np.unique(np.concatenate(rings))
 
     def radius(points: Floats) -> float:
@@ -361,6 +379,13 @@ def distance(
         rotation, _ = polar_rotation((weight[:, None] * goal).T @ arm)
         moved = arm @ rotation.T + weight @ target
     return float(np.sqrt(weight @ ((moved - target) ** 2).sum(axis=1)))
+
+
+def _checked(pattern: Pattern, positions: Floats) -> Floats:
+    """Return deformed positions of all vertices, (n, 3), in m, as an array."""
+    require_kind("pattern", pattern, Pattern, "a Pattern")
+    shape = pattern.points.shape
+    return checked_floats("positions", positions, f"{shape}, in m", shape, finite=False)
 
 
 def _rings(pattern: Pattern, panel: str, count: int) -> list[Ints]:

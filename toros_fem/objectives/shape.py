@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem._mpi import dot, sum_over_ranks
 from toros_fem._types import Floats, Ints
-from toros_fem._validate import real_numbers
+from toros_fem._validate import (
+    real_numbers,
+    shown,
+)
 from toros_fem.errors import ParameterError, TargetError
 from toros_fem.meshes.pattern import Pattern
 
@@ -43,10 +46,24 @@ class Nodes(Protocol):
         """Vertices on this rank, in the order of its positions."""
 
 
+def require_objective(name: str, value: Any) -> None:
+    """Check that a value has the methods of an objective.
+
+    Raises:
+        ParameterError: It has not.
+    """
+    if not all(callable(getattr(value, method, None)) for method in ("forward", "backward")):
+        raise ParameterError(
+            f"{name} = {shown(value)} must be an objective, with methods forward and backward."
+        )
+
+
 class SumObjective:
     """Sum of several objectives."""
 
     def __init__(self, *parts: Objective) -> None:
+        for number, part in enumerate(parts):
+            require_objective(f"parts[{number}]", part)
         self._parts = parts
 
     def forward(self, positions: Floats) -> float:
@@ -89,8 +106,8 @@ class ShapeObjective:
         weights: Floats | None = None,
         relative: Floats | None = None,
     ) -> None:
-        n = len(skin.pattern.points)
         target = checked_target(skin, target)
+        n = len(skin.pattern.points)
         areas = skin.pattern.vertex_areas
         by_component = weights is not None and np.ndim(weights) == 2
         position = areas[:, None] * _factors("weights", weights, (n, 3 if by_component else 1), 1.0)
@@ -127,12 +144,23 @@ class ShapeObjective:
         return np.asarray(self._relative * (gap - mean))
 
 
+def require_nodes(skin: Any) -> None:
+    """Check that an objective is given a skin.
+
+    Raises:
+        ParameterError: It is something else.
+    """
+    if not all(hasattr(skin, name) for name in ("pattern", "comm", "owned_vertices")):
+        raise ParameterError(f"skin = {shown(skin)} must be a Skin, by sew(comm, pattern).")
+
+
 def checked_target(skin: Nodes, target: Floats) -> Floats:
     """Return the target positions of all assembled vertices, (n, 3), checked.
 
     Raises:
         TargetError: The target has another number of vertices or is not finite.
     """
+    require_nodes(skin)
     n = len(skin.pattern.points)
     target = real_numbers("target", target, f"positions ({n}, 3) in m, or a map", TargetError)
     if target.shape != (n, 3):

@@ -11,9 +11,18 @@ from zipfile import BadZipFile
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._mpi import on_first_rank
+from toros_fem._mpi import (
+    on_first_rank,
+    require_alike,
+)
 from toros_fem._types import Bools
-from toros_fem._validate import require_choice, require_kind, require_positive, shown
+from toros_fem._validate import (
+    checked_path,
+    require_choice,
+    require_kind,
+    require_positive,
+    shown,
+)
 from toros_fem.errors import DensityError, ParameterError, TileFileError, TorosError
 from toros_fem.materials import Composite, Knit, Material
 from toros_fem.meshes.tile import KINDS, Tile, tile
@@ -98,6 +107,8 @@ class PrintedTile:
 
 def write_tile(folder: str | Path, printed_tile: PrintedTile) -> None:
     """Write a printed tile as `tile.npz` into a folder (one rank)."""
+    require_kind("printed_tile", printed_tile, PrintedTile, "a PrintedTile")
+    folder = checked_path("folder", folder)
     p, composite = printed_tile, printed_tile.composite
     entries: dict[str, Any] = {
         "printed": p.printed,
@@ -114,7 +125,7 @@ def write_tile(folder: str | Path, printed_tile: PrintedTile) -> None:
         entries.update({f"{name}_{key}": getattr(material, key) for key in PROPERTIES})
     if composite.knit is not None:
         entries.update(knit_ratio=composite.knit.ratio, knit_grain=composite.knit.grain)
-    np.savez_compressed(Path(folder) / NAME, **entries)
+    np.savez_compressed(folder / NAME, **entries)
 
 
 def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
@@ -123,7 +134,8 @@ def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
     Raises:
         TileFileError: There is no such file, or an entry is missing or not valid.
     """
-    path = Path(folder) / NAME
+    require_alike(comm, folder=str(folder))
+    path = checked_path("folder", folder, TileFileError) / NAME
 
     def read() -> PrintedTile:
         try:
