@@ -102,6 +102,9 @@ def test_wheel(source: Path, site: Path) -> None:
     said = run(sys.executable, "-c", CHECK, cwd=site, PYTHONPATH=str(target))
     assert str(target / "toros_fem" / "meshes" / "pattern.py") in said
     assert not (target / "forms").exists(), "only one package may be installed"
+    page = target / "toros_fem" / "report" / "page"
+    source_page = ROOT / "toros_fem" / "report" / "page"
+    assert {p.name for p in page.iterdir()} == {p.name for p in source_page.iterdir()}
     toros = target / "bin" / "toros"
     version = run(sys.executable, toros, "--version", cwd=site, PYTHONPATH=str(target))
     assert version == f"toros_fem {said.split()[0]}\n"

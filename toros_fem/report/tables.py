@@ -43,6 +43,8 @@ def key_figures(run: Run) -> str:
     """Return the table of metrics with error estimates and targets, and the figures beside it."""
     summary = run.summary
     columns = [*dict.fromkeys([*_columns(run.history), *_columns(run.curve)])]
+    # Where a relaxed design is laid as lines, no design by densities stands beside the print.
+    laid = "lines" in summary and not summary.get("densities_kept")
     rows = []
     for metric in metrics_of(summary, columns):
         name, _, unit = metric.key.rpartition("_")
@@ -54,11 +56,11 @@ def key_figures(run: Run) -> str:
             metric.formatted(value),
             NONE if error is None else f"± {error:.2g}{metric.unit}",
             metric.formatted(metric.target),
-            metric.formatted(designed),
+            metric.formatted(None if laid else designed),
         ]
         rows.append([metric.name, *cells])
     head = ["", "as printed", "error estimate", "target", "as designed"]
-    if all(row[4] == NONE for row in rows):
+    if summary and "design" not in summary:
         head[1] = "value"  # of a simulation
     kept = [k for k in range(5) if k == 0 or any(row[k] != NONE for row in rows)]
     table = _table([[row[k] for k in kept] for row in rows], [head[k] for k in kept])
