@@ -221,6 +221,8 @@ def test_error_has_line_and_key(tmp_path: Path) -> None:
         ("seed=three", "'three' must be a whole number"),
         ("pressure=5mm", "'5mm' is a length"),
         ("files.msh=a", "did you mean 'mesh'"),
+        ("files.mesh=", "the value must be a path"),
+        ("files.mesh=3", "the value must be a path"),
         ("held.where=z", "is a number; compare it"),
         ("held.wher=z", "did you mean 'where'"),
         ("plain.where=z<1", "the file has 2 tables plain"),
@@ -269,7 +271,10 @@ def test_files_that_are_not_there(comm: MPI.Comm, tmp_path: Path) -> None:
         found.require_files(comm)
     change = f"files.target={folder / 'here.stl'}"
     read_scene(found.path, comm=comm, changes=[change]).require_files(comm)
-    other = read_scene(found.path, comm=comm, changes=["files.mesh=no.stl"])
+    without = read_scene(found.path, comm=comm, changes=["files.target=none"])
+    assert list(without.files) == ["mesh"]
+    without.require_files(comm)
+    other = read_scene(found.path, comm=comm, changes=['files.mesh="no.stl"'])
     with pytest.raises(SceneError, match="^files.mesh: there is no no.stl") as caught:
         other.require_files(comm)
     assert caught.value.line is None

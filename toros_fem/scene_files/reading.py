@@ -289,7 +289,13 @@ class _Reader:
             if section == "files":
                 if name not in scene.kind.files:
                     _refuse(change, _nearest(name, tuple(scene.kind.files)), name)
-                files[name] = Path(text.strip())
+                value = _plain(text.strip())
+                if not isinstance(value, str) or not value or "\0" in value:
+                    _refuse(change, "the value must be a path.", key)
+                if value == NONE:
+                    files.pop(name, None)
+                else:
+                    files[name] = Path(value)
                 continue
             entries = scene.config.entries()
             if section in entries:
@@ -320,7 +326,7 @@ class _Reader:
             config = scene.config.updated(**values)
         except ParameterError as caught:
             raise SceneError(f"{self.path}, as changed: {caught}", self.path) from None
-        lines = {name: k for name, k in scene.lines.items() if files[name] is scene.files[name]}
+        lines = {name: k for name, k in scene.lines.items() if files.get(name) is scene.files[name]}
         return replace(scene, config=config, files=files, lines=lines)
 
 
