@@ -262,7 +262,7 @@ def test_signals_ask_for_a_write_or_an_end(comm: MPI.Comm, folder: Path) -> None
 @pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="the other ranks would be aborted")
 def test_where_nothing_is_to_be_written_a_run_stops_at_once(comm: MPI.Comm, folder: Path) -> None:
     """Outside of loops, and in them at a second signal."""
-    with pytest.raises(RunStoppedError, match="SIGINT"), open_run(comm, folder, INPUTS):
+    with pytest.raises(RunStoppedError, match="SIGINT"), open_run(comm, folder, INPUTS):  # noqa: PT012
         try:
             os.kill(os.getpid(), signal.SIGINT)
         except RunStoppedError:  # as PETSc does with errors in callbacks
