@@ -24,6 +24,7 @@ from mpi4py import MPI
 import toros_fem as tf
 from toros_fem.command_line import run_from_command_line
 from toros_fem.config import Config, quantity
+from toros_fem.runs import journal_of
 from toros_fem.scenes.body_axis import body_axis
 
 FINGER = Path(__file__).parent / "surfaces" / "finger.stl"
@@ -71,7 +72,7 @@ def run(
         verbose: Whether to print every Newton step.
     """
     c = config or OwnDesignConfig()
-    reporter = tf.DesignReporter(comm, output)
+    reporter, journal = tf.DesignReporter(comm, output), journal_of(output)
     surface = tf.meshes.read_surface(comm, file or FINGER, scale=c.scale)
     pattern = tf.meshes.unwrap(comm, surface).pattern
     axis = body_axis(pattern, "z", "x", 0.0, None)
@@ -99,9 +100,13 @@ def run(
     reporter.expect(sum(level.iterations for level in options))
     with reporter:
         problems = tf.refinements(design, c.levels)
-        result = tf.optimize_levels(problems, options, seed=c.seed, callback=reporter)
+        result = tf.optimize_levels(
+            problems, options, seed=c.seed, callback=reporter, journal=journal
+        )
     limits = tf.PrintLimits(width=0.6e-3, gap=0.6e-3)
-    printed = tf.as_printed(result.problem, result, limits, island_area=c.island_area)
+    printed = tf.as_printed(
+        result.problem, result, limits, island_area=c.island_area, journal=journal
+    )
     return tf.write_results(output, result, printed, config=c, seconds=reporter.seconds)
 
 

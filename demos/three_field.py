@@ -46,9 +46,7 @@ WITHOUT_AND_WITH = ("projection", "perimeter", "widths", "widths and perimeter")
 class ThreeFieldConfig(TubeConfig):
     """Numbers of the six bending tubes; SI units."""
 
-    angle: float = quantity(
-        180.0, "bend angle of the target", "deg", at_least=-720, at_most=720
-    )
+    angle: float = quantity(180.0, "bend angle of the target", "deg", at_least=-720, at_most=720)
     neutral: float = quantity(
         0.01, "offset of the line that keeps its length, towards the inner side", "m"
     )

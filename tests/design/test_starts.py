@@ -62,7 +62,7 @@ def test_starts_without_an_equilibrium(comm: MPI.Comm, monkeypatch: pytest.Monke
     """They are left out; without any the error is that of a start."""
     refused = {1}
 
-    def some(problem: ShapeProblem, options: DesignOptions, seed: int) -> object:
+    def some(problem: ShapeProblem, options: DesignOptions, seed: int, **_: object) -> object:
         if seed in refused:
             raise errors.NoEquilibriumError(f"no equilibrium for seed {seed}")
         return optimize(problem, options, seed=seed)

@@ -44,7 +44,7 @@ from toros_fem.objectives.metrics import UNITS, Measurement, Metric
 from toros_fem.output.reporter import DesignReporter
 from toros_fem.output.writer import write_results
 from toros_fem.relaxed.find import RelaxedResult
-from toros_fem.runs.folder import run_of
+from toros_fem.runs.folder import journal_of, run_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,8 +111,7 @@ def design_actuator(
             cannot be written to.
     """
     reporter, case = reporter or DesignReporter(comm, output), affordable(case, config)
-    run = run_of(output)
-    journal = None if run is None else run.journal(output)
+    journal = journal_of(output)
     if config.start == "relaxed":
         return _from_lines(comm, output, case, config, reporter, measured, verbose, journal)
     levels = [config.at_level(level) for level in range(config.level_count)]

@@ -150,6 +150,12 @@ def run_of(folder: str | Path) -> Run | None:
     return next((_open[at] for at in (place, *place.parents) if at in _open), None)
 
 
+def journal_of(folder: str | Path) -> RunJournal | None:
+    """Return the journal of what is designed into a folder; None if no run is open there."""
+    run = run_of(folder)
+    return None if run is None else run.journal(folder)
+
+
 def open_run(
     comm: MPI.Comm,
     folder: str | Path,

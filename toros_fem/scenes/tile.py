@@ -27,7 +27,7 @@ from toros_fem.meshes import tile
 from toros_fem.meshes.tile import KINDS
 from toros_fem.output.console import print_step
 from toros_fem.output.reporter import DesignReporter
-from toros_fem.runs.folder import run_of
+from toros_fem.runs.folder import journal_of
 from toros_fem.tiles.as_printed import measure_print
 from toros_fem.tiles.case import TileCase, TileConfig
 from toros_fem.tiles.objectives import Contrast, ProfileObjective, ProfileTarget
@@ -151,9 +151,7 @@ def run(
     reporter = DesignReporter(comm, output)
     case = tile_case(comm, config)
     log = print_step(comm) if verbose else None
-    run = run_of(output)
-    journal = None if run is None else run.journal(output)
-    result = design_tile(comm, case, config, reporter, log, journal)
+    result = design_tile(comm, case, config, reporter, log, journal_of(output))
     measured = measure_print(comm, case, config, result)
     printed_tile = PrintedTile(
         printed=result.printed.cells,
