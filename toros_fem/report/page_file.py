@@ -152,7 +152,9 @@ def _curve(run: Run) -> list[Chart]:
             if m["metric"] == metric.key
         ]
         value = run.summary.get(metric.key)
-        inside = at and value is not None and x[0] <= at / 1e3 <= x[-1]
+        chosen = None
+        if at and value is not None and x[0] <= at / 1e3 <= x[-1]:
+            chosen = ("the design's pressure", at / 1e3, value)
         charts.append(
             Chart(
                 "pressure",
@@ -161,7 +163,7 @@ def _curve(run: Run) -> list[Chart]:
                 [Line(metric.name, x, [row[metric.key] for row in here])],
                 metric.target,
                 points,
-                ("the design's pressure", at / 1e3, value) if inside else None,
+                chosen,
             )
         )
     return charts
