@@ -16,7 +16,10 @@ from toros_fem.runs import files
 from toros_fem.runs.files import read_checkpoint, replace_file, write_checkpoint
 
 OWNER = {"inputs": "a", "problem": "b"}
-STATE = Checkpoint({"x": np.linspace(0, 1, 50) ** 3}, {"kkt": float("inf"), "history": [0.1]})
+STATE = Checkpoint(
+    {"x": np.asarray(np.linspace(0, 1, 50) ** 3, dtype=np.float64)},
+    {"kkt": float("inf"), "history": [0.1]},
+)
 
 
 @pytest.fixture
