@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem._validate import real_numbers, whole_numbers
+from toros_fem._validate import checked_names, real_numbers, whole_numbers
 from toros_fem.errors import PatternError
 from toros_fem.meshes.pattern import Pattern
 
@@ -68,9 +68,9 @@ def moulded(
     return Pattern(
         flat_points=flat.reshape(-1, 2),
         flat_triangles=np.arange(3 * len(corners)).reshape(-1, 3),
-        panel=0 * number if panel is None else panel,
+        panel=0 * number if panel is None else whole_numbers("panel", panel, "(t,)", PatternError),
         sewn=corners.ravel(),
         points=places,
-        panel_names=panel_names,
+        panel_names=checked_names("panel_names", panel_names, PatternError),
         moulded=True,
     )

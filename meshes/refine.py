@@ -43,7 +43,7 @@ def refine(pattern: Pattern) -> Refinement:
     Raises:
         MeshSizeError: There would be more triangles than `triangle_limit` allows.
     """
-    require_fewer(4 * len(pattern.panel))
+    require_fewer(4 * len(pattern.panel), float(pattern.areas.sum()))
     flat, tri = pattern.flat_points, pattern.flat_triangles
     edges = edges_of(tri)
     # Two flat edges that are sewn together share their middle.

@@ -59,7 +59,8 @@ class Tile:
             ParameterError: A number is not whole, or less than 1.
         """
         require_count(1, along=along, across=across)
-        require_fewer(len(self.wraps) * int(along) * int(across))
+        copies_area = float(self.pattern.areas.sum()) * int(along) * int(across)
+        require_fewer(len(self.wraps) * int(along) * int(across), copies_area)
         j, i = np.divmod(np.arange(along * across), along)
         copies = np.stack([i, j], axis=1)
         wraps, home = np.divmod(copies[:, None, None] + self.wraps, [along, across])

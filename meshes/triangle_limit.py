@@ -46,8 +46,12 @@ def require_affordable(area: float, edge_length: float) -> None:
     )
 
 
-def require_fewer(count: int) -> None:
+def require_fewer(count: int, area: float) -> None:
     """Check that a mesh of a known number of triangles keeps the limit.
+
+    Args:
+        count: Number of triangles.
+        area: Area of the mesh in m².
 
     Raises:
         MeshSizeError: It does not.
@@ -56,7 +60,8 @@ def require_fewer(count: int) -> None:
     if most is not None and count > most:
         raise MeshSizeError(
             f"{count:.3g} triangles are more than {most}. Make fewer copies or longer edges, or "
-            "allow it by `with toros_fem.meshes.triangle_limit(None):`."
+            "allow it by `with toros_fem.meshes.triangle_limit(None):`.",
+            area,
         )
 
 

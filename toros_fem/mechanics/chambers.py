@@ -63,7 +63,7 @@ class Chambers:
 
 def _listed(numbers: Ints) -> str:
     """Return the first numbers as text."""
-    return ", ".join(map(str, numbers[:6].tolist())) + (", …" if len(numbers) > 6 else "")
+    return ", ".join(str(number) for number in numbers[:6]) + (", …" if len(numbers) > 6 else "")
 
 
 def chambers_of_panels(pattern: Pattern, panels: Mapping[str, Sequence[str]]) -> Chambers:

@@ -41,7 +41,7 @@ class AlignedObjective:
         target = checked_target(skin, target)
         require_objective("objective", objective)
         count = len(skin.pattern.points)
-        factors = np.ones(count)
+        factors: Floats = np.ones(count)
         if weights is not None:
             factors = checked_floats("weights", weights, f"finite and ({count},)", (count,))
         if not (factors.min() >= 0 and factors.max() > 0):

@@ -57,7 +57,9 @@ class InflateConfig(SymmetricConfig, TubeSizes, SkinConfig):
         first = 0.0 if self.wrinkling is None else SLACK * self.highest_pressure
         levels = np.linspace(first, self.highest_pressure, self.levels + 1)
         near = np.isclose(levels, self.pressure, rtol=1e-9, atol=0.0)
-        return levels if near.any() else np.sort(np.append(levels, self.pressure))
+        if near.any():
+            return np.asarray(levels, dtype=np.float64)
+        return np.sort(np.append(levels, self.pressure)).astype(np.float64)
 
 
 def coarse(config: InflateConfig) -> InflateConfig:
