@@ -9,6 +9,7 @@ from mpi4py import MPI
 from toros_fem.errors import MeshSizeError
 from toros_fem.meshes import cylinder, disc, finger, rectangle, tile, triangle_limit
 from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.refine import refine
 from toros_fem.meshes.triangle_limit import expected_triangles
 
 TINY = 1e-7
@@ -53,3 +54,14 @@ def test_expected_number(comm: MPI.Comm, edge: float) -> None:
     pattern: Pattern = cylinder(comm, 0.15, 0.02, edge)
     count = len(pattern.panel)
     assert np.isclose(expected_triangles(pattern.areas.sum(), edge), count, rtol=0.1)
+
+
+def test_refinements_and_copies_keep_the_limit(comm: MPI.Comm) -> None:
+    with triangle_limit(1000):
+        sheet = tile(comm, 0.01, 1e-3)
+        with pytest.raises(MeshSizeError, match="triangles are more than 1000") as caught:
+            sheet.repeated(10, 1)
+        assert caught.value.area == pytest.approx(10 * 0.01**2)
+        with pytest.raises(MeshSizeError, match="triangles are more than 1000") as caught:
+            refine(refine(sheet.pattern).pattern)
+        assert caught.value.area == pytest.approx(0.01**2)
