@@ -293,6 +293,12 @@ MESHES = [
     case("tile's size is text", lambda s: m.tile(s.comm, "1 cm", 1e-3), P, "size = '1 cm'"),
     case("tile's size has three", lambda s: m.tile(s.comm, (1, 2, 3), 1e-3), P, "two (a, b)"),
     case(
+        "tile repeated without end",
+        lambda s: m.tile(s.comm, 0.01, 2e-3).repeated(10**6, 10**6),
+        e.MeshSizeError,
+        "more than 2000000",
+    ),
+    case(
         "star of 2.5 arms", lambda s: m.Star(2.5, 0.06, 0.02, 0.02, 5e-3), P, "arms = 2.5", "whole"
     ),
     case(
