@@ -20,9 +20,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
 
+from toros_fem.design.journal import Checkpoint
 from toros_fem.errors import (
+    CheckpointError,
     PatternError,
     PatternFileError,
+    RunError,
     SceneError,
     SurfaceError,
     TargetError,
@@ -39,6 +42,8 @@ from toros_fem.meshes import (
     read_surface,
     write_pattern,
 )
+from toros_fem.runs.files import read_checkpoint, write_checkpoint
+from toros_fem.runs.folder import RunRecord, open_run, read_run
 from toros_fem.scene_files.reading import Scene, read_scene
 from toros_fem.scene_files.writing import scene_text
 from toros_fem.scenes.kinds import KINDS
@@ -289,3 +294,37 @@ def test_scenes(folder: Path, kind: str, found: list[tuple[str, float, int]]) ->
     path = folder / "scene.toml"
     content = scene_text(KINDS[kind]).encode()
     read_damaged(path, content, found, lambda: read_scene(path), Scene, (SceneError,))
+
+
+@EXAMPLES
+@given(found=faults())
+def test_checkpoints(folder: Path, found: list[tuple[str, float, int]]) -> None:
+    path, owner = folder / "loop.npz", {"run": "this"}
+    state = Checkpoint({"density": np.linspace(0, 1, 20)}, {"stage": 1, "value": 0.5})
+    write_checkpoint(path, state, owner)
+
+    def read() -> Checkpoint:
+        return read_checkpoint(path, owner)[0]
+
+    read_damaged(path, path.read_bytes(), found, read, Checkpoint, (CheckpointError,))
+
+
+@EXAMPLES
+@given(found=faults())
+def test_records_of_runs(folder: Path, record: bytes, found: list[tuple[str, float, int]]) -> None:
+    place = folder / "a run"
+    (place / "state").mkdir(parents=True, exist_ok=True)
+
+    def read() -> RunRecord:
+        return read_run(ALONE, place)[0]
+
+    read_damaged(
+        place / "state" / "run.json", record, found, read, RunRecord, (RunError, CheckpointError)
+    )
+
+
+@pytest.fixture(scope="module")
+def record(folder: Path) -> bytes:
+    with open_run(ALONE, folder / "whole run", {"seed": 1, "angle": 90.0}):
+        pass
+    return (folder / "whole run" / "state" / "run.json").read_bytes()
