@@ -8,8 +8,8 @@ from random_scenes import outcome_of
 ALONE = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank only")
 # Newton steps that no scene here may exceed.
 MOST = 1500
-# Their stiff folded seams collapse onto themselves; what the oracle of the benchmark finds takes more
-# time than a test has.
+# Their stiff folded seams collapse onto themselves; what the oracle of the benchmark finds takes
+# more time than a test has.
 COLLAPSE = (7, 14)
 
 
