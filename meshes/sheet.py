@@ -111,7 +111,7 @@ def disc(
     require_positive(edge_length=edge_length, at_most=radius)
     require_choice("mesh", mesh, ("structured", "unstructured"))
     _require_place(place)
-    require_affordable(np.pi * radius**2, edge_length)
+    require_affordable(np.pi * radius * radius, edge_length)
 
     def build() -> Pattern:
         around = round(2 * np.pi * radius / edge_length)
