@@ -300,7 +300,9 @@ def test_scenes(folder: Path, kind: str, found: list[tuple[str, float, int]]) ->
 @given(found=faults())
 def test_checkpoints(folder: Path, found: list[tuple[str, float, int]]) -> None:
     path, owner = folder / "loop.npz", {"run": "this"}
-    state = Checkpoint({"density": np.linspace(0, 1, 20)}, {"stage": 1, "value": 0.5})
+    state = Checkpoint(
+        {"density": np.linspace(0, 1, 20, dtype=np.float64)}, {"stage": 1, "value": 0.5}
+    )
     write_checkpoint(path, state, owner)
 
     def read() -> Checkpoint:

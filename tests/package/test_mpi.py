@@ -106,7 +106,8 @@ class Lone:
 def test_an_error_of_one_rank_alone_ends_all(monkeypatch: pytest.MonkeyPatch) -> None:
     """The error is told before the end, not after it."""
     monkeypatch.setattr(_mpi, "PATIENCE", 0.05)
-    lone, told = Lone(), []
+    told: list[Exception] = []
+    lone = Lone()
     with pytest.raises(EndedError), _mpi.ending_together(lone, told.append):  # type: ignore[arg-type]
         raise ValueError("alone")
     assert [str(error) for error in told] == ["alone"]
