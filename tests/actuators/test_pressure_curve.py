@@ -166,7 +166,7 @@ def test_left_out_or_without_a_print(
 def test_a_curve_ends_where_there_is_no_equilibrium(comm: MPI.Comm, tmp_path: Path) -> None:
     """Without a barrier in reach a tube has a limit pressure, and files and figures say so."""
     folder = shared(comm, tmp_path)
-    skin = sew(comm, cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured"))
+    skin = sew(comm, cylinder(comm, 0.04, 0.02, 4e-3, mesh="structured"))
     composite = Composite(fabric=TABLE_A, c1=1e5, c2=1e5, bending=None)
     solver = EquilibriumSolver(skin, composite, clamp(skin.pattern, ["base"]))
     problem = replace(make_problem(skin, solver), metrics=(ANGLE,))

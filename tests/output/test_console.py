@@ -9,7 +9,6 @@ from mpi4py import MPI
 
 from toros_fem.design.options import Iteration
 from toros_fem.equilibrium.newton import NewtonStep
-from toros_fem.output import console
 from toros_fem.output.console import (
     ProgressBar,
     duration,
@@ -77,7 +76,7 @@ def test_lines_without_a_terminal(
     """Now and then, with the time left; steps before a run was resumed took no time."""
     stream, clock = io.StringIO(), iter((0.0, 20.0, 40.0, 50.0, 5000.0, 5010.0))
     monkeypatch.setattr(sys, "stderr", stream)
-    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
+    monkeypatch.setattr("toros_fem.output.console.time.monotonic", lambda: next(clock))
     bar = ProgressBar()
     bar.expect(40)
     for done in (10, 11, 12, 13, 20, 40):
