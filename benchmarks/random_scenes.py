@@ -21,10 +21,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from case_options import parsed, parser_of
 from mpi4py import MPI
 from page_tables import replaced
 from scipy.spatial import ConvexHull
-from shared_rows import complete, deadline, parsed, parser_of
+from shared_rows import complete, deadline
 from stability_judge import Judge
 from stability_oracle import search_equilibrium
 from stability_scenes import Floats, triangle_panels

@@ -21,8 +21,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from case_options import parsed, parser_of
 from page_tables import replaced
-from shared_rows import complete, deadline, parsed, parser_of
+from shared_rows import complete, deadline
 from stability_judge import Finding, Judge
 from stability_oracle import search_equilibrium
 from stability_report import Case, CaseResult, Report, Request, Row

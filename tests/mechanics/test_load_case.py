@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem import errors
@@ -85,13 +84,11 @@ def test_arrays_that_do_not_fit(tube: Skin) -> None:
         made(tube.pattern, displacement=np.zeros((3, 3)))
 
 
-def test_a_border_must_stay_in_its_symmetry_plane() -> None:
-    pattern = square()
-    border = pattern.points[:, 0] < 1e-9
-    fixed = np.zeros(pattern.points.shape, dtype=bool)
-    fixed[:] = True
-    supports = Supports(fixed)  # closed: all borders lie in z = 0
-    up = np.where(border[:, None], [0, 0, 1e-3], 0.0)
+def test_a_border_must_stay_in_its_symmetry_plane(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured", planes=(1,))
+    border = np.abs(pattern.points[:, 1]) < 1e-9
+    supports = Supports(np.ones(pattern.points.shape, dtype=bool))  # closed by the plane y = 0
+    up = np.where(border[:, None], [0, 1e-3, 0], 0.0)
     with pytest.raises(errors.ParameterError, match="out of its symmetry plane"):
         make_load_case(pattern, supports, 1, 0.0, displacement=up)
     along = np.where(border[:, None], [1e-3, 0, 0], 0.0)

@@ -52,22 +52,23 @@ def finish(process: subprocess.Popen[str]) -> tuple[int, int, str]:
 
 
 def stop(process: subprocess.Popen[str], number: int, rows: int, later: float = 0.0) -> Any:
-    """Send a signal some time after some rows; return as `finish` does.
+    """Send a signal after some rows, `later` times the time of the last one; return as `finish`.
 
     SIGUSR1 after the first row does not stop it.
     """
     assert process.stdout is not None
-    count = 0
+    times: list[float] = []
     for line in process.stdout:
-        count += is_row(line)
-        if count == 1:
-            process.send_signal(signal.SIGUSR1)
-        if count == rows:
+        if is_row(line):
+            times.append(time.monotonic())
+            if len(times) == 1:
+                process.send_signal(signal.SIGUSR1)
+        if len(times) == rows:
             break
-    time.sleep(later)
+    time.sleep(later * (times[-1] - times[-2]) if later else 0.0)
     process.send_signal(number)
     left, code, err = finish(process)
-    return count + left, code, err
+    return len(times) + left, code, err
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +84,7 @@ def test_killed_at_any_moment_a_run_loses_at_most_two_steps(tmp_path: Path, whol
     rng, done = np.random.default_rng(5), 0
     for count in range(3):
         more = ["--resume"] if count else []
-        rows, code, err = stop(start(tmp_path, *more), signal.SIGKILL, 2, rng.uniform(0, 0.3))
+        rows, code, err = stop(start(tmp_path, *more), signal.SIGKILL, 2, rng.uniform(0, 1))
         assert code == -signal.SIGKILL, err
         done = max(0, done + rows - 2)  # at least
     rows, code, err = finish(start(tmp_path, "--resume"))
