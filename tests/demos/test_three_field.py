@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.scenes import shared
+from helpers.warned import warned
 from mpi4py import MPI
 
 from demos import three_field
@@ -37,7 +38,7 @@ def test_variants_take_the_same_number_of_steps() -> None:
 
 def test_first_variant_has_no_filter_and_no_projection(comm: MPI.Comm) -> None:
     config = three_field.variants(SMALL)["no filter"]
-    with pytest.warns(UserWarning, match="filter radius"):
+    with warned(comm, match="filter radius"):
         problem = actuator_problem(comm, three_field.case(comm, config), config)
     density = random_density(problem.skin, 1)
     filtered, projected = problem.fields(density)

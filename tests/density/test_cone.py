@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from helpers.scenes import square, table
+from helpers.warned import warned
 from mpi4py import MPI
 
 from toros_fem import errors
@@ -75,7 +76,7 @@ def test_at_points_is_the_filtered_field(tube: Skin) -> None:
         distance = np.linalg.norm(pattern.flat_points[point] - pattern.centroids, axis=1)
         weight = np.maximum(8e-3 - distance, 0) * pattern.areas * (pattern.panel == panel)
         assert found[point] == pytest.approx(weight @ density / weight.sum(), rel=1e-12)
-    with pytest.warns(UserWarning, match="hardly filters"):
+    with warned(tube.comm, match="hardly filters"):
         narrow = ConeFilter(tube, 1e-4)
     assert narrow.forward(density[tube.owned_cells]) == pytest.approx(density[tube.owned_cells])
     lone = narrow.at_points((pattern.panel == pattern.panel_index("tip")).astype(float)[
@@ -109,7 +110,7 @@ def test_cone_on_a_torus(comm: MPI.Comm) -> None:
 
 
 def test_a_radius_too_small_warns(tube: Skin) -> None:
-    with pytest.warns(UserWarning, match="under 1.5 edge lengths"):
+    with warned(tube.comm, match="under 1.5 edge lengths"):
         ConeFilter(tube, 3e-3)
     with pytest.raises(errors.ParameterError, match="radius = -1"):
         ConeFilter(tube, -1.0)

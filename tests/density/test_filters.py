@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from helpers.scenes import square
+from helpers.warned import warned
 from mpi4py import MPI
 
 from toros_fem import errors
@@ -46,7 +47,7 @@ def test_filters_by_name(tube: Skin) -> None:
         make_filter("gauss", tube, 8e-3)
     with pytest.raises(errors.ParameterError, match="radius = 0"):
         make_filter("helmholtz", tube, 0.0)
-    with pytest.warns(UserWarning, match="under 1.5 edge lengths"):
+    with warned(tube.comm, match="under 1.5 edge lengths"):
         HelmholtzFilter(tube, 3e-3)
 
 
