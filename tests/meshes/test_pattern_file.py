@@ -80,4 +80,4 @@ def test_files_that_are_no_archives(comm: MPI.Comm, file: Path, content: bytes) 
 
 def test_missing_file(comm: MPI.Comm, tmp_path: Path) -> None:
     with pytest.raises(PatternFileError, match="none.npz cannot be read"):
-        read_pattern(comm, tmp_path / "none.npz")
+        read_pattern(comm, shared(comm, tmp_path) / "none.npz")
