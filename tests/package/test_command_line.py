@@ -83,7 +83,9 @@ def _elsewhere(comm: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.fixture
-def script(monkeypatch: pytest.MonkeyPatch) -> Script:
+def script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Script:
+    """Each rank runs one for itself, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
     return Script(monkeypatch, MPI.COMM_SELF)
 
 
