@@ -264,7 +264,7 @@ def test_clock_stops_all_ranks(comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) 
     """Ranks with different clocks stop together; otherwise some would wait for the others."""
     problem, clock = make_problem(True, CONTRAST), time.perf_counter
     if comm.rank == comm.size - 1:
-        monkeypatch.setattr(time, "perf_counter", lambda: 1e4 * clock())
+        monkeypatch.setattr(time, "perf_counter", lambda: 1e7 * clock())
     result = short_run(problem, seconds=100.0)
     counts = comm.allgather(len(result.history))
     assert counts == [1] * comm.size
