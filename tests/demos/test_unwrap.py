@@ -65,5 +65,6 @@ def test_command_line(comm: MPI.Comm, tmp_path: Path) -> None:
     done = subprocess.run([*script, *good, str(tmp_path)], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("494 triangles (repairs: none) in 7 panels: stretch 0.0")
-    bad = subprocess.run([*script, "missing.stl"], capture_output=True, text=True)
+    words = ["missing.stl", "--output", str(tmp_path / "bad")]
+    bad = subprocess.run([*script, *words], capture_output=True, text=True)
     assert (bad.returncode, bad.stderr) == (2, "SurfaceError: there is no file missing.stl.\n")
