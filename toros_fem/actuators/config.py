@@ -10,7 +10,7 @@ import numpy as np
 
 from toros_fem._validate import require_between
 from toros_fem.actuators.start_config import StartConfig
-from toros_fem.config import quantity
+from toros_fem.config import Config, quantity
 from toros_fem.density.length_scale import LengthScale
 from toros_fem.design.config import DesignConfig, MaterialConfig
 from toros_fem.design.options import DesignOptions, Stage
@@ -72,6 +72,21 @@ class SkinConfig(MaterialConfig):
             bladder=None if thickness is None else Bladder(self.bladder_young, thickness),
             knit=None if ratio is None else Knit(ratio, float(np.radians(self.grain_angle))),
         )
+
+
+@dataclass(frozen=True)
+class TipWeights(Config):
+    """Weights of the tip in the objective; SI units."""
+
+    tip_weight: float = quantity(
+        1.0, "weight of the tip's position over that of all the rest", at_least=0
+    )
+    orientation_length: float = quantity(
+        0.03,
+        "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length",
+        "m",
+        at_least=0,
+    )
 
 
 # Lengths that follow the mesh.

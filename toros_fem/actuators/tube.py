@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.config import ActuatorConfig, TipWeights
 from toros_fem.config import Config, quantity
 from toros_fem.errors import ParameterError, TargetError
 from toros_fem.materials import Bending
@@ -56,23 +56,13 @@ class SymmetricConfig(Config):
 
 
 @dataclass(frozen=True)
-class TubeConfig(TubeSizes, ActuatorConfig):
-    """Weights of the tube's tip in the objective; SI units."""
+class TubeConfig(TubeSizes, TipWeights, ActuatorConfig):
+    """Numbers that all designed tubes have; SI units."""
 
     @property
     def coarsest_edge(self) -> float:
         """Longest edge length in m of a useful mesh: eighteen edges around, and some along."""
         return min(float(np.pi * self.diameter / LEAST_AROUND), self.length / LEAST_ALONG)
-
-    tip_weight: float = quantity(
-        1.0, "weight of the tip's position over that of all the rest", at_least=0
-    )
-    orientation_length: float = quantity(
-        0.03,
-        "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length",
-        "m",
-        at_least=0,
-    )
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem.actuators.case import ActuatorCase, Contact
-from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.config import ActuatorConfig, TipWeights
 from toros_fem.actuators.gripper import write_grasp
 from toros_fem.actuators.legs import leg_cross_sections, tip_angle_metric
 from toros_fem.actuators.run import ActuatorResult, design_actuator, summary_sentence
@@ -94,12 +94,7 @@ class GripperConfig(ActuatorConfig):
     centreline_weight: float = quantity(
         0.05, "weight of the finger's centre line over that of its orientation", at_least=0
     )
-    orientation_length: float = quantity(
-        0.02,
-        "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length",
-        "m",
-        at_least=0,
-    )
+    orientation_length: float = TipWeights.redefault("orientation_length", 0.02)
     contact_weight: float = quantity(
         5.0, "weight of the inner panel's distance from the object", at_least=0
     )

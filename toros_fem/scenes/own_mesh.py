@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.config import ActuatorConfig, TipWeights
 from toros_fem.actuators.problem import CaseMaker
 from toros_fem.actuators.run import design_actuator
 from toros_fem.config import entries, quantity
@@ -54,7 +54,7 @@ class HeldConfig(RegionConfig):
 
 
 @dataclass(frozen=True)
-class OwnMeshConfig(ActuatorConfig):
+class OwnMeshConfig(TipWeights, ActuatorConfig):
     """Numbers of a skin of your own; SI units.
 
     Raises:
@@ -118,15 +118,6 @@ class OwnMeshConfig(ActuatorConfig):
     cross_sections: int = quantity(12, "number of cross-sections", at_least=1)
     axial_weight: float = quantity(
         1.0, "weight of the cross-sections' positions along the axis over that across", at_least=0
-    )
-    tip_weight: float = quantity(
-        1.0, "weight of the tip's position over that of all the rest", at_least=0
-    )
-    orientation_length: float = quantity(
-        0.03,
-        "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length",
-        "m",
-        at_least=0,
     )
     metrics: str | None = quantity(
         None,

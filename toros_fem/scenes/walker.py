@@ -16,7 +16,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.config import ActuatorConfig, TipWeights
 from toros_fem.actuators.gait import Gait, write_gait
 from toros_fem.actuators.legs import leg_cross_sections, rest_on_body, tip_angle_metric
 from toros_fem.actuators.run import ActuatorResult, design_actuator, summary_sentence
@@ -59,12 +59,7 @@ class WalkerConfig(ActuatorConfig):
     centreline_weight: float = quantity(
         0.02, "weight of the leg's centre line over that of its orientation", at_least=0
     )
-    orientation_length: float = quantity(
-        0.03,
-        "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length",
-        "m",
-        at_least=0,
-    )
+    orientation_length: float = TipWeights.redefault("orientation_length", 0.03)
     reach: float = quantity(
         6e-3, "distance along x by which the body reaches out to either side if it crawls", "m"
     )
