@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 from toros_fem.actuators.run import summary_sentence
 from toros_fem.actuators.tube import coarse_tube
-from toros_fem.command_line import run_from_command_line
+from toros_fem.command_line.scripts import run_from_command_line
 from toros_fem.scenes.contract import ContractConfig, run
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ import numpy as np
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.command_line import run_from_command_line
+from toros_fem.command_line.scripts import run_from_command_line
 from toros_fem.config import Config, quantity
 from toros_fem.runs import journal_of
 from toros_fem.scenes.body_axis import body_axis

@@ -28,7 +28,7 @@ from mpi4py import MPI
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.run import design_actuator
 from toros_fem.actuators.tube import TubeConfig, bend_metric, coarse_tube, tube_case
-from toros_fem.command_line import run_from_command_line
+from toros_fem.command_line.scripts import run_from_command_line
 from toros_fem.config import quantity
 from toros_fem.errors import ParameterError
 from toros_fem.meshes import bend

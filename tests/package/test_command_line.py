@@ -12,7 +12,7 @@ from helpers.scenes import ROOT
 from mpi4py import MPI
 
 from demos import own_design, three_field
-from toros_fem.command_line import option_help, run_from_command_line
+from toros_fem.command_line.scripts import option_help, run_from_command_line
 from toros_fem.commands.unwrap import UnwrapConfig
 from toros_fem.config import Config, quantity
 from toros_fem.errors import OutputError

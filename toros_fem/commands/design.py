@@ -6,9 +6,9 @@ import argparse
 
 from mpi4py import MPI
 
-from toros_fem.commands.command import Answer, Command
-from toros_fem.commands.running import run_scene
-from toros_fem.commands.scene_options import (
+from toros_fem.command_line.command import Answer, Command
+from toros_fem.command_line.running import run_scene
+from toros_fem.command_line.scene_options import (
     add_run_options,
     add_scene_options,
     meshes_allowed,

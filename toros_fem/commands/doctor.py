@@ -17,7 +17,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from toros_fem._mpi import on_first_rank
-from toros_fem.commands.command import Answer, Command
+from toros_fem.command_line.command import Answer, Command
 from toros_fem.equilibrium import cholmod
 from toros_fem.equilibrium.petsc_factor import ORDERINGS, has_cholmod
 from toros_fem.equilibrium.solver import EquilibriumSolver

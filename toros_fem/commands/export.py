@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.commands.command import Answer, Command
+from toros_fem.command_line.command import Answer, Command
 from toros_fem.fabrication.print_file import read_print_polygons
 from toros_fem.fabrication.printability import printability
 from toros_fem.fabrication.svg import write_svg

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.commands.command import Answer, Command
-from toros_fem.commands.running import resume_scene
-from toros_fem.commands.scene_options import add_progress_options
+from toros_fem.command_line.command import Answer, Command
+from toros_fem.command_line.running import resume_scene
+from toros_fem.command_line.scene_options import add_progress_options
 from toros_fem.meshes.triangle_limit import triangle_limit
 
 

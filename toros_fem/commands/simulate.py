@@ -8,10 +8,10 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.command_line import UsageError
-from toros_fem.commands.command import Answer, Command
-from toros_fem.commands.running import action_of, run_scene
-from toros_fem.commands.scene_options import (
+from toros_fem.command_line.scripts import UsageError
+from toros_fem.command_line.command import Answer, Command
+from toros_fem.command_line.running import action_of, run_scene
+from toros_fem.command_line.scene_options import (
     add_run_options,
     add_scene_options,
     meshes_allowed,

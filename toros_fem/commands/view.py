@@ -9,7 +9,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from toros_fem._mpi import on_first_rank
-from toros_fem.commands.command import Answer, Command
+from toros_fem.command_line.command import Answer, Command
 from toros_fem.report.animation import write_animation
 from toros_fem.report.page_file import write_report
 from toros_fem.report.run_folder import SERIES

@@ -1,0 +1,1 @@
+"""Command lines of scripts and of `toros`: options, answers, exit codes, runs of scenes."""
