@@ -25,6 +25,7 @@ ROOMS = [
     ["runs"],
     ["frames"],
     ["output"],
+    ["manufacture"],
     ["report"],
     ["actuators", "tiles"],
     ["scenes"],

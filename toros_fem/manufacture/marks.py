@@ -1,0 +1,130 @@
+"""Marks of a panel: notches at its seams, registration crosses, and the grain arrow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem._types import Floats
+from toros_fem.manufacture.free_place import free_place
+from toros_fem.manufacture.seam_lines import SewnSeam
+
+# Depth of a notch, over the allowance.
+DEPTH = 0.5
+# The double notch at the start of a seam, over the distance of notches: place and width.
+START, PAIR = 0.35, 0.1
+# Largest distance in m of its two notches.
+APART = 3e-3
+# Lengths in m of the grain arrow, the first that fits; its width over its length, and the least.
+ARROWS = (30e-3, 20e-3, 15e-3, 10e-3, 7e-3, 5e-3)
+BARB = 0.12
+# Gap in m between marks and other things.
+CLEAR = 0.5e-3
+
+
+def notch_arcs(length: float, distance: float) -> Floats:
+    """Return the places of notches along a seam as arc lengths in m, (k,).
+
+    Single ones divide the seam evenly. A double one stands near its start only, so that neither the
+    direction of an edge nor its partner can be mistaken.
+
+    Args:
+        length: Length of the seam in m.
+        distance: Largest distance of the single notches in m.
+    """
+    count = max(1, int(np.ceil(length / distance - 1e-9)))
+    step = length / count
+    start, half = START * step, min(PAIR * step, APART) / 2
+    return np.array([start - half, start + half, *(step * np.arange(1, count))])
+
+
+def notches(
+    seam: SewnSeam, side: int, cut: BaseGeometry, allowance: float, distance: float
+) -> Floats:
+    """Return the notches at one side of a seam, segments (k, 2, 2) in m, from the cut inwards.
+
+    They end half an allowance before the seam line. Both sides have theirs at the same arc lengths.
+
+    Args:
+        seam: The seam.
+        side: 0 or 1.
+        cut: The cut outline of the panel.
+        allowance: Width of the allowance in m.
+        distance: Largest distance of notches in m.
+    """
+    arc = notch_arcs(seam.length, distance)
+    # Across the line as it runs over an allowance, so that steps of a mesh do not turn a notch.
+    reach = min(allowance, 0.2 * seam.length) / 2
+    along = seam.at(side, np.minimum(arc + reach, seam.length)) - seam.at(
+        side, np.maximum(arc - reach, 0)
+    )
+    # A panel lies on the left of the first line, and on the right of the second.
+    turn = 1.0 if side == 0 else -1.0
+    normal = turn * np.column_stack([along[:, 1], -along[:, 0]])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    foot = seam.at(side, arc)
+    rays = shapely.linestrings(np.stack([foot, foot + 2 * allowance * normal], axis=1))
+    found = []
+    for point, ray in zip(foot, rays, strict=True):
+        hit = shapely.shortest_line(shapely.Point(point), ray.intersection(cut.boundary))
+        if hit is None or hit.length < DEPTH * allowance / 2:
+            hit = shapely.shortest_line(shapely.Point(point), cut.boundary)
+        inner, outer = shapely.get_coordinates(hit)
+        depth = min(1.0, DEPTH * allowance / max(hit.length, 1e-12))
+        found.append([outer, outer + depth * (inner - outer)])
+    return np.array(found).reshape(-1, 2, 2)
+
+
+def crosses(outline: BaseGeometry, cut: BaseGeometry, size: float) -> Floats:
+    """Return the centres of three registration crosses, (3, 2), in m.
+
+    They stand in corners of the cut outline's bounding box: far apart, so that they measure angles
+    well, and off the skin. In a rectangle with an allowance they lie in the corners of the
+    allowance, hidden by the sewing; beside a round panel on waste. Where the skin itself fills a
+    corner they move outwards. The fourth corner has none, so that no half turn fits.
+
+    Args:
+        outline: The seam line.
+        cut: The cut outline.
+        size: Size of a cross in m.
+    """
+    left, low, right, high = cut.bounds
+    half = size / 2 + CLEAR / 2
+    centres = []
+    for x, y, outward in ((left, low, (-1, -1)), (right, low, (1, -1)), (left, high, (-1, 1))):
+        out = np.array(outward, dtype=np.float64)
+        centre = np.array([x, y]) - half * out
+        for _ in range(20):
+            # Within the cut it must not meet the skin, outside of it it must not be cut.
+            place = shapely.box(*(centre - half), *(centre + half))
+            apart = place.intersection(outline).area < 1e-6 * size**2
+            if apart and (cut.contains(place) or not cut.intersects(place)):
+                break
+            centre = centre + 0.25 * half * out
+        centres.append(centre)
+    return np.array(centres)
+
+
+def cross_shapes(centres: Floats, size: float) -> list[Floats]:
+    """Return the two bars of each cross as segments, (2, 2) in m each."""
+    x, y = np.array([size / 2, 0.0]), np.array([0.0, size / 2])
+    return [np.stack([c - d, c + d]) for c in centres for d in (x, y)]
+
+
+def grain_arrow(places: Sequence[BaseGeometry], angle: float) -> list[Floats]:
+    """Return the arrow along the grain as lines, (n, 2) in m each: its shaft, and its head.
+
+    Args:
+        places: Regions it may lie in, the best first.
+        angle: Direction in rad.
+    """
+    sizes = [(length, max(2 * BARB * length, 2e-3)) for length in ARROWS]
+    centre, (length, _) = free_place(places, sizes, angle)
+    along = np.array([np.cos(angle), np.sin(angle)])
+    aside = np.array([-along[1], along[0]])
+    tail, tip = centre - along * length / 2, centre + along * length / 2
+    head = [tip - length * (2 * BARB * along + side * BARB * aside) for side in (1, -1)]
+    return [np.stack([tail, tip]), np.stack([head[0], tip, head[1]])]

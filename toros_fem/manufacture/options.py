@@ -1,0 +1,49 @@
+"""How a design is made: print height, seam allowance, marks, beds and sheets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from toros_fem.config import Config, quantity
+
+SEAMS, ALL = "seams", "all"
+
+
+@dataclass(frozen=True)
+class ManufactureOptions(Config):
+    """Settings of the machine files.
+
+    Raises:
+        ParameterError: A value is out of its bounds.
+    """
+
+    layer_height: float = quantity(0.4e-3, "height of the print above the fabric", "m", above=0)
+    fabric_offset: float | None = quantity(
+        None,
+        "height of the print's lower face above the bed, for the fabric on it",
+        "m",
+        at_least=0,
+    )
+    seam_allowance: float | None = quantity(
+        5e-3, "fabric beyond the seam line; none cuts on the line, without notches", "m", above=0
+    )
+    allowance_at: str = quantity(
+        SEAMS, "edges that get an allowance: those that are sewn, or all", choices=(SEAMS, ALL)
+    )
+    notch_distance: float = quantity(
+        30e-3, "largest distance of notches along a seam", "m", above=0
+    )
+    cross_size: float = quantity(4e-3, "size of a registration cross", "m", above=0)
+    grain: float | None = quantity(
+        90.0, "direction of the grain on the flat panels, from x; none leaves it free", "deg"
+    )
+    bed_width: float = quantity(0.25, "width of the printer's bed", "m", above=0)
+    bed_depth: float = quantity(0.21, "depth of the printer's bed", "m", above=0)
+    panel_gap: float = quantity(5e-3, "least distance of two panels on a sheet", "m", at_least=0)
+    weld_allowance: float = quantity(
+        6e-3, "film of the bladder beyond the panels, for its weld", "m", above=0
+    )
+    connector_width: float | None = quantity(
+        8e-3, "width of the bladder's tab for its tube; none leaves it out", "m", above=0
+    )
+    connector_length: float = quantity(20e-3, "length of the tab beyond the weld", "m", above=0)
