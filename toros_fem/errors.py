@@ -120,8 +120,8 @@ class TileFileError(TorosError, ValueError):
     """A printed tile cannot be read; the message names the file and the fault."""
 
 
-class SceneError(TorosError, ValueError):
-    """A scene file cannot be read, or a key or value in it is wrong.
+class FileKeyError(TorosError, ValueError):
+    """A file of keys and values cannot be read, or a key or value in it is wrong.
 
     Attributes:
         path: The file; None for a change that the command line gives.
@@ -138,6 +138,14 @@ class SceneError(TorosError, ValueError):
     ) -> None:
         super().__init__(message)
         self.path, self.line, self.key = path, line, key
+
+
+class SceneError(FileKeyError):
+    """A scene file cannot be read, or a key or value in it is wrong."""
+
+
+class LibraryError(FileKeyError):
+    """A file of materials cannot be read, a value in it is wrong, or a material is not in it."""
 
 
 class NoEquilibriumError(TorosError, RuntimeError):

@@ -54,6 +54,15 @@ DIMENSIONS: Mapping[str, tuple[str, Mapping[str, Decimal]]] = MappingProxyType(
             {"deg": Decimal(1), "°": Decimal(1), "rad": Decimal(180) / _PI},
         ),
         "kg": ("a mass", {"kg": Decimal(1), "g": Decimal("1e-3"), "mg": Decimal("1e-6")}),
+        "kg/m²": (
+            "a mass per area",
+            {
+                "kg/m²": Decimal(1),
+                "kg/m2": Decimal(1),
+                "g/m²": Decimal("1e-3"),
+                "g/m2": Decimal("1e-3"),
+            },
+        ),
         "N/m": (
             "a force per length",
             {"N/m": Decimal(1), "N/mm": Decimal("1e3"), "kN/m": Decimal("1e3")},
@@ -123,6 +132,7 @@ SHOWN: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "Pa": ("Pa", "kPa", "MPa"),
         "deg": ("deg",),
         "kg": ("g",),
+        "kg/m²": ("g/m²",),
         "N/m": ("N/m",),
         "%": ("%",),
     }

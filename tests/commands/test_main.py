@@ -12,9 +12,9 @@ import pytest
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
-from toros_fem.commands import main
 from toros_fem.command_line.command import Answer, Command
 from toros_fem.command_line.exit_codes import MEANING
+from toros_fem.commands import main
 from toros_fem.commands.main import COMMANDS, run
 from toros_fem.errors import NoEquilibriumError, OutputError, ParameterError
 

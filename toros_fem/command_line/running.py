@@ -12,8 +12,8 @@ from typing import Any
 from mpi4py import MPI
 
 from toros_fem._mpi import on_first_rank
-from toros_fem.command_line.scripts import UsageError
 from toros_fem.command_line.command import Answer
+from toros_fem.command_line.scripts import UsageError
 from toros_fem.errors import CheckpointError, SceneError
 from toros_fem.runs.folder import EVERY, open_run, read_run
 from toros_fem.scene_files.reading import Scene, read_scene

@@ -24,8 +24,8 @@ from toros_fem.actuators.cost import (
 )
 from toros_fem.actuators.tube import plain_planes, plain_tube
 from toros_fem.command_line.command import Answer, Command
-from toros_fem.commands.doctor import memory_gib
 from toros_fem.command_line.scene_options import add_scene_options, meshes_allowed, scene_of
+from toros_fem.commands.doctor import memory_gib
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import sew
 from toros_fem.meshes.triangle_limit import expected_triangles, require_affordable

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.command_line.scripts import UsageError
 from toros_fem.command_line.command import Answer, Command
 from toros_fem.command_line.running import action_of, run_scene
 from toros_fem.command_line.scene_options import (
@@ -17,6 +16,7 @@ from toros_fem.command_line.scene_options import (
     meshes_allowed,
     scene_of,
 )
+from toros_fem.command_line.scripts import UsageError
 
 
 def _options(parser: argparse.ArgumentParser) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 import shapely
 from mpi4py import MPI
 
-from toros_fem.command_line.scripts import add_options
 from toros_fem.command_line.command import Answer, Command
+from toros_fem.command_line.scripts import add_options
 from toros_fem.config import Config, quantity
 from toros_fem.fabrication.svg import write_svg
 from toros_fem.meshes.chart import METHODS

@@ -13,18 +13,13 @@ from typing import Any, NoReturn
 from mpi4py import MPI
 
 from toros_fem._mpi import on_first_rank
-from toros_fem._validate import require_choice
-from toros_fem.config import KINDS as WORDS
 from toros_fem.config import Config
 from toros_fem.errors import ParameterError, SceneError
-from toros_fem.scene_files.lines import Place, key_lines, line_of
 from toros_fem.scene_files.sections import sections_of
 from toros_fem.scenes.kinds import KINDS, Kind
-from toros_fem.units import read_quantity
-
-# Longest scene file in bytes, and largest whole number: both far beyond what makes sense.
-LONGEST, LARGEST = 1_000_000, 10**15
-NONE = "none"
+from toros_fem.toml_files.document import Document, nearest, read_text
+from toros_fem.toml_files.lines import Place, line_of
+from toros_fem.toml_files.values import NONE, field_value
 
 
 @dataclass(frozen=True)
@@ -91,59 +86,16 @@ def read_scene(
             line, key and remedy. It is raised on all ranks.
     """
     path = Path(path)
-    text = _text(path) if comm is None else on_first_rank(comm, lambda: _text(path))
-    return _Reader(path, text).scene(coarse, changes)
+
+    def text() -> str:
+        return read_text(path, "a scene file", SceneError)
+
+    found = text() if comm is None else on_first_rank(comm, text)
+    return _Reader(path, found, SceneError).scene(coarse, changes)
 
 
-def _text(path: Path) -> str:
-    try:
-        if path.is_dir():
-            raise SceneError(f"{path} is a folder; name a scene file.", path)
-        with path.open("rb") as file:
-            content = file.read(LONGEST + 1)
-    except (OSError, ValueError) as caught:  # a path with a null character is a ValueError
-        raise SceneError(f"{path} cannot be read: {caught}. Check the path.", path) from None
-    if len(content) > LONGEST:
-        raise SceneError(f"{path} is longer than {LONGEST} bytes: no scene file.", path)
-    try:
-        return content.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as caught:
-        line = content.count(b"\n", 0, caught.start) + 1
-        raise SceneError(
-            f"{path}, line {line}: no UTF-8 text. Save it as UTF-8.", path, line
-        ) from None
-
-
-class _Reader:
-    """One file, while it is read."""
-
-    def __init__(self, path: Path, text: str) -> None:
-        self.path = path
-        try:
-            self.content: dict[str, Any] = tomllib.loads(text)
-        except RecursionError:
-            raise SceneError(f"{path}: tables and lists are nested too deeply.", path) from None
-        except ValueError as caught:  # an overlong number is no TOMLDecodeError
-            place = re.search(r" ?\(at line (\d+), column \d+\)", str(caught))
-            line = None if place is None else int(place.group(1))
-            if "end of document" in str(caught):
-                line = text.count("\n") + 1
-            message = re.sub(r" ?\(at [^)]*\)$", "", str(caught))
-            self.path, self.lines = path, {}
-            at = f"{path}" if line is None else f"{path}, line {line}"
-            raise SceneError(
-                f"{at}: {message}: this is no TOML. Text needs quotes, and so do values with "
-                'units, as in "5 kPa".',
-                path,
-                line,
-            ) from None
-        self.lines = key_lines(text)
-
-    def fail(self, place: Place, message: str) -> NoReturn:
-        """Raise the error of a key."""
-        line, key = line_of(self.lines, place), ".".join(map(str, place))
-        at = f"{self.path}" if line is None else f"{self.path}, line {line}"
-        raise SceneError(f"{at}: {key}: {message}", self.path, line, key)
+class _Reader(Document):
+    """One scene file, while it is read."""
 
     def scene(self, coarse: bool, changes: Sequence[str]) -> Scene:
         kind = self.kind()
@@ -204,7 +156,7 @@ class _Reader:
             )
         name = self.content["kind"]
         if not isinstance(name, str) or name not in KINDS:
-            self.fail(("kind",), f"{name!r} is no kind; {_nearest(str(name), KINDS)}")
+            self.fail(("kind",), f"{name!r} is no kind; {nearest(str(name), KINDS)}")
         return KINDS[name]
 
     def table(self, name: str) -> dict[str, Any]:
@@ -236,7 +188,7 @@ class _Reader:
                 if home:
                     advice = f"did you mean {other[0]!r}, in the table [{home[0]}]?"
                 else:
-                    advice = _nearest(name, names)
+                    advice = nearest(name, names)
             self.fail((*within, name), f"unknown {word} {name!r}; {advice}")
 
     def value(self, config: Config | type[Config], name: str, value: Any, place: Place) -> Any:
@@ -288,7 +240,7 @@ class _Reader:
                 )
             if section == "files":
                 if name not in scene.kind.files:
-                    _refuse(change, _nearest(name, tuple(scene.kind.files)), name)
+                    _refuse(change, nearest(name, tuple(scene.kind.files)), name)
                 value = _plain(text.strip())
                 if not isinstance(value, str) or not value or "\0" in value:
                     _refuse(change, "the value must be a path.", key)
@@ -302,7 +254,7 @@ class _Reader:
                 now = values.get(section, getattr(scene.config, section))
                 of = entries[section][0]
                 if name not in of.kinds():
-                    _refuse(change, f"unknown key; {_nearest(name, of.kinds())}", key)
+                    _refuse(change, f"unknown key; {nearest(name, of.kinds())}", key)
                 if len(now) > 1:
                     _refuse(change, f"the file has {len(now)} tables {section}; edit it.", key)
                 try:
@@ -314,10 +266,10 @@ class _Reader:
                 continue
             if section and section not in sections:
                 known = (*sections, *entries)
-                _refuse(change, f"unknown table; {_nearest(section, known)}", key)
+                _refuse(change, f"unknown table; {nearest(section, known)}", key)
             names = sections.get(section) or [n for some in sections.values() for n in some]
             if name not in names:
-                _refuse(change, f"unknown key; {_nearest(name, names)}", key)
+                _refuse(change, f"unknown key; {nearest(name, names)}", key)
             try:
                 values[name] = field_value(scene.config, name, _plain(text.strip()))
             except ParameterError as caught:
@@ -340,61 +292,3 @@ def _plain(text: str) -> Any:
         return tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
     except (ValueError, RecursionError):
         return text
-
-
-def field_value(config: Config | type[Config], name: str, value: Any) -> Any:
-    """Return the value of a field, in its unit, from what a file holds.
-
-    Args:
-        config: A configuration with this field, or its type.
-        name: Name of the field.
-        value: A number, a text with a number and its unit, a word, true or false; "none" for None.
-
-    Raises:
-        ParameterError: It has another type or unit, or is out of its bounds.
-    """
-    kind, optional = config.kinds()[name]
-    spec = config.quantity(name)
-    if optional and isinstance(value, str) and value.lower() == NONE:
-        return None
-    if kind is float and isinstance(value, str):
-        value = read_quantity(value, spec.unit)
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    good = {
-        float: number,
-        int: number and isinstance(value, int),
-        bool: isinstance(value, bool),
-        str: isinstance(value, str),
-    }[kind]
-    if not good:
-        shown = repr(value) if isinstance(value, str | int | float) else f"a {_word(value)}"
-        unit = f', "5 {spec.unit}" for instance' if kind is float and spec.unit else ""
-        wanted = "true or false" if kind is bool else WORDS[kind]
-        none = f', or "{NONE}"' if optional else ""
-        raise ParameterError(f"{shown} must be {wanted}{unit}{none}.")
-    if kind is int and abs(value) > LARGEST:
-        raise ParameterError(f"a whole number of {len(str(LARGEST))} digits or more is too large.")
-    if kind is float:
-        try:
-            value = float(value)
-        except OverflowError:
-            raise ParameterError("the number is too large.") from None
-    if spec.choices is not None:
-        require_choice(name, value, spec.choices)
-    elif kind in (float, int):
-        spec.check(name, value)
-    return value
-
-
-def _word(value: Any) -> str:
-    if isinstance(value, dict):
-        return "table"
-    return "list" if isinstance(value, list) else "date or time"
-
-
-def _nearest(name: str, known: Iterable[str]) -> str:
-    names = list(known)
-    near = difflib.get_close_matches(name, names, n=1)
-    if near:
-        return f"did you mean {near[0]!r}?"
-    return f"known are {', '.join(names)}." if names else "none is known here."

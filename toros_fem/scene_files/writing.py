@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from toros_fem.config import Config
 from toros_fem.errors import ParameterError
 from toros_fem.scene_files.sections import SHOWN, TITLES, sections_of
 from toros_fem.scenes.kinds import Kind
-from toros_fem.units import write_quantity
+from toros_fem.toml_files.values import quoted, written_value
 
 WIDTH = 96
 HEAD = """\
@@ -55,14 +53,14 @@ def scene_text(
         for name, text in kind.files.items():
             path = (files or {}).get(name)
             lines += _comment(text)
-            lines.append(f'#{name} = ""' if path is None else f"{name} = {_quoted(str(path))}")
+            lines.append(f'#{name} = ""' if path is None else f"{name} = {quoted(str(path))}")
     for section, names in sections_of(kind.name, config).items():
         lines += ["", *_comment(TITLES[section]), f"[{section}]"]
         for name in names:
             value, default = getattr(config, name), getattr(kind.config, name)
             hidden = section not in SHOWN and value == default
             lines += _comment(description(config, name))
-            lines.append(f"{'#' * hidden}{name} = {_value(config, name, value)}")
+            lines.append(f"{'#' * hidden}{name} = {written_value(config, name, value)}")
         if section == "skin":
             for name, (of, meaning) in config.entries().items():
                 lines += _entries(name, of, meaning, getattr(config, name))
@@ -70,7 +68,7 @@ def scene_text(
     lines.append("[coarse]")
     quick = kind.coarse(config)
     lines += [
-        f"#{name} = {_value(config, name, getattr(quick, name))}"
+        f"#{name} = {written_value(config, name, getattr(quick, name))}"
         for name in config.kinds()
         if getattr(quick, name) != getattr(config, name)
     ]
@@ -85,12 +83,12 @@ def _entries(name: str, of: type[Config], meaning: str, values: Sequence[Config]
     defaults = {key: of.__dataclass_fields__[key].default for key in of.kinds()}
     if not values:
         lines.append(f"#[{name}]")
-        lines += [f"#{key} = {_value(of, key, value)}" for key, value in defaults.items()]
+        lines += [f"#{key} = {written_value(of, key, value)}" for key, value in defaults.items()]
     for value in values:
         lines.append(f"[{name}]" if len(values) == 1 else f"[[{name}]]")
         for key, default in defaults.items():
             own = getattr(value, key)
-            lines.append(f"{'#' * (own == default)}{key} = {_value(of, key, own)}")
+            lines.append(f"{'#' * (own == default)}{key} = {written_value(of, key, own)}")
     return lines
 
 
@@ -113,21 +111,3 @@ def description(config: Config | type[Config], name: str) -> str:
 
 def _comment(text: str) -> list[str]:
     return [f"# {line}" for line in textwrap.wrap(text, WIDTH - 2, break_long_words=False)]
-
-
-def _value(config: Config | type[Config], name: str, value: Any) -> str:
-    if value is None:
-        return '"none"'
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return _quoted(value)
-    unit = config.quantity(name).unit
-    if isinstance(value, float) and unit is not None:
-        return f'"{write_quantity(value, unit)}"'
-    return repr(value)
-
-
-def _quoted(text: str) -> str:
-    """Return a text as a TOML string; JSON's rules are those of TOML for all but one character."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,35 @@
+"""Reinforced sheet of a fabric and a printed layer: one sheet that is as stiff as both."""
+
+from __future__ import annotations
+
+import math
+
+from toros_fem.materials import Material
+
+
+def reinforced(fabric: Material, layer: Material) -> Material:
+    """Return one sheet that stretches and bends as a fabric with a layer bonded to it.
+
+    Lamé parameters times thickness add, those of plane stress. The thickness is the one with
+    which the sheet is as stiff in bending as the laminate about its neutral plane: h = √(12 D/A)
+    with A = Σ Aᵢ, Aᵢ = Eᵢ hᵢ/(1−νᵢ²) and D = Σ Aᵢ hᵢ²/12 + A₁A₂/A · (h₁ + h₂)²/4, the layers
+    lying on each other. With equal Poisson's ratios this is classical laminate theory, exactly;
+    otherwise Poisson's ratio in bending is that in stretching.
+
+    Args:
+        fabric: The plain fabric.
+        layer: The printed layer alone.
+    """
+    first, second = (m.young * m.thickness / (1 - m.poisson**2) for m in (fabric, layer))
+    both = first + second
+    bending = (
+        first * fabric.thickness**2 / 12
+        + second * layer.thickness**2 / 12
+        + first * second / both * (fabric.thickness + layer.thickness) ** 2 / 4
+    )
+    thickness = math.sqrt(12 * bending / both)
+    mu, lam = (
+        sum(getattr(m, name) * m.thickness for m in (fabric, layer)) / thickness
+        for name in ("mu", "lam")
+    )
+    return Material.from_lame(mu, min(lam, 2 * mu), thickness)
