@@ -75,6 +75,14 @@ class OutputError(TorosError, OSError):
     """A result could not be written; the message names the place."""
 
 
+class SheetError(TorosError, ValueError):
+    """A panel fits on no sheet; the message names panel, sizes and remedy."""
+
+
+class MissingPackageError(TorosError, ImportError):
+    """An optional package is not installed; the message names the extra that brings it."""
+
+
 class CheckpointError(TorosError, ValueError):
     """A checkpoint cannot be read, or belongs to something else; the message names the file."""
 
