@@ -60,13 +60,13 @@ def write_svg(path: Path, pattern: Pattern, regions: Sequence[BaseGeometry]) -> 
             ("cut", outline, {"fill": "none", "stroke": "red", "stroke-width": "0.1"}),
         ):
             if not shape.is_empty:
-                d = _path(affine_transform(shape, map_to))
+                d = path_data(affine_transform(shape, map_to))
                 ET.SubElement(group, "path", {"class": kind, "d": d, **look})
     ET.indent(svg)
     ET.ElementTree(svg).write(path, encoding="utf-8", xml_declaration=True)
 
 
-def _path(shape: BaseGeometry) -> str:
+def path_data(shape: BaseGeometry) -> str:
     """Return the path data of a region whose coordinates are in mm."""
     rings = []
     for polygon in shapely.get_parts(shape):

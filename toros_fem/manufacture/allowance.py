@@ -18,9 +18,9 @@ TINY = 1e-3
 def cut_outline(outline: BaseGeometry, lines: Sequence[Floats], allowance: float) -> BaseGeometry:
     """Return the outline of a panel with its allowance along some lines, a polygon in m.
 
-    Corners are mitred, sharp ones cut off at twice the allowance. At the end of a line the allowance
-    ends at a right angle to it. Where the allowances of both sides of a dart or slit meet, the
-    fabric between them stays.
+    Corners are mitred, sharp ones cut off at twice the allowance. At the end of a line the
+    allowance ends at a right angle to it. Where the allowances of both sides of a dart or slit
+    meet, the fabric between them stays.
 
     Args:
         outline: Border of the panel, in m.

@@ -20,7 +20,7 @@ class ManufactureOptions(Config):
     layer_height: float = quantity(0.4e-3, "height of the print above the fabric", "m", above=0)
     fabric_offset: float | None = quantity(
         None,
-        "height of the print's lower face above the bed, for the fabric on it",
+        "height of the print's lower face above the bed, by the fabric",
         "m",
         at_least=0,
     )
@@ -30,9 +30,7 @@ class ManufactureOptions(Config):
     allowance_at: str = quantity(
         SEAMS, "edges that get an allowance: those that are sewn, or all", choices=(SEAMS, ALL)
     )
-    notch_distance: float = quantity(
-        30e-3, "largest distance of notches along a seam", "m", above=0
-    )
+    notch_distance: float = quantity(30e-3, "largest distance of notches on a seam", "m", above=0)
     cross_size: float = quantity(4e-3, "size of a registration cross", "m", above=0)
     grain: float | None = quantity(
         90.0, "direction of the grain on the flat panels, from x; none leaves it free", "deg"

@@ -117,6 +117,7 @@ def _beside(
     # Texts are read from below or from the right.
     angle = np.where(np.cos(angle) < -1e-9, angle + np.pi, angle)
     angle = np.where((np.abs(np.cos(angle)) <= 1e-9), np.pi / 2, angle)
+    angle = np.arctan2(np.sin(angle), np.cos(angle))
     return point + outward[edge] * allowance / 2, angle, arc, length
 
 

@@ -66,9 +66,7 @@ def sewn_seams(pattern: Pattern) -> list[SewnSeam]:
         one, two = chain[:, 0], chain[:, 1]
         panels = int(point_panel[one[0]]), int(point_panel[two[0]])
         centre = pattern.flat_points[chain].mean(axis=0)
-        if panels[0] > panels[1] or (
-            panels[0] == panels[1] and tuple(centre[0]) > tuple(centre[1])
-        ):
+        if (panels[0], *centre[0]) > (panels[1], *centre[1]):
             one, two, panels = two[::-1], one[::-1], panels[::-1]
         closed = bool(one[0] == one[-1] and two[0] == two[-1])
         if closed:
