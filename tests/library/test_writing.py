@@ -47,8 +47,9 @@ def test_what_cannot_be_written(tmp_path: Path) -> None:
         write_material(path, entry)
     assert path.read_text() == "[a]\nx = 1\n"
     keys = material_text(entry).splitlines()[1:]
-    path.write_text("\n".join(f"jersey-light.{key}" for key in keys), encoding="utf-8")
-    assert "jersey-light" in read_library(path)
+    dotted = [f"{name}.{key}" for key in keys for name in ("jersey-light", "b")]
+    path.write_text("\n".join(dotted), encoding="utf-8")
+    assert "b" in read_library(path)
     with pytest.raises(LibraryError, match="does not stand there as a table"):
         write_material(path, replace(entry, young=2.0))
     with pytest.raises(OutputError, match="could not be written"):

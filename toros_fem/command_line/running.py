@@ -73,7 +73,7 @@ def run_scene(
     action = action_of(scene, name)
     files = {key: scene.files[key].resolve() for key in action.files if key in scene.files}
     inputs = on_first_rank(comm, lambda: _inputs(scene, name, files))
-    text = scene_text(scene.kind, scene.config, files)
+    text = scene_text(scene.kind, scene.config, files, scene.materials)
     run = open_run(comm, folder, inputs, scene=text, resume=resume, every=every)
     given: dict[str, Path | None] = {key: files.get(key) for key in action.files}
     with run:

@@ -57,8 +57,13 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
         "kind": scene.kind.name,
         "coarse": given.coarse,
         "inputs": scene.config.as_dict(),
+        "materials": {role: entry.name for role, entry in scene.materials.items()},
     }
     lines = [f"{scene.path} is in order: {scene.kind.about}."]
+    lines += [
+        f"{role:12s}{entry.name}: {entry.title} ({entry.trust})"
+        for role, entry in scene.materials.items()
+    ]
     with meshes_allowed(given):
         if scene.kind.cases is not None:
             found, tried = _of_actuator(comm, scene, probing=not given.no_probe)

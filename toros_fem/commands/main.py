@@ -20,7 +20,18 @@ from toros_fem._mpi import ending_together
 from toros_fem.command_line.command import Answer, Command
 from toros_fem.command_line.exit_codes import DONE, INTERNAL, MEANING, exit_code
 from toros_fem.command_line.scripts import SuggestingParser, UsageError, tell_alone
-from toros_fem.commands import check, design, doctor, export, new, resume, simulate, unwrap, view
+from toros_fem.commands import (
+    check,
+    design,
+    doctor,
+    export,
+    materials,
+    new,
+    resume,
+    simulate,
+    unwrap,
+    view,
+)
 from toros_fem.errors import RunStoppedError, TorosError
 from toros_fem.output.files import versions
 
@@ -28,6 +39,7 @@ COMMANDS: Mapping[str, Command] = {
     command.name: command
     for command in (
         new.COMMAND,
+        materials.COMMAND,
         check.COMMAND,
         simulate.COMMAND,
         design.COMMAND,

@@ -18,18 +18,31 @@ class MaterialConfig(Config):
     reinforcement_young: float = quantity(
         26e6, "Young's modulus of the reinforced fabric", "Pa", above=0
     )
-    poisson: float = quantity(0.3, "Poisson's ratio of both sheets", at_least=0, at_most=0.5)
-    thickness: float = quantity(0.5e-3, "thickness of both sheets", "m", above=0)
+    poisson: float = quantity(0.3, "Poisson's ratio of the fabric", at_least=0, at_most=0.5)
+    reinforcement_poisson: float | None = quantity(
+        None,
+        "Poisson's ratio of the reinforced fabric; none takes that of the fabric",
+        at_least=0,
+        at_most=0.5,
+    )
+    thickness: float = quantity(0.5e-3, "thickness of the fabric", "m", above=0)
+    reinforcement_thickness: float | None = quantity(
+        None, "thickness of the reinforced fabric; none takes that of the fabric", "m", above=0
+    )
     c1: float = quantity(1.9, "bound on a principal stretch, eq. (1)", above=1)
     c2: float = quantity(2.6, "bound on the sum of both principal stretches less 1", above=1)
 
     @property
     def composite(self) -> Composite:
         """Fabric and reinforcement as membranes."""
-        sheet = {"poisson": self.poisson, "thickness": self.thickness}
+        poisson, thickness = self.reinforcement_poisson, self.reinforcement_thickness
         return Composite(
-            fabric=Material(young=self.fabric_young, **sheet),
-            reinforcement=Material(young=self.reinforcement_young, **sheet),
+            fabric=Material(self.fabric_young, self.poisson, self.thickness),
+            reinforcement=Material(
+                self.reinforcement_young,
+                self.poisson if poisson is None else poisson,
+                self.thickness if thickness is None else thickness,
+            ),
             c1=self.c1,
             c2=self.c2,
             bending=None,

@@ -12,7 +12,6 @@ from mpi4py import MPI
 
 from toros_fem._mpi import on_first_rank
 from toros_fem._validate import checked_path
-from toros_fem.config import KINDS as WORDS
 from toros_fem.errors import LibraryError, ParameterError
 from toros_fem.library.material import LibraryMaterial, MaterialValues
 from toros_fem.toml_files.document import Document, nearest, read_text
@@ -132,9 +131,7 @@ def _range(value: Any) -> tuple[float, float]:
         isinstance(end, int | float) and not isinstance(end, bool) for end in value
     ]
     if numbers != [True, True]:
-        raise ParameterError(
-            f"must be two stretches, [1.0, 1.5] for instance; {WORDS[float]} each."
-        )
+        raise ParameterError("must be two stretches, as numbers: [1.0, 1.5] for instance.")
     try:
         return float(value[0]), float(value[1])
     except OverflowError:

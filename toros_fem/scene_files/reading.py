@@ -6,7 +6,7 @@ import difflib
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -14,7 +14,9 @@ from mpi4py import MPI
 
 from toros_fem._mpi import on_first_rank
 from toros_fem.config import Config
-from toros_fem.errors import ParameterError, SceneError
+from toros_fem.errors import LibraryError, ParameterError, SceneError
+from toros_fem.library import LibraryMaterial, read_library
+from toros_fem.scene_files.materials import FILE, KIND_OF, TABLE, NamedMaterials, roles_of
 from toros_fem.scene_files.sections import sections_of
 from toros_fem.scenes.kinds import KINDS, Kind
 from toros_fem.toml_files.document import Document, nearest, read_text
@@ -32,6 +34,8 @@ class Scene:
         config: Its numbers.
         files: Files and folders that it names, by name, absolute or relative to the current folder.
         lines: Line of each of these in the file; none where the command line gives it.
+        materials: Materials of the library that its numbers come from: those of "fabric",
+            "reinforcement" and "bladder" that it names.
     """
 
     path: Path
@@ -39,6 +43,7 @@ class Scene:
     config: Config
     files: Mapping[str, Path]
     lines: Mapping[str, int]
+    materials: Mapping[str, LibraryMaterial] = field(default_factory=dict)
 
     def require_files(self, comm: MPI.Comm) -> None:
         """Check that the files and folders that it names are there (collective).
@@ -84,6 +89,7 @@ def read_scene(
     Raises:
         SceneError: The file cannot be read, is no TOML, or a key or value is wrong; with file,
             line, key and remedy. It is raised on all ranks.
+        LibraryError: So is its file of materials.
     """
     path = Path(path)
 
@@ -91,17 +97,26 @@ def read_scene(
         return read_text(path, "a scene file", SceneError)
 
     found = text() if comm is None else on_first_rank(comm, text)
-    return _Reader(path, found, SceneError).scene(coarse, changes)
+    return _Reader(path, found, comm).scene(coarse, changes)
 
 
 class _Reader(Document):
     """One scene file, while it is read."""
 
+    def __init__(self, path: Path, text: str, comm: MPI.Comm | None) -> None:
+        super().__init__(path, text, SceneError)
+        self.comm = comm
+
     def scene(self, coarse: bool, changes: Sequence[str]) -> Scene:
         kind = self.kind()
+        roles = roles_of(kind.config)
         sections = sections_of(kind.name, kind.config)
+        if roles:
+            sections[TABLE] = (*roles, *sections[TABLE])
         tables = (*sections, *kind.config.entries(), "files", "coarse")
         self.known(self.content, ("kind", *tables), (), sections)
+        files = self.files(kind)
+        self.materials = NamedMaterials(self.library(kind, roles, changes))
         values: dict[str, Any] = {}
         places: dict[str, Place] = {}
         for section, names in sections.items():
@@ -112,18 +127,50 @@ class _Reader(Document):
         for name, (of, _) in kind.config.entries().items():
             places[name] = (name,)
             values[name] = self.entries(name, of)
-        config = self.updated(kind.config, values, places)
+        self.check_names(values, places)
+        config = self.updated(kind, kind.config, values, places)
         over: dict[str, Any] = {}
         every = [name for names in sections.values() for name in names]
         for name, value in self.table("coarse").items():
             self.known([name], every, ("coarse",), {})
             over[name] = self.value(kind.config, name, value, ("coarse", name))
+        places = {n: ("coarse", n) for n in over}
+        self.check_names(over, places)
         if coarse:
-            config = self.updated(config, over, {n: ("coarse", n) for n in over}, kind.coarse)
-        files = self.files(kind)
+            config = self.updated(kind, config, over, places, kind.coarse)
         lines = {name: line_of(self.lines, ("files", name)) or 0 for name in files}
         scene = Scene(self.path, kind, config, files, lines)
-        return self.changed(scene, sections, changes)
+        scene = self.changed(scene, sections, changes)
+        return replace(scene, materials=self.materials.entries)
+
+    def library(
+        self, kind: Kind, roles: Sequence[str], changes: Sequence[str]
+    ) -> Mapping[str, LibraryMaterial]:
+        """Return the materials that names are looked up in (collective)."""
+        if not roles:
+            return {}
+        paths = [self.path.parent / path] if (path := self.file_path(FILE)) is not None else []
+        for change in changes:
+            key, equals, text = change.partition("=")
+            if key.strip() == f"files.{FILE}" and equals:
+                path = _path(change, text, key)
+                paths = [] if path == NONE else [Path(path)]
+        return read_library(*paths, comm=self.comm)
+
+    def check_names(self, values: Mapping[str, Any], places: Mapping[str, Place]) -> None:
+        """Check names of materials, and that no number stands for the same as one."""
+        for role in (role for role in KIND_OF if role in values):
+            try:
+                number = self.materials.conflict(role, values[role], values)
+            except LibraryError as caught:
+                self.fail(places[role], str(caught))
+            if number is not None:
+                line = line_of(self.lines, places[role])
+                self.fail(
+                    places[number],
+                    f"{role} = {values[role]!r} in line {line} stands for this number too. Keep "
+                    "the name or the number.",
+                )
 
     def entries(self, name: str, of: type[Config]) -> tuple[Config, ...]:
         """Return the entries of a table that may stand several times, as [name] or [[name]]."""
@@ -192,14 +239,15 @@ class _Reader(Document):
             self.fail((*within, name), f"unknown {word} {name!r}; {advice}")
 
     def value(self, config: Config | type[Config], name: str, value: Any, place: Place) -> Any:
-        """Return the value of a field, in its unit."""
+        """Return the value of a field, in its unit, or the name of a material."""
         try:
-            return field_value(config, name, value)
+            return _value(config, name, value)
         except ParameterError as caught:
             self.fail(place, str(caught))
 
     def updated(
         self,
+        kind: Kind,
         config: Config,
         values: Mapping[str, Any],
         places: Mapping[str, Place],
@@ -207,7 +255,7 @@ class _Reader(Document):
     ) -> Config:
         """Return a variant of a configuration with other values, which may not fit each other."""
         try:
-            return variant(config).updated(**values)
+            return variant(config).updated(**self.resolved(kind, config, values))
         except ParameterError as caught:
             named = re.match(r"\w+", str(caught))
             name = named.group() if named else ""
@@ -215,15 +263,25 @@ class _Reader(Document):
                 self.fail(places[name], str(caught))
             raise SceneError(f"{self.path}: {caught}", self.path, key=name or None) from None
 
+    def resolved(self, kind: Kind, config: Config, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values with the numbers of materials in the place of their names."""
+        names = {role: values[role] for role in KIND_OF if role in values}
+        numbers = {name: value for name, value in values.items() if name not in names}
+        self.materials.add(names, numbers)
+        return {**numbers, **self.materials.values(config, kind.config)}
+
     def files(self, kind: Kind) -> dict[str, Path]:
-        table, found = self.table("files"), {}
-        self.known(table, tuple(kind.files), ("files",), {})
-        for name, value in table.items():
-            if not isinstance(value, str) or not value or "\0" in value:
-                self.fail(("files", name), f"{value!r} must be a path, in quotes.")
-            if value != NONE:
-                found[name] = self.path.parent / value
-        return found
+        known = (*kind.files, FILE) if roles_of(kind.config) else tuple(kind.files)
+        self.known(self.table("files"), known, ("files",), {})
+        found = {name: self.file_path(name) for name in kind.files}
+        return {name: self.path.parent / path for name, path in found.items() if path is not None}
+
+    def file_path(self, name: str) -> str | None:
+        """Return the path of a file as the table `files` has it; None without."""
+        value = self.table("files").get(name, NONE)
+        if not isinstance(value, str) or not value or "\0" in value:
+            self.fail(("files", name), f"{value!r} must be a path, in quotes.")
+        return None if value == NONE else value
 
     def changed(
         self, scene: Scene, sections: Mapping[str, Sequence[str]], changes: Sequence[str]
@@ -239,11 +297,11 @@ class _Reader(Document):
                     f"change {change!r}: write KEY=VALUE, design.seed=3 for instance.", key=name
                 )
             if section == "files":
+                if name == FILE and TABLE in sections:
+                    continue  # `library` has read it
                 if name not in scene.kind.files:
                     _refuse(change, nearest(name, tuple(scene.kind.files)), name)
-                value = _plain(text.strip())
-                if not isinstance(value, str) or not value or "\0" in value:
-                    _refuse(change, "the value must be a path.", key)
+                value = _path(change, text, key)
                 if value == NONE:
                     files.pop(name, None)
                 else:
@@ -271,11 +329,14 @@ class _Reader(Document):
             if name not in names:
                 _refuse(change, f"unknown key; {nearest(name, names)}", key)
             try:
-                values[name] = field_value(scene.config, name, _plain(text.strip()))
-            except ParameterError as caught:
+                values[name] = _value(scene.config, name, _plain(text.strip()))
+                for role in (role for role in KIND_OF if role in values):
+                    if number := self.materials.conflict(role, values[role], values):
+                        _refuse(change, f"{role} stands for {number} too; keep one of both.", key)
+            except (ParameterError, LibraryError) as caught:
                 _refuse(change, str(caught), key)
         try:
-            config = scene.config.updated(**values)
+            config = scene.config.updated(**self.resolved(scene.kind, scene.config, values))
         except ParameterError as caught:
             raise SceneError(f"{self.path}, as changed: {caught}", self.path) from None
         lines = {name: k for name, k in scene.lines.items() if files.get(name) is scene.files[name]}
@@ -284,6 +345,27 @@ class _Reader(Document):
 
 def _refuse(change: str, why: str, key: str) -> NoReturn:
     raise SceneError(f"change {change!r}: {why}", key=key) from None
+
+
+def _path(change: str, text: str, key: str) -> str:
+    """Return the path that a change gives."""
+    value = _plain(text.strip())
+    if not isinstance(value, str) or not value or "\0" in value:
+        _refuse(change, "the value must be a path.", key)
+    return value
+
+
+def _value(config: Config | type[Config], name: str, value: Any) -> Any:
+    """Return the value of a field, in its unit, or the name of a material.
+
+    Raises:
+        ParameterError: It has another type or unit, or is out of its bounds.
+    """
+    if name not in KIND_OF:
+        return field_value(config, name, value)
+    if not isinstance(value, str):
+        raise ParameterError(f"{value!r} must be the name of a material, in quotes.")
+    return value
 
 
 def _plain(text: str) -> Any:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from toros_fem.config import Config
 from toros_fem.errors import ParameterError
+from toros_fem.library import LibraryMaterial
+from toros_fem.scene_files.materials import TABLE
 from toros_fem.scene_files.sections import SHOWN, TITLES, sections_of
 from toros_fem.scenes.kinds import Kind
 from toros_fem.toml_files.values import quoted, written_value
@@ -20,8 +22,17 @@ and in per cent where the text says so. "none" leaves a thing out. A key behind 
 value: take the # away to change it. Paths are relative to this file."""
 
 
+BY_NAME = """\
+Materials may also come by name, in the place of these numbers: fabric = "jersey-light",
+reinforcement = "tpu-95a", bladder = "dragon-skin-20". `toros materials` lists them. A file of your
+own is named by materials = "my_materials.toml" in the table [files]."""
+
+
 def scene_text(
-    kind: Kind, config: Config | None = None, files: Mapping[str, str | Path] | None = None
+    kind: Kind,
+    config: Config | None = None,
+    files: Mapping[str, str | Path] | None = None,
+    materials: Mapping[str, LibraryMaterial] | None = None,
 ) -> str:
     """Return a scene file of a configuration, which `read_scene` turns into the same.
 
@@ -32,6 +43,8 @@ def scene_text(
         kind: The kind.
         config: Its numbers; None takes those of the kind's example, with its files.
         files: Files and folders by name; by default None.
+        materials: Materials of the library that the numbers come from, as of `Scene`; a comment
+            names them. By default none.
 
     Raises:
         ParameterError: The configuration is not that of the kind, or a file is unknown.
@@ -56,6 +69,8 @@ def scene_text(
             lines.append(f'#{name} = ""' if path is None else f"{name} = {quoted(str(path))}")
     for section, names in sections_of(kind.name, config).items():
         lines += ["", *_comment(TITLES[section]), f"[{section}]"]
+        if section == TABLE:
+            lines += _materials(materials or {})
         for name in names:
             value, default = getattr(config, name), getattr(kind.config, name)
             hidden = section not in SHOWN and value == default
@@ -73,6 +88,18 @@ def scene_text(
         if getattr(quick, name) != getattr(config, name)
     ]
     return "\n".join(lines) + "\n"
+
+
+def _materials(materials: Mapping[str, LibraryMaterial]) -> list[str]:
+    """Return comments on names of materials: those that numbers come from, or how to name any."""
+    if not materials:
+        return _comment(BY_NAME)
+    lines = _comment("The numbers were those of these materials:")
+    for role, entry in materials.items():
+        low, high = entry.stretch_range
+        text = f"{role} = {quoted(entry.name)}: {entry.title}; {entry.trust}, for stretches of "
+        lines += _comment(f"{text}{low:g} to {high:g}; {entry.source}")
+    return lines
 
 
 def _entries(name: str, of: type[Config], meaning: str, values: Sequence[Config]) -> list[str]:

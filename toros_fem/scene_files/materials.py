@@ -1,0 +1,127 @@
+"""Materials of a scene by name: the numbers that a name of the library stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+from toros_fem.config import Config
+from toros_fem.errors import ParameterError
+from toros_fem.library import LibraryMaterial, named, reinforced
+from toros_fem.materials import Material
+
+# Table of the scene, key that names a file of materials, and the role of each name: the kind of
+# material, and the fields that it stands for.
+TABLE, FILE = "material", "materials"
+KIND_OF: Mapping[str, str] = MappingProxyType(
+    {"fabric": "fabric", "reinforcement": "print", "bladder": "rubber"}
+)
+FIELDS: Mapping[str, Mapping[str, str]] = MappingProxyType(
+    {
+        "fabric": {
+            "fabric_young": "young",
+            "poisson": "poisson",
+            "thickness": "thickness",
+            "c1": "c1",
+            "c2": "c2",
+            "knit_ratio": "knit_ratio",
+        },
+        "reinforcement": {
+            "reinforcement_young": "young",
+            "reinforcement_poisson": "poisson",
+            "reinforcement_thickness": "thickness",
+        },
+        "bladder": {"bladder_young": "young", "bladder_thickness": "thickness"},
+    }
+)
+
+
+def roles_of(config: Config | type[Config]) -> tuple[str, ...]:
+    """Return the roles that materials have in a configuration; none where it has no materials."""
+    return tuple(role for role, names in FIELDS.items() if next(iter(names)) in config.kinds())
+
+
+@dataclass
+class NamedMaterials:
+    """Names of materials and numbers of their fields, given one layer after the other.
+
+    Attributes:
+        library: The materials by name.
+        names: Name of the material in each role.
+        numbers: Fields of the roles that were given as numbers, later than the role's name.
+    """
+
+    library: Mapping[str, LibraryMaterial]
+    names: dict[str, str] = field(default_factory=dict)
+    numbers: dict[str, Any] = field(default_factory=dict)
+
+    def entry(self, role: str, name: str) -> LibraryMaterial:
+        """Return the material of a name in a role.
+
+        Raises:
+            LibraryError: The library has none of this name, or it is of another kind.
+        """
+        return named(self.library, name, KIND_OF[role])
+
+    def conflict(self, role: str, name: str, numbers: Mapping[str, Any]) -> str | None:
+        """Return the number given beside a name that stands for it too; None without."""
+        given = _values(role, self.entry(role, name))
+        # A bladder is poured as thick as one likes: its number goes beside the name.
+        return next((key for key in numbers if key in given and key != "bladder_thickness"), None)
+
+    def add(self, names: Mapping[str, str], numbers: Mapping[str, Any]) -> None:
+        """Take a further layer: a name replaces earlier numbers, a number those of the name."""
+        for role, name in names.items():
+            for key in _values(role, self.entry(role, name)):
+                self.numbers.pop(key, None)
+        self.names.update(names)
+        fields = [key for role in FIELDS.values() for key in role]
+        self.numbers.update({key: numbers[key] for key in numbers if key in fields})
+
+    @property
+    def entries(self) -> dict[str, LibraryMaterial]:
+        """The material of each role that has a name, the fabric first."""
+        return {role: self.entry(role, self.names[role]) for role in FIELDS if role in self.names}
+
+    def values(self, config: Config, default: Config) -> dict[str, Any]:
+        """Return the fields of a configuration that names and numbers stand for.
+
+        A print that is the printed layer alone goes onto the fabric of the configuration.
+
+        Args:
+            config: The configuration so far, whose fabric a print goes onto.
+            default: That with the defaults; fields of a role that its material does not have.
+
+        Raises:
+            ParameterError: A value has no field in the configuration.
+        """
+        known, found = config.kinds(), dict[str, Any]()
+        for role, entry in self.entries.items():
+            values = _values(role, entry)
+            if role == "reinforcement" and not entry.with_fabric:
+                fields = {key: getattr(config, key) for key in FIELDS["fabric"] if key in known}
+                values = _on_fabric({**fields, **found, **self.numbers}, entry)
+            for key in values:
+                if key not in known:
+                    raise ParameterError(
+                        f"{role}: {entry.name!r} has a {key}, which scenes of this kind have not. "
+                        "Give its other numbers instead of its name."
+                    )
+            found |= {key: getattr(default, key) for key in FIELDS[role] if key in known}
+            found |= values
+        return {**found, **self.numbers}
+
+
+def _values(role: str, entry: LibraryMaterial) -> dict[str, Any]:
+    """Return the fields that a material has a value for."""
+    values = {key: getattr(entry, name) for key, name in FIELDS[role].items()}
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def _on_fabric(fabric: Mapping[str, Any], entry: LibraryMaterial) -> dict[str, Any]:
+    """Return the fields of the reinforcement: a printed layer on a fabric."""
+    plain = Material(fabric["fabric_young"], fabric["poisson"], fabric["thickness"])
+    sheet = reinforced(plain, entry.material)
+    return {key: getattr(sheet, name) for key, name in FIELDS["reinforcement"].items()}
