@@ -1,5 +1,6 @@
 """Machine files of a finished design: print bodies, cut files, bladder."""
 
+from toros_fem.manufacture.bladder import bladder_drawings
 from toros_fem.manufacture.cut_files import write_cut_dxf, write_cut_svg
 from toros_fem.manufacture.options import ManufactureOptions
 from toros_fem.manufacture.panel_drawing import PanelDrawing, Seam, panel_drawings
@@ -22,6 +23,7 @@ __all__ = [
     "PrintBody",
     "Seam",
     "SewnSeam",
+    "bladder_drawings",
     "nest",
     "panel_drawings",
     "print_bodies",

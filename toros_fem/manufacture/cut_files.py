@@ -15,9 +15,9 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem._types import Floats
 from toros_fem.errors import MissingPackageError
 from toros_fem.fabrication.svg import path_data
+from toros_fem.manufacture.marks import CLEAR, HEIGHT, ruler
 from toros_fem.manufacture.panel_drawing import PanelDrawing
 from toros_fem.manufacture.panel_labels import Label
-from toros_fem.manufacture.ruler import GAP, HEIGHT, ruler
 
 # Layers from the lowest to the highest: the order in which most machines work, the cut at last.
 LAYERS = ("print", "seam", "marks", "labels", "cut")
@@ -66,7 +66,7 @@ def sheet_layers(
         sheet: Width and height of the sheet in m.
     """
     none = shapely.Polygon()
-    lines, label, _ = ruler(drawings, sheet)
+    lines, label, _ = ruler(_taken(drawings), sheet)
     layers: dict[str, list[Layer]] = {name: [] for name in LAYERS}
     for one in drawings:
         seams = [seam.line for seam in one.seams]
@@ -78,6 +78,10 @@ def sheet_layers(
     layers["marks"].append(Layer("sheet", none, lines, ()))
     layers["labels"].append(Layer("sheet", none, (), (label,)))
     return layers
+
+
+def _taken(drawings: Sequence[PanelDrawing]) -> BaseGeometry:
+    return shapely.union_all([drawing.footprint for drawing in drawings])
 
 
 def write_cut_svg(
@@ -94,8 +98,8 @@ def write_cut_svg(
         sheet: Width and height of the sheet in m.
     """
     layers = sheet_layers(drawings, sheet)
-    _, _, inside = ruler(drawings, sheet)
-    low = 0.0 if inside else HEIGHT + 2 * GAP
+    _, _, inside = ruler(_taken(drawings), sheet)
+    low = 0.0 if inside else HEIGHT + 4 * CLEAR
     width, height = 1e3 * sheet[0], 1e3 * (sheet[1] + low)
     ET.register_namespace("inkscape", INKSCAPE)
     svg = ET.Element(

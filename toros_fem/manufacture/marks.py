@@ -1,4 +1,4 @@
-"""Marks of a panel: notches at its seams, registration crosses, and the grain arrow."""
+"""Marks: notches at seams, registration crosses, the grain arrow, and the ruler of a sheet."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Floats
-from toros_fem.manufacture.free_place import free_place
+from toros_fem.manufacture.free_place import free_place, rectangles
+from toros_fem.manufacture.panel_labels import Label
 from toros_fem.manufacture.seam_lines import SewnSeam
 
 # Depth of a notch, over the allowance.
@@ -23,6 +24,11 @@ ARROWS = (30e-3, 20e-3, 15e-3, 10e-3, 7e-3, 5e-3)
 BARB = 0.12
 # Gap in m between marks and other things.
 CLEAR = 0.5e-3
+# The ruler: length and distance of ticks; heights of ticks, of its text and of the whole, in m.
+RULER, STEP = 0.1, 0.01
+TICK, TEXT, HEIGHT = 2e-3, 2.5e-3, 7e-3
+# Distance in m of the places that are tried.
+TRIED = 4e-3
 
 
 def notch_arcs(length: float, distance: float) -> Floats:
@@ -56,15 +62,7 @@ def notches(
         distance: Largest distance of notches in m.
     """
     arc = notch_arcs(seam.length, distance)
-    # Across the line as it runs over an allowance, so that steps of a mesh do not turn a notch.
-    reach = min(allowance, 0.2 * seam.length) / 2
-    along = seam.at(side, np.minimum(arc + reach, seam.length)) - seam.at(
-        side, np.maximum(arc - reach, 0)
-    )
-    # A panel lies on the left of the first line, and on the right of the second.
-    turn = 1.0 if side == 0 else -1.0
-    normal = turn * np.column_stack([along[:, 1], -along[:, 0]])
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    normal = seam.outward(side, arc, min(allowance, 0.2 * seam.length))
     foot = seam.at(side, arc)
     rays = shapely.linestrings(np.stack([foot, foot + 2 * allowance * normal], axis=1))
     found = []
@@ -128,3 +126,42 @@ def grain_arrow(places: Sequence[BaseGeometry], angle: float) -> list[Floats]:
     tail, tip = centre - along * length / 2, centre + along * length / 2
     head = [tip - length * (2 * BARB * along + side * BARB * aside) for side in (1, -1)]
     return [np.stack([tail, tip]), np.stack([head[0], tip, head[1]])]
+
+
+def ruler(taken: BaseGeometry, sheet: tuple[float, float]) -> tuple[list[Floats], Label, bool]:
+    """Return a ruler of 100 mm: its lines, its text, and whether it lies on the sheet.
+
+    It takes the lowest free place on the sheet, upright where no level one is free. Without any it
+    lies below the sheet. Its first line is 100 mm long; the others are ticks every 10 mm.
+
+    Args:
+        taken: Room that panels need on the sheet, in m.
+        sheet: Width and height of the sheet in m.
+    """
+    free = shapely.box(2 * CLEAR, 2 * CLEAR, sheet[0] - 2 * CLEAR, sheet[1] - 2 * CLEAR)
+    free = free.difference(taken.buffer(2 * CLEAR)).buffer(1e-6)
+    shapely.prepare(free)
+    size = RULER + 4 * CLEAR, HEIGHT
+    for angle in (0.0, np.pi / 2):
+        wide, high = size if angle == 0 else size[::-1]
+        x, y = np.meshgrid(
+            np.arange(2 * CLEAR + wide / 2, sheet[0], TRIED),
+            np.arange(2 * CLEAR + high / 2, sheet[1], TRIED),
+        )
+        centres = np.column_stack([x.ravel(), y.ravel()])
+        fits = shapely.contains(free, rectangles(centres, size, angle))
+        if fits.any():
+            return (*_ruler_at(centres[int(np.argmax(fits))], angle), True)
+    return (*_ruler_at(np.array([2 * CLEAR + size[0] / 2, -2 * CLEAR - HEIGHT / 2]), 0.0), False)
+
+
+def _ruler_at(centre: Floats, angle: float) -> tuple[list[Floats], Label]:
+    """Return lines and text of a ruler around a point."""
+    base = -HEIGHT / 2 + CLEAR
+    ticks = np.arange(0, RULER + STEP / 2, STEP) - RULER / 2
+    lines = [np.array([[-RULER / 2, base], [RULER / 2, base]])]
+    lines += [np.array([[x, base], [x, base + TICK]]) for x in ticks]
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    text = np.array([0.0, base + TICK + CLEAR + TEXT / 2])
+    label = Label(f"{1e3 * RULER:.0f} mm", centre + turn @ text, angle, TEXT)
+    return [centre + line @ turn.T for line in lines], label

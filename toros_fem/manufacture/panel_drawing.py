@@ -135,7 +135,7 @@ def panel_drawings(
     seams = sewn_seams(pattern)
     return [
         drawing_of(
-            name,
+            (name, SIDE_UP),
             panel_outline(pattern, panel),
             regions[panel],
             [(seam, side) for seam in seams for side in (0, 1) if seam.panels[side] == panel],
@@ -147,7 +147,7 @@ def panel_drawings(
 
 
 def drawing_of(
-    name: str,
+    texts: Sequence[str],
     outline: BaseGeometry,
     printed: BaseGeometry,
     edges: Sequence[tuple[SewnSeam, int]],
@@ -157,7 +157,7 @@ def drawing_of(
     """Return the drawing of one panel.
 
     Args:
-        name: Its name.
+        texts: What is written on it: its name, and more.
         outline: Its seam line.
         printed: Its print.
         edges: Its seams, and which side of them it is.
@@ -199,11 +199,11 @@ def drawing_of(
     for (line, outward), (seam, _) in zip(borders, edges, strict=True):
         if allowance is not None:
             add(edge_labels(str(seam.number), line, outward, band.difference(taken), allowance))
-    for text in (name, SIDE_UP):
+    for text in texts:
         others = [fabric.difference(taken), outline.difference(taken), outline]
         add([panel_label(text, borders, band.difference(taken), others, allowance)])
     return PanelDrawing(
-        name=name,
+        name=texts[0],
         outline=outline,
         cut=cut,
         printed=printed,

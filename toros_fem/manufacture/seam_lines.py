@@ -45,6 +45,21 @@ class SewnSeam:
         x, y = (np.interp(arc, self.arc, self.lines[side, :, axis]) for axis in (0, 1))
         return np.column_stack([x, y])
 
+    def outward(self, side: int, arc: Floats, reach: float) -> Floats:
+        """Return unit vectors across one side, out of its panel, at arc lengths (k,), (k, 2).
+
+        Args:
+            side: 0 or 1.
+            arc: Arc lengths in m.
+            reach: Length in m over which the direction of the line is taken, so that steps of the
+                mesh do not turn it.
+        """
+        begin, end = np.maximum(arc - reach / 2, 0), np.minimum(arc + reach / 2, self.length)
+        along = self.at(side, end) - self.at(side, begin)
+        # A panel lies on the left of the first line, and on the right of the second.
+        normal = np.column_stack([along[:, 1], -along[:, 0]]) * (1.0 if side == 0 else -1.0)
+        return np.asarray(normal / np.linalg.norm(normal, axis=1)[:, None])
+
 
 def sewn_seams(pattern: Pattern) -> list[SewnSeam]:
     """Return the seams of a pattern, numbered from 1 by their panels.
