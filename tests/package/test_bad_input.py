@@ -29,6 +29,7 @@ from toros_fem import meshes as m
 from toros_fem.actuators.problem import actuator_problem
 from toros_fem.equilibrium.solver import EquilibriumResult
 from toros_fem.fabrication.cleaning import require_island_area
+from toros_fem.library import LibraryMaterial, named, read_library, write_material
 from toros_fem.mechanics.chambers import chambers_of_panels
 from toros_fem.mma import MMA, MMAOptions
 from toros_fem.output.files import write_fields
@@ -1552,7 +1553,55 @@ SCENES = [
 ]
 
 
+MINE: dict[str, Any] = {
+    "name": "mine", "kind": "fabric", "title": "mine", "young": 1e5, "poisson": 0.3,
+    "thickness": 5e-4, "stretch_range": (1.0, 1.5), "source": "a test", "trust": "measured",
+}  # fmt: skip
+
+
+def _material(**changes: Any) -> LibraryMaterial:
+    return LibraryMaterial(**{**MINE, **changes})
+
+
+LIBRARY = [
+    case("young is text", lambda s: _material(young="1 MPa"), P, "young = '1 MPa'", "a number"),
+    case("a name is a path", lambda s: _material(name="../mine"), P, "name = '../mine'"),
+    case("a name is none", lambda s: _material(name="none"), P, "not 'none'"),
+    case("trust is another word", lambda s: _material(trust="high"), P, "'measured'"),
+    case("thickness in mm", lambda s: _material(thickness=0.5), P, "thickness = 0.5", "0.05"),
+    case("range is an array", lambda s: _material(stretch_range=LONG), P, "stretch_range"),
+    case("range is NaN", lambda s: _material(stretch_range=(1.0, NAN)), P, "not finite"),
+    case("title is long", lambda s: _material(title=100 * "x"), P, "title =", "60 characters"),
+    case("source is missing", lambda s: _material(source=None), P, "source = None"),
+    case("library is a number", lambda s: read_library(3), e.LibraryError, "path = 3", "as text"),
+    case(
+        "library is missing",
+        lambda s: read_library(s.folder / "no.toml", comm=s.comm),
+        e.LibraryError,
+        "no.toml cannot be read",
+        risky=True,
+    ),
+    case(
+        "library is a folder",
+        lambda s: read_library(s.folder, comm=s.comm),
+        e.LibraryError,
+        "is a folder; name a file of materials",
+        risky=True,
+    ),
+    case(
+        "material is unknown",
+        lambda s: named(read_library(), "tpu-95"),
+        e.LibraryError,
+        "did you mean 'tpu-95a'?",
+    ),
+    case(
+        "entry is a dict", lambda s: write_material(s.folder / "m.toml", MINE), P, "LibraryMaterial"
+    ),
+]
+
+
 CASES = [
+    *LIBRARY,
     *SCENES,
     *MESHES,
     *PATTERNS,

@@ -23,6 +23,7 @@ from mpi4py import MPI
 from toros_fem.design.journal import Checkpoint
 from toros_fem.errors import (
     CheckpointError,
+    LibraryError,
     PatternError,
     PatternFileError,
     RunError,
@@ -32,6 +33,8 @@ from toros_fem.errors import (
     TileFileError,
     TorosError,
 )
+from toros_fem.library import read_library
+from toros_fem.library.writing import material_text
 from toros_fem.meshes import (
     Pattern,
     Surface,
@@ -59,6 +62,12 @@ WORDS = [
     b"nan", b"inf", b"-1", b"0", b"1e400", b"99999999999999999999", b"1.5", b"", b"\0", b"x",
     "Ü".encode(), b"\xff\xfe", b"[", b"]", b'"', b"=", b"-0", b"1e-400", b"true", b"4294967295",
 ]  # fmt: skip
+# A fabric with bounds, a knit, a print and a rubber.
+LIBRARY = [
+    entry
+    for name, entry in read_library().items()
+    if name in ("jersey-light", "rib-knit", "tpu-95a-on-jersey", "dragon-skin-20")
+]
 # Characters of the longest message, of which a path may be a good part.
 LONGEST = 600
 # Seconds in which every file is read or refused.
@@ -294,6 +303,21 @@ def test_scenes(folder: Path, kind: str, found: list[tuple[str, float, int]]) ->
     path = folder / "scene.toml"
     content = scene_text(KINDS[kind]).encode()
     read_damaged(path, content, found, lambda: read_scene(path), Scene, (SceneError,))
+
+
+@EXAMPLES
+@given(found=faults())
+def test_materials(folder: Path, found: list[tuple[str, float, int]]) -> None:
+    """A library, and a scene that names one of its materials."""
+    path, scene = folder / "materials.toml", folder / "named.toml"
+    text = "\n".join(map(material_text, LIBRARY))
+    read_damaged(path, text.encode(), found, lambda: read_library(path), dict, (LibraryError,))
+    scene.write_text(
+        'kind = "bend"\nfiles.materials = "materials.toml"\nmaterial.fabric = "rib-knit"\n',
+        encoding="utf-8",
+    )
+    with contextlib.suppress(SceneError, LibraryError):
+        assert isinstance(read_scene(scene), Scene)
 
 
 @EXAMPLES
