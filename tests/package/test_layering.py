@@ -28,6 +28,7 @@ ROOMS = [
     ["frames"],
     ["output"],
     ["manufacture"],
+    ["workshop"],
     ["report"],
     ["actuators", "tiles"],
     ["scenes"],

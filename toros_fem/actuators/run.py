@@ -42,9 +42,10 @@ from toros_fem.fabrication.as_printed import (
 )
 from toros_fem.objectives.metrics import UNITS, Measurement, Metric
 from toros_fem.output.reporter import DesignReporter
-from toros_fem.output.writer import write_results
+from toros_fem.output.writer import write_results, write_together
 from toros_fem.relaxed.find import RelaxedResult
 from toros_fem.runs.folder import journal_of, run_of
+from toros_fem.workshop.write import FOLDER, if_possible, write_manufacture
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +199,7 @@ def _written(
     relaxed: RelaxedResult | None = None,
     estimate: Callable[[], dict[str, Any]] | None = None,
 ) -> ActuatorResult:
-    """Write a design, then its error and its curve, then the pictures (collective).
+    """Write a design, then its error and its curve, then pictures and machine files (collective).
 
     What took longest to find is on disk first.
 
@@ -237,7 +238,14 @@ def _written(
         if run is not None:
             run.check()
         figures.update(step())
-    return ActuatorResult(write(pictures=True), result, printed, problem)
+    summary, place = write(pictures=True), Path(output) / FOLDER
+    pattern, regions = printed.pattern, printed.regions
+    write_together(
+        problem.skin.comm,
+        output,
+        lambda: if_possible(lambda: write_manufacture(place, pattern, regions, summary=summary)),
+    )
+    return ActuatorResult(summary, result, printed, problem)
 
 
 def design_run(

@@ -3,16 +3,27 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
+from toros_fem._mpi import on_first_rank
 from toros_fem.command_line.command import Answer, Command
+from toros_fem.command_line.scripts import add_options
+from toros_fem.errors import OutputError
 from toros_fem.fabrication.print_file import read_print_polygons
 from toros_fem.fabrication.printability import printability
 from toros_fem.fabrication.svg import write_svg
+from toros_fem.manufacture.options import ManufactureOptions
 from toros_fem.meshes.pattern_file import NAME, write_pattern
 from toros_fem.output.writer import if_plotting, write_together
+from toros_fem.workshop.manifest import NAME as MANIFEST
+from toros_fem.workshop.page import NAME as PAGE
+from toros_fem.workshop.write import FOLDER, made_as, write_manufacture
+
+SUMMARY = "summary.json"
 
 
 def _options(parser: argparse.ArgumentParser) -> None:
@@ -22,16 +33,22 @@ def _options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=None,
         metavar="FOLDER",
-        help="folder for the files, made if missing; default RUN/export",
+        help=f"folder for the files, made if missing; default RUN/{FOLDER}",
     )
+    add_options(parser, ManufactureOptions())
 
 
 def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     stored = read_print_polygons(comm, given.run)
-    output = given.output or given.run / "export"
+    summary = _summary(comm, given.run)
+    names = ManufactureOptions.__dataclass_fields__
+    changes = {name: value for name, value in vars(given).items() if name in names}
+    options = made_as(summary).updated(**changes)
+    output = given.output or given.run / FOLDER
     made = printability(stored.pattern, stored.regions, stored.limits)
 
-    def write() -> None:
+    def write() -> dict[str, Any]:
+        output.mkdir(parents=True, exist_ok=True)
         write_svg(output / "pattern.svg", stored.pattern, stored.regions)
         write_pattern(output / NAME, stored.pattern)
 
@@ -44,23 +61,62 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
             )
 
         if_plotting(draw)
+        title = given.run.resolve().name
+        return write_manufacture(
+            output, stored.pattern, stored.regions, options, summary=summary, title=title
+        )
 
-    write_together(comm, output, write)
+    found: list[dict[str, Any]] = []
+    write_together(comm, output, lambda: found.append(write()))
+    manifest = comm.bcast(found[0] if found else None, root=0)
+    files = [file["name"] for file in manifest["files"]]
     figures = {
         "folder": output,
-        "files": ["pattern.svg", NAME, "pattern.png", "manufacture.png"],
+        "files": [*files, MANIFEST, PAGE, "pattern.svg", NAME, "pattern.png", "manufacture.png"],
+        "sheets": len(manifest["sheets"]),
+        "print": manifest["print"],
         "manufacture": made.summary(),
     }
-    return Answer(f"{output}/: pattern.svg in true scale, {NAME} and pictures", figures)
+    sheets, mass = len(manifest["sheets"]), manifest["print"]["print_mass_g"]
+    return Answer(
+        f"{output}/{PAGE}: {len(files)} machine files of {sheets} sheet{'s' * (sheets > 1)}, "
+        f"{mass:.2f} g of print, and how to make it",
+        figures,
+    )
+
+
+def _summary(comm: MPI.Comm, run: Path) -> dict[str, Any] | None:
+    """Return a run's summary; None where only its print is given."""
+    path = run / SUMMARY
+
+    def read() -> dict[str, Any] | None:
+        if not path.is_file():
+            return None
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as caught:
+            raise OutputError(
+                f"{path} cannot be read: {caught}. Design again, or remove it: then the files have "
+                "neither materials nor pressure."
+            ) from None
+        return found if isinstance(found, dict) else None
+
+    return on_first_rank(comm, read)
 
 
 COMMAND = Command(
     "export",
     "writes the files for printer and cutter again",
-    "From the print that a design stores (print.npz): pattern.svg, in true scale, 1 unit = 1 mm,\n"
-    "with separate paths to print and to cut; pattern.npz, the sewing pattern; pattern.png, and\n"
-    "manufacture.png with islands, narrow lines and gaps.",
-    ("toros export run", "toros export run --output for-the-printer"),
+    "From the print that a design stores (print.npz): print_1.3mf and .stl for the printer's bed,\n"
+    "cut_1.svg and .dxf for the cutter, and so on for each bed and sheet; manufacture.json with all\n"
+    "of their content, and make_it.html, the page that shows how to make the skin. The print is as\n"
+    "high as the design takes it to be, unless --layer-height says otherwise. Also pattern.svg,\n"
+    "pattern.npz, pattern.png, and manufacture.png with islands, narrow lines and gaps.",
+    (
+        "toros export run",
+        "toros export run --bed-width 0.3 --bed-depth 0.3 --seam-allowance 7e-3",
+        "toros export run --output for-the-printer",
+    ),
     _options,
     _run,
 )

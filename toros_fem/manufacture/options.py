@@ -18,6 +18,7 @@ class ManufactureOptions(Config):
     """
 
     layer_height: float = quantity(0.4e-3, "height of the print above the fabric", "m", above=0)
+    print_density: float = quantity(1.21e3, "density of the print", "kg/m³", above=0)
     fabric_offset: float | None = quantity(
         None,
         "height of the print's lower face above the bed, by the fabric",
@@ -37,6 +38,15 @@ class ManufactureOptions(Config):
     )
     bed_width: float = quantity(0.25, "width of the printer's bed", "m", above=0)
     bed_depth: float = quantity(0.21, "depth of the printer's bed", "m", above=0)
+    sheet_width: float | None = quantity(
+        None, "width of a sheet of fabric and of the cutter; none takes the bed's", "m", above=0
+    )
+    sheet_depth: float | None = quantity(
+        None, "depth of a sheet, along the grain; none takes the bed's", "m", above=0
+    )
+    sheet_margin: float = quantity(
+        10e-3, "border of a sheet and of the bed that stays free", "m", at_least=0
+    )
     panel_gap: float = quantity(5e-3, "least distance of two panels on a sheet", "m", at_least=0)
     weld_allowance: float = quantity(
         6e-3, "film of the bladder beyond the panels, for its weld", "m", above=0

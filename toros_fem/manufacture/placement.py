@@ -134,10 +134,10 @@ def _require_fit(
     if any(np.all(box <= usable + ROUNDING) for box in sizes):
         return
     wide, deep = MM * sizes[0]
-    turned = " in none of the turns that its grain allows" if len(turns) == 2 else ""
+    turned = ", turned as its grain allows" if len(turns) == 2 else ""
     raise SheetError(
-        f"panel {name!r} is {wide:.1f} × {deep:.1f} mm with its allowance and does not fit"
-        f"{turned} on a sheet of {MM * size[0]:g} × {MM * size[1]:g} mm, of which "
+        f"panel {name!r} is {wide:.1f} × {deep:.1f} mm with its allowance and crosses{turned}, and "
+        f"does not fit on a sheet of {MM * size[0]:g} × {MM * size[1]:g} mm, of which "
         f"{MM * usable[0]:.1f} × {MM * usable[1]:.1f} mm are within the margin. Give a larger bed "
         "or sheet, a smaller margin or seam allowance, leave the grain free, or cut the panel in "
         "two by a seam."

@@ -15,6 +15,7 @@ from toros_fem.report.words import NONE, as_shown, metrics_of
 FILES = {
     "summary.json": "all figures and inputs",
     "pattern.svg": "flat pattern, true to scale, for printer and cutter",
+    "manufacture/make_it.html": "machine files of every sheet, and how to make the skin",
     "print.npz": "pattern and print, for another simulation",
     "skin.vtu": "shape and densities, for ParaView",
     "history.csv": "every step of the design",

@@ -1,0 +1,115 @@
+"""All machine files of a design, with their manifest and a page that shows how to make it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.errors import MissingPackageError, PatternError, SheetError
+from toros_fem.manufacture.cut_files import write_cut_dxf, write_cut_svg
+from toros_fem.manufacture.options import ManufactureOptions
+from toros_fem.manufacture.panel_drawing import PanelDrawing, panel_drawings
+from toros_fem.manufacture.print_bodies import print_bodies, write_3mf, write_stl
+from toros_fem.manufacture.seam_lines import sewn_seams
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.output.files import write_json
+from toros_fem.runs.files import replace_file
+from toros_fem.workshop.manifest import NAME, MadeFile, manifest
+from toros_fem.workshop.page import NAME as PAGE
+from toros_fem.workshop.page import page
+from toros_fem.workshop.sewing_order import sewing_order
+from toros_fem.workshop.sheets import layout
+
+# Folder of the machine files in that of a run.
+FOLDER = "manufacture"
+
+
+def write_manufacture(
+    folder: Path | str,
+    pattern: Pattern,
+    regions: Sequence[BaseGeometry],
+    options: ManufactureOptions | None = None,
+    *,
+    summary: Mapping[str, Any] | None = None,
+    title: str = "",
+) -> dict[str, Any]:
+    """Write print files, cut files, bladder, manifest and page of a design (one rank).
+
+    The files are print_1.stl and print_1.3mf for the first bed, cut_1.svg and cut_1.dxf for the
+    first sheet, and so on; manufacture.json and make_it.html. What an earlier call left in the folder
+    under such names is removed.
+
+    Args:
+        folder: The folder, made if missing.
+        pattern: The whole pattern.
+        regions: Print on each panel, polygons in m.
+        options: Settings; None takes those of `made_as`.
+        summary: The run's summary, for materials, pressure and metrics; None knows none.
+        title: Name of the design on the page; by default that of the folder above.
+
+    Returns:
+        The manifest, as in manufacture.json.
+
+    Raises:
+        SheetError: A panel fits on no sheet.
+        PatternError: The skin is moulded, so that it has no flat panels.
+        MissingPackageError: A package of the extra `manufacture` is not installed.
+    """
+    folder = Path(folder)
+    options = options or made_as(summary)
+    drawings = panel_drawings(pattern, regions, options)
+    places = layout(drawings, options)
+    seams = sewn_seams(pattern)
+    folder.mkdir(parents=True, exist_ok=True)
+    for kind in ("print", "cut", "bladder"):
+        for old in folder.glob(f"{kind}_*[0-9].*"):
+            old.unlink()
+    files = []
+    for bed, drawn in enumerate(places.beds, 1):
+        bodies = print_bodies(drawn, options)
+        if bodies:
+            write_stl(folder / f"print_{bed}.stl", bodies)
+            write_3mf(folder / f"print_{bed}.3mf", bodies)
+            for end in ("3mf", "stl"):
+                text = f"print of bed {bed}, in mm"
+                files.append(MadeFile(f"print_{bed}.{end}", "print", text, bed=bed))
+    for sheet, drawn in enumerate(places.sheets, 1):
+        files += _cut(folder, "cut", drawn, places.sheet, sheet)
+    order = sewing_order(pattern, seams)
+    made = manifest(places, seams, order, options, files, summary)
+    name = title or folder.resolve().parent.name
+    replace_file(folder / PAGE, page(made, places, name).encode())
+    write_json(folder / NAME, made)
+    return made
+
+
+def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
+    """Return the settings that fit a run's summary: a print as thick as it was designed.
+
+    Args:
+        summary: The run's summary; None takes the defaults.
+    """
+    inputs = (summary or {}).get("inputs") or {}
+    thickness = inputs.get("thickness")
+    return ManufactureOptions() if thickness is None else ManufactureOptions(layer_height=thickness)
+
+
+def if_possible(write: Callable[[], Any]) -> None:
+    """Write machine files, or print in one line why there are none (one rank)."""
+    try:
+        write()
+    except (MissingPackageError, PatternError, SheetError) as missing:
+        print(f"no machine files: {missing}", file=sys.stderr)
+
+
+def _cut(
+    folder: Path, kind: str, drawn: Sequence[PanelDrawing], size: tuple[float, float], sheet: int
+) -> list[MadeFile]:
+    write_cut_svg(folder / f"{kind}_{sheet}.svg", drawn, size)
+    write_cut_dxf(folder / f"{kind}_{sheet}.dxf", drawn, size)
+    text = f"{kind} of sheet {sheet}, in mm, in layers"
+    return [MadeFile(f"{kind}_{sheet}.{end}", kind, text, sheet=sheet) for end in ("svg", "dxf")]
