@@ -90,11 +90,12 @@ def crosses(outline: BaseGeometry, cut: BaseGeometry, size: float) -> Floats:
         size: Size of a cross in m.
     """
     left, low, right, high = cut.bounds
-    half = size / 2 + CLEAR / 2
+    half = size / 2
+    inset = half + CLEAR
     centres = []
     for x, y, outward in ((left, low, (-1, -1)), (right, low, (1, -1)), (left, high, (-1, 1))):
         out = np.array(outward, dtype=np.float64)
-        centre = np.array([x, y]) - half * out
+        centre = np.array([x, y]) - inset * out
         for _ in range(20):
             # Within the cut it must not meet the skin, outside of it it must not be cut.
             place = shapely.box(*(centre - half), *(centre + half))

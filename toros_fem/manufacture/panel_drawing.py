@@ -183,11 +183,7 @@ def drawing_of(
     )
     band = cut.difference(outline).difference(kept_free).buffer(-CLEAR / 2)
     fabric = outline.difference(printed.buffer(CLEAR)).difference(kept_free).buffer(-CLEAR)
-    arrow: list[Floats] = []
     taken = shapely.Polygon()
-    if options.grain is not None:
-        arrow = grain_arrow([band, fabric, outline], np.radians(options.grain))
-        taken = shapely.MultiLineString(arrow).envelope.buffer(CLEAR)
     labels: list[Label] = []
 
     def add(made: list[Label]) -> None:
@@ -202,6 +198,10 @@ def drawing_of(
     for text in texts:
         others = [fabric.difference(taken), outline.difference(taken), outline]
         add([panel_label(text, borders, band.difference(taken), others, allowance)])
+    arrow: list[Floats] = []
+    if options.grain is not None:
+        places = [region.difference(taken) for region in (band, fabric, outline)]
+        arrow = grain_arrow(places, np.radians(options.grain))
     return PanelDrawing(
         name=texts[0],
         outline=outline,

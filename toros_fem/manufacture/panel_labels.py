@@ -19,6 +19,8 @@ HEIGHTS = (0.55, 0.45, 0.35)
 ELSEWHERE = (4e-3, 3e-3, 2e-3, 1.5e-3)
 # Largest distance in m of the numbers along one seam.
 DISTANCE = 80e-3
+# Steepest direction of writing downwards, in rad.
+TILT = np.radians(89.0)
 # Number of places that are tried along a seam.
 TRIED = 200
 
@@ -55,6 +57,8 @@ def edge_labels(
 ) -> list[Label]:
     """Return a text once for every 80 mm beside a seam line, in the middle of its allowance.
 
+    It stands at least once, at the middle of a short seam even where that is not free.
+
     Args:
         text: The text.
         line: The seam line, (n, 2), in m.
@@ -72,7 +76,9 @@ def edge_labels(
         if label is not None:
             found.append(label)
             free = free.difference(label.frame)
-    return found
+    middle = TRIED // 2
+    least = HEIGHTS[-1] * allowance
+    return found or [Label(text, places[middle], float(angles[middle]), least)]
 
 
 def panel_label(
@@ -114,10 +120,8 @@ def _beside(
     point = np.column_stack([np.interp(arc, ends, line[:, axis]) for axis in (0, 1)])
     along = np.diff(line, axis=0)[edge]
     angle = np.arctan2(along[:, 1], along[:, 0])
-    # Texts are read from below or from the right.
-    angle = np.where(np.cos(angle) < -1e-9, angle + np.pi, angle)
-    angle = np.where((np.abs(np.cos(angle)) <= 1e-9), np.pi / 2, angle)
-    angle = np.arctan2(np.sin(angle), np.cos(angle))
+    # Texts are read from below or from the right; a small tilt shall not turn them.
+    angle = np.mod(angle + TILT, np.pi) - TILT
     return point + outward[edge] * allowance / 2, angle, arc, length
 
 
