@@ -12,11 +12,14 @@ from helpers.scenes import ROOT
 from mpi4py import MPI
 
 from demos import own_design, three_field
+from toros_fem.actuators.tube import coarse_tube
 from toros_fem.command_line.scripts import option_help, run_from_command_line
 from toros_fem.commands.unwrap import UnwrapConfig
 from toros_fem.config import Config, quantity
 from toros_fem.errors import OutputError
+from toros_fem.library import read_library, reinforced
 from toros_fem.scenes import tile, tile_sheet
+from toros_fem.scenes.bend import BendConfig
 
 CONFIGS: dict[str, Config] = {
     **{name: demo.config for name, demo in DEMOS.items()},
@@ -115,6 +118,47 @@ def test_files(script: Script) -> None:
     assert script.given[3] == {"mesh": Path("b.stl"), "target": Path("a.stl")}
     assert script(files=files, arguments=arguments) == 0
     assert script.given[3] == {"mesh": None, "target": None}
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("--fabric jersey-light --reinforcement tpu-85a --bladder dragon-skin-20", None),
+        ("--fabric jersy-light", "LibraryError: 'jersy-light' is no fabric"),
+        ("--fabric jersey-light --fabric-young 3", "--fabric stands for --fabric-young too"),
+        ("--materials no.toml", "LibraryError: no.toml cannot be read"),
+    ],
+)
+def test_materials_by_name(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: str,
+    told: str | None,
+) -> None:
+    chosen: list[Any] = []
+
+    def run(comm: MPI.Comm, output: Path, config: BendConfig, *, verbose: bool) -> dict[str, Any]:
+        chosen.append(config)
+        return {}
+
+    monkeypatch.setattr(sys, "argv", ["bend.py", "--coarse", *words.split()])
+    code = run_from_command_line(
+        MPI.COMM_SELF,
+        "A tube.",
+        BendConfig(),
+        run,
+        Path("out"),
+        coarse=coarse_tube,
+        sentence=lambda _: "bent",
+    )
+    if told is not None:
+        assert code == 2
+        assert told in capsys.readouterr().err
+        return
+    composite, library = chosen[0].composite, read_library()
+    assert chosen[0].edge_length == coarse_tube(BendConfig()).edge_length
+    assert composite.reinforcement == reinforced(composite.fabric, library["tpu-85a"].material)
+    assert composite.bladder == library["dragon-skin-20"].bladder
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,9 @@ from mpi4py import MPI
 from toros_fem._mpi import ending_together
 from toros_fem.config import Config
 from toros_fem.errors import RunStoppedError, TorosError
+from toros_fem.library import read_library
 from toros_fem.runs.folder import open_run
+from toros_fem.scene_files.materials import FILE, KIND_OF, NamedMaterials, roles_of
 
 C = TypeVar("C", bound=Config)
 
@@ -117,6 +119,7 @@ def run_from_command_line(
     for name, text in (arguments or {}).items():
         parser.add_argument(name, type=Path, nargs="?", default=None, help=text)
     add_options(parser, config)
+    _add_material_options(parser, config)
     try:
         given = vars(parser.parse_args())
     except UsageError as error:
@@ -125,10 +128,11 @@ def run_from_command_line(
         given.pop(name, False) for name in ("output", "verbose", "coarse", "resume")
     )
     paths = {name: given.pop(name) for name in (*(files or {}), *(arguments or {}))}
+    library = given.pop(FILE, None)
 
     def action() -> str:
         start = coarse(config) if quick and coarse is not None else config
-        chosen = start.updated(**given)
+        chosen = start.updated(**_with_materials(comm, config, start, given, library))
         inputs = {
             "about": about.partition("\n")[0],
             "config": chosen.as_dict(),
@@ -140,6 +144,38 @@ def run_from_command_line(
         return f"{sentence(summary)}; see {folder}/"
 
     return run_guarded(comm, action)
+
+
+def _add_material_options(parser: argparse.ArgumentParser, config: Config) -> None:
+    """Add the names of materials, in the place of their numbers."""
+    roles = roles_of(config)
+    if not roles:
+        return
+    group = parser.add_argument_group("Materials by name, in the place of their numbers")
+    for role in roles:
+        text = f"name of a {KIND_OF[role]} of the library, by `toros materials`; default none"
+        group.add_argument(f"--{role}", default=argparse.SUPPRESS, metavar="NAME", help=text)
+    group.add_argument(
+        f"--{FILE}",
+        type=Path,
+        default=None,
+        metavar="PATH",
+        help="file of materials of your own; default none",
+    )
+
+
+def _with_materials(
+    comm: MPI.Comm, default: Config, config: Config, given: Mapping[str, Any], path: Path | None
+) -> dict[str, Any]:
+    """Return the given values with numbers in the place of names of materials (collective)."""
+    if path is None and not any(role in given for role in KIND_OF):
+        return dict(given)
+    materials = NamedMaterials(read_library(*([] if path is None else [path]), comm=comm))
+    conflict = materials.conflict(given)
+    if conflict is not None:
+        role, number = (f"--{name.replace('_', '-')}" for name in conflict)
+        raise UsageError(f"{role} stands for {number} too; keep one of both.")
+    return materials.resolve(config, default, given)
 
 
 def add_options(parser: argparse.ArgumentParser, config: Config) -> None:

@@ -65,27 +65,53 @@ class NamedMaterials:
         """
         return named(self.library, name, KIND_OF[role])
 
-    def conflict(self, role: str, name: str, numbers: Mapping[str, Any]) -> str | None:
-        """Return the number given beside a name that stands for it too; None without."""
-        given = _values(role, self.entry(role, name))
-        # A bladder is poured as thick as one likes: its number goes beside the name.
-        return next((key for key in numbers if key in given and key != "bladder_thickness"), None)
+    def conflict(self, values: Mapping[str, Any]) -> tuple[str, str] | None:
+        """Return a role and a number that is given beside its name; None without.
 
-    def add(self, names: Mapping[str, str], numbers: Mapping[str, Any]) -> None:
-        """Take a further layer: a name replaces earlier numbers, a number those of the name."""
+        Args:
+            values: Names by their roles, and numbers by their fields.
+
+        Raises:
+            LibraryError: The library has none of this name, or it is of another kind.
+        """
+        for role in (role for role in FIELDS if role in values):
+            given = _values(role, self.entry(role, values[role]))
+            # A bladder is poured as thick as one likes: its number goes beside the name.
+            number = next((k for k in values if k in given and k != "bladder_thickness"), None)
+            if number is not None:
+                return role, number
+        return None
+
+    def resolve(self, config: Config, default: Config, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Return a further layer of values, with numbers in the place of names.
+
+        A name replaces earlier numbers, a number those of an earlier name.
+
+        Args:
+            config: The configuration so far.
+            default: That with the defaults.
+            values: Names by their roles, and numbers by their fields.
+
+        Raises:
+            LibraryError: The library has none of this name, or it is of another kind.
+            ParameterError: A value has no field in the configuration.
+        """
+        names = {role: values[role] for role in FIELDS if role in values}
+        rest = {key: value for key, value in values.items() if key not in names}
         for role, name in names.items():
             for key in _values(role, self.entry(role, name)):
                 self.numbers.pop(key, None)
         self.names.update(names)
         fields = [key for role in FIELDS.values() for key in role]
-        self.numbers.update({key: numbers[key] for key in numbers if key in fields})
+        self.numbers.update({key: rest[key] for key in rest if key in fields})
+        return {**rest, **self._numbers(config, default)}
 
     @property
     def entries(self) -> dict[str, LibraryMaterial]:
         """The material of each role that has a name, the fabric first."""
         return {role: self.entry(role, self.names[role]) for role in FIELDS if role in self.names}
 
-    def values(self, config: Config, default: Config) -> dict[str, Any]:
+    def _numbers(self, config: Config, default: Config) -> dict[str, Any]:
         """Return the fields of a configuration that names and numbers stand for.
 
         A print that is the printed layer alone goes onto the fabric of the configuration.

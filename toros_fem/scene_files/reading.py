@@ -161,16 +161,18 @@ class _Reader(Document):
         """Check names of materials, and that no number stands for the same as one."""
         for role in (role for role in KIND_OF if role in values):
             try:
-                number = self.materials.conflict(role, values[role], values)
+                self.materials.entry(role, values[role])
             except LibraryError as caught:
                 self.fail(places[role], str(caught))
-            if number is not None:
-                line = line_of(self.lines, places[role])
-                self.fail(
-                    places[number],
-                    f"{role} = {values[role]!r} in line {line} stands for this number too. Keep "
-                    "the name or the number.",
-                )
+        found = self.materials.conflict(values)
+        if found is not None:
+            role, number = found
+            line = line_of(self.lines, places[role])
+            self.fail(
+                places[number],
+                f"{role} = {values[role]!r} in line {line} stands for this number too. Keep the "
+                "name or the number.",
+            )
 
     def entries(self, name: str, of: type[Config]) -> tuple[Config, ...]:
         """Return the entries of a table that may stand several times, as [name] or [[name]]."""
@@ -255,20 +257,13 @@ class _Reader(Document):
     ) -> Config:
         """Return a variant of a configuration with other values, which may not fit each other."""
         try:
-            return variant(config).updated(**self.resolved(kind, config, values))
+            return variant(config).updated(**self.materials.resolve(config, kind.config, values))
         except ParameterError as caught:
             named = re.match(r"\w+", str(caught))
             name = named.group() if named else ""
             if name in places:
                 self.fail(places[name], str(caught))
             raise SceneError(f"{self.path}: {caught}", self.path, key=name or None) from None
-
-    def resolved(self, kind: Kind, config: Config, values: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the values with the numbers of materials in the place of their names."""
-        names = {role: values[role] for role in KIND_OF if role in values}
-        numbers = {name: value for name, value in values.items() if name not in names}
-        self.materials.add(names, numbers)
-        return {**numbers, **self.materials.values(config, kind.config)}
 
     def files(self, kind: Kind) -> dict[str, Path]:
         known = (*kind.files, FILE) if roles_of(kind.config) else tuple(kind.files)
@@ -330,13 +325,13 @@ class _Reader(Document):
                 _refuse(change, f"unknown key; {nearest(name, names)}", key)
             try:
                 values[name] = _value(scene.config, name, _plain(text.strip()))
-                for role in (role for role in KIND_OF if role in values):
-                    if number := self.materials.conflict(role, values[role], values):
-                        _refuse(change, f"{role} stands for {number} too; keep one of both.", key)
+                if (found := self.materials.conflict(values)) is not None:
+                    _refuse(change, "{} stands for {} too; keep one of both.".format(*found), key)
             except (ParameterError, LibraryError) as caught:
                 _refuse(change, str(caught), key)
         try:
-            config = scene.config.updated(**self.resolved(scene.kind, scene.config, values))
+            resolved = self.materials.resolve(scene.config, scene.kind.config, values)
+            config = scene.config.updated(**resolved)
         except ParameterError as caught:
             raise SceneError(f"{self.path}, as changed: {caught}", self.path) from None
         lines = {name: k for name, k in scene.lines.items() if files.get(name) is scene.files[name]}
