@@ -8,7 +8,8 @@ from typing import Any
 
 import ufl
 
-from toros_fem.forms.blocks import Blocks, Vector, components, cross, dot, minus, plus
+from toros_fem.forms.blocks import Blocks, Vector, components, cross, dot, minus, plus, times
+from toros_fem.forms.eccentric import coupled_moments
 from toros_fem.forms.hinge import HalfHinge, Mirror, hinge, reflected
 
 NOTHING: Vector = (0, 0, 0)
@@ -27,12 +28,15 @@ class Edges:
             rotations.
         mirrors: Unit normals of the planes that mirror the flaps, zero without a mirror; None
             if nothing is mirrored.
+        folds: 1 for an edge with a neighbour or a mirror, 0 for a free edge with a rotation, three;
+            None if no free edge has a rotation.
     """
 
     tensors: Sequence[Any]
     rests: Sequence[Any] | None = None
     turns: Sequence[Any] | None = None
     mirrors: Sequence[Any] | None = None
+    folds: Any | None = None
 
 
 def curvature(patch: Sequence[Any], direction: Sequence[Any], edges: Edges) -> tuple[Any, Any]:
@@ -65,6 +69,8 @@ def curvature(patch: Sequence[Any], direction: Sequence[Any], edges: Edges) -> t
         angle, gradient = hinge(patch[j], patch[k], patch[i], flap)
         changes = (direction[j], direction[k], direction[i], change_of_flap)
         change = sum(ufl.inner(g, d) for g, d in zip(gradient, changes, strict=True))
+        if edges.folds is not None:
+            angle, change = edges.folds[i] * angle, edges.folds[i] * change
         if edges.rests is not None:
             angle -= edges.rests[i]
         if edges.turns is not None:
@@ -111,19 +117,23 @@ def bending_blocks(
     stiffness: tuple[Any, Any],
     geometric: Any,
     lines: Symmetric | None = None,
+    coupling: tuple[Any, Any, Any] | None = None,
 ) -> None:
-    """Add the second variation of ½ Λ:D:Λ, eqs. (4-6), per flat area.
+    """Add the second variation of ½ Λ:D:Λ, eqs. (4-6), and of E:B:Λ, per flat area.
 
     With Λ = Σᵢ φᵢ Tᵢ, φᵢ = θᵢ − θ⁰ᵢ + 2 sᵢ αᵢ, the energy is quadratic in the three φ. Its second
     variation is Σᵢⱼ Kᵢⱼ ∇φᵢ ∇φⱼᵀ + Σᵢ Mᵢ ∇∇θᵢ with Kᵢⱼ = Tᵢ:D:Tⱼ and the moments Mᵢ = Σⱼ Kᵢⱼ φⱼ.
+    That of E:B:Λ = Σᵢ φᵢ Nᵢ, Nᵢ = Tᵢ:B:E, is Σᵢ (∇Nᵢ ∇φᵢᵀ + ∇φᵢ ∇Nᵢᵀ + Nᵢ ∇∇θᵢ + φᵢ ∇∇Nᵢ).
 
     Args:
         blocks: Receives the blocks of corners 0 to 2, flaps 3 to 5 and rotations 6.
         patch: As in `curvature`.
         edges: Constants of the edges.
         stiffness: Plane-stress Lamé parameters times h³/12.
-        geometric: 1 for both sums, 0 for the first sum alone.
+        geometric: 1 for all, 0 for the first sum alone, which is positive by itself.
         lines: As in `moment`.
+        coupling: Lamé parameters times thickness and offset, as of `coupling_moment`, and the
+            Jacobian of the flat chart; None without an offset.
     """
     mu, lam = stiffness
     x = [components(node) for node in patch]
@@ -141,6 +151,8 @@ def bending_blocks(
         first = HalfHinge(a, c, cross(edge, minus(c, a)), edge)
         second = HalfHinge(a, d, cross(minus(d, b), edge), edge)
         angle = ufl.atan2(dot(cross(first.n, second.n), first.e), dot(first.n, second.n))
+        if edges.folds is not None:
+            angle = edges.folds[i] * angle
         if edges.rests is not None:
             angle = angle - edges.rests[i]
         if edges.turns is not None:
@@ -160,10 +172,21 @@ def bending_blocks(
                 if lines is not None:
                     K[i, j] = K[j, i] = K[i, j] + dot(components(one), by_lines[j])
 
+    coupled = None
+    if coupling is not None:
+        mu_c, lam_c, jacobian = coupling
+        offset = geometric * mu_c, geometric * lam_c
+        coupled = coupled_moments(x[:3], jacobian, edges.tensors, angles, offset)
+        blocks.add_edges(coupled.pairs)
+
     gradient: list[dict[int, Vector]] = []
     for i, (first, second) in enumerate(halves):
         j, k, own, flap = nodes[i]
         bending_moment = geometric * sum(K[i, other] * angles[other] for other in range(3))
+        if coupled is not None:
+            bending_moment = bending_moment + coupled.values[i]
+        if edges.folds is not None:
+            bending_moment = edges.folds[i] * bending_moment
         by_flap, by_a = second.gradient(2), NOTHING
         one, two = first.hessian(bending_moment), second.hessian(bending_moment)
         mirror = mirrors[i]
@@ -179,15 +202,21 @@ def bending_blocks(
             own: first.gradient(2),
             flap: by_flap,
         }
+        if edges.folds is not None:
+            by_edge = {node: times(edges.folds[i], part) for node, part in by_edge.items()}
         if edges.turns is not None:
             parts = [edges.turns[i] if i == n else 0 for n in range(3)]
             by_edge[6] = (parts[0], parts[1], parts[2])
         gradient.append(by_edge)
+    by_strain = {
+        (i, v): coupled.gradients[i][v] for i in range(3) for v in range(3) if coupled is not None
+    }
     for v in range(len(x)):
         # K times the gradients, once for each column
         column = [
             [
                 sum(K[i, j] * gradient[j][v][m] for j in range(3) if v in gradient[j])
+                + (by_strain[i, v][m] if (i, v) in by_strain else 0)
                 for i in range(3)
             ]
             for m in range(3)
@@ -196,6 +225,11 @@ def bending_blocks(
             block = [
                 [
                     sum(gradient[i][u][k] * column[m][i] for i in range(3) if u in gradient[i])
+                    + sum(
+                        by_strain[i, u][k] * gradient[i][v][m]
+                        for i in range(3)
+                        if (i, u) in by_strain and v in gradient[i]
+                    )
                     for m in range(3)
                 ]
                 for k in range(3)

@@ -118,6 +118,7 @@ class Bending:
         require_choice("rest", self.rest, RESTS)
 
 
+PRINT_SIDES = ("outside", "inside")
 WRINKLINGS = ("tension-field",)
 
 
@@ -230,11 +231,18 @@ class Composite:
         bladder: A rubber layer under both materials; None for none.
         knit: Courses of the fabric; None for an isotropic fabric.
         membrane: Whether the sheet takes compression or wrinkles.
+        print_side: Face of the fabric that carries the print. "outside" is the one from which the
+            panels' triangles are counter-clockwise, away from the pressure in a closed skin;
+            "inside" is the other. None takes the print in the middle of the fabric, so that strain
+            and curvature are not coupled.
+        print_offset: Distance in m from the middle of the fabric to that of the reinforcement;
+            None takes (h_fabric + h_reinforcement)/2, a layer on the face. It acts with a
+            `print_side` only.
 
     Raises:
         ParameterError: A bound is not above 1; membrane, bending, bladder or knit has another
-            type; or a sheet that wrinkles has a bladder or a knit, which take compression, or
-            c₂ below c₁.
+            type; a sheet that wrinkles has a bladder or a knit, which take compression, or c₂ below
+            c₁; or a print has a side on a sheet that wrinkles or does not bend.
     """
 
     fabric: Material = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3)
@@ -245,6 +253,8 @@ class Composite:
     bladder: Bladder | None = None
     knit: Knit | None = None
     membrane: Membrane = Membrane()
+    print_side: str | None = None
+    print_offset: float | None = None
 
     def __post_init__(self) -> None:
         for name in ("fabric", "reinforcement"):
@@ -274,6 +284,38 @@ class Composite:
                 f"c2 = {self.c2} must be at least c1 = {self.c1} for wrinkling = "
                 f"{self.membrane.wrinkling!r}: a narrow bound on the sum would hold the width."
             )
+
+        self._check_side()
+
+    def _check_side(self) -> None:
+        """Check side and offset of the print."""
+        if self.print_offset is not None:
+            require_positive(print_offset=self.print_offset)
+            _store_floats(self, "print_offset")
+        if self.print_side is None:
+            return
+        require_choice("print_side", self.print_side, PRINT_SIDES)
+        if self.bending is None:
+            raise ParameterError(
+                f"print_side = {self.print_side!r}, but bending = None: a print on one face acts "
+                "by bending the sheet. Give a Bending, or print_side = None."
+            )
+        if self.membrane.relaxed:
+            raise ParameterError(
+                f"print_side = {self.print_side!r} with wrinkling = {self.membrane.wrinkling!r}: a "
+                "tension field has no strain across its wrinkles that a print could bend by. Use "
+                "None for one of them."
+            )
+
+    @property
+    def eccentricity(self) -> float:
+        """Offset in m of the reinforcement along the skin's outward normal; 0 without a side."""
+        if self.print_side is None:
+            return 0.0
+        offset = self.print_offset
+        if offset is None:
+            offset = (self.fabric.thickness + self.reinforcement.thickness) / 2
+        return offset if self.print_side == "outside" else -offset
 
     def require_refinable(self) -> None:
         """Check that the rest shape is known between the vertices of a mesh.

@@ -25,21 +25,24 @@ from toros_fem.meshes import Pattern, Skin, cylinder, sew
 
 # So thick that stretching does not hide what bending adds.
 THICK = Composite(Material(1e5, 0.3, 5e-3), Material(26e5, 0.3, 5e-3))
+# Bending, whether the tube is cut by an oblique mirror, ends that are closed, face of the print.
 SCENES = {
-    "average": (Bending("average"), False),
-    "quadratic, mirrored": (Bending("quadratic"), True),
-    "midedge, hinged": (Bending("midedge", "hinged"), False),
-    "midedge, mirrored": (Bending("midedge", rest="assembled"), True),
+    "average": (Bending("average"), False, "both", None),
+    "quadratic, mirrored": (Bending("quadratic"), True, None, None),
+    "midedge, hinged": (Bending("midedge", "hinged"), False, "both", None),
+    "midedge, mirrored": (Bending("midedge", rest="assembled"), True, None, None),
+    "average, outside": (Bending("average"), False, "both", "outside"),
+    "midedge, free, inside": (Bending("midedge"), False, "base", "inside"),
+    "midedge, mirrored, outside": (Bending("midedge"), True, None, "outside"),
 }
 
 
 @pytest.fixture(scope="module", params=SCENES)
 def loaded(request: pytest.FixtureRequest, tube: Skin, comm: MPI.Comm) -> SkinModel:
     """A tube, or half of one cut by an oblique mirror, with a random design."""
-    bending, mirrored = SCENES[request.param]
-    skin, supports = tube, clamp(tube.pattern, ["base"])
+    bending, mirrored, caps, side = SCENES[request.param]
+    skin = tube if caps == "both" else sew(comm, cylinder(comm, 0.06, 0.02, 4.5e-3, caps=caps))
     if mirrored:
-        skin = sew(comm, cylinder(comm, 0.06, 0.02, 4.5e-3, caps=None))
         # The guided borders themselves are free, so that all derivatives there are seen.
         points, border = skin.pattern.points, skin.pattern.free_edges
         along = points[border[:, 1]] - points[border[:, 0]]
@@ -47,7 +50,10 @@ def loaded(request: pytest.FixtureRequest, tube: Skin, comm: MPI.Comm) -> SkinMo
         normals = np.array([0.1, -0.2, 1.0]) - (along @ [0.1, -0.2, 1.0])[:, None] * along
         fixed = np.repeat(np.abs(points[:, 2:] - 0.03) < 6e-3, 3, axis=1)
         supports = Supports(fixed, border, normals)
-    model = SkinModel(skin, dataclasses.replace(THICK, bending=bending), supports)
+    else:
+        supports = clamp(skin.pattern, ["base"])
+    composite = dataclasses.replace(THICK, bending=bending, print_side=side)
+    model = SkinModel(skin, composite, supports)
     rng = np.random.default_rng(3)
     model.set_density(rng.random(len(skin.pattern.panel))[skin.owned_cells])
     pressurize(model, 2e3 if model.closed else 0.0)

@@ -18,6 +18,7 @@ from toros_fem.errors import ParameterError
 from toros_fem.fabrication.printability import PrintLimits
 from toros_fem.materials import (
     CURVATURES,
+    PRINT_SIDES,
     SEAMS,
     WRINKLINGS,
     Bending,
@@ -31,7 +32,7 @@ from toros_fem.mma.optimizer import MMAOptions
 
 @dataclass(frozen=True)
 class SkinConfig(MaterialConfig):
-    """Bending and wrinkling of the sheets, seams, bladder and knit; SI units."""
+    """Bending and wrinkling of the sheets, side of the print, seams, bladder, knit; SI units."""
 
     bladder_young: float = quantity(
         0.29e6, "Young's modulus of a rubber bladder that moves with the skin", "Pa", above=0
@@ -47,6 +48,19 @@ class SkinConfig(MaterialConfig):
         None,
         "fine wrinkles, which carry no compression; none leaves wrinkles to the mesh",
         choices=WRINKLINGS,
+    )
+    print_side: str | None = quantity(
+        None,
+        "face of the fabric that carries the print, seen from the pressure; none takes the print "
+        "in the fabric's middle",
+        choices=PRINT_SIDES,
+    )
+    print_offset: float | None = quantity(
+        None,
+        "distance from the middle of the fabric to that of the print on its face; none takes the "
+        "mean of both thicknesses",
+        "m",
+        above=0,
     )
     knit_ratio: float | None = quantity(
         None,
@@ -69,6 +83,8 @@ class SkinConfig(MaterialConfig):
             super().composite,
             bending=None if self.bending is None else Bending(self.bending, self.seams),
             membrane=Membrane(self.wrinkling),
+            print_side=self.print_side,
+            print_offset=self.print_offset,
             bladder=None if thickness is None else Bladder(self.bladder_young, thickness),
             knit=None if ratio is None else Knit(ratio, float(np.radians(self.grain_angle))),
         )

@@ -35,11 +35,30 @@ def assembled(form: Any, vector: Any) -> Floats:
     return np.array(vector.array[: vector.index_map.size_local * vector.block_size])
 
 
-def sheet_stiffness(domain: Any, material: Material) -> SheetStiffness:
-    """Return a material's membrane and bending stiffness as constants."""
+def sheet_stiffness(domain: Any, material: Material, offset: float = 0.0) -> SheetStiffness:
+    """Return a material's membrane and bending stiffness as constants.
+
+    Args:
+        domain: Mesh of the skin.
+        material: The material.
+        offset: Distance in m of its middle from the surface that the curvature is measured at.
+    """
     h = material.thickness
-    values = (h * material.mu, h * material.lam, h**3 / 12 * material.mu, h**3 / 12 * material.lam)
+    bend = h**3 / 12 + offset**2 * h
+    values = (h * material.mu, h * material.lam, bend * material.mu, bend * material.lam)
     return SheetStiffness(*(fem.Constant(domain, value) for value in values))
+
+
+def offset_stiffness(domain: Any, composite: Composite) -> tuple[Any, Any] | None:
+    """Return the print's Lamé parameters times thickness and offset as constants, in N.
+
+    The offset is that along the normal; None for a print in the fabric's middle.
+    """
+    if composite.print_side is None:
+        return None
+    strip = composite.reinforcement
+    factor = strip.thickness * composite.eccentricity
+    return fem.Constant(domain, factor * strip.mu), fem.Constant(domain, factor * strip.lam)
 
 
 def masses(domain: Any, weight: Weight, gravity: Any) -> Masses:
@@ -100,13 +119,17 @@ def edge_coefficients(skin: Skin, hinges: Hinges, rotations: bool) -> Edges:
         function.x.array.reshape(-1, 3)[space.dofmap.list[:, 0]] = values
         return function
 
-    mirrored, shaped = (
+    # Only owned triangles see all of their neighbours.
+    owned = slice(0, skin.mesh.topology.index_map(2).size_local)
+    free = ~hinges.has_moment[owned] & (hinges.rotation[owned] != 0)
+    mirrored, shaped, freed = (
         skin.comm.allreduce(bool(values.any()), op=MPI.LOR)
-        for values in (hinges.mirror, hinges.rest)
+        for values in (hinges.mirror, hinges.rest, free)
     )
     return Edges(
         tensors=[coefficient(hinges.tensors[:, i]) for i in range(3)],
         rests=coefficient(hinges.rest) if shaped else None,
         turns=coefficient(hinges.rotation) if rotations else None,
         mirrors=[coefficient(hinges.mirror[:, i]) for i in range(3)] if mirrored else None,
+        folds=coefficient(hinges.has_moment.astype(np.float64)) if freed else None,
     )

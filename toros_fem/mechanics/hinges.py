@@ -48,7 +48,9 @@ class Hinges:
     rotation: Floats
 
 
-def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float) -> Hinges:
+def find_hinges(
+    skin: Skin, bending: Bending, supports: Supports, poisson: float, *, turn_free: bool = False
+) -> Hinges:
     """Return the hinges of all local triangles; complete for those that this rank owns.
 
     An edge without moment takes the angle of least energy: the natural condition inside a
@@ -60,6 +62,8 @@ def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float
         supports: Edges that keep their direction.
         poisson: Poisson's ratio of the sheet. Where fabric and reinforcement differ, an error of
             second order in the difference remains at free and hinged edges.
+        turn_free: Whether free edges have rotations too, if any edge has: then equilibrium finds
+            their angles, whatever bends the sheet.
 
     Raises:
         ParameterError: The assembled rest shape is folded flat somewhere.
@@ -85,9 +89,10 @@ def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float
     if bending.curvature == "midedge":
         vertex = skin.vertex[corner]
         first = np.roll(vertex, -1, axis=1) < np.roll(vertex, -2, axis=1)
-        rotation = np.where(
-            has_moment & ~mirrored, np.where(first, 2.0, -2.0), 0.0
-        ) / _rotation_length(skin)
+        turning = has_moment & ~mirrored
+        if turn_free:
+            turning |= alone & ~mirrored
+        rotation = np.where(turning, np.where(first, 2.0, -2.0), 0.0) / _rotation_length(skin)
     mirror = normals * mirrored[:, :, None]
     rest: Floats = np.zeros(alone.shape)
     if bending.rest == "assembled":
@@ -104,7 +109,7 @@ def find_hinges(skin: Skin, bending: Bending, supports: Supports, poisson: float
         flap=flap.astype(np.int32),
         has_moment=has_moment,
         mirror=mirror,
-        tensors=_tensors(angles, has_moment, poisson),
+        tensors=_tensors(angles, has_moment | (rotation != 0), poisson),
         rest=rest,
         rotation=rotation,
     )
@@ -250,8 +255,8 @@ def _quadratic_angles(flat: Floats, flap: Floats) -> Floats:
     return np.asarray(lift / height[:, :, None])
 
 
-def _tensors(angles: Floats, has_moment: Bools, poisson: float) -> Floats:
-    """Tensors Tᵢ of the curvature of least energy with the given angles at edges with moments.
+def _tensors(angles: Floats, known: Bools, poisson: float) -> Floats:
+    """Tensors Tᵢ of the curvature of least energy with given angles at the edges that have one.
 
     With rows g of `angles` at these edges it is D⁻¹gᵀ(g D⁻¹gᵀ)⁻¹; with all three, g⁻¹.
     """
@@ -260,7 +265,7 @@ def _tensors(angles: Floats, has_moment: Bools, poisson: float) -> Floats:
         np.array([[1, poisson, 0], [poisson, 1, 0], [0, 0, (1 - poisson) / 2]])
     )
     for edges in _subsets():
-        cells = np.flatnonzero((has_moment == edges).all(axis=1))
+        cells = np.flatnonzero((known == edges).all(axis=1))
         chosen = np.flatnonzero(edges)
         g = angles[cells][:, chosen]
         soft = compliance @ g.transpose(0, 2, 1)

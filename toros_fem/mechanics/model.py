@@ -24,6 +24,7 @@ from toros_fem.mechanics.coefficients import (
     courses,
     edge_coefficients,
     masses,
+    offset_stiffness,
     sheet_stiffness,
     work_vector,
 )
@@ -116,7 +117,11 @@ class SkinModel:
         self._hinges, rotations = None, False
         if composite.bending is not None:
             poisson = composite.reinforcement.poisson
-            self._hinges = find_hinges(skin, composite.bending, supports, poisson)
+            # Membrane strain bends an offset print up to its free edges.
+            coupled = composite.print_side is not None
+            self._hinges = find_hinges(
+                skin, composite.bending, supports, poisson, turn_free=coupled
+            )
             rotations = composite.bending.curvature == "midedge"
         self._patch = make_patch(
             skin, self._hinges, rotations=rotations, lattice=lattice_shifts is not None
@@ -143,7 +148,7 @@ class SkinModel:
             ufl.TestFunction(self._entry_space),
             self.density,
             sheet_stiffness(domain, composite.fabric),
-            sheet_stiffness(domain, composite.reinforcement),
+            sheet_stiffness(domain, composite.reinforcement, composite.eccentricity),
             (fem.Constant(domain, composite.c1), fem.Constant(domain, composite.c2)),
             self._pressure.coefficient if closed else None,
             self._pressure.chosen,
@@ -158,6 +163,7 @@ class SkinModel:
             fem.Constant(domain, composite.membrane.residual_stiffness)
             if composite.membrane.relaxed
             else None,
+            offset_stiffness(domain, composite),
         )
         self._energy = fem.form(self.ufl_forms.energy)
         self._residual = fem.form(self.ufl_forms.residual)

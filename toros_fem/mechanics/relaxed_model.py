@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import basix.ufl
@@ -92,6 +93,8 @@ class RelaxedModel(SkinModel):
                 f"wrinkling = {composite.membrane.wrinkling!r}: line families take compression and "
                 "have no relaxed energy here. Use wrinkling = None for relaxed designs."
             )
+        # Lines are smeared over the sheet's middle; what is printed of them has its side.
+        composite = replace(composite, print_side=None)
         self.families = families
         print_stiffness = composite.reinforcement.membrane_stiffness
         self._crossing = crossing * print_stiffness / composite.fabric.membrane_stiffness

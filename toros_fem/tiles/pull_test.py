@@ -124,7 +124,7 @@ def pull(
     fixed[:, 2] = True
     fixed[near | far] = True
     solver = EquilibriumSolver(
-        skin, replace(composite, bending=None), Supports(fixed), options, log
+        skin, replace(composite, bending=None, print_side=None), Supports(fixed), options, log
     )
     along = np.eye(3)[axis]
     forces, middle, steps = [], [], 0

@@ -88,7 +88,7 @@ class TileSolver:
     ) -> None:
         bending = composite.bending
         if periodic.flat:
-            composite = replace(composite, bending=None)
+            composite = replace(composite, bending=None, print_side=None)
         elif bending is None or bending.rest != "flat" or bending.seams != "continuous":
             raise ParameterError(
                 "a tile that may leave its plane must resist bending, with rest = 'flat' and "
