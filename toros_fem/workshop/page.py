@@ -23,12 +23,13 @@ WORDS = {
 }
 
 
-def page(made: Mapping[str, Any], layout: Layout, title: str) -> str:
+def page(made: Mapping[str, Any], layout: Layout, film: Layout | None, title: str) -> str:
     """Return the page as HTML that needs no other file.
 
     Args:
         made: The manifest.
         layout: Panels at their places.
+        film: Sheets of the bladder at their places; None without one.
         title: Name of the design.
     """
     template = resources.files("toros_fem.workshop").joinpath("make_it.html").read_text("utf-8")
@@ -44,7 +45,7 @@ def page(made: Mapping[str, Any], layout: Layout, title: str) -> str:
             for k, drawings in enumerate(layout.sheets, 1)
         ),
         "seams": _seams(made),
-        "insert": _insert(made),
+        "insert": _insert(made, film),
         "inflate": _inflate(made),
         "files": _pairs([(f["name"], f["shows"]) for f in made["files"]]),
     }
@@ -128,16 +129,22 @@ def _seams(made: Mapping[str, Any]) -> str:
     return "".join(rows)
 
 
-def _insert(made: Mapping[str, Any]) -> str:
+def _insert(made: Mapping[str, Any], film: Layout | None) -> str:
     closing = [step for step in made["sewing"] if step["kind"] == CLOSING]
     openings = ", ".join(f"{step['opening_mm']:.0f} mm of seam {step['seam']}" for step in closing)
     if not closing:
         return "<p>This design has no seams, and no bladder goes in.</p>"
-    files = _names(made, "bladder")
-    outline = f" Its outline, with an edge to weld and a tab for the tube: {files}." if files else ""
+    weld = ""
+    if film is not None:
+        weld = (
+            "<p>Cut the sheets of film, lay them on each other, and weld them along the dashed lines, edges "
+            "with the same number together. The end of the tab stays open for the tube.</p>"
+            f'<figure class="to-cut">{sheet_picture(film.sheets[0], film.sheet, "bladder")}'
+            f"<figcaption>{_names(made, 'bladder')}</figcaption></figure>"
+        )
     return (
-        f"<p>Turn the skin right side out. Fold the bladder, push it in through the opening "
-        f"({openings}) and spread it, without a twist. Its tube leaves through the opening.{outline}</p>"
+        f"{weld}<p>Turn the skin right side out. Fold the bladder, push it in through the opening "
+        f"({openings}) and spread it, without a twist. Its tab and tube leave through the opening.</p>"
     )
 
 

@@ -65,10 +65,14 @@ def seam_picture(
         about: What is shown, for readers that do not see it.
     """
     svg = _canvas(size, about)
+    low, high = np.reshape(shapely.total_bounds([one.cut for one in drawings]), (2, 2))
+    (left, bottom), (right, top) = _place(np.stack([low, high]), size)
+    wide, deep = right - left, bottom - top
+    svg.set("viewBox", f"{left - 2:.2f} {top - 2:.2f} {wide + 4:.2f} {deep + 4:.2f}")
     fabric, printed, lines, marks = (
         ET.SubElement(svg, "g", {"class": name}) for name in ("fabric", "print", "sewn", "numbers")
     )
-    radius = 1e3 * DISC * max(size) / 2
+    radius = DISC * max(wide, deep) / 2
     for one in drawings:
         _region(fabric, one.cut, size)
         if not one.printed.is_empty:

@@ -84,6 +84,29 @@ def layout(drawings: Sequence[PanelDrawing], options: ManufactureOptions | None 
     return Layout(tuple(drawings), tuple(placements), used, sheet, (columns, rows))
 
 
+def film_layout(
+    drawings: Sequence[PanelDrawing], options: ManufactureOptions | None = None
+) -> Layout:
+    """Return the places of a bladder's sheets on one piece of film that holds them all.
+
+    Args:
+        drawings: The sheets in their own coordinates.
+        options: Gap and margin; None takes the defaults.
+    """
+    options = options or ManufactureOptions()
+    gap, margin = options.panel_gap, options.sheet_margin
+    boxes = [np.reshape(one.footprint.bounds, (2, 2)) for one in drawings]
+    sizes = np.array([high - low for low, high in boxes])
+    ends = np.cumsum(sizes[:, 0] + gap)
+    starts = ends - sizes[:, 0] - gap + margin
+    film = (float(ends[-1] - gap + 2 * margin), float(sizes[:, 1].max() + 2 * margin))
+    placements = [
+        Placement(one.name, 0, 0.0, (float(start - low[0]), float(margin - low[1])))
+        for one, start, (low, _) in zip(drawings, starts, boxes, strict=True)
+    ]
+    return Layout(tuple(drawings), tuple(placements), film, film, (1, 1))
+
+
 def _placed(
     drawings: Sequence[PanelDrawing], placements: Sequence[Placement]
 ) -> list[list[PanelDrawing]]:

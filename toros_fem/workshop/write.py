@@ -7,14 +7,16 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.errors import MissingPackageError, PatternError, SheetError
+from toros_fem.manufacture.bladder import bladder_drawings
 from toros_fem.manufacture.cut_files import write_cut_dxf, write_cut_svg
 from toros_fem.manufacture.options import ManufactureOptions
 from toros_fem.manufacture.panel_drawing import PanelDrawing, panel_drawings
 from toros_fem.manufacture.print_bodies import print_bodies, write_3mf, write_stl
-from toros_fem.manufacture.seam_lines import sewn_seams
+from toros_fem.manufacture.seam_lines import SewnSeam, sewn_seams
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.output.files import write_json
 from toros_fem.runs.files import replace_file
@@ -22,8 +24,10 @@ from toros_fem.workshop.manifest import NAME, MadeFile, manifest
 from toros_fem.workshop.page import NAME as PAGE
 from toros_fem.workshop.page import page
 from toros_fem.workshop.sewing_order import sewing_order
-from toros_fem.workshop.sheets import layout
+from toros_fem.workshop.sheets import film_layout, layout
 
+# Lengths that differ by this fraction are equal.
+TINY = 1e-6
 # Folder of the machine files in that of a run.
 FOLDER = "manufacture"
 
@@ -40,8 +44,8 @@ def write_manufacture(
     """Write print files, cut files, bladder, manifest and page of a design (one rank).
 
     The files are print_1.stl and print_1.3mf for the first bed, cut_1.svg and cut_1.dxf for the
-    first sheet, and so on; manufacture.json and make_it.html. What an earlier call left in the folder
-    under such names is removed.
+    first sheet, and so on; bladder.svg and bladder.dxf; manufacture.json and make_it.html. What an
+    earlier call left in the folder under such names is removed.
 
     Args:
         folder: The folder, made if missing.
@@ -65,7 +69,7 @@ def write_manufacture(
     places = layout(drawings, options)
     seams = sewn_seams(pattern)
     folder.mkdir(parents=True, exist_ok=True)
-    for kind in ("print", "cut", "bladder"):
+    for kind in ("print", "cut"):
         for old in folder.glob(f"{kind}_*[0-9].*"):
             old.unlink()
     files = []
@@ -78,11 +82,21 @@ def write_manufacture(
                 text = f"print of bed {bed}, in mm"
                 files.append(MadeFile(f"print_{bed}.{end}", "print", text, bed=bed))
     for sheet, drawn in enumerate(places.sheets, 1):
-        files += _cut(folder, "cut", drawn, places.sheet, sheet)
-    order = sewing_order(pattern, seams)
+        text = f"cut of sheet {sheet}, in mm, in layers"
+        files += [
+            MadeFile(name, "cut", text, sheet=sheet)
+            for name in _cut(folder, f"cut_{sheet}", drawn, places.sheet)
+        ]
+    sheets_of_film = bladder_drawings(pattern, options)
+    film = film_layout(sheets_of_film, options) if sheets_of_film else None
+    if film is not None:
+        text = f"cut of the bladder's {len(sheets_of_film)} sheets of film, in mm, in layers"
+        names = _cut(folder, "bladder", film.sheets[0], film.sheet)
+        files += [MadeFile(name, "bladder", text) for name in names]
+    order = sewing_order(pattern, seams, _at_tab(sheets_of_film, seams))
     made = manifest(places, seams, order, options, files, summary)
     name = title or folder.resolve().parent.name
-    replace_file(folder / PAGE, page(made, places, name).encode())
+    replace_file(folder / PAGE, page(made, places, film, name).encode())
     write_json(folder / NAME, made)
     return made
 
@@ -107,9 +121,21 @@ def if_possible(write: Callable[[], Any]) -> None:
 
 
 def _cut(
-    folder: Path, kind: str, drawn: Sequence[PanelDrawing], size: tuple[float, float], sheet: int
-) -> list[MadeFile]:
-    write_cut_svg(folder / f"{kind}_{sheet}.svg", drawn, size)
-    write_cut_dxf(folder / f"{kind}_{sheet}.dxf", drawn, size)
-    text = f"{kind} of sheet {sheet}, in mm, in layers"
-    return [MadeFile(f"{kind}_{sheet}.{end}", kind, text, sheet=sheet) for end in ("svg", "dxf")]
+    folder: Path, name: str, drawn: Sequence[PanelDrawing], size: tuple[float, float]
+) -> list[str]:
+    write_cut_svg(folder / f"{name}.svg", drawn, size)
+    write_cut_dxf(folder / f"{name}.dxf", drawn, size)
+    return [f"{name}.svg", f"{name}.dxf"]
+
+
+def _at_tab(film: Sequence[PanelDrawing], seams: Sequence[SewnSeam]) -> list[int]:
+    """Return the numbers of seams at the tab of a bladder, where its weld is interrupted.
+
+    The sheets of film for a tube have a weld of their own, which is longer than its seams.
+    """
+    welds = dict.fromkeys((seam.number for seam in seams), 0.0)
+    for one in film:
+        for weld in one.seams:
+            steps = np.linalg.norm(np.diff(weld.line, axis=0), axis=1)
+            welds[weld.number] += float(steps.sum()) / 2
+    return [seam.number for seam in seams if 0 < welds[seam.number] < (1 - TINY) * seam.length]
