@@ -3,14 +3,17 @@
 import numpy as np
 import pytest
 
-from toros_fem.library import read_library, reinforced
+from toros_fem.library import print_offset, read_library, reinforced
 from toros_fem.materials import Material
 
 
-def laminate(layers: list[Material]) -> tuple[np.ndarray, np.ndarray]:
-    """A and D − B A⁻¹ B of layers upon each other, by quadrature over the thickness."""
+def laminate(layers: list[Material]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B and D − B A⁻¹ B of layers upon each other, by quadrature over the thickness.
+
+    B is about the middle of the first layer.
+    """
     A, B, D = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
-    bottom = 0.0
+    bottom = -layers[0].thickness / 2
     for layer in layers:
         nu, z = layer.poisson, bottom + layer.thickness * (np.arange(400) + 0.5) / 400
         Q = layer.young / (1 - nu**2) * np.array([[1, nu, 0], [nu, 1, 0], [0, 0, (1 - nu) / 2]])
@@ -19,17 +22,18 @@ def laminate(layers: list[Material]) -> tuple[np.ndarray, np.ndarray]:
         B += Q * z.sum() * dz
         D += Q * (z**2).sum() * dz
         bottom += layer.thickness
-    return A, D - B @ np.linalg.solve(A, B)
+    return A, B, D - B @ np.linalg.solve(A, B)
 
 
 @pytest.mark.parametrize("nu", [0.3, 0.48])
 def test_stretching_and_bending(nu: float) -> None:
     fabric, layer = Material(0.8e6, 0.3, 0.7e-3), Material(5e6, nu, 0.4e-3)
-    A, D = laminate([fabric, layer])
+    A, B, D = laminate([fabric, layer])
     sheet = reinforced(fabric, layer)
-    A_one, D_one = laminate([sheet])
+    A_one, _, D_one = laminate([sheet])
     assert A_one == pytest.approx(A, rel=1e-12)
     assert D_one[0, 0] == pytest.approx(D[0, 0], rel=1e-4 if nu == 0.3 else 0.02)
+    assert A[0, 0] * print_offset(fabric, layer) == pytest.approx(B[0, 0], rel=1e-12)
     if nu == 0.3:
         assert D_one == pytest.approx(D, rel=1e-4, abs=1e-12)
 

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from toros_fem.actuators.config import SkinConfig
 from toros_fem.errors import LibraryError, SceneError
-from toros_fem.library import read_library, reinforced, write_material
+from toros_fem.library import print_offset, read_library, reinforced, write_material
 from toros_fem.materials import Bladder
 from toros_fem.scene_files.materials import FIELDS, roles_of
 from toros_fem.scene_files.reading import Scene, read_scene
@@ -58,6 +58,8 @@ def test_numbers_of_names(tmp_path: Path) -> None:
     assert composite.fabric == knit.material
     assert composite.knit.ratio == knit.knit_ratio
     assert composite.reinforcement == reinforced(knit.material, layer.material)
+    assert composite.print_offset == print_offset(knit.material, layer.material)
+    assert composite.print_side is None
     assert composite.bladder == Bladder(106e3, 0.3e-3)
     assert (composite.c1, composite.c2) == (1.7, 2.6)
 
@@ -93,6 +95,9 @@ def test_later_layers(tmp_path: Path) -> None:
     assert found.config.c2 == 2.2
     found = scene(tmp_path, text, coarse=True, changes=["reinforcement = tpu-95a-on-jersey"])
     assert found.config.composite.reinforcement == LIBRARY["tpu-95a-on-jersey"].material
+    assert found.config.print_offset is None
+    found = scene(tmp_path, text, changes=["print_offset=0.2 mm"])
+    assert found.config.print_offset == 0.2e-3
 
 
 def test_a_file_of_ones_own(comm: MPI.Comm, tmp_path: Path) -> None:

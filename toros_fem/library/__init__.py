@@ -2,7 +2,7 @@
 
 from toros_fem.library.material import KINDS, TRUSTS, LibraryMaterial
 from toros_fem.library.reading import named, read_library
-from toros_fem.library.reinforced import reinforced
+from toros_fem.library.reinforced import print_offset, reinforced
 from toros_fem.library.writing import write_material
 
 __all__ = [
@@ -10,6 +10,7 @@ __all__ = [
     "TRUSTS",
     "LibraryMaterial",
     "named",
+    "print_offset",
     "read_library",
     "reinforced",
     "write_material",

@@ -20,7 +20,7 @@ def reinforced(fabric: Material, layer: Material) -> Material:
         fabric: The plain fabric.
         layer: The printed layer alone.
     """
-    first, second = (m.young * m.thickness / (1 - m.poisson**2) for m in (fabric, layer))
+    first, second = _stiffnesses(fabric, layer)
     both = first + second
     bending = (
         first * fabric.thickness**2 / 12
@@ -33,3 +33,20 @@ def reinforced(fabric: Material, layer: Material) -> Material:
         for name in ("mu", "lam")
     )
     return Material.from_lame(mu, min(lam, 2 * mu), thickness)
+
+
+def print_offset(fabric: Material, layer: Material) -> float:
+    """Return the distance in m from the fabric's middle to the neutral plane of `reinforced`.
+
+    It is A₂/(A₁ + A₂) · (h₁ + h₂)/2, the `print_offset` of a `Composite` whose print has a side.
+
+    Args:
+        fabric, layer: As of `reinforced`.
+    """
+    first, second = _stiffnesses(fabric, layer)
+    return second / (first + second) * (fabric.thickness + layer.thickness) / 2
+
+
+def _stiffnesses(*layers: Material) -> tuple[float, ...]:
+    """Return A = E h/(1−ν²) in N/m of each layer."""
+    return tuple(m.young * m.thickness / (1 - m.poisson**2) for m in layers)

@@ -9,7 +9,7 @@ from typing import Any
 
 from toros_fem.config import Config
 from toros_fem.errors import ParameterError
-from toros_fem.library import LibraryMaterial, named, reinforced
+from toros_fem.library import LibraryMaterial, named, print_offset, reinforced
 from toros_fem.materials import Material
 
 # Table of the scene, key that names a file of materials, and the role of each name: the kind of
@@ -36,6 +36,8 @@ FIELDS: Mapping[str, Mapping[str, str]] = MappingProxyType(
         "bladder": {"bladder_young": "young", "bladder_thickness": "thickness"},
     }
 )
+# Field that a printed layer sets beside these: where the neutral plane of print and fabric lies.
+OFFSET = "print_offset"
 
 
 def roles_of(config: Config | type[Config]) -> tuple[str, ...]:
@@ -102,7 +104,7 @@ class NamedMaterials:
             for key in _values(role, self.entry(role, name)):
                 self.numbers.pop(key, None)
         self.names.update(names)
-        fields = [key for role in FIELDS.values() for key in role]
+        fields = [OFFSET, *(key for role in FIELDS.values() for key in role)]
         self.numbers.update({key: rest[key] for key in rest if key in fields})
         return {**rest, **self._numbers(config, default)}
 
@@ -126,9 +128,6 @@ class NamedMaterials:
         known, found = config.kinds(), dict[str, Any]()
         for role, entry in self.entries.items():
             values = _values(role, entry)
-            if role == "reinforcement" and not entry.with_fabric:
-                fields = {key: getattr(config, key) for key in FIELDS["fabric"] if key in known}
-                values = _on_fabric({**fields, **found, **self.numbers}, entry)
             for key in values:
                 if key not in known:
                     raise ParameterError(
@@ -137,6 +136,11 @@ class NamedMaterials:
                     )
             found |= {key: getattr(default, key) for key in FIELDS[role] if key in known}
             found |= values
+            if role == "reinforcement":
+                names = [key for key in FIELDS["fabric"] if key in known]
+                fabric = {key: getattr(config, key) for key in names} | found | self.numbers
+                laid = _laid(fabric, entry, getattr(default, OFFSET, None))
+                found |= {key: value for key, value in laid.items() if key in known}
         return {**found, **self.numbers}
 
 
@@ -146,8 +150,19 @@ def _values(role: str, entry: LibraryMaterial) -> dict[str, Any]:
     return {key: value for key, value in values.items() if value is not None}
 
 
-def _on_fabric(fabric: Mapping[str, Any], entry: LibraryMaterial) -> dict[str, Any]:
-    """Return the fields of the reinforcement: a printed layer on a fabric."""
+def _laid(
+    fabric: Mapping[str, Any], entry: LibraryMaterial, offset: float | None
+) -> dict[str, Any]:
+    """Return the fields of the reinforcement of a fabric.
+
+    Args:
+        fabric: Fields of the fabric.
+        entry: The print.
+        offset: Offset of a print that is one sheet with its fabric.
+    """
+    if entry.with_fabric:
+        return {OFFSET: offset}
     plain = Material(fabric["fabric_young"], fabric["poisson"], fabric["thickness"])
     sheet = reinforced(plain, entry.material)
-    return {key: getattr(sheet, name) for key, name in FIELDS["reinforcement"].items()}
+    values = {key: getattr(sheet, name) for key, name in FIELDS["reinforcement"].items()}
+    return {**values, OFFSET: print_offset(plain, entry.material)}
