@@ -20,6 +20,11 @@ from toros_fem.analysis.states import FoundStates, find_states
 from toros_fem.analysis.trace import trace
 from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.analysis.wrinkles import Tension, WrinkleField, wrinkle_field
+from toros_fem.characterisation.fit import fit_material
+from toros_fem.characterisation.options import FitOptions
+from toros_fem.characterisation.reading import read_tensile_tests
+from toros_fem.characterisation.result import FitResult
+from toros_fem.characterisation.tensile_test import TensileTest
 from toros_fem.density.field import random_density
 from toros_fem.density.filters import make_filter
 from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
@@ -90,6 +95,8 @@ __all__ = [
     "EquilibriumResult",
     "EquilibriumSolver",
     "ErrorEstimate",
+    "FitOptions",
+    "FitResult",
     "FoundStates",
     "GapObjective",
     "Knit",
@@ -116,6 +123,7 @@ __all__ = [
     "Stage",
     "SumObjective",
     "Supports",
+    "TensileTest",
     "Tension",
     "TorosError",
     "TracePoint",
@@ -132,6 +140,7 @@ __all__ = [
     "estimate_error",
     "find_lines",
     "find_states",
+    "fit_material",
     "lay_lines",
     "length_ratio",
     "limit_points",
@@ -144,6 +153,7 @@ __all__ = [
     "point_force",
     "printed_lines",
     "random_density",
+    "read_tensile_tests",
     "refinements",
     "sew",
     "shortening",

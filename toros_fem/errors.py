@@ -156,6 +156,10 @@ class LibraryError(FileKeyError):
     """A file of materials cannot be read, a value in it is wrong, or a material is not in it."""
 
 
+class MeasurementError(FileKeyError):
+    """Measured data cannot be read or fitted; the message names file, line and fault."""
+
+
 class NoEquilibriumError(TorosError, RuntimeError):
     """No equilibrium was found."""
 

@@ -31,6 +31,7 @@ ROOMS = [
     ["workshop"],
     ["report"],
     ["actuators", "tiles"],
+    ["characterisation"],
     ["scenes"],
     ["scene_files"],
     ["command_line"],

@@ -25,6 +25,7 @@ from toros_fem.commands import (
     design,
     doctor,
     export,
+    fit,
     materials,
     new,
     resume,
@@ -47,6 +48,7 @@ COMMANDS: Mapping[str, Command] = {
         view.COMMAND,
         export.COMMAND,
         unwrap.COMMAND,
+        fit.COMMAND,
         doctor.COMMAND,
     )
 }

@@ -1,0 +1,22 @@
+"""Characterisation: material constants of eq. (1) from tensile tests."""
+
+from toros_fem.characterisation.fit import fit_material
+from toros_fem.characterisation.options import FitOptions
+from toros_fem.characterisation.reading import Given, read_tensile_tests
+from toros_fem.characterisation.report import fit_table, write_fit
+from toros_fem.characterisation.result import Estimate, FitResult
+from toros_fem.characterisation.tensile_test import TensileTest
+from toros_fem.characterisation.uniaxial import uniaxial_curve
+
+__all__ = [
+    "Estimate",
+    "FitOptions",
+    "FitResult",
+    "Given",
+    "TensileTest",
+    "fit_material",
+    "fit_table",
+    "read_tensile_tests",
+    "uniaxial_curve",
+    "write_fit",
+]

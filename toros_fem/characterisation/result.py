@@ -1,0 +1,216 @@
+"""The result of a fit: constants with intervals, how well they fit, and how far to trust them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toros_fem._types import Floats
+from toros_fem.characterisation.fitting import Samples
+from toros_fem.characterisation.options import FitOptions
+from toros_fem.materials import Knit, Material
+
+UNITS = {"young": "Pa", "mu": "Pa", "lam": "Pa"}
+# A mean residual beyond this part of the stress there, or of a tenth of the largest, is a misfit.
+MISFIT = 0.1
+# Parts of the range of stretch that the misfit is looked at in.
+PARTS = 12
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One constant.
+
+    Attributes:
+        value: In SI units.
+        low, high: Ends of the 95 % interval.
+        identified: Whether the data tell it: its interval ends within the bounds of the fit.
+        unit: SI unit; empty for a pure number.
+    """
+
+    value: float
+    low: float
+    high: float
+    identified: bool
+    unit: str = ""
+
+    def __contains__(self, value: float) -> bool:
+        return self.low <= value <= self.high
+
+
+@dataclass(frozen=True, eq=False)
+class FitResult:
+    """Eq. (1) fitted to tensile tests.
+
+    Attributes:
+        estimates: By name: young, poisson, mu, lam, c1, c2, and knit_ratio of two directions.
+        thickness: In m; stresses are per width, so that only E h is measured.
+        r2_stress, r2_lateral: Coefficients of determination; None of what was not measured.
+        measured_to: Largest stretch that was fitted.
+        trusted_to: Largest stretch up to which the mean residuals are within 10 %.
+        samples: The points that were fitted.
+        stress, lateral: The model's values at these points, (n,) each.
+        specimens: Names of the specimens.
+        options: Options of the fit.
+        stiff: Direction of the courses of `knit`, the stiffer of two; None of one direction.
+        rounds: Rounds of simulations of the clamped strip; 0 without.
+    """
+
+    estimates: Mapping[str, Estimate]
+    thickness: float
+    r2_stress: float
+    r2_lateral: float | None
+    measured_to: float
+    trusted_to: float
+    samples: Samples
+    stress: Floats
+    lateral: Floats
+    specimens: tuple[str, ...]
+    options: FitOptions
+    stiff: str | None = None
+    rounds: int = 0
+
+    @property
+    def material(self) -> Material:
+        """The sheet; of a knit the plain fabric under its courses."""
+        return Material(
+            self.estimates["young"].value, self.estimates["poisson"].value, self.thickness
+        )
+
+    @property
+    def c1(self) -> float:
+        """Bound on a principal stretch."""
+        return self.estimates["c1"].value
+
+    @property
+    def c2(self) -> float:
+        """Bound on the sum of both."""
+        return self.estimates["c2"].value
+
+    @property
+    def knit(self) -> Knit | None:
+        """Courses of the fabric, if both directions were fitted."""
+        found = self.estimates.get("knit_ratio")
+        return None if found is None else Knit(max(found.value, 1.0))
+
+    @property
+    def remarks(self) -> list[str]:
+        """What a reader must know, as sentences."""
+        found = [
+            f"{name} is not identified: its interval, {one.low:.4g} to {one.high:.4g}, reaches a "
+            "bound of the fit."
+            for name, one in self.estimates.items()
+            if not one.identified
+        ]
+        if self.stiff is not None:
+            found.append(
+                f"{self.stiff!r} is the stiffer direction: the courses of `Knit` run along it."
+            )
+        if self.r2_lateral is None:
+            found.append(
+                "No lateral stretch was measured: poisson and c2 follow from the stress alone."
+            )
+        if self.trusted_to < self.measured_to:
+            found.append(
+                f"Beyond a stretch of {self.trusted_to:.3g} the mean residual exceeds 10 %: fit "
+                "fewer data by --up-to, or mistrust the model there."
+            )
+        found.append(
+            f"The tests are uniaxial, with stretches from 1 to {self.measured_to:.3g}: larger "
+            "ones, compression, shear and biaxial stretching are extrapolated."
+        )
+        return found
+
+    def summary(self) -> dict[str, Any]:
+        """Return the result as JSON holds it."""
+        return {
+            "estimates": {
+                name: {
+                    "value": one.value, "low": one.low, "high": one.high,
+                    "identified": one.identified, "unit": one.unit,
+                }
+                for name, one in self.estimates.items()
+            },
+            "thickness_m": self.thickness,
+            "membrane_stiffness_n_per_m": self.material.membrane_stiffness,
+            "r2_stress": self.r2_stress,
+            "r2_lateral": self.r2_lateral,
+            "stretch_measured_to": self.measured_to,
+            "stretch_trusted_to": self.trusted_to,
+            "specimens": list(self.specimens),
+            "directions": list(self.samples.direction),
+            "stiff_direction": self.stiff,
+            "points": len(self.samples.strain),
+            "clamp_rounds": self.rounds,
+            "remarks": self.remarks,
+            "inputs": self.options.as_dict(),
+        }  # fmt: skip
+
+
+def r_squared(measured: Floats, model: Floats) -> float:
+    """Return 1 − Σ residual²/Σ (measured − mean)²; −∞ of constant data that are missed."""
+    missed = float(np.sum((measured - model) ** 2))
+    spread = float(np.sum((measured - measured.mean()) ** 2))
+    if spread == 0:
+        return 1.0 if missed == 0 else -np.inf
+    return 1 - missed / spread
+
+
+def trusted_stretch(samples: Samples, stress: Floats) -> float:
+    """Return the stretch up to which mean residuals of the stress stay within `MISFIT`.
+
+    The mean is taken over twelfths of the range and each direction; what two of its standard
+    errors explain is no misfit.
+    """
+    top = float(samples.strain.max())
+    part = np.minimum((samples.strain / top * PARTS).astype(np.int64), PARTS - 1)
+    names = np.array(samples.direction)[samples.test]
+    worst = PARTS
+    for name in sorted(set(samples.direction)):
+        own = names == name
+        largest = float(np.abs(samples.stress[own]).max())
+        for k in range(worst):
+            rows = own & (part == k)
+            if rows.any():
+                residual = (samples.stress - stress)[rows]
+                noise = 2 * float(residual.std()) / np.sqrt(len(residual))
+                mean = max(abs(float(residual.mean())) - noise, 0.0)
+                level = max(float(samples.stress[rows].mean()), 0.1 * largest)
+                if mean > MISFIT * level:
+                    worst = k
+                    break
+    return 1 + (top if worst == PARTS else top * worst / PARTS)
+
+
+def estimates_of(
+    values: Mapping[str, float],
+    draws: Sequence[Mapping[str, float]],
+    ranges: Mapping[str, tuple[float, float]],
+    confidence: float,
+) -> dict[str, Estimate]:
+    """Return constants with their intervals.
+
+    Args:
+        values: The constants.
+        draws: The constants of each draw.
+        ranges: Smallest and largest value that the fit allows.
+        confidence: Probability of the intervals.
+    """
+    found = {}
+    for name, value in values.items():
+        drawn = np.array([draw[name] for draw in draws])
+        tails = [50 * (1 - confidence), 50 * (1 + confidence)]
+        low, high = (float(end) for end in np.percentile(drawn, tails))
+        low, high = min(low, value), max(high, value)
+        least, most = ranges.get(name, (-np.inf, np.inf))
+        margin = 1e-3 * (most - least) if np.isfinite(most - least) else 0.0
+        # Isotropy and Poisson's ratios of 0 and 1/2 are no bounds of the fit but of the material.
+        free = name not in ("c1", "c2", "poisson")
+        wide = name == "poisson" and high - low > 0.4
+        inside = low > least + margin and high < most - margin
+        identified = free or inside if name != "poisson" else not wide
+        found[name] = Estimate(value, low, high, bool(identified), UNITS.get(name, ""))
+    return found

@@ -1,0 +1,120 @@
+"""`toros fit`: material constants from tensile tests."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import fields
+from pathlib import Path
+
+from mpi4py import MPI
+
+from toros_fem._mpi import on_first_rank
+from toros_fem.characterisation.columns import UNITS
+from toros_fem.characterisation.fit import fit_material
+from toros_fem.characterisation.options import FitOptions
+from toros_fem.characterisation.reading import Given, read_tensile_tests
+from toros_fem.characterisation.report import fit_table, write_fit
+from toros_fem.characterisation.result import FitResult
+from toros_fem.command_line.command import Answer, Command
+from toros_fem.command_line.scripts import UsageError, add_options
+from toros_fem.units import read_quantity
+
+LENGTHS = ("thickness", "width", "gauge_length")
+
+
+def _options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "data", type=Path, nargs="+", metavar="DATA", help="CSV files of the tests"
+    )
+    parser.add_argument(
+        "--output",
+        type=Path,
+        default=Path("fit"),
+        metavar="FOLDER",
+        help="folder for the report, made if missing; default fit",
+    )
+    group = parser.add_argument_group("What the files do not say")
+    for name, meaning in (
+        ("thickness", "thickness of the sheet"),
+        ("width", "width of the strips"),
+        ("gauge-length", "length that the extension refers to"),
+    ):
+        group.add_argument(
+            f"--{name}",
+            default=None,
+            metavar="LENGTH",
+            help=f"{meaning}, with its unit, '0.5 mm', or in m; default that of the files",
+        )
+    group.add_argument(
+        "--direction",
+        default=None,
+        metavar="NAME",
+        help="fit the tests along this direction alone; default all",
+    )
+    group.add_argument(
+        "--unit",
+        action="append",
+        default=[],
+        metavar="COLUMN=UNIT",
+        help="unit of a column, 'force=N', as often as needed; default that in the header",
+    )
+    add_options(parser, FitOptions())
+
+
+def _given(options: argparse.Namespace) -> Given:
+    units = {}
+    for text in options.unit:
+        column, equals, unit = text.partition("=")
+        column = " ".join(column.replace("-", " ").lower().split())
+        if not equals or column not in UNITS:
+            raise UsageError(
+                f"--unit {text!r} must be COLUMN=UNIT, with a column of {', '.join(UNITS)}."
+            )
+        units[column] = unit.strip()
+    return Given(**{name: _length(getattr(options, name)) for name in LENGTHS}, units=units)
+
+
+def _length(text: str | None) -> float | None:
+    if text is None:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        return read_quantity(text, "m")
+
+
+def _fit(options: argparse.Namespace) -> FitResult:
+    given = _given(options)
+    tests = read_tensile_tests(options.data, given)
+    if options.direction is not None:
+        wanted = options.direction.lower()
+        chosen = [test for test in tests if test.direction == wanted]
+        if not chosen:
+            known = ", ".join(sorted({repr(test.direction) for test in tests}))
+            raise UsageError(f"--direction {wanted!r}: the tests have the directions {known}.")
+        tests = chosen
+    values = vars(options)
+    names = [entry.name for entry in fields(FitOptions) if entry.name in values]
+    return fit_material(tests, FitOptions(**{name: values[name] for name in names}))
+
+
+def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
+    result = on_first_rank(comm, lambda: _fit(given))
+    write_fit(comm, given.output, result)
+    text = f"{fit_table(result)}\nsee {given.output}/"
+    return Answer(text, {"folder": given.output, **result.summary()})
+
+
+COMMAND = Command(
+    "fit",
+    "fits a material to tensile tests",
+    "CSV files of tensile tests give E, ν and the bounds c1 and c2 of eq. (1), with 95 %\n"
+    "intervals. The header names the columns with their units: 'strain [%]', 'force [N]',\n"
+    "'lateral strain [%]'. The folder gets fit.txt, fit.json, fit.csv and fit.png.",
+    (
+        "toros fit jersey.csv --thickness '0.5 mm'",
+        "toros fit course.csv wale.csv --width '25 mm' --thickness '0.5 mm' --output jersey",
+    ),
+    _options,
+    _run,
+)
