@@ -80,7 +80,7 @@ def result_of(
         estimates_of(
             scales.values(solution.theta, thickness),
             [scales.values(theta, thickness) for theta in drawn],
-            scales.ranges(thickness),
+            scales.ranges(),
             CONFIDENCE,
         ),
         thickness,

@@ -22,6 +22,7 @@ EXACT = 1e-5
 # Rounds of fit and weights.
 ROUNDS = 4
 NORMAL_MAD = 1.4826
+SPREAD_STEPS = 30
 # Names of perpendicular directions; a knit is fitted to both.
 PAIRS = (("course", "wale"), ("x", "y"), ("along", "across"), ("warp", "weft"))
 LOSS = {"soft-l1": "soft_l1", "huber": "huber", "squares": "linear"}
@@ -260,13 +261,34 @@ class Estimator:
         return Solution(theta, sigma, cost)
 
     def _spread(self, residuals: Floats, parameters: int) -> Floats:
-        """Return the standard deviation of stresses and of lateral stretches, robustly."""
+        """Return the standard deviation of stresses and of lateral stretches, robustly.
+
+        It is Huber's second proposal (1964): the mean of ψ² is that of normal residuals. The median
+        of their sizes starts it.
+        """
         samples = self.samples
         top = float(np.abs(samples.stress).max())
         sigma = np.empty(len(residuals))
-        correction = np.sqrt(len(residuals) / max(len(residuals) - parameters, 1))
+        kept = 1 - parameters / len(residuals)
+        normal = np.linspace(-8, 8, 4001)
+        density = np.exp(-(normal**2) / 2)
+        expected = float(influence(normal, self.loss)[0] ** 2 @ density / density.sum())
         for own, least in ((samples.is_stress, EXACT * top), (~samples.is_stress, EXACT)):
             if own.any():
-                spread = NORMAL_MAD * float(np.median(np.abs(residuals[own])))
-                sigma[own] = max(correction * spread, least)
+                spread = max(NORMAL_MAD * float(np.median(np.abs(residuals[own]))), least)
+                for _ in range(SPREAD_STEPS):
+                    psi = influence(residuals[own] / spread, self.loss)[0]
+                    spread *= np.sqrt(float(np.mean(psi**2)) / (kept * expected))
+                    spread = max(spread, least)
+                sigma[own] = spread
         return sigma
+
+
+def influence(residuals: Floats, loss: str) -> tuple[Floats, Floats]:
+    """Return ψ and ψ′, the first two derivatives of a loss by residuals over their deviation."""
+    z = (residuals / TUNING) ** 2
+    if loss == "soft_l1":
+        return residuals / np.sqrt(1 + z), (1 + z) ** -1.5
+    if loss == "huber":
+        return np.clip(residuals, -TUNING, TUNING), (z < 1).astype(np.float64)
+    return residuals, np.ones_like(residuals)

@@ -7,7 +7,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from toros_fem._types import Floats
-from toros_fem.characterisation.fitting import TUNING, Estimator, Solution
+from toros_fem.characterisation.fitting import Estimator, Solution, influence
 
 CONFIDENCE = 0.95
 # From this number on whole tests are drawn, else blocks of residuals.
@@ -25,13 +25,7 @@ def hessian_draws(estimator: Estimator, solution: Solution, draws: int, seed: in
     values, slopes = estimator.model(theta)
     r = (estimator.samples.measured - values) / sigma
     J = slopes / sigma[:, None]
-    z = (r / TUNING) ** 2
-    if estimator.loss == "soft_l1":
-        psi, bend = r / np.sqrt(1 + z), (1 + z) ** -1.5
-    elif estimator.loss == "huber":
-        psi, bend = np.clip(r, -TUNING, TUNING), (z < 1).astype(np.float64)
-    else:
-        psi, bend = r, np.ones_like(r)
+    psi, bend = influence(r, estimator.loss)
     degrees = max(len(r) - len(theta), 1)
     variance = float(psi @ psi) / degrees / max(float(bend.mean()), 0.1) ** 2
     low, high = estimator.scales.bounds()
@@ -55,10 +49,9 @@ def bootstrap_draws(estimator: Estimator, solution: Solution, draws: int, seed: 
     names = np.array(samples.direction)
     groups = [np.flatnonzero(names == name) for name in sorted(set(samples.direction))]
     whole = min(len(group) for group in groups) >= ENOUGH_TESTS
-    values = estimator.model(solution.theta)[0]
-    free = int((~at_bounds(estimator, solution.theta)).sum())
+    values, slopes = estimator.model(solution.theta)
     n = len(measured)
-    scale = np.sqrt(n / max(n - free, 1))
+    residuals = (measured - values) / _shrinkage(slopes / solution.sigma[:, None])
     found = np.empty((draws, len(solution.theta)))
     for k in range(draws):
         if whole:
@@ -68,7 +61,7 @@ def bootstrap_draws(estimator: Estimator, solution: Solution, draws: int, seed: 
                     weight[rows[test]] += 1
             found[k] = estimator.minimise(solution.theta, solution.sigma, measured, weight)[0]
         else:
-            drawn = values + scale * _blocks(estimator, measured - values, rng)
+            drawn = values + _blocks(estimator, residuals, rng)
             found[k] = estimator.minimise(solution.theta, solution.sigma, drawn)[0]
     if whole:
         # Few tests drawn again vary too little: by the factor (g − 1)/g, and as Student's, not normal.
@@ -78,6 +71,16 @@ def bootstrap_draws(estimator: Estimator, solution: Solution, draws: int, seed: 
         low, high = estimator.scales.bounds()
         found = np.clip(solution.theta + wider * (found - solution.theta), low, high)
     return found
+
+
+def _shrinkage(jacobian: Floats) -> Floats:
+    """Return by which factor each residual is smaller than the error that it comes from, √(1 − h).
+
+    h is the leverage of a point: its share in its own fitted value.
+    """
+    basis, size, _ = np.linalg.svd(jacobian, full_matrices=False)
+    kept = basis[:, size > 1e-8 * size[0]]
+    return np.asarray(np.sqrt(np.maximum(1 - np.sum(kept**2, axis=1), 0.1)))
 
 
 def _blocks(estimator: Estimator, residuals: Floats, rng: np.random.Generator) -> Floats:
@@ -109,10 +112,3 @@ def block_length(residuals: Floats) -> int:
         if float(r[lag:] @ r[:-lag]) / variance < 2 / np.sqrt(n):
             return lag
     return max(n // 4, 1)
-
-
-def at_bounds(estimator: Estimator, theta: Floats) -> Floats:
-    """Return whether each parameter is at one of its bounds, as truth values."""
-    low, high = estimator.scales.bounds()
-    near = 1e-4 * (high - low)
-    return np.asarray((theta - low < near) | (high - theta < near))

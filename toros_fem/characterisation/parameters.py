@@ -48,11 +48,6 @@ class Scales:
         return self.stiff is not None
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters of a material."""
-        return ("young", "poisson", "c1", "c2") + (("knit_ratio",) if self.knit else ())
-
-    @property
     def z(self) -> float:
         """Sum of strains that β refers to."""
         return self.strain if self.total is None else self.total
@@ -118,11 +113,11 @@ class Scales:
             found["knit_ratio"] = float(np.exp(theta[4]))
         return found
 
-    def ranges(self, thickness: float) -> dict[str, tuple[float, float]]:
-        """Return the smallest and the largest value of each constant but μ and λ."""
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Return the smallest and the largest value of c₁ and c₂."""
         low, high = self.bounds()
-        ends = self.values(low, thickness), self.values(high, thickness)
+        ends = self.values(low, 1.0), self.values(high, 1.0)
         return {
             name: (min(end[name] for end in ends), max(end[name] for end in ends))
-            for name in self.names
+            for name in ("c1", "c2")
         }

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from toros_fem._types import Floats
-from toros_fem.characterisation.fitting import Samples
+from toros_fem.characterisation.fitting import NORMAL_MAD, Samples
 from toros_fem.characterisation.options import FitOptions
 from toros_fem.materials import Knit, Material
 
@@ -18,6 +18,8 @@ UNITS = {"young": "Pa", "mu": "Pa", "lam": "Pa"}
 MISFIT = 0.1
 # Parts of the range of stretch that the misfit is looked at in.
 PARTS = 12
+# An interval of Poisson's ratio that is this wide tells nothing.
+WIDE_POISSON = 0.35
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,8 @@ class Estimate:
 
     Attributes:
         value: In SI units.
-        low, high: Ends of the 95 % interval.
+        low, high: Ends of the 95 % interval; `high` is infinite for a bound c₁ or c₂ that the data
+            do not reach.
         identified: Whether the data tell it: its interval ends within the bounds of the fit.
         unit: SI unit; empty for a pure number.
     """
@@ -100,8 +103,12 @@ class FitResult:
     def remarks(self) -> list[str]:
         """What a reader must know, as sentences."""
         found = [
-            f"{name} is not identified: its interval, {one.low:.4g} to {one.high:.4g}, reaches a "
-            "bound of the fit."
+            f"{name} is not identified: its interval, {one.low:.4g} to {one.high:.4g}, reaches "
+            + (
+                "an end of what the fit allows."
+                if np.isfinite(one.high)
+                else "infinity: the data do not come near this bound."
+            )
             for name, one in self.estimates.items()
             if not one.identified
         ]
@@ -162,8 +169,8 @@ def r_squared(measured: Floats, model: Floats) -> float:
 def trusted_stretch(samples: Samples, stress: Floats) -> float:
     """Return the stretch up to which mean residuals of the stress stay within `MISFIT`.
 
-    The mean is taken over twelfths of the range and each direction; what two of its standard
-    errors explain is no misfit.
+    The mean is taken over twelfths of the range and each direction; what three of its standard
+    errors explain is no misfit. The noise is that between neighbouring points.
     """
     top = float(samples.strain.max())
     part = np.minimum((samples.strain / top * PARTS).astype(np.int64), PARTS - 1)
@@ -172,12 +179,15 @@ def trusted_stretch(samples: Samples, stress: Floats) -> float:
     for name in sorted(set(samples.direction)):
         own = names == name
         largest = float(np.abs(samples.stress[own]).max())
+        order = np.flatnonzero(own)[np.argsort(samples.strain[own], kind="stable")]
+        steps = np.diff((samples.stress - stress)[order])
+        noise = NORMAL_MAD / np.sqrt(2) * float(np.median(np.abs(steps)))
         for k in range(worst):
             rows = own & (part == k)
             if rows.any():
                 residual = (samples.stress - stress)[rows]
-                noise = 2 * float(residual.std()) / np.sqrt(len(residual))
-                mean = max(abs(float(residual.mean())) - noise, 0.0)
+                error = 3 * noise / np.sqrt(len(residual))
+                mean = max(abs(float(residual.mean())) - error, 0.0)
                 level = max(float(samples.stress[rows].mean()), 0.1 * largest)
                 if mean > MISFIT * level:
                     worst = k
@@ -196,7 +206,7 @@ def estimates_of(
     Args:
         values: The constants.
         draws: The constants of each draw.
-        ranges: Smallest and largest value that the fit allows.
+        ranges: Smallest and largest value that the fit allows for c₁ and c₂.
         confidence: Probability of the intervals.
     """
     found = {}
@@ -205,12 +215,13 @@ def estimates_of(
         tails = [50 * (1 - confidence), 50 * (1 + confidence)]
         low, high = (float(end) for end in np.percentile(drawn, tails))
         low, high = min(low, value), max(high, value)
-        least, most = ranges.get(name, (-np.inf, np.inf))
-        margin = 1e-3 * (most - least) if np.isfinite(most - least) else 0.0
-        # Isotropy and Poisson's ratios of 0 and 1/2 are no bounds of the fit but of the material.
-        free = name not in ("c1", "c2", "poisson")
-        wide = name == "poisson" and high - low > 0.4
-        inside = low > least + margin and high < most - margin
-        identified = free or inside if name != "poisson" else not wide
+        identified = True
+        if name in ranges:
+            least, most = ranges[name]
+            margin = 1e-3 * (most - least)
+            identified = low > least + margin and high < most - margin
+            high = np.inf if high >= most - margin else high
+        elif name == "poisson":
+            identified = high - low < WIDE_POISSON
         found[name] = Estimate(value, low, high, bool(identified), UNITS.get(name, ""))
     return found

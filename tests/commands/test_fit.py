@@ -1,0 +1,67 @@
+"""`toros fit`: constants, report and picture of tests in files."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.scenes import ROOT, shared
+from helpers.tensile_tests import JERSEY, synthetic
+from mpi4py import MPI
+
+from toros_fem.commands.main import run
+
+DATA = ROOT / "examples" / "stockinette.csv"
+FAST = ("--intervals", "hessian")
+
+
+def jersey_file(comm: MPI.Comm, folder: Path) -> Path:
+    path = folder / "jersey.csv"
+    if comm.rank == 0:
+        test = synthetic(0)
+        assert test.lateral is not None
+        columns = np.column_stack([100 * (test.stretch - 1), test.stress * 0.025, test.lateral])
+        lines = "".join(",".join(f"{v:.8g}" for v in row) + "\n" for row in columns)
+        path.write_text(f"# width = 25 mm\nstrain [%],force [N],lateral stretch\n{lines}")
+    comm.barrier()
+    return path
+
+
+def test_report_of_a_jersey(
+    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = shared(comm, tmp_path)
+    path, output = jersey_file(comm, folder), folder / "report"
+    words = ["fit", str(path), "--thickness", "0.5 mm", "--output", str(output), "--json", *FAST]
+    assert run(comm, words) == 0
+    found = capsys.readouterr().out
+    if comm.rank == 0:
+        assert {one.name for one in output.iterdir()} == {
+            "fit.json", "fit.txt", "fit.csv", "fit.png",
+        }  # fmt: skip
+        figures = json.loads(found)
+        young = figures["estimates"]["young"]
+        assert young["low"] < JERSEY.young < young["high"]
+        stored = json.loads((output / "fit.json").read_text())
+        assert stored["estimates"] == figures["estimates"]
+        assert len((output / "fit.csv").read_text().splitlines()) == 41
+        assert "Young's modulus E" in (output / "fit.txt").read_text()
+    comm.barrier()
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--thickness", "3 mm", "--direction", "z"), "directions 'x', 'y'"),
+        (("--thickness", "3 kPa"), "a length is needed"),
+        (("--thickness", "3 mm", "--unit", "force"), "must be COLUMN=UNIT"),
+        (("--thickness", "3 mm", "--unit", "force=lb"), "known are N"),
+        (("--thickness", "3 mm", "--loss", "none"), "must be one of"),
+        ((), "line 3: the thickness is not known"),
+    ],
+)
+def test_wrong_values(
+    comm: MPI.Comm, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str
+) -> None:
+    assert run(comm, ["fit", str(DATA), *words]) == 2
+    assert (message in capsys.readouterr().err) == (comm.rank == 0)

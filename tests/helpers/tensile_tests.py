@@ -1,0 +1,45 @@
+"""Synthetic tensile tests of known constants."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from toros_fem.characterisation import TensileTest, uniaxial_curve
+from toros_fem.materials import Material
+
+JERSEY = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3)
+C1, C2 = 1.9, 2.2
+TRUE = {
+    "young": JERSEY.young,
+    "poisson": JERSEY.poisson,
+    "mu": JERSEY.mu,
+    "lam": JERSEY.lam,
+    "c1": C1,
+    "c2": C2,
+}
+
+
+def synthetic(
+    seed: int | None = None,
+    *,
+    noise: float = 0.02,
+    lateral: bool = True,
+    top: float = 1.8,
+    points: int = 40,
+    knit_ratio: float = 1.0,
+    direction: str = "",
+    specimen: str = "1",
+) -> TensileTest:
+    """A test of the jersey, with noise as a part of the largest stress, and half of it in λ₂."""
+    stretch = np.linspace(1 + 0.025 * (top - 1), top, points)
+    fibres = direction or "wale"
+    stress, across = uniaxial_curve(
+        JERSEY, C1, C2, stretch, knit_ratio=knit_ratio, direction=fibres
+    )
+    if seed is not None:
+        rng = np.random.default_rng(seed)
+        stress = stress + noise * stress.max() * rng.standard_normal(points)
+        across = across + noise / 2 * rng.standard_normal(points)
+    return TensileTest(
+        stretch, stress, JERSEY.thickness, across if lateral else None, specimen, direction
+    )
