@@ -54,9 +54,11 @@ def test_triangles_and_unknowns_are_those_of_the_mesh(
 def test_lines_of_a_reader(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = small_scene(MPI.COMM_SELF, tmp_path)
     capsys.readouterr()
-    assert run(MPI.COMM_SELF, ["check", str(scene), *changes(), "--quiet"]) == 0
+    words = ["check", str(scene), *changes(reinforcement="tpu-85a"), "--quiet"]
+    assert run(MPI.COMM_SELF, words) == 0
     text = capsys.readouterr().out
-    assert text.startswith(f"{scene} is in order: a tube that bends.\ntriangles   about ")
+    assert text.startswith(f"{scene} is in order: a tube that bends.\nreinforcement  tpu-85a: TPU")
+    assert "\ntriangles   about " in text
     assert "\ntime        " in text
     assert "Newton steps on " in text
 

@@ -112,7 +112,8 @@ def test_simulation_of_a_design(
 ) -> None:
     scene, folder = designed
     found = {}
-    for name, more in (("plain", []), ("print", ["--pattern", str(folder)])):
+    named = ["--set", "fabric=jersey-light"]
+    for name, more in (("plain", named), ("print", ["--pattern", str(folder)])):
         output = shared(comm, tmp_path) / name
         capsys.readouterr()
         words = ["simulate", str(scene), "--output", str(output), *changes(), *more, "--json"]
@@ -120,6 +121,9 @@ def test_simulation_of_a_design(
         captured = capsys.readouterr()
         found[name] = json.loads(captured.out) if comm.rank == 0 else {}
         assert (output / "curve.csv").is_file()
+        text = (output / "scene.toml").read_text(encoding="utf-8")
+        assert ('# fabric = "jersey-light": light jersey' in text) == (name == "plain")
+        assert '\nfabric_young = "100 kPa"\n' in text
     if comm.rank == 0:
         assert abs(found["plain"]["angle_deg"]) < 0.5
         expected = summary_of(folder)["angle_deg"]

@@ -61,7 +61,7 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     }
     lines = [f"{scene.path} is in order: {scene.kind.about}."]
     lines += [
-        f"{role:12s}{entry.name}: {entry.title} ({entry.trust})"
+        f"{role:15s}{entry.name}: {entry.title} ({entry.trust})"
         for role, entry in scene.materials.items()
     ]
     with meshes_allowed(given):
