@@ -115,8 +115,7 @@ def test_too_large_a_panel_is_named() -> None:
 
 def test_another_process_finds_the_same_places() -> None:
     code = (
-        "from test_placement import *\n"
-        "print(nest(leaves(5), (0.12, 0.12), gap=GAP, margin=MARGIN))"
+        "from test_placement import *\nprint(nest(leaves(5), (0.12, 0.12), gap=GAP, margin=MARGIN))"
     )
     found = subprocess.run(
         [sys.executable, "-c", code],

@@ -182,7 +182,8 @@ def write_cut_dxf(
         document.layers.add(name, color=COLOURS[name][1])
         look = {"layer": name}
         for layer in layers[name]:
-            for ring in shapely.get_rings(shapely.orient_polygons(layer.region)):
+            region = shapely.get_parts(shapely.orient_polygons(layer.region))
+            for ring in shapely.get_rings(region):
                 points = 1e3 * shapely.get_coordinates(ring)[:-1]
                 space.add_lwpolyline(points.tolist(), close=True, dxfattribs=look)
             for line in layer.lines:

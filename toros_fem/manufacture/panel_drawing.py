@@ -168,8 +168,9 @@ def drawing_of(
     lines = [seam.lines[side] for seam, side in edges]
     cut = outline
     if allowance is not None:
-        rings = [shapely.get_coordinates(ring) for ring in shapely.get_rings(outline)]
-        cut = cut_outline(outline, rings if options.allowance_at == ALL else lines, allowance)
+        rings = shapely.get_rings(shapely.get_parts(outline))
+        border = [shapely.get_coordinates(ring) for ring in rings]
+        cut = cut_outline(outline, border if options.allowance_at == ALL else lines, allowance)
     found = [np.empty((0, 2, 2))]
     if allowance is not None:
         found += [notches(*edge, cut, allowance, options.notch_distance) for edge in edges]
