@@ -9,7 +9,7 @@ from typing import Any
 import ufl
 
 from toros_fem.forms.blocks import Blocks, Vector, components, cross, dot, minus, plus, times
-from toros_fem.forms.eccentric import coupled_moments
+from toros_fem.forms.eccentric import Offset, coupled_moments
 from toros_fem.forms.hinge import HalfHinge, Mirror, hinge, reflected
 
 NOTHING: Vector = (0, 0, 0)
@@ -117,7 +117,8 @@ def bending_blocks(
     stiffness: tuple[Any, Any],
     geometric: Any,
     lines: Symmetric | None = None,
-    coupling: tuple[Any, Any, Any] | None = None,
+    offset: Offset | None = None,
+    jacobian: Any | None = None,
 ) -> None:
     """Add the second variation of ½ Λ:D:Λ, eqs. (4-6), and of E:B:Λ, per flat area.
 
@@ -132,8 +133,8 @@ def bending_blocks(
         stiffness: Plane-stress Lamé parameters times h³/12.
         geometric: 1 for all, 0 for the first sum alone, which is positive by itself.
         lines: As in `moment`.
-        coupling: Lamé parameters times thickness and offset, as of `coupling_moment`, and the
-            Jacobian of the flat chart; None without an offset.
+        offset: Print beside the fabric's middle; None for none.
+        jacobian: Jacobian of the flat chart, which an offset needs.
     """
     mu, lam = stiffness
     x = [components(node) for node in patch]
@@ -173,10 +174,9 @@ def bending_blocks(
                     K[i, j] = K[j, i] = K[i, j] + dot(components(one), by_lines[j])
 
     coupled = None
-    if coupling is not None:
-        mu_c, lam_c, jacobian = coupling
-        offset = geometric * mu_c, geometric * lam_c
-        coupled = coupled_moments(x[:3], jacobian, edges.tensors, angles, offset)
+    if offset is not None:
+        whole = offset.weighted(geometric)
+        coupled = coupled_moments(x[:3], jacobian, edges.tensors, angles, whole)
         blocks.add_edges(coupled.pairs)
 
     gradient: list[dict[int, Vector]] = []

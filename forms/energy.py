@@ -10,7 +10,7 @@ import ufl
 
 from toros_fem.forms.bending import Edges, bending_blocks, bending_energy, curvature, moment
 from toros_fem.forms.blocks import Blocks, balanced_sum, components, sum_of_pairs
-from toros_fem.forms.eccentric import coupling_moment, coupling_stress
+from toros_fem.forms.eccentric import Offset, coupling_moment, coupling_stress
 from toros_fem.forms.interpolation import interpolate
 from toros_fem.forms.kinematics import (
     CELL,
@@ -119,7 +119,7 @@ def skin_forms(
     knit: Family | None = None,
     origin: Any | None = None,
     residual_stiffness: Any | None = None,
-    offset: tuple[Any, Any] | None = None,
+    offset: Offset | None = None,
 ) -> SkinForms:
     """Return energy, first variation, tangent and density sensitivity of a skin, eqs. (8-10, 19).
 
@@ -151,8 +151,8 @@ def skin_forms(
             fabric is isotropic.
         residual_stiffness: Fraction of the stiffness that a tension field keeps against
             compression; None for a sheet that takes compression as eq. (1) does.
-        offset: Membrane Lamé parameters of the reinforcement, times thickness and offset along the
-            normal, in N; None for a print in the fabric's middle.
+        offset: That of the reinforcement, without families; None for a print in the fabric's
+            middle.
     """
     space = q.ufl_function_space()
     mesh = space.ufl_domain()
@@ -219,15 +219,16 @@ def skin_forms(
         D = bending_stiffness(families) if families else None
         energy += bending_energy(Lambda, *stiffness, D) * dx
         residual += ufl.inner(moment(Lambda, *stiffness, D), variation) * dx
-        coupling = None
         if offset is not None:
-            mu_c, lam_c = (interpolate(density, 0, value) for value in offset)
-            coupling = mu_c, lam_c, jacobian
-            strain_moment = coupling_moment(C, mu_c, lam_c)
+            printed = density if factor is None else factor * density
+            offset = offset.weighted(printed)
+            if lines is not None:
+                offset = Offset(offset.mu, offset.lam, lines.offset_families)
+            strain_moment = coupling_moment(C, offset)
             energy += ufl.inner(strain_moment, Lambda) * dx
             residual += ufl.inner(strain_moment, variation) * dx
-            residual += ufl.inner(coupling_stress(C, Lambda, mu_c, lam_c), change) * dx
-        bending_blocks(blocks, patch, edges, stiffness, geometric, D, coupling)
+            residual += ufl.inner(coupling_stress(C, Lambda, offset), change) * dx
+        bending_blocks(blocks, patch, edges, stiffness, geometric, D, offset, jacobian)
 
     weight = None
     if masses is not None:

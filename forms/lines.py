@@ -48,6 +48,8 @@ class Lines:
         bending: E_p h³/12 of the print in N m.
         twisting: G_p h³/3 of the print in N m.
         crossing: Factor of `fabric_factor`.
+        offset: Distance in m of the print from the fabric's middle along the normal, which
+            `bending` then contains; None for none.
     """
 
     state: Any
@@ -55,6 +57,7 @@ class Lines:
     bending: Any
     twisting: Any
     crossing: Any
+    offset: Any | None = None
 
     @property
     def parts(self) -> tuple[list[Any], list[Any], list[Any]]:
@@ -85,6 +88,11 @@ class Lines:
             Family(cosine, sine, self.stretching, self.bending, self.twisting).weighted(share)
             for share, cosine, sine in zip(*self.parts, strict=True)
         ]
+
+    @property
+    def offset_families(self) -> list[Family]:
+        """The families, with their stiffness times the offset."""
+        return [family.weighted(self.offset) for family in self.families]
 
 
 def fabric_factor(

@@ -4,9 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.models import bent_tube, dense_tangent, drawn, pressurize
+import ufl
+from dolfinx import fem, la
+from helpers.models import (
+    automatic_tangent,
+    bent_tube,
+    dense_tangent,
+    drawn,
+    line_design,
+    pressurize,
+    upper_rows,
+)
 from helpers.scenes import taylor_rates
 from mpi4py import MPI
+from scipy.sparse import csr_matrix, triu
 
 from toros_fem._mpi import norm, total
 from toros_fem.equilibrium.options import NewtonOptions
@@ -14,6 +25,7 @@ from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.materials import CURVATURES, Bending, Composite, Material, Membrane
 from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.relaxed_model import RelaxedModel
 from toros_fem.mechanics.supports import Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 from toros_fem.meshes.sheet import rectangle
@@ -205,6 +217,43 @@ def test_adjoint_gradient(tube: Skin, comm: MPI.Comm) -> None:
         return float(total(comm, rhs @ (found.state - base.state)))
 
     assert taylor_rates(value, slope, 4e-2) == pytest.approx(2, abs=0.05)
+
+
+def test_tangent_of_lines(tube: Skin, comm: MPI.Comm) -> None:
+    """Variation and tangent of smeared lines on one face against those of `ufl.derivative`."""
+    thick = Composite(Material(1e5, 0.3, 5e-3), Material(26e5, 0.3, 5e-3), print_side="inside")
+    model = RelaxedModel(tube, thick, clamp(tube.pattern, ["base"]), 2)
+    model.set_density(line_design(tube, 2, 1))
+    state = bent_tube(model)
+    closed = model.residual(state)
+    test = ufl.TestFunction(model.space)
+    vector = fem.assemble_vector(fem.form(ufl.derivative(model.ufl_forms.energy, model.q, test)))
+    vector.scatter_reverse(la.InsertMode.add)
+    automatic = vector.array[: model.size_local] * model.free
+    assert norm(comm, closed - automatic) <= 1e-13 * norm(comm, closed)
+    entries = upper_rows(model, state)
+    begin = model.space.dofmap.index_map.local_range[0]
+    rows, columns, values = automatic_tangent(model, state).getValuesCSR()
+    expected = triu(csr_matrix((values, columns, rows), shape=entries.shape), k=begin)
+    assert norm(comm, (entries - expected).tocsr().data) <= 1e-12 * norm(comm, entries.data)
+
+
+def test_lines_around_a_tube(comm: MPI.Comm) -> None:
+    """Widened by a tenth: outside, s k e ε Λ per area more than in the middle, inside less."""
+    pattern = cylinder(comm, 0.06, 0.02, 4e-3, mesh="structured", caps=None)
+    skin, energies = sew(comm, pattern), {}
+    for side in ("outside", "inside"):
+        composite = replace(SIDED, print_side=side)
+        model = RelaxedModel(skin, composite, clamp(pattern, ["wall"]), 1)
+        model.set_density(np.tile([0.0, 0.25, 1.0, 0.0], (len(skin.owned_cells), 1)))
+        state = model.assembled
+        model.positions(state)[:, :2] *= 1.1
+        energies[side] = model.energy(state)
+    sides = round(np.pi * 0.02 / 4e-3)
+    bend = 2 * np.pi / (sides * 0.02 * np.sin(np.pi / sides))
+    density = 0.25 * PRINT.membrane_stiffness * OFFSET * 0.1 * bend
+    gap = energies["outside"] - energies["inside"]
+    assert gap == pytest.approx(2 * density * pattern.areas.sum(), rel=1e-9)
 
 
 def test_wrong_sides() -> None:

@@ -13,6 +13,7 @@ from mpi4py import MPI
 from toros_fem._types import Floats
 from toros_fem.errors import ParameterError
 from toros_fem.forms.bending import Edges
+from toros_fem.forms.eccentric import Offset
 from toros_fem.forms.energy import Masses, SheetStiffness
 from toros_fem.forms.lines import Family
 from toros_fem.materials import Composite, Knit, Material
@@ -49,16 +50,13 @@ def sheet_stiffness(domain: Any, material: Material, offset: float = 0.0) -> She
     return SheetStiffness(*(fem.Constant(domain, value) for value in values))
 
 
-def offset_stiffness(domain: Any, composite: Composite) -> tuple[Any, Any] | None:
-    """Return the print's Lamé parameters times thickness and offset as constants, in N.
-
-    The offset is that along the normal; None for a print in the fabric's middle.
-    """
+def print_offset(domain: Any, composite: Composite) -> Offset | None:
+    """Return the reinforcement's stiffness times offset as constants; None for no side."""
     if composite.print_side is None:
         return None
     strip = composite.reinforcement
     factor = strip.thickness * composite.eccentricity
-    return fem.Constant(domain, factor * strip.mu), fem.Constant(domain, factor * strip.lam)
+    return Offset(*(fem.Constant(domain, factor * value) for value in (strip.mu, strip.lam)))
 
 
 def masses(domain: Any, weight: Weight, gravity: Any) -> Masses:

@@ -24,7 +24,7 @@ from toros_fem.mechanics.coefficients import (
     courses,
     edge_coefficients,
     masses,
-    offset_stiffness,
+    print_offset,
     sheet_stiffness,
     work_vector,
 )
@@ -163,7 +163,7 @@ class SkinModel:
             fem.Constant(domain, composite.membrane.residual_stiffness)
             if composite.membrane.relaxed
             else None,
-            offset_stiffness(domain, composite),
+            print_offset(domain, composite),
         )
         self._energy = fem.form(self.ufl_forms.energy)
         self._residual = fem.form(self.ufl_forms.residual)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import basix.ufl
@@ -93,8 +92,6 @@ class RelaxedModel(SkinModel):
                 f"wrinkling = {composite.membrane.wrinkling!r}: line families take compression and "
                 "have no relaxed energy here. Use wrinkling = None for relaxed designs."
             )
-        # Lines are smeared over the sheet's middle; what is printed of them has its side.
-        composite = replace(composite, print_side=None)
         self.families = families
         print_stiffness = composite.reinforcement.membrane_stiffness
         self._crossing = crossing * print_stiffness / composite.fabric.membrane_stiffness
@@ -201,5 +198,9 @@ def _coefficients(state: fem.Function, composite: Composite, crossing: float) ->
     """Return the constants of lines made of the reinforcement."""
     domain, strip = state.function_space.mesh, composite.reinforcement
     h = strip.thickness
-    values = (strip.young * h, strip.young * h**3 / 12, strip.mu * h**3 / 3, crossing)
+    e = composite.eccentricity
+    bending = strip.young * h**3 / 12 + e**2 * h * strip.young
+    values = [strip.young * h, bending, strip.mu * h**3 / 3, crossing]
+    if composite.print_side is not None:
+        values.append(e)
     return Lines(state, *(fem.Constant(domain, value) for value in values))
