@@ -79,6 +79,10 @@ class SheetError(TorosError, ValueError):
     """A panel fits on no sheet; the message names panel, sizes and remedy."""
 
 
+class ManufactureFileError(TorosError, ValueError):
+    """Machine files cannot be read back; the message names the folder and the fault."""
+
+
 class MissingPackageError(TorosError, ImportError):
     """An optional package is not installed; the message names the extra that brings it."""
 

@@ -1,4 +1,4 @@
-"""`toros design`, `resume`, `view`, `export` and `simulate` on one small design."""
+"""`toros design`, `resume`, `view` and `simulate` on one small design."""
 
 import json
 import os
@@ -8,15 +8,12 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from helpers.command_runs import changes, small_scene
 from helpers.scenes import ROOT, shared
 from mpi4py import MPI
 
 from toros_fem.commands.main import run
-from toros_fem.fabrication.print_file import read_print_polygons
-from toros_fem.meshes import read_pattern
 
 Designed = tuple[Path, Path]
 
@@ -79,31 +76,6 @@ def test_view(comm: MPI.Comm, designed: Designed, capsys: pytest.CaptureFixture[
         assert page == designed[1] / "report.html"
         assert "</html>" in page.read_text(encoding="utf-8")
     assert run(comm, ["view", str(designed[0].parent / "nowhere")]) == 4
-
-
-@pytest.mark.slow
-def test_export_writes_the_same_drawing(
-    comm: MPI.Comm, designed: Designed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    _, folder = designed
-    output = shared(comm, tmp_path) / "out"
-    capsys.readouterr()
-    assert run(comm, ["export", str(folder), "--output", str(output), "--json"]) == 0
-    captured = capsys.readouterr()
-    assert (output / "pattern.svg").read_bytes() == (folder / "pattern.svg").read_bytes()
-    stored = read_print_polygons(comm, folder)
-    assert np.array_equal(
-        read_pattern(comm, output / "pattern.npz").corners, stored.pattern.corners
-    )
-    if comm.rank == 0:
-        found = json.loads(captured.out)
-        assert found["manufacture"] == summary_of(folder)["manufacture"]
-        assert all((output / name).is_file() for name in found["files"])
-
-
-def test_export_of_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(MPI.COMM_SELF, ["export", str(tmp_path)]) == 2
-    assert "Give the folder of a finished design" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -14,13 +14,14 @@ from toros_fem.command_line.command import Answer, Command
 from toros_fem.command_line.scripts import add_options
 from toros_fem.errors import OutputError
 from toros_fem.fabrication.print_file import read_print_polygons
-from toros_fem.fabrication.printability import printability
+from toros_fem.fabrication.printability import printability, printed_cells
 from toros_fem.fabrication.svg import write_svg
 from toros_fem.manufacture.options import ManufactureOptions
-from toros_fem.meshes.pattern_file import NAME, write_pattern
+from toros_fem.meshes.pattern_file import NAME, read_pattern, write_pattern
 from toros_fem.output.writer import if_plotting, write_together
 from toros_fem.workshop.manifest import NAME as MANIFEST
 from toros_fem.workshop.page import NAME as PAGE
+from toros_fem.workshop.reading import read_regions
 from toros_fem.workshop.write import FOLDER, made_as, write_manufacture
 
 SUMMARY = "summary.json"
@@ -40,17 +41,25 @@ def _options(parser: argparse.ArgumentParser) -> None:
 
 def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     stored = read_print_polygons(comm, given.run)
-    summary = _summary(comm, given.run)
+    run = given.run.parent if given.run.suffix == ".npz" else given.run
+    summary = _summary(comm, run)
+    # What is simulated is the part of a symmetric skin; its triangles are the first of the whole.
+    part = read_pattern(comm, run / NAME) if _exists(comm, run / NAME) else stored.pattern
     names = ManufactureOptions.__dataclass_fields__
     changes = {name: value for name, value in vars(given).items() if name in names}
     options = made_as(summary).updated(**changes)
-    output = given.output or given.run / FOLDER
+    output = given.output or run / FOLDER
     made = printability(stored.pattern, stored.regions, stored.limits)
 
     def write() -> dict[str, Any]:
-        output.mkdir(parents=True, exist_ok=True)
+        title = run.resolve().name
+        manifest = write_manufacture(
+            output, stored.pattern, stored.regions, options, summary=summary, title=title
+        )
+        # What is simulated again is what the files hold.
+        printed = printed_cells(stored.pattern, read_regions(output, stored.pattern))
+        write_pattern(output / NAME, part, printed[: len(part.panel)])
         write_svg(output / "pattern.svg", stored.pattern, stored.regions)
-        write_pattern(output / NAME, stored.pattern)
 
         def draw() -> None:
             from toros_fem.output.pattern_plot import plot_pattern, plot_printability
@@ -61,10 +70,7 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
             )
 
         if_plotting(draw)
-        title = given.run.resolve().name
-        return write_manufacture(
-            output, stored.pattern, stored.regions, options, summary=summary, title=title
-        )
+        return manifest
 
     found: list[dict[str, Any]] = []
     write_together(comm, output, lambda: found.append(write()))
@@ -88,10 +94,10 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
 def _summary(comm: MPI.Comm, run: Path) -> dict[str, Any] | None:
     """Return a run's summary; None where only its print is given."""
     path = run / SUMMARY
+    if not _exists(comm, path):
+        return None
 
     def read() -> dict[str, Any] | None:
-        if not path.is_file():
-            return None
         try:
             found = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError) as caught:
@@ -102,6 +108,10 @@ def _summary(comm: MPI.Comm, run: Path) -> dict[str, Any] | None:
         return found if isinstance(found, dict) else None
 
     return on_first_rank(comm, read)
+
+
+def _exists(comm: MPI.Comm, path: Path) -> bool:
+    return on_first_rank(comm, path.is_file)
 
 
 COMMAND = Command(
