@@ -7,7 +7,7 @@ from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.errors import LibraryError
-from toros_fem.library import KINDS, TRUSTS, named, read_library
+from toros_fem.library import MATERIAL_KINDS, TRUSTS, named, read_library
 from toros_fem.materials import Composite
 
 MINE = """\
@@ -38,7 +38,7 @@ def test_shipped_materials() -> None:
     assert {"tpu-85a", "tpu-95a", "ecoflex-00-30", "dragon-skin-10", "dragon-skin-30"} <= set(
         library
     )
-    assert {entry.kind for entry in library.values()} == set(KINDS)
+    assert {entry.kind for entry in library.values()} == set(MATERIAL_KINDS)
     assert {entry.trust for entry in library.values()} == set(TRUSTS)
     assert max(entry.young for entry in library.values() if entry.kind == "print") == 100e6
 

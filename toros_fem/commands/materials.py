@@ -9,7 +9,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from toros_fem.command_line.command import Answer, Command
-from toros_fem.library import KINDS, named, read_library
+from toros_fem.library import MATERIAL_KINDS, named, read_library
 from toros_fem.library.table import material_details, table_text
 
 
@@ -32,10 +32,10 @@ def _options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--kind",
-        choices=KINDS,
+        choices=MATERIAL_KINDS,
         default=None,
         metavar="KIND",
-        help=f"only this kind, one of {', '.join(KINDS)}; default all",
+        help=f"only this kind, one of {', '.join(MATERIAL_KINDS)}; default all",
     )
 
 

@@ -1,12 +1,12 @@
 """Library of materials: fabrics, prints and rubbers by name, with source, trust and range."""
 
-from toros_fem.library.material import KINDS, TRUSTS, LibraryMaterial
+from toros_fem.library.material import MATERIAL_KINDS, TRUSTS, LibraryMaterial
 from toros_fem.library.reading import named, read_library
 from toros_fem.library.reinforced import print_offset, reinforced
 from toros_fem.library.writing import write_material
 
 __all__ = [
-    "KINDS",
+    "MATERIAL_KINDS",
     "TRUSTS",
     "LibraryMaterial",
     "named",

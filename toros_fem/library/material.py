@@ -12,7 +12,8 @@ from toros_fem.config import Config, quantity
 from toros_fem.errors import ParameterError
 from toros_fem.materials import STIFFEST, Bladder, Material
 
-KINDS = ("fabric", "print", "rubber")
+# Kinds of materials.
+MATERIAL_KINDS = ("fabric", "print", "rubber")
 # How far values may be trusted: the words, and what they mean.
 TRUSTS: Mapping[str, str] = MappingProxyType(
     {
@@ -32,7 +33,7 @@ LARGEST_STRETCH = 20.0
 class MaterialValues(Config):
     """Values of a material as its file holds them; SI units."""
 
-    kind: str = quantity("fabric", "what it is", choices=KINDS)
+    kind: str = quantity("fabric", "what it is", choices=MATERIAL_KINDS)
     title: str = quantity("", "what it is called")
     young: float = quantity(
         1.0, "Young's modulus E at small strain", "Pa", above=0, at_most=STIFFEST

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
-from toros_fem.library.material import KINDS, LibraryMaterial
+from toros_fem.library.material import MATERIAL_KINDS, LibraryMaterial
 from toros_fem.units import write_quantity
 
 WIDTH = 96
@@ -27,7 +27,7 @@ def table_text(entries: Iterable[LibraryMaterial]) -> str:
         for row in rows
     )
     parts: list[str] = []
-    for kind in KINDS:
+    for kind in MATERIAL_KINDS:
         of_kind = [k for k, entry in enumerate(found) if entry.kind == kind]
         if of_kind:
             parts += ["", TITLES[kind], head]
@@ -66,7 +66,7 @@ def material_details(entry: LibraryMaterial) -> str:
 def table_markdown(entries: Iterable[LibraryMaterial]) -> str:
     """Return materials as tables in Markdown, by kind, with the sources below each."""
     found, lines = list(entries), []
-    for kind in KINDS:
+    for kind in MATERIAL_KINDS:
         of_kind = [entry for entry in found if entry.kind == kind]
         if not of_kind:
             continue
