@@ -26,6 +26,19 @@ def _store_floats(record: object, *names: str) -> None:
         object.__setattr__(record, name, float(getattr(record, name)))
 
 
+def _require_bound(owner: str, name: str, value: object) -> None:
+    """Check a stretch bound c₁ or c₂ of eq. (1).
+
+    Raises:
+        ParameterError: It is not above 1.
+    """
+    if not (is_number(value) and math.isfinite(value) and value > 1):
+        raise ParameterError(
+            f"{owner}{name} = {shown(value)} must be a finite number greater than 1: it bounds "
+            + ("a principal stretch." if name == "c1" else "λ₁ + λ₂ − 1.")
+        )
+
+
 @dataclass(frozen=True)
 class Material:
     """Isotropic sheet.
@@ -34,6 +47,7 @@ class Material:
         young: Young's modulus in Pa at small strain.
         poisson: Poisson's ratio, 0 to 0.5: below 0 the barrier of eq. (1) would turn attractive.
         thickness: Thickness h in m; membrane stiffness goes with h, bending with h³/12.
+        c1, c2: Its own stretch bounds of eq. (1), > 1; None takes those of the `Composite`.
 
     Raises:
         ParameterError: A value is no number, or out of its bounds.
@@ -42,8 +56,14 @@ class Material:
     young: float
     poisson: float
     thickness: float
+    c1: float | None = None
+    c2: float | None = None
 
     def __post_init__(self) -> None:
+        for name in ("c1", "c2"):
+            if getattr(self, name) is not None:
+                _require_bound("Material.", name, getattr(self, name))
+                _store_floats(self, name)
         require_positive(**{"Material.young": self.young}, at_most=STIFFEST)
         require_positive(**{"Material.thickness": self.thickness})
         require_between(0.0, 0.5, **{"Material.poisson": self.poisson})
@@ -225,8 +245,9 @@ class Composite:
     Attributes:
         fabric: The plain fabric.
         reinforcement: Fabric and printed layer together.
-        c1: Bound on a principal stretch, > 1; the stretches stay in (2 − c₁, c₁).
-        c2: Bound on their sum, > 1; the sum stays in (3 − c₂, 1 + c₂).
+        c1: Bound on a principal stretch, > 1; the stretches stay in (2 − c₁, c₁). It is that of
+            both materials, but of one that has its own.
+        c2: Bound on their sum, > 1; the sum stays in (3 − c₂, 1 + c₂). As c₁.
         bending: Bending resistance; None makes the skin a membrane.
         bladder: A rubber layer under both materials; None for none.
         knit: Courses of the fabric; None for an isotropic fabric.
@@ -273,17 +294,50 @@ class Composite:
             "bending", self.bending, (Bending, nothing), "a Bending, or None for a membrane"
         )
         for name, value in (("c1", self.c1), ("c2", self.c2)):
-            if not (is_number(value) and math.isfinite(value) and value > 1):
-                raise ParameterError(
-                    f"{name} = {shown(value)} must be a finite number greater than 1: it bounds "
-                    + ("a principal stretch." if name == "c1" else "λ₁ + λ₂ − 1.")
-                )
+            _require_bound("", name, value)
         _store_floats(self, "c1", "c2")
-        if self.membrane.relaxed and self.c2 < self.c1:
-            raise ParameterError(
-                f"c2 = {self.c2} must be at least c1 = {self.c1} for wrinkling = "
-                f"{self.membrane.wrinkling!r}: a narrow bound on the sum would hold the width."
-            )
+        for c1, c2 in (self.fabric_bounds, self.reinforcement_bounds):
+            if self.membrane.relaxed and c2 < c1:
+                raise ParameterError(
+                    f"c2 = {c2} must be at least c1 = {c1} for wrinkling = "
+                    f"{self.membrane.wrinkling!r}: a narrow bound on the sum would hold the width."
+                )
+
+    @property
+    def fabric_bounds(self) -> tuple[float, float]:
+        """c₁ and c₂ of the plain fabric."""
+        return self._bounds_of(self.fabric)
+
+    @property
+    def reinforcement_bounds(self) -> tuple[float, float]:
+        """c₁ and c₂ of the reinforced fabric."""
+        return self._bounds_of(self.reinforcement)
+
+    def _bounds_of(self, material: Material) -> tuple[float, float]:
+        return (
+            self.c1 if material.c1 is None else material.c1,
+            self.c2 if material.c2 is None else material.c2,
+        )
+
+    @property
+    def widest_bounds(self) -> tuple[float, float]:
+        """The larger c₁ and the larger c₂ of the two materials: outside, no mixture exists."""
+        pairs = zip(self.fabric_bounds, self.reinforcement_bounds, strict=True)
+        c1, c2 = (max(pair) for pair in pairs)
+        return c1, c2
+
+    @property
+    def shares_bounds(self) -> bool:
+        """Whether both materials have the same stretch bounds."""
+        return self.fabric_bounds == self.reinforcement_bounds
+
+    @property
+    def stated_bounds(self) -> str:
+        """The stretch bounds as text, for messages."""
+        fabric, printed = (
+            f"c1 = {c1:g}, c2 = {c2:g}" for c1, c2 in (self.fabric_bounds, self.reinforcement_bounds)
+        )
+        return fabric if self.shares_bounds else f"{fabric} of the fabric, {printed} of the print"
 
         self._check_side()
 

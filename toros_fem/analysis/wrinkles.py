@@ -116,7 +116,9 @@ def _stress_across(x: Floats, y: Floats, composite: Composite, density: Floats) 
     fabric, printed = composite.fabric, composite.reinforcement
     mu = interpolate(density, fabric.thickness * fabric.mu, printed.thickness * printed.mu)
     lam = interpolate(density, fabric.thickness * fabric.lam, printed.thickness * printed.lam)
-    a, b = (composite.c1 - 1) ** 2, (composite.c2 - 1) ** 2
+    pairs = zip(composite.fabric_bounds, composite.reinforcement_bounds, strict=True)
+    c1, c2 = (interpolate(density, *pair) for pair in pairs)
+    a, b = (c1 - 1) ** 2, (c2 - 1) ** 2
     outside = y * y >= a
     y = np.where(outside, 0.0, y)
     stress = 2 * mu * y / (1 - y * y / a) + lam * (x + y) / (1 - (x + y) ** 2 / b)

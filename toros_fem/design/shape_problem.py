@@ -189,9 +189,13 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         force = model.residual(state)
         found: dict[str, list[float]] = {metric.key: [] for metric in self.metrics}
         for change in changes:
-            # The energy is linear in ρ̄, so that this difference is exact.
-            model.set_density(evaluation.projected + change)
-            motion = self.solver.solve_tangent(force - model.residual(state), equilibrium)
+            if model.composite.shares_bounds:
+                # The energy is linear in ρ̄, so that this difference is exact.
+                model.set_density(evaluation.projected + change)
+                push = force - model.residual(state)
+            else:
+                push = -model.density_variation(state, change)
+            motion = self.solver.solve_tangent(push, equilibrium)
             moved = model.positions(motion)
             largest = comm.allreduce(float(np.abs(moved).max(initial=0.0)), op=MPI.MAX)
             step = METRIC_STEP * self.skin.pattern.size / largest if largest > 0 else 1.0

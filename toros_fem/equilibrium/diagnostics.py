@@ -136,7 +136,7 @@ def failure(
         ),
         int(PETSc.SNES.ConvergedReason.DIVERGED_INNER): "the stationary state is not stable",
     }.get(end.outcome, "no step lowered the energy any more")
-    bounds = f"c1 = {model.composite.c1:g}, c2 = {model.composite.c2:g}"
+    bounds = model.composite.stated_bounds
     begin = f"No equilibrium inside the stretch bounds ({bounds}) was found at {load}, at "
     ways = ", by raising or lowering the load, or by stiffening the plain fabric"
     begin += f"once{'' if once else ways}"

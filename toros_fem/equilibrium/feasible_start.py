@@ -27,7 +27,8 @@ def relaxed_into_bounds(
 
     Args:
         pattern: The pattern.
-        composite: Its stretch bounds.
+        composite: Its stretch bounds; of two materials the wider ones, into the narrower ones a
+            solve takes the shape by itself.
         fixed: Components that keep their positions, (n, 3).
         positions: Positions of all assembled vertices, (n, 3), in m.
 
@@ -38,8 +39,7 @@ def relaxed_into_bounds(
     bounds = StretchBounds(
         MPI.COMM_SELF,
         pattern.corners,
-        composite.c1,
-        composite.c2,
+        *composite.widest_bounds,
         wrinkles=composite.membrane.relaxed,
     )
     found, laplacian = np.array(positions), None

@@ -39,6 +39,9 @@ MODIFIED_GAIN = 0.2
 # residual after CG_COST √n iterations: a factorisation of n unknowns costs some 0.05 √n solves.
 INEXACT = 1e-2
 CG_COST = 0.03
+# A start outside the bounds of its density comes inside in rounds of this many steps, each up to
+# this residual over the load.
+APPROACH_STEPS, APPROACHED = 3, 0.1
 # Number of saddles that a solve leaves before it gives up.
 ESCAPES = 10
 # If rounding keeps every step from lowering the energy, this residual over the load is enough.
@@ -181,16 +184,34 @@ class RegularisedNewton:
             If it converged and is finished, the tangent at its state is factorised.
         """
         self._reset(near=near)
+        begin = self._into_bounds(start, max_steps, near)
         point, outcome = self._iterate(
-            start,
+            begin,
             tolerance,
             max_steps,
-            near,
+            near and begin is start,
             monitor,
             finish=finish,
         )
         history = tuple(self._history)
         return NewtonResult(point.state, outcome, len(history), history, self._definite)
+
+    def _into_bounds(self, start: Floats, max_steps: int, near: bool) -> Floats:
+        """Return the start, or a state near it inside the bounds of the density (collective).
+
+        Another density may have had wider bounds. The bounds of the triangles outside are widened
+        and narrowed again while Newton's steps follow, as the barrier of an interior point method.
+        """
+        model, state, outcome = self.model, start, 0
+        loosened, goes_on = model.loosen_bounds(start), PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
+        while loosened and (outcome >= 0 or outcome == goes_on) and len(self._history) < max_steps:
+            point, outcome = self._iterate(
+                state, APPROACHED, APPROACH_STEPS, near and state is start, finish=False
+            )
+            state = point.state
+            loosened = model.tighten_bounds(state)
+        model.restore_bounds()
+        return state
 
     def _iterate(
         self,
@@ -198,7 +219,7 @@ class RegularisedNewton:
         tolerance: float,
         max_steps: int,
         near: bool,
-        monitor: Callable[[int, float], None],
+        monitor: Callable[[int, float], None] = lambda step, size: None,
         *,
         finish: bool,
     ) -> tuple[_Point, int]:

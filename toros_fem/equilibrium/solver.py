@@ -234,7 +234,7 @@ class EquilibriumSolver:
 
         Raises:
             ParameterError: The pressure is negative or not finite, an array does not fit, or the
-                start leaves the stretch bounds.
+                start leaves the stretch bounds (of two materials the wider ones).
             DensityError: The density does not fit, or leaves [0, 1].
             OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
             EquilibriumError: No equilibrium was found; the error holds the last good state.
@@ -518,9 +518,9 @@ class EquilibriumSolver:
             model.positions(state)[:] = start
         elif start is not None:
             state = start.copy()
-        use = model.bounds.worst(model.corners(state))
+        use = model.bounds.worst_of_start(model.corners(state))
         if not use < 1:
-            bounds = f"c1 = {model.composite.c1:g} and c2 = {model.composite.c2:g}"
+            bounds = model.composite.stated_bounds
             what, remedy = "start", f"Start from the assembled positions, or raise {bounds}."
             if start is None:
                 what = "assembled shape, from which a solve starts,"

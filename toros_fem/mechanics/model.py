@@ -33,7 +33,7 @@ from toros_fem.mechanics.hinges import edge_angles, find_hinges
 from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.patch_space import make_patch, pattern_edges
 from toros_fem.mechanics.pressure import PressureLoad
-from toros_fem.mechanics.stretch_bounds import StretchBounds
+from toros_fem.mechanics.stretch_bounds import MixedBounds, StretchBounds
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.skin import Skin
 
@@ -139,6 +139,15 @@ class SkinModel:
         nodes = self._patch.position_count
         numbers = self.space.dofmap.index_map.local_range[0] + np.arange(nodes).reshape(-1, 3)
         self._gravity = fem.Constant(domain, np.zeros(3))
+        # Owned triangles come first in the mesh, each with flat corners of its own.
+        owned = domain.topology.index_map(2).size_local
+        flat = domain.geometry.x[: 3 * owned].reshape(owned, 3, 3)[:, :, :2]
+        self.bounds: StretchBounds
+        if composite.shares_bounds:
+            shared, wrinkles = composite.fabric_bounds, composite.membrane.relaxed
+            self.bounds = StretchBounds(skin.comm, flat, *shared, wrinkles=wrinkles)
+        else:
+            self.bounds = MixedBounds(self.density, flat, composite)
         bladder = composite.bladder
         self._pressure = PressureLoad(skin, chambers, supports, numbers)
         self._geometric = fem.Constant(domain, 1.0)
@@ -149,7 +158,7 @@ class SkinModel:
             self.density,
             sheet_stiffness(domain, composite.fabric),
             sheet_stiffness(domain, composite.reinforcement, composite.eccentricity),
-            (fem.Constant(domain, composite.c1), fem.Constant(domain, composite.c2)),
+            self._stretch_limits(),
             self._pressure.coefficient if closed else None,
             self._pressure.chosen,
             self._geometric,
@@ -173,6 +182,8 @@ class SkinModel:
             self._pressure.compile(self.ufl_forms, self._buffer)
         self._weight = None if weight is None else fem.form(self.ufl_forms.weight)
         self._sensitivity: Any = None  # compiled for the first gradient
+        self._variation_by_density: Any = None  # and for the first one of metrics
+        self._density_change = fem.Function(skin.density_space)
 
         index_map = self.space.dofmap.index_map
         self.size_local: int = index_map.size_local
@@ -184,14 +195,15 @@ class SkinModel:
             self.fixed[self._patch.rotation_dofs] = self._without_rotation()
         self.free: Bools = ~self.fixed[: self.size_local]
 
-        # Owned triangles come first in the mesh, each with flat corners of its own.
-        owned = domain.topology.index_map(2).size_local
         self._dofs = self.space.dofmap.list[:owned, :size].reshape(owned, size // 3, 3)
-        flat = domain.geometry.x[: 3 * owned].reshape(owned, 3, 3)[:, :, :2]
-        self.bounds = StretchBounds(
-            skin.comm, flat, composite.c1, composite.c2, wrinkles=composite.membrane.relaxed
-        )
         self._areas = skin.pattern.areas[skin.owned_cells]
+
+    def _stretch_limits(self) -> tuple[Any, Any]:
+        """c₁ and c₂ as the forms take them."""
+        if isinstance(self.bounds, MixedBounds):
+            return self.bounds.coefficients
+        c1, c2 = self.composite.fabric_bounds
+        return fem.Constant(self.skin.mesh, c1), fem.Constant(self.skin.mesh, c2)
 
     def _without_rotation(self) -> Bools:
         """Whether each local edge has no rotation (free, hinged, mirrored), as its owner knows."""
@@ -287,6 +299,7 @@ class SkinModel:
         """Set the projected density from owned values."""
         self.density.x.array[: len(density)] = density
         self.density.x.scatter_forward()
+        self.restore_bounds()
 
     def set_state(self, state: Floats) -> None:
         """Set the state from owned unknowns."""
@@ -301,6 +314,22 @@ class SkinModel:
     def _patch_positions(self, nodes: int) -> Floats:
         """Positions of the first corners and flaps of owned triangles where these see them."""
         return np.asarray(self.q.x.array[self._dofs[:, :nodes]])
+
+    def loosen_bounds(self, start: Floats) -> bool:
+        """Widen the stretch bounds of triangles that a start leaves; return whether there are any.
+
+        Where both materials have the same bounds nothing is done. `set_density` restores them.
+        """
+        return isinstance(self.bounds, MixedBounds) and self.bounds.loosen(self.corners(start))
+
+    def tighten_bounds(self, state: Floats) -> bool:
+        """Narrow loosened bounds as a state allows; return whether any is still loosened."""
+        return isinstance(self.bounds, MixedBounds) and self.bounds.tighten(self.corners(state))
+
+    def restore_bounds(self) -> None:
+        """Restore the bounds of the density, if any is loosened."""
+        if isinstance(self.bounds, MixedBounds):
+            self.bounds.update()
 
     def count_folds(self, state: Floats, angle: float) -> int:
         """Return how many hinges of triangles fold by more than an angle in rad.
@@ -429,6 +458,21 @@ class SkinModel:
     def wall_pairs(self) -> Ints:
         """Global rows and columns, (2, p), of the entries of the walls between chambers."""
         return self._pressure.pairs
+
+    def density_variation(self, state: Floats, change: Floats) -> Floats:
+        """Return the derivative of the residual along a change of ρ̄ at owned triangles, in N.
+
+        Args:
+            state: Owned unknowns.
+            change: Change of ρ̄; the density that is set may leave [0, 1] by it.
+        """
+        if self._variation_by_density is None:
+            form = ufl.derivative(self.ufl_forms.residual, self.density, self._density_change)
+            self._variation_by_density = fem.form(form)
+        self.set_state(state)
+        self._density_change.x.array[: len(change)] = change
+        self._density_change.x.scatter_forward()
+        return assembled(self._variation_by_density, self._buffer) * self.free
 
     def density_sensitivity(self, state: Floats, adjoint: Floats) -> Floats:
         """Return ∂(residual · adjoint)/∂ρ̄ at owned triangles, in J.

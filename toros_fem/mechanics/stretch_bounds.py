@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from dolfinx import fem
 from mpi4py import MPI
 
 from toros_fem._mpi import largest, smallest
-from toros_fem._types import Floats
+from toros_fem._types import Bools, Floats
+from toros_fem.forms.interpolation import interpolate
+from toros_fem.materials import Composite
 
 # Below this smaller stretch a triangle counts as collapsed: there det C is not smooth.
 COLLAPSED = 1e-6
+# From this fraction of its bounds a triangle of a start is outside. Its bounds are loosened, so
+# that it uses the fraction LOOSENED of them, and then keep the fraction KEPT of its distance.
+OUTSIDE, LOOSENED, KEPT = 0.999, 0.9, 0.1
 
 
 def singular_values(edges: Floats) -> tuple[Floats, Floats]:
@@ -31,7 +39,7 @@ class StretchBounds:
     Args:
         comm: Communicator; all methods are collective.
         flat: Flat corners of the owned triangles, (n, 3 corners, 2), in m.
-        c1, c2: Bounds of eq. (1).
+        c1, c2: Bounds of eq. (1), of all triangles.
         wrinkles: Whether the sheet wrinkles instead of taking compression. Then only the upper
             bounds count: where it wrinkles, the natural width keeps the other ones by itself.
     """
@@ -42,7 +50,8 @@ class StretchBounds:
         self._comm = comm
         chart = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
         self._inverse_chart = np.ascontiguousarray(np.linalg.inv(chart).transpose(1, 2, 0))
-        self._c1, self._c2 = c1, c2
+        # Largest |λᵢ − 1| and |λ₁ + λ₂ − 2| of each triangle, (2, n).
+        self._room = np.repeat([[c1 - 1], [c2 - 1]], len(flat), axis=1)
         self._least = 0.0 if wrinkles else -np.inf
 
     def gradient(self, corners: Floats) -> Floats:
@@ -53,18 +62,27 @@ class StretchBounds:
         u, v = second - first, third - first
         return np.stack([u * a + v * c, u * b + v * d]).T
 
-    def _use(self, F: Floats) -> Floats:
-        """Fraction of the admissible range that each triangle uses: < 1 inside, ≥ 1 outside."""
+    def _strains(self, F: Floats) -> tuple[Floats, Bools]:
+        """What is bounded, max |λᵢ − 1| and |λ₁ + λ₂ − 2|, (2, n); and what has collapsed."""
         big, small = singular_values(F)
         strains = (np.maximum(strain, self._least) for strain in (big - 1, small - 1))
-        single = np.maximum(*map(np.abs, strains)) / (self._c1 - 1)
         joint = np.maximum(big + small - 2, self._least)
-        use = np.maximum(single, np.abs(joint) / (self._c2 - 1))
-        return np.where(small > COLLAPSED, use, np.inf)
+        return np.stack([np.maximum(*map(np.abs, strains)), np.abs(joint)]), ~(small > COLLAPSED)
+
+    def _use(self, F: Floats, room: Floats | None = None) -> Floats:
+        """Fraction of the admissible range that each triangle uses: < 1 inside, ≥ 1 outside."""
+        strains, collapsed = self._strains(F)
+        return np.where(collapsed, np.inf, (strains / (self._room if room is None else room)).max(0))
 
     def worst(self, corners: Floats) -> float:
         """Return the largest fraction of the bounds that any triangle uses: < 1 means feasible."""
-        use = self.use(corners)
+        return self._worst(self.use(corners))
+
+    def worst_of_start(self, corners: Floats) -> float:
+        """Return the same for a start: what a solve can bring inside the bounds counts as < 1."""
+        return self.worst(corners)
+
+    def _worst(self, use: Floats) -> float:
         # A NaN must count as outside, and `max` would let it through on some ranks only.
         return largest(self._comm, np.max(np.where(np.isfinite(use), use, np.inf), initial=0.0))
 
@@ -90,12 +108,85 @@ class StretchBounds:
         beyond = np.flatnonzero(~(self._use(F + G) <= limit))
         step = 1.0
         if len(beyond):
-            F, G, limit = F[beyond], G[beyond], limit[beyond]
+            F, G, limit, room = F[beyond], G[beyond], limit[beyond], self._room[:, beyond]
             inside: Floats = np.zeros(len(beyond))
             outside: Floats = np.ones(len(beyond))
             for _ in range(20):
                 middle = (inside + outside) / 2
-                good = self._use(F + middle[:, None, None] * G) <= limit
+                good = self._use(F + middle[:, None, None] * G, room) <= limit
                 inside, outside = np.where(good, middle, inside), np.where(good, outside, middle)
             step = float(inside.min())
         return smallest(self._comm, step)
+
+
+class MixedBounds(StretchBounds):
+    """Bounds of two materials, linear in ρ̄ between them: each triangle has its own.
+
+    A start may lie outside of them, since another density had wider ones. `loosen` then widens the
+    bounds of its triangles until it lies inside, and `tighten` follows them back as they shrink.
+
+    Args:
+        density: Projected density ρ̄.
+        flat: As for `StretchBounds`.
+        composite: The two materials.
+    """
+
+    def __init__(self, density: fem.Function, flat: Floats, composite: Composite) -> None:
+        space = density.function_space
+        domain = space.mesh
+        wrinkles = composite.membrane.relaxed
+        super().__init__(domain.comm, flat, *composite.widest_bounds, wrinkles=wrinkles)
+        self._density, self._widest = density, self._room
+        self._place = space.dofmap.list[: len(flat), 0]  # of each triangle among owned values
+        self._ends = list(
+            zip(composite.fabric_bounds, composite.reinforcement_bounds, strict=True)
+        )
+        self._slack = [fem.Function(space) if one != two else None for one, two in self._ends]
+        self.update()
+
+    @property
+    def coefficients(self) -> tuple[Any, Any]:
+        """c₁ and c₂ in UFL, functions of ρ̄ where they differ, with what loosens them."""
+        domain = self._density.function_space.mesh
+        c1, c2 = (
+            fem.Constant(domain, one)
+            if slack is None
+            else interpolate(self._density, fem.Constant(domain, one), fem.Constant(domain, two))
+            + slack
+            for (one, two), slack in zip(self._ends, self._slack, strict=True)
+        )
+        return c1, c2
+
+    def update(self) -> None:
+        """Take the bounds of the density; none is loosened."""
+        density = self._density.x.array[self._place]
+        self._true = np.stack([interpolate(density, *pair) - 1 for pair in self._ends])
+        self._set(self._true)
+
+    def _set(self, room: Floats) -> None:
+        self._room = room
+        for slack, more in zip(self._slack, room - self._true, strict=True):
+            if slack is not None:
+                slack.x.array[self._place] = more
+                slack.x.scatter_forward()
+
+    def worst_of_start(self, corners: Floats) -> float:
+        """Return the largest fraction of the wider bounds of the two materials that is used."""
+        return self._worst(self._use(self.gradient(corners), self._widest))
+
+    def loosen(self, corners: Floats) -> bool:
+        """Widen the bounds of triangles outside of them; return whether there are any."""
+        strains, _ = self._strains(self.gradient(corners))
+        outside = ~(strains < OUTSIDE * self._room)
+        outside[[slack is None for slack in self._slack]] = False
+        if largest(self._comm, float(outside.any())) == 0:
+            return False
+        self._set(np.where(outside, strains / LOOSENED, self._room))
+        return True
+
+    def tighten(self, corners: Floats) -> bool:
+        """Narrow loosened bounds as the strains allow; return whether any is still loosened."""
+        strains, _ = self._strains(self.gradient(corners))
+        near = strains + KEPT * (self._room - strains)
+        self._set(np.maximum(self._true, np.minimum(self._room, near)))
+        return largest(self._comm, float((self._room > self._true).any())) > 0

@@ -31,6 +31,7 @@ from toros_fem.meshes.tile_symmetry import check_symmetry
 NAME = "tile.npz"
 MATERIALS = ("fabric", "reinforcement")
 PROPERTIES = ("young", "poisson", "thickness")
+BOUNDS = ("c1", "c2")  # a material's own, if it has any
 # Files of earlier versions have one entry of these for both materials.
 COMMON = ("poisson", "thickness")
 MEMBRANE = Composite(bending=None)
@@ -123,6 +124,8 @@ def write_tile(folder: str | Path, printed_tile: PrintedTile) -> None:
     for name in MATERIALS:
         material = getattr(composite, name)
         entries.update({f"{name}_{key}": getattr(material, key) for key in PROPERTIES})
+        own = {f"{name}_{key}": getattr(material, key) for key in BOUNDS}
+        entries.update({key: value for key, value in own.items() if value is not None})
     if composite.knit is not None:
         entries.update(knit_ratio=composite.knit.ratio, knit_grain=composite.knit.grain)
     np.savez_compressed(folder / NAME, **entries)
@@ -169,7 +172,11 @@ def _printed_tile(entries: dict[str, Any]) -> PrintedTile:
         return float(entries[name].item())
 
     fabric, reinforcement = (
-        Material(*(number(f"{name}_{key}") for key in PROPERTIES)) for name in MATERIALS
+        Material(
+            *(number(f"{name}_{key}") for key in PROPERTIES),
+            **{key: number(f"{name}_{key}") for key in BOUNDS if f"{name}_{key}" in entries},
+        )
+        for name in MATERIALS
     )
     knit = Knit(number("knit_ratio"), number("knit_grain")) if "knit_ratio" in entries else None
     return PrintedTile(

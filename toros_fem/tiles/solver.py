@@ -178,8 +178,8 @@ class TileSolver:
         if outcome <= 0:
             raise NoEquilibriumError(
                 f"the tile has no equilibrium at the mean deformation {target[:2].tolist()} along "
-                f"{np.degrees(angle):.4g} degrees inside the stretch bounds c1 = "
-                f"{self.model.composite.c1:g}, c2 = {self.model.composite.c2:g}. Stretch it less, "
+                f"{np.degrees(angle):.4g} degrees inside the stretch bounds "
+                f"{self.model.composite.stated_bounds}. Stretch it less, "
                 "soften the print, or refine the mesh."
             )
         self._last = self._result(found, angle, attempts.steps, attempts.factorisations)
