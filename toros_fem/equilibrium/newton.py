@@ -41,7 +41,7 @@ INEXACT = 1e-2
 CG_COST = 0.03
 # A start outside the bounds of its density comes inside in rounds of this many steps, each up to
 # this residual over the load.
-APPROACH_STEPS, APPROACHED = 3, 0.1
+APPROACH_STEPS, APPROACHED = 40, 0.1
 # Number of saddles that a solve leaves before it gives up.
 ESCAPES = 10
 # If rounding keeps every step from lowering the energy, this residual over the load is enough.

@@ -17,7 +17,7 @@ from toros_fem.materials import Composite
 COLLAPSED = 1e-6
 # From this fraction of its bounds a triangle of a start is outside. Its bounds are loosened, so
 # that it uses the fraction LOOSENED of them, and then keep the fraction KEPT of its distance.
-OUTSIDE, LOOSENED, KEPT = 0.999, 0.9, 0.1
+OUTSIDE, LOOSENED, KEPT = 0.999, 0.5, 0.1
 
 
 def singular_values(edges: Floats) -> tuple[Floats, Floats]:
