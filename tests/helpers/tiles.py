@@ -174,8 +174,13 @@ class Laminate:
         def mean(x: np.ndarray, strain: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             gradient = np.array([[1 + strain, x[0]], [0, 1 + x[1]]])
             jump = np.outer(x[2:], n)
-            hard = stress_law(gradient + (1 - fraction) * jump, c.reinforcement, c.c1, c.c2)
-            soft = stress_law(gradient - fraction * jump, c.fabric, c.c1, c.c2)
+            hard, soft = (
+                stress_law(gradient + part * jump, material, *bounds)
+                for part, material, bounds in (
+                    (1 - fraction, c.reinforcement, c.reinforcement_bounds),
+                    (-fraction, c.fabric, c.fabric_bounds),
+                )
+            )
             return gradient, fraction * hard + (1 - fraction) * soft, (hard - soft) @ n
 
         def unbalanced(x: np.ndarray, strain: float) -> np.ndarray:

@@ -1,11 +1,13 @@
 """Materials are checked on construction, and keep their values as floats."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.materials import Bending, Bladder, Composite, Knit, Material
+from toros_fem.materials import Bending, Bladder, Composite, Knit, Material, Membrane
 from toros_fem.mechanics.dead_loads import Weight
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.supports import clamp
@@ -27,7 +29,14 @@ def test_bad_bounds(changes: dict[str, float], message: str) -> None:
 
 @pytest.mark.parametrize(
     "changes",
-    [{"young": -1.0}, {"young": float("nan")}, {"poisson": 0.6}, {"thickness": 0.0}],
+    [
+        {"young": -1.0},
+        {"young": float("nan")},
+        {"poisson": 0.6},
+        {"thickness": 0.0},
+        {"c1": 1.0},
+        {"c2": "2"},
+    ],
 )
 def test_bad_material(changes: dict[str, float]) -> None:
     name = next(iter(changes))
@@ -94,3 +103,20 @@ def test_integers_serve_as_well(tube: Skin, comm: MPI.Comm) -> None:
     one, two = models
     assert one.energy(1.1 * one.assembled) == two.energy(1.1 * two.assembled)
     assert {type(value) for value in (one.composite.c1, one.composite.fabric.young)} == {float}
+
+
+def test_bounds_of_each_material() -> None:
+    """A material without bounds of its own takes those of the composite."""
+    fabric, printed = Material(1e5, 0.3, 5e-4, c1=1.5), Material(1e7, 0.3, 5e-4, c2=2)
+    made = Composite(fabric, printed, c1=1.9, c2=2.6)
+    assert made.fabric_bounds == (1.5, 2.6)
+    assert made.reinforcement_bounds == (1.9, 2.0)
+    assert made.widest_bounds == (1.9, 2.6)
+    assert not made.shares_bounds
+    assert made.stated_bounds == "c1 = 1.5, c2 = 2.6 of the fabric, c1 = 1.9, c2 = 2 of the print"
+    both = Composite(replace(fabric, c1=1.5, c2=2.0), replace(printed, c1=1.5))
+    assert both.shares_bounds
+    assert both.stated_bounds == "c1 = 1.5, c2 = 2"
+    narrow = replace(printed, c1=1.2, c2=1.1)
+    with pytest.raises(errors.ParameterError, match="c2 = 1.1 must be at least c1 = 1.2"):
+        Composite(fabric, narrow, membrane=Membrane("tension-field"))

@@ -203,7 +203,8 @@ class RegularisedNewton:
         and narrowed again while Newton's steps follow, as the barrier of an interior point method.
         """
         model, state, outcome = self.model, start, 0
-        loosened, goes_on = model.loosen_bounds(start), PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT
+        loosened = model.loosen_bounds(start, everywhere=not near)
+        goes_on = int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
         while loosened and (outcome >= 0 or outcome == goes_on) and len(self._history) < max_steps:
             point, outcome = self._iterate(
                 state, APPROACHED, APPROACH_STEPS, near and state is start, finish=False

@@ -315,12 +315,19 @@ class SkinModel:
         """Positions of the first corners and flaps of owned triangles where these see them."""
         return np.asarray(self.q.x.array[self._dofs[:, :nodes]])
 
-    def loosen_bounds(self, start: Floats) -> bool:
+    def loosen_bounds(self, start: Floats, *, everywhere: bool = False) -> bool:
         """Widen the stretch bounds of triangles that a start leaves; return whether there are any.
 
         Where both materials have the same bounds nothing is done. `set_density` restores them.
+
+        Args:
+            start: Owned unknowns.
+            everywhere: Whether to widen first all bounds to those of the wider material.
         """
-        return isinstance(self.bounds, MixedBounds) and self.bounds.loosen(self.corners(start))
+        bounds = self.bounds
+        return isinstance(bounds, MixedBounds) and bounds.loosen(
+            self.corners(start), everywhere=everywhere
+        )
 
     def tighten_bounds(self, state: Floats) -> bool:
         """Narrow loosened bounds as a state allows; return whether any is still loosened."""

@@ -15,9 +15,10 @@ from toros_fem.materials import Composite
 
 # Below this smaller stretch a triangle counts as collapsed: there det C is not smooth.
 COLLAPSED = 1e-6
-# From this fraction of its bounds a triangle of a start is outside. Its bounds are loosened, so
-# that it uses the fraction LOOSENED of them, and then keep the fraction KEPT of its distance.
-OUTSIDE, LOOSENED, KEPT = 0.999, 0.5, 0.1
+# From the fraction OUTSIDE of its bounds a triangle of a start is outside. Its bounds are loosened,
+# so that it uses the fraction LOOSENED of them. Later they keep the fraction KEPT of its distance,
+# until it is INSIDE its own.
+OUTSIDE, LOOSENED, KEPT, INSIDE = 0.999, 0.5, 0.1, 0.95
 
 
 def singular_values(edges: Floats) -> tuple[Floats, Floats]:
@@ -174,12 +175,19 @@ class MixedBounds(StretchBounds):
         """Return the largest fraction of the wider bounds of the two materials that is used."""
         return self._worst(self._use(self.gradient(corners), self._widest))
 
-    def loosen(self, corners: Floats) -> bool:
-        """Widen the bounds of triangles outside of them; return whether there are any."""
+    def loosen(self, corners: Floats, *, everywhere: bool = False) -> bool:
+        """Widen the bounds of triangles outside of them; return whether there are any.
+
+        Args:
+            corners: Corner positions of the start.
+            everywhere: Whether to widen first all bounds to those of the wider material.
+        """
         strains, _ = self._strains(self.gradient(corners))
+        if everywhere:
+            self._set(self._widest)
         outside = ~(strains < OUTSIDE * self._room)
         outside[[slack is None for slack in self._slack]] = False
-        if largest(self._comm, float(outside.any())) == 0:
+        if not everywhere and largest(self._comm, float(outside.any())) == 0:
             return False
         self._set(np.where(outside, strains / LOOSENED, self._room))
         return True
@@ -188,5 +196,6 @@ class MixedBounds(StretchBounds):
         """Narrow loosened bounds as the strains allow; return whether any is still loosened."""
         strains, _ = self._strains(self.gradient(corners))
         near = strains + KEPT * (self._room - strains)
+        near = np.where(strains < INSIDE * self._true, self._true, near)
         self._set(np.maximum(self._true, np.minimum(self._room, near)))
         return largest(self._comm, float((self._room > self._true).any())) > 0

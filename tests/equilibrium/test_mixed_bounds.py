@@ -1,0 +1,118 @@
+"""Equilibria of a print that hardly stretches on a fabric that does, and their gradients."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.designs import make_problem
+from helpers.scenes import taylor_rates
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem._mpi import total
+from toros_fem.density.field import random_density
+from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.materials import Composite
+from toros_fem.mechanics.stretch_bounds import singular_values
+from toros_fem.mechanics.supports import clamp
+from toros_fem.meshes import Skin
+from toros_fem.objectives.metrics import Metric, length_ratio
+
+# The print reaches the bound of its stretch under the pressures of these tests.
+SOFT = replace(Composite().reinforcement, young=2e6)
+TIGHT = Composite(reinforcement=replace(SOFT, c1=1.05))
+TIGHTER = Composite(reinforcement=replace(SOFT, c1=1.02, c2=1.04))
+
+
+@pytest.fixture(scope="module")
+def solver(tube: Skin) -> EquilibriumSolver:
+    return EquilibriumSolver(tube, TIGHT, clamp(tube.pattern, ["base"]))
+
+
+def print_of(skin: Skin, seed: int) -> np.ndarray:
+    """Stripes at a random angle across the wall, with soft borders; all of the ends."""
+    pattern, rng = skin.pattern, np.random.default_rng(seed)
+    x, y = pattern.centroids.T
+    turn, start = rng.uniform(0, np.pi), rng.uniform(0, 2 * np.pi)
+    wave = np.sin(2 * np.pi * (x * np.cos(turn) + y * np.sin(turn)) / 0.015 + start)
+    wall = pattern.panel == pattern.panel_index("wall")
+    return np.where(wall, 1 / (1 + np.exp(-8 * wave)), 1.0)[skin.owned_cells]
+
+
+def largest_stretch(solver: EquilibriumSolver, state: np.ndarray, where: np.ndarray) -> float:
+    bounds, model = solver.model.bounds, solver.model
+    big, _ = singular_values(bounds.gradient(model.corners(state)))
+    stretches = solver.skin.gather_cells(big)
+    return float(stretches[solver.skin.gather_cells(where.astype(float)) > 0.5].max())
+
+
+@pytest.mark.parametrize("composite", [TIGHT, TIGHTER], ids=["1.05", "1.02"])
+def test_random_prints_inflate_within_their_bounds(tube: Skin, composite: Composite) -> None:
+    """From 5 to 20 kPa; then all that is print becomes fabric, and the other way round."""
+    solver = EquilibriumSolver(tube, composite, clamp(tube.pattern, ["base"]))
+    bound = composite.reinforcement_bounds[0]
+    printed_most, plain_most = [], []
+    for seed, pressure in enumerate((5e3, 10e3, 20e3)):
+        density = print_of(tube, seed)
+        found = solver.solve(density, pressure)
+        assert found.stretch_use < 1
+        printed = density > 0.999
+        printed_most.append(largest_stretch(solver, found.state, printed))
+        plain_most.append(largest_stretch(solver, found.state, density < 1e-3))
+        swapped = solver.solve(1 - density, pressure, start=found.state)
+        assert swapped.stretch_use < 1
+        assert largest_stretch(solver, swapped.state, density < 1e-3) < bound + 1e-3
+    assert max(printed_most) < bound + 1e-3
+    assert max(printed_most) > 1 + 0.9 * (bound - 1), "the bound must matter"
+    assert min(plain_most) > 1.2
+
+
+def test_a_start_outside_narrower_bounds_is_taken_inside(tube: Skin) -> None:
+    """A trial too: a design step that prints stretched fabric costs no failed solve."""
+    solver = EquilibriumSolver(tube, TIGHT, clamp(tube.pattern, ["base"]))
+    plain = solver.solve(np.zeros(len(tube.owned_cells)), 5e3)
+    density = print_of(tube, 1)
+    trial = solver.solve(density, 5e3, start=plain.state, trial=True)
+    assert trial.converged
+    found = solver.finish(trial)
+    cold = solver.solve(density, 5e3)
+    assert found.energy == pytest.approx(cold.energy, rel=1e-8)
+    assert found.volume == pytest.approx(cold.volume, rel=1e-6)
+    # Outside the bounds of either material no mixture exists.
+    with pytest.raises(errors.ParameterError, match=r"c1 = 1.05, c2 = 2.6 of the print"):
+        solver.solve(density, 5e3, start=3 * solver.model.assembled)
+
+
+def test_failures_state_both_bounds(tube: Skin, solver: EquilibriumSolver) -> None:
+    failed = solver.solve(
+        np.zeros(len(tube.owned_cells)), 1e9, trial=True, raise_on_failure=False
+    )
+    assert not failed.converged
+    assert "(c1 = 1.9, c2 = 2.6 of the fabric, c1 = 1.05, c2 = 2.6 of the print)" in failed.reason
+
+
+def test_taylor_of_the_whole_chain(tube: Skin, solver: EquilibriumSolver, comm: MPI.Comm) -> None:
+    """Filter, projection, equilibrium, objective, with a print at its bound: rate 2."""
+    problem = replace(
+        make_problem(tube, solver), metrics=(Metric("length", "ratio", None, length_ratio),)
+    )
+    density = random_density(tube, 2, spread=0.3)
+    base = problem.evaluate(density)
+    assert base.gradient is not None
+    state = base.equilibrium.state
+    direction = np.random.default_rng(9).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
+    slope = total(comm, base.gradient @ direction)
+    change = problem.projection.backward(
+        base.filtered, problem.filter.forward(direction * problem.designed)
+    )
+    rate = problem.metric_derivatives(base, [change * problem.designed])["length_ratio"][0]
+    rates = taylor_rates(
+        lambda h: problem.simulate(density + h * direction, state).objective, slope, 1e-3
+    )
+    assert rates == pytest.approx(2, abs=0.05)
+    there, back = (
+        problem.metrics_of(problem.simulate(density + h * direction, state).equilibrium)
+        for h in (1e-3, -1e-3)
+    )
+    expected = (there["length_ratio"] - back["length_ratio"]) / 2e-3
+    assert rate == pytest.approx(expected, rel=1e-3)
