@@ -39,9 +39,9 @@ MODIFIED_GAIN = 0.2
 # residual after CG_COST √n iterations: a factorisation of n unknowns costs some 0.05 √n solves.
 INEXACT = 1e-2
 CG_COST = 0.03
-# A start outside the bounds of its density comes inside in rounds of this many steps, each up to
-# this residual over the load.
-APPROACH_STEPS, APPROACHED = 40, 0.1
+# A start outside the bounds of its density comes inside in rounds, each solved for up to this
+# residual over the load.
+APPROACHED, ROUNDS = 0.1, 60
 # Number of saddles that a solve leaves before it gives up.
 ESCAPES = 10
 # If rounding keeps every step from lowering the energy, this residual over the load is enough.
@@ -199,18 +199,26 @@ class RegularisedNewton:
     def _into_bounds(self, start: Floats, max_steps: int, near: bool) -> Floats:
         """Return the start, or a state near it inside the bounds of the density (collective).
 
-        Another density may have had wider bounds. The bounds of the triangles outside are widened
-        and narrowed again while Newton's steps follow, as the barrier of an interior point method.
+        Another density may have had wider bounds. The bounds of the triangles outside are widened,
+        then narrowed in rounds: the tangent predicts the motion by it, and Newton's steps correct
+        that, as in an interior point method. From afar (not `near`) all bounds begin wide: narrow
+        ones would cap every step of the whole skin.
         """
-        model, state, outcome = self.model, start, 0
+        model, state = self.model, start
         loosened = model.loosen_bounds(start, everywhere=not near)
-        goes_on = int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
-        while loosened and (outcome >= 0 or outcome == goes_on) and len(self._history) < max_steps:
+        for _ in range(ROUNDS):
+            if not (loosened and model.loosened):
+                break
+            left = max_steps - sum(row.step > 0 and not row.modified for row in self._history)
             point, outcome = self._iterate(
-                state, APPROACHED, APPROACH_STEPS, near and state is start, finish=False
+                state, APPROACHED, left, near and state is start, finish=False
             )
             state = point.state
-            loosened = model.tighten_bounds(state)
+            if outcome <= 0:
+                break
+            known = self.stable(state)
+            motion = -self.factor.solve(model.push_of_bounds(state)) if known else None
+            state = model.narrow_bounds(state, motion)
         model.restore_bounds()
         return state
 

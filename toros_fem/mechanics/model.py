@@ -183,6 +183,7 @@ class SkinModel:
         self._weight = None if weight is None else fem.form(self.ufl_forms.weight)
         self._sensitivity: Any = None  # compiled for the first gradient
         self._variation_by_density: Any = None  # and for the first one of metrics
+        self._variation_by_bounds: Any = None  # and for the first start outside its bounds
         self._density_change = fem.Function(skin.density_space)
 
         index_map = self.space.dofmap.index_map
@@ -329,9 +330,35 @@ class SkinModel:
             self.corners(start), everywhere=everywhere
         )
 
-    def tighten_bounds(self, state: Floats) -> bool:
-        """Narrow loosened bounds as a state allows; return whether any is still loosened."""
-        return isinstance(self.bounds, MixedBounds) and self.bounds.tighten(self.corners(state))
+    def push_of_bounds(self, state: Floats) -> Floats:
+        """Return the change of the residual by narrowing loosened bounds, in N, to first order."""
+        assert isinstance(self.bounds, MixedBounds)
+        if self._variation_by_bounds is None:
+            self._variation_by_bounds = fem.form(self.bounds.variation(self.ufl_forms.residual))
+        self.set_state(state)
+        self.bounds.point_back()
+        return assembled(self._variation_by_bounds, self._buffer) * self.free
+
+    def narrow_bounds(self, state: Floats, motion: Floats | None) -> Floats:
+        """Narrow loosened bounds, along a predicted motion if that helps; return the state there.
+
+        Args:
+            state: Owned unknowns, inside the bounds.
+            motion: Their change by narrowing all the way, to first order; None if it is not known.
+        """
+        assert isinstance(self.bounds, MixedBounds)
+        corners = self.corners(state)
+        if motion is not None:
+            fraction = self.bounds.follow(corners, self.corners(motion))
+            if fraction > 0:
+                return np.asarray(state + fraction * motion)
+        self.bounds.tighten(corners)
+        return state
+
+    @property
+    def loosened(self) -> bool:
+        """Whether stretch bounds are wider than those of the density."""
+        return isinstance(self.bounds, MixedBounds) and self.bounds.loosened
 
     def restore_bounds(self) -> None:
         """Restore the bounds of the density, if any is loosened."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
@@ -16,9 +18,10 @@ from toros_fem.materials import Composite
 # Below this smaller stretch a triangle counts as collapsed: there det C is not smooth.
 COLLAPSED = 1e-6
 # From the fraction OUTSIDE of its bounds a triangle of a start is outside. Its bounds are loosened,
-# so that it uses the fraction LOOSENED of them. Later they keep the fraction KEPT of its distance,
-# until it is INSIDE its own.
-OUTSIDE, LOOSENED, KEPT, INSIDE = 0.999, 0.5, 0.1, 0.95
+# so that it uses the fraction LOOSENED of them. Later they keep the fraction KEPT of its distance.
+OUTSIDE, LOOSENED, KEPT = 0.999, 0.5, 0.1
+# Least fraction of the way back that is gone with a predicted motion.
+SHORTEST = 1 / 16
 
 
 def singular_values(edges: Floats) -> tuple[Floats, Floats]:
@@ -124,7 +127,7 @@ class MixedBounds(StretchBounds):
     """Bounds of two materials, linear in ρ̄ between them: each triangle has its own.
 
     A start may lie outside of them, since another density had wider ones. `loosen` then widens the
-    bounds of its triangles until it lies inside, and `tighten` follows them back as they shrink.
+    bounds of its triangles until it lies inside; `follow` and `tighten` narrow them again.
 
     Args:
         density: Projected density ρ̄.
@@ -143,6 +146,7 @@ class MixedBounds(StretchBounds):
             zip(composite.fabric_bounds, composite.reinforcement_bounds, strict=True)
         )
         self._slack = [fem.Function(space) if one != two else None for one, two in self._ends]
+        self._change = [fem.Function(space) for _ in self._ends]
         self.update()
 
     @property
@@ -166,10 +170,50 @@ class MixedBounds(StretchBounds):
 
     def _set(self, room: Floats) -> None:
         self._room = room
-        for slack, more in zip(self._slack, room - self._true, strict=True):
-            if slack is not None:
-                slack.x.array[self._place] = more
-                slack.x.scatter_forward()
+        self._fill(self._slack, room - self._true)
+
+    def _fill(self, functions: Sequence[fem.Function | None], values: Floats) -> None:
+        for function, row in zip(functions, values, strict=True):
+            if function is not None:
+                function.x.array[self._place] = row
+                function.x.scatter_forward()
+
+    def variation(self, residual: Any) -> Any:
+        """Return the derivative of a residual by the loosened bounds, along `point_back`."""
+        pairs = zip(self._slack, self._change, strict=True)
+        parts = [ufl.derivative(residual, slack, by) for slack, by in pairs if slack is not None]
+        return sum(parts[1:], start=parts[0])
+
+    def point_back(self) -> None:
+        """Let `variation` go along the change from the loosened bounds to those of the density."""
+        self._fill(self._change, self._true - self._room)
+
+    def follow(self, corners: Floats, motion: Floats) -> float:
+        """Narrow loosened bounds with a motion, as far as it keeps all triangles inside.
+
+        Args:
+            corners: Corner positions of the state.
+            motion: Their change by the whole way back to the bounds of the density.
+
+        Returns:
+            The fraction of the way, 0 where it is too short; equal on all ranks.
+        """
+        F, G, whole = self.gradient(corners), self.gradient(motion), self._true - self._room
+        limit = 1 - KEPT * (1 - self._use(F))
+        fraction = 1.0
+        while fraction >= SHORTEST:
+            room = self._room + fraction * whole if fraction < 1 else self._true
+            inside = bool((self._use(F + fraction * G, room) <= limit).all())
+            if smallest(self._comm, float(inside)) > 0:
+                self._set(room)
+                return fraction
+            fraction /= 2
+        return 0.0
+
+    @property
+    def loosened(self) -> bool:
+        """Whether any triangle has wider bounds than those of the density."""
+        return largest(self._comm, float((self._room > self._true).any())) > 0
 
     def worst_of_start(self, corners: Floats) -> float:
         """Return the largest fraction of the wider bounds of the two materials that is used."""
@@ -192,10 +236,8 @@ class MixedBounds(StretchBounds):
         self._set(np.where(outside, strains / LOOSENED, self._room))
         return True
 
-    def tighten(self, corners: Floats) -> bool:
-        """Narrow loosened bounds as the strains allow; return whether any is still loosened."""
+    def tighten(self, corners: Floats) -> None:
+        """Narrow loosened bounds as far as the strains allow."""
         strains, _ = self._strains(self.gradient(corners))
         near = strains + KEPT * (self._room - strains)
-        near = np.where(strains < INSIDE * self._true, self._true, near)
         self._set(np.maximum(self._true, np.minimum(self._room, near)))
-        return largest(self._comm, float((self._room > self._true).any())) > 0
