@@ -21,7 +21,6 @@ from toros_fem.objectives.metrics import Metric, length_ratio
 # The print reaches the bound of its stretch under the pressures of these tests.
 SOFT = replace(Composite().reinforcement, young=2e6)
 TIGHT = Composite(reinforcement=replace(SOFT, c1=1.05))
-TIGHTER = Composite(reinforcement=replace(SOFT, c1=1.02, c2=1.04))
 
 
 @pytest.fixture(scope="module")
@@ -46,25 +45,19 @@ def largest_stretch(solver: EquilibriumSolver, state: np.ndarray, where: np.ndar
     return float(stretches[solver.skin.gather_cells(where.astype(float)) > 0.5].max())
 
 
-@pytest.mark.parametrize("composite", [TIGHT, TIGHTER], ids=["1.05", "1.02"])
-def test_random_prints_inflate_within_their_bounds(tube: Skin, composite: Composite) -> None:
+def test_random_prints_inflate_within_their_bounds(solver: EquilibriumSolver) -> None:
     """From 5 to 20 kPa; then all that is print becomes fabric, and the other way round."""
-    solver = EquilibriumSolver(tube, composite, clamp(tube.pattern, ["base"]))
-    bound = composite.reinforcement_bounds[0]
-    printed_most, plain_most = [], []
-    for seed, pressure in enumerate((5e3, 10e3, 20e3)):
-        density = print_of(tube, seed)
+    printed_most = []
+    for seed, pressure in enumerate((5e3, 8e3, 12e3, 16e3, 20e3)):
+        density = print_of(solver.skin, seed)
         found = solver.solve(density, pressure)
         assert found.stretch_use < 1
-        printed = density > 0.999
-        printed_most.append(largest_stretch(solver, found.state, printed))
-        plain_most.append(largest_stretch(solver, found.state, density < 1e-3))
+        printed_most.append(largest_stretch(solver, found.state, density > 0.999))
+        assert largest_stretch(solver, found.state, density < 1e-3) > 1.2
         swapped = solver.solve(1 - density, pressure, start=found.state)
         assert swapped.stretch_use < 1
-        assert largest_stretch(solver, swapped.state, density < 1e-3) < bound + 1e-3
-    assert max(printed_most) < bound + 1e-3
-    assert max(printed_most) > 1 + 0.9 * (bound - 1), "the bound must matter"
-    assert min(plain_most) > 1.2
+        assert largest_stretch(solver, swapped.state, density < 1e-3) < 1.051
+    assert 1.049 < max(printed_most) < 1.051, "the bound must matter"
 
 
 def test_a_start_outside_narrower_bounds_is_taken_inside(tube: Skin) -> None:
