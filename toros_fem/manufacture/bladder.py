@@ -22,6 +22,8 @@ from toros_fem.meshes.pattern import Pattern
 TINY = 1e-3
 # Number of places that are tried along a weld.
 TRIED = 500
+# Difference of the curves of two edges that counts as none, over their length.
+ALIKE = 0.05
 EMPTY = shapely.Polygon()
 
 
@@ -60,8 +62,8 @@ def bladder_drawings(
         pattern: The whole pattern.
         options: Allowance of the weld, width and length of the tab; None takes the defaults.
         connector: Name of a panel and a point (2,) in m on it: the tab is at the weld nearest to
-            it. None takes the middle of the largest panel. The two sheets of a tube have their tab
-            in the middle of an end: they go in with it at the clamped one.
+            it where both edges have the same curve. None takes the middle of the largest panel. The
+            two sheets of a tube have theirs in the middle of an end, the clamped one.
 
     Returns:
         The sheets, each in its own coordinates; none where nothing is sewn.
@@ -74,7 +76,7 @@ def bladder_drawings(
     seams = sewn_seams(pattern)
     if not seams:
         return []
-    sheets = _tube(pattern, seams) or _panels(pattern, seams, connector)
+    sheets = _tube(pattern, seams) or _panels(pattern, seams, connector, options)
     allowance = options.weld_allowance
     plain = options.updated(seam_allowance=allowance, allowance_at=ALL, grain=None)
     drawings = []
@@ -113,7 +115,10 @@ def _tube(pattern: Pattern, seams: Sequence[SewnSeam]) -> _Sheets | None:
 
 
 def _panels(
-    pattern: Pattern, seams: list[SewnSeam], connector: tuple[str, Floats] | None
+    pattern: Pattern,
+    seams: list[SewnSeam],
+    connector: tuple[str, Floats] | None,
+    options: ManufactureOptions,
 ) -> _Sheets:
     """Return a sheet for each panel."""
     outlines = [panel_outline(pattern, panel) for panel in range(len(pattern.panel_names))]
@@ -129,14 +134,35 @@ def _panels(
             f"nothing is sewn to panel {pattern.panel_names[panel]!r}, so its bladder has no weld "
             "for the tab. Choose another panel, or leave the tab out."
         )
-    distances = [
-        shapely.linestrings(s.lines[side]).distance(shapely.Point(point)) for s, side in edges
-    ]
-    weld, side = edges[int(np.argmin(distances))]
-    arc = np.linspace(0, weld.length, TRIED)[1:-1]
-    nearest = int(np.argmin(np.linalg.norm(weld.at(side, arc) - point, axis=1)))
+    reach = options.weld_allowance + (options.connector_width or 0) / 2
+    places = [(weld, *_best_place(weld, side, point, reach)) for weld, side in edges]
+    weld, arc, _ = min(places, key=lambda place: place[2])
     names = [f"bladder {name}" for name in pattern.panel_names]
-    return _Sheets(names, outlines, seams, (weld, float(arc[nearest])))
+    return _Sheets(names, outlines, seams, (weld, arc))
+
+
+def _best_place(
+    weld: SewnSeam, side: int, point: Floats, reach: float
+) -> tuple[float, tuple[bool, float, float]]:
+    """Return where on a weld a tab is best, as an arc length in m, and a rank: the less the better.
+
+    The tab should have its whole width there; both edges should have the same curve, as straight
+    ones do, so that tabs on both fit together; and the place should be near to a point.
+    """
+    arc = np.linspace(0, weld.length, TRIED)[1:-1]
+    unlike = np.zeros(len(arc))
+    for step in np.linspace(-reach, reach, 9):
+        out = [
+            np.sum(
+                (weld.at(one, arc + step) - weld.at(one, arc)) * weld.outward(one, arc, reach), 1
+            )
+            for one in (0, 1)
+        ]
+        unlike = np.maximum(unlike, np.abs(out[0] - out[1]) // (ALIKE * reach))
+    beyond = (arc < reach) | (arc > weld.length - reach)
+    far = np.linalg.norm(weld.at(side, arc) - point, axis=1)
+    best = int(np.lexsort([far, unlike, beyond])[0])
+    return float(arc[best]), (bool(beyond[best]), float(unlike[best]), float(far[best]))
 
 
 def _with_tab(
