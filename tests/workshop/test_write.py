@@ -96,6 +96,8 @@ def test_files_of_an_earlier_call_go(pattern: Pattern, tmp_path: Path) -> None:
 
 def test_a_print_is_as_thick_as_it_was_designed() -> None:
     assert made_as({"inputs": {"thickness": 0.7e-3}}).layer_height == 0.7e-3
+    thicker = {"thickness": 0.7e-3, "reinforcement_thickness": 0.8e-3}
+    assert made_as({"inputs": thicker}).layer_height == 0.8e-3
     assert made_as(None) == made_as({}) == ManufactureOptions()
 
 

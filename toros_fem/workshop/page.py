@@ -67,11 +67,12 @@ def _needs(made: Mapping[str, Any]) -> list[tuple[str, str]]:
     materials = made["materials"]
     if "fabric_young" in materials and "thickness" in materials:
         thick = materials["thickness"]
+        both = materials.get("reinforcement_thickness") or thick
         found.append(
             (
                 "designed for",
                 f"fabric of E h = {materials['fabric_young'] * thick:.3g} N/m, "
-                f"printed fabric of E h = {materials['reinforcement_young'] * thick:.3g} N/m",
+                f"printed fabric of E h = {materials['reinforcement_young'] * both:.3g} N/m",
             )
         )
     if made["pressure_pa"] is not None:

@@ -108,7 +108,7 @@ def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
         summary: The run's summary; None takes the defaults.
     """
     inputs = (summary or {}).get("inputs") or {}
-    thickness = inputs.get("thickness")
+    thickness = inputs.get("reinforcement_thickness") or inputs.get("thickness")
     return ManufactureOptions() if thickness is None else ManufactureOptions(layer_height=thickness)
 
 
