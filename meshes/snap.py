@@ -62,24 +62,41 @@ def snapped(comm: MPI.Comm, pattern: Pattern, regions: Sequence[BaseGeometry]) -
                 f"there are {len(regions)} regions for {len(pattern.panel_names)} panels; give "
                 "one for each panel, an empty polygon where nothing is printed."
             )
-        mesh = _MovingMesh(pattern, regions)
+        mesh = MovingMesh(pattern, regions)
         for turn in range(ROUNDS if mesh.any_border else 0):
             if turn:
                 mesh.smooth()
             mesh.snap()
-        points = _assembled(pattern, mesh.flat, mesh.inner)
-        return replace(pattern, flat_points=mesh.flat, points=points)
+        return with_flat_points(pattern, mesh.flat)
 
     return on_first_rank(comm, move)
 
 
-class _MovingMesh:
+def with_flat_points(pattern: Pattern, flat: Floats) -> Pattern:
+    """Return the same triangles with flat points that have moved within their panels.
+
+    In the assembled shape a vertex moves along the curved surface that the normals of its panel
+    suggest.
+
+    Args:
+        pattern: The pattern.
+        flat: Its flat points, (m, 2), in m. Those of a vertex on a seam have moved alike.
+    """
+    edges = edges_of(pattern.flat_triangles)
+    inner = np.ones(len(pattern.points), dtype=bool)
+    inner[pattern.sewn[edges.ends[edges.border]]] = False
+    return replace(pattern, flat_points=flat, points=_places(pattern, flat, inner))
+
+
+class MovingMesh:
     """A flat mesh whose vertices move onto borders of polygons.
 
     Attributes:
         flat: Flat points, (m, 2), in m.
         inner: Whether each vertex is inside a panel, (n,); it has one flat point then.
         slides: Whether each vertex is on a seam or border that goes straight on there, (n,).
+        beside: Neighbours of each flat point along seam or border, (m, 2), in the same order on
+            both sides of a seam; −1 for others.
         held: Whether each vertex has been moved onto a border of the polygons, (n,).
     """
 
@@ -130,7 +147,7 @@ class _MovingMesh:
     def smooth(self) -> None:
         """Move vertices of thin triangles towards the middle of their neighbours."""
         pattern, size = self.pattern, len(self.flat)
-        thin = _least_angles(self.flat[pattern.flat_triangles]) < GOOD_ANGLE
+        thin = least_angles(self.flat[pattern.flat_triangles]) < GOOD_ANGLE
         vertex = np.unique(pattern.triangles[thin])
         vertex = vertex[self.inner[vertex]]
         one, two = np.concatenate([self.ends, self.ends[:, ::-1]]).T
@@ -171,8 +188,8 @@ class _MovingMesh:
         self.slides &= (low == high).all(axis=1) & (low[:, 0] < low[:, 1])
         self.inner = np.ones(self.count, dtype=bool)
         self.inner[sewn[border]] = False
-        self._beside = np.full((len(self.flat), 2), -1)
-        self._beside[point] = around
+        self.beside = np.full((len(self.flat), 2), -1)
+        self.beside[point] = around
 
     def _nominated(self, edges: Ints, refused: Bools) -> tuple[Ints, Ints, Floats, Floats]:
         """Return the cut ones of some edges, vertices to move, and of these moves and costs.
@@ -193,7 +210,7 @@ class _MovingMesh:
         target[inside] = self._nearest(end[inside], self.flat[end[inside]])
         found = target - self.flat[end]
         cost = np.linalg.norm(found, axis=1) / self._size[vertex]
-        found[~inside] = way[~inside, None] * (self._beside[end] == other[:, None])[~inside]
+        found[~inside] = way[~inside, None] * (self.beside[end] == other[:, None])[~inside]
         # Of each edge the nearer end, of each vertex the shortest move.
         kept = np.flatnonzero(cost <= REACH)
         kept = kept[np.lexsort((vertex[kept], cost[kept], edge[kept]))]
@@ -222,6 +239,14 @@ class _MovingMesh:
         way = np.einsum("ij,ij->i", at - a, b - a) / np.einsum("ij,ij->i", b - a, b - a)
         return np.asarray(a + np.clip(way, 0, 1)[:, None] * (b - a) - self._shift[point])
 
+    def border_directions(self, point: Ints) -> tuple[Floats, Floats]:
+        """Return direction and distance of the borders nearest to flat points, (k, 2) and (k,)."""
+        at = self.flat[point]
+        number = self._tree.nearest(shapely.points(at + self._shift[point]))
+        a, b = np.moveaxis(self._pieces[number], 1, 0)
+        away = np.linalg.norm(self._nearest(point, at) - at, axis=1)
+        return (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True), away
+
     def _moved(
         self, vertex: Ints, move: Floats, cost: Floats, *, better: bool
     ) -> tuple[Bools, Bools]:
@@ -247,7 +272,7 @@ class _MovingMesh:
         here = np.flatnonzero(tried[pattern.triangles].any(axis=1))
         corner, before = pattern.triangles[here], self.flat.copy()
         self._carry_out(tried, move)
-        old, new = (_least_angles(x[pattern.flat_triangles[here]]) for x in (before, self.flat))
+        old, new = (least_angles(x[pattern.flat_triangles[here]]) for x in (before, self.flat))
         if better:
             lows = np.full((2, count), np.inf)
             for low, angle in zip(lows, (old, new), strict=True):
@@ -266,7 +291,7 @@ class _MovingMesh:
         point = np.flatnonzero((moved & self.inner)[sewn])
         self.flat[point] += move[sewn[point]]
         point = np.flatnonzero((moved & ~self.inner)[sewn])
-        ways = self.flat[self._beside[point]] - self.flat[point][:, None]
+        ways = self.flat[self.beside[point]] - self.flat[point][:, None]
         self.flat[point] += np.einsum("ik,ikj->ij", move[sewn[point]], ways)
 
 
@@ -293,14 +318,14 @@ def _panel_of_points(pattern: Pattern) -> Ints:
     return panel
 
 
-def _least_angles(corners: Floats) -> Floats:
+def least_angles(corners: Floats) -> Floats:
     """Return the smallest angle of triangles (k, 3, 2) in rad; negative where clockwise."""
     u, v = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     sine = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
     return np.asarray(np.arctan2(sine, np.einsum("tij,tij->ti", u, v)).min(axis=1))
 
 
-def _assembled(pattern: Pattern, flat: Floats, inner: Bools) -> Floats:
+def _places(pattern: Pattern, flat: Floats, inner: Bools) -> Floats:
     """Return the assembled places of moved flat points, (n, 3), in m.
 
     Boubekeur and Alexa, "Phong tessellation" (ACM TOG 27(5), 2008), with the factor 1/2, by which

@@ -76,6 +76,10 @@ from toros_fem.output.reporter import DesignReporter
 from toros_fem.output.writer import write_results
 from toros_fem.relaxed.find import RelaxedOptions, RelaxedResult, find_lines
 from toros_fem.runs.folder import open_run
+from toros_fem.tolerance.result import Tolerances
+from toros_fem.tolerance.settings import ToleranceConfig
+from toros_fem.tolerance.simulated import tolerances
+from toros_fem.tolerance.writing import write_tolerances
 
 __all__ = [
     "AlignedObjective",
@@ -125,6 +129,8 @@ __all__ = [
     "Supports",
     "TensileTest",
     "Tension",
+    "ToleranceConfig",
+    "Tolerances",
     "TorosError",
     "TracePoint",
     "Weight",
@@ -160,8 +166,10 @@ __all__ = [
     "spread_force",
     "swelling",
     "symmetry_plane",
+    "tolerances",
     "trace",
     "twist_angle",
     "wrinkle_field",
     "write_results",
+    "write_tolerances",
 ]

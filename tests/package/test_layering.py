@@ -34,6 +34,7 @@ ROOMS = [
     ["characterisation"],
     ["scenes"],
     ["scene_files"],
+    ["tolerance"],
     ["command_line"],
     ["commands"],
     ["__main__"],

@@ -104,7 +104,14 @@ class ActuatorCase:
         Raises:
             PanelError: The number of regions is not that of the panels.
         """
-        pattern = snapped(comm, self.pattern, regions)
+        return self.on(snapped(comm, self.pattern, regions))
+
+    def on(self, pattern: Pattern) -> ActuatorCase:
+        """Return the same case on the same triangles, whose vertices have moved.
+
+        Args:
+            pattern: The pattern after the move, by `with_flat_points` for instance.
+        """
         # All else belongs to vertices and triangles, which keep their numbers.
         moved = np.any(pattern.points != self.pattern.points, axis=1)
         target = make_transfer(self.pattern, pattern).positions(self.target)

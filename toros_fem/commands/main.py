@@ -30,6 +30,7 @@ from toros_fem.commands import (
     new,
     resume,
     simulate,
+    tolerance,
     unwrap,
     view,
 )
@@ -47,6 +48,7 @@ COMMANDS: Mapping[str, Command] = {
         resume.COMMAND,
         view.COMMAND,
         export.COMMAND,
+        tolerance.COMMAND,
         unwrap.COMMAND,
         fit.COMMAND,
         doctor.COMMAND,

@@ -37,6 +37,7 @@ from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import refine
 from toros_fem.meshes.skin import Skin, sew
+from toros_fem.meshes.transfer import make_transfer
 from toros_fem.objectives.metrics import Metric, check_metrics, distance
 from toros_fem.objectives.shape import Objective, ShapeObjective, checked_target, require_near
 
@@ -208,6 +209,24 @@ class ShapeDesign(ShapeProblem):
                 projection,
                 parts=1 if whole is None else len(whole.cell) // len(pattern.triangles),
             )
+
+    def on(self, pattern: Pattern) -> ShapeDesign:
+        """Return the same design on the same triangles, whose vertices have moved (collective).
+
+        A target that is a map is evaluated again, one of positions is interpolated; all else
+        belongs to vertices and triangles, which keep their numbers.
+
+        Args:
+            pattern: The pattern after the move, by `meshes.snap.snapped` for instance.
+
+        Raises:
+            TorosError: An objective of your own does not fit the moved skin.
+        """
+        given = {**self._given, "projection": self.projection}
+        if not callable(given["target"]):
+            transfer = make_transfer(self.skin.pattern, pattern)
+            given["target"] = transfer.positions(np.asarray(given["target"]))
+        return ShapeDesign(self.comm, pattern, **given)
 
     def refined(self) -> ShapeDesign:
         """Return the same design on the refined pattern, with half the filter radius (collective).

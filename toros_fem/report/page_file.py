@@ -15,7 +15,14 @@ from toros_fem.report.charts import Chart, Line
 from toros_fem.report.flat_pattern import flat_pattern
 from toros_fem.report.run_folder import Run, read_run
 from toros_fem.report.scene import packed_scene
-from toros_fem.report.tables import files, inputs, key_figures, values_shown, warnings
+from toros_fem.report.tables import (
+    files,
+    inputs,
+    key_figures,
+    tolerances,
+    values_shown,
+    warnings,
+)
 from toros_fem.report.words import Metric, metrics_of
 from toros_fem.runs.files import replace_file
 
@@ -70,6 +77,7 @@ def _page(run: Run) -> str:
         "STYLE": _text("report.css"),
         "WARNINGS": "".join(f"<li>{escape(text)}</li>" for text in told),
         "FIGURES": key_figures(run),
+        "TOLERANCE": tolerances(run),
         "CURVE": "".join(_framed(chart) for chart in _curve(run)),
         "CONVERGENCE": "".join(_framed(chart) for chart in _convergence(run)),
         "PATTERN": flat_pattern(run.folder / "pattern.svg"),

@@ -29,6 +29,7 @@ class Run:
         series: Frames by what they follow, in the order of `SERIES`.
         skins: Skins of the frames, by their files' names.
         note: What is not as usual in the print's equilibrium, as sentences.
+        tolerance: Content of tolerance.json.
     """
 
     folder: Path
@@ -38,6 +39,7 @@ class Run:
     series: Mapping[str, Sequence[Frame]]
     skins: Mapping[str, ShownSkin]
     note: str
+    tolerance: Mapping[str, Any]
 
     @property
     def name(self) -> str:
@@ -75,7 +77,9 @@ def read_run(folder: str | Path) -> Run:
     names = {frame.skin for found in series.values() for frame in found}
     skins = {name: read_skin(frames / name) for name in sorted(names)}
     note = made[0].note if made else ""
-    return Run(folder, summary, history, _read_table(folder / "curve.csv"), series, skins, note)
+    tolerance = _read_json(folder / "tolerance.json")
+    curve = _read_table(folder / "curve.csv")
+    return Run(folder, summary, history, curve, series, skins, note, tolerance)
 
 
 def _read_json(path: Path) -> Mapping[str, Any]:

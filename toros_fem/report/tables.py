@@ -23,6 +23,7 @@ FILES = {
     "gait.csv": "metrics and feet over a cycle",
     "gait.json": "figures of the cycle",
     "load.json": "figures under the load",
+    "tolerance.csv": "metrics of skins that are not made as drawn",
     "inflation.gif": "inflation of the print",
     "shape.png": "inflated skin beside its target",
     "pattern.png": "flat pattern",
@@ -35,6 +36,7 @@ FILES = {
     "shapes.png": "shapes over the pressure",
     "gait.png": "shapes over a cycle",
     "tracks.png": "paths of the feet",
+    "tolerance.png": "what moves each metric",
     "grasp.png": "fingers around the object",
     "finger.png": "one finger and the object",
 }
@@ -102,6 +104,37 @@ def _further(run: Run) -> list[tuple[str, str]]:
         on = "" if ranks == 1 else f" on {ranks} ranks"
         found.append(("computing time", f"{seconds:.0f} s{on}"))
     return found
+
+
+def tolerances(run: Run) -> str:
+    """Return the table of skins that are not made as drawn, after the worst; "" if none is there.
+
+    Changes are as simulated, and to first order in brackets.
+    """
+    variants = run.tolerance.get("variants") or []
+    metrics = metrics_of(run.summary, list(run.tolerance.get("nominal") or {}))
+    if not variants or not metrics:
+        return ""
+    worst = [entry["sentence"] for entry in (run.tolerance.get("worst") or {}).values()]
+    told = "".join(f"<p>{escape(text)}</p>" for text in dict.fromkeys(worst))
+    rows = [
+        [
+            f"{row['quantity']} {row['change']}",
+            *(
+                f"{_signed(row[f'{m.key}_change'])} [{_signed(row[f'{m.key}_change_first_order'])}]"
+                for m in metrics
+            ),
+            " ".join(row["notes"]),
+        ]
+        for row in variants
+    ]
+    head = ["not as drawn", *(f"{m.name} ({m.unit.strip()})" for m in metrics), ""]
+    kept = [k for k in range(len(head)) if k < len(head) - 1 or any(row[k] for row in rows)]
+    return told + _table([[row[k] for k in kept] for row in rows], [head[k] for k in kept])
+
+
+def _signed(value: float | None) -> str:
+    return NONE if value is None else f"{value:+.2g}".replace("-", "−")
 
 
 def warnings(run: Run) -> list[str]:

@@ -17,7 +17,7 @@
     document.documentElement.dataset.state = "failed";
   }
 
-  for (const name of ["curve", "convergence", "pattern", "figures", "files", "inputs", "warnings"]) {
+  for (const name of ["curve", "convergence", "pattern", "figures", "files", "inputs", "warnings", "tolerance"]) {
     const section = at(name);
     if (!section.querySelector("svg, table, dl, li")) section.hidden = true;
   }

@@ -1,0 +1,67 @@
+"""`toros tolerance`: what a finished design does that is not made as drawn."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from mpi4py import MPI
+
+from toros_fem.command_line.command import Answer, Command
+from toros_fem.command_line.scripts import add_options
+from toros_fem.meshes.triangle_limit import triangle_limit
+from toros_fem.tolerance.of_run import tolerances_of_run
+from toros_fem.tolerance.result import shown, text_table
+from toros_fem.tolerance.settings import ToleranceConfig
+from toros_fem.tolerance.writing import FILES, write_tolerances
+
+
+def _options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("run", type=Path, metavar="RUN", help="folder of a finished design")
+    parser.add_argument(
+        "--output",
+        type=Path,
+        default=None,
+        metavar="FOLDER",
+        help="folder for the files, made if missing; default RUN, where `toros view` shows them",
+    )
+    add_options(parser, ToleranceConfig())
+
+
+def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
+    names = ToleranceConfig().as_dict()
+    config = ToleranceConfig(**{k: v for k, v in vars(given).items() if k in names})
+    output = given.output or given.run
+    with triangle_limit(None):  # what was designed was allowed
+        found = tolerances_of_run(comm, given.run, config)
+    write_tolerances(comm, output, found)
+    drawn = ", ".join(f"{m.name} {shown(m, found.nominal[m.key])}" for m in found.metrics)
+    notes = [f"{v.words}: {note}" for v in found.variants for note in v.notes]
+    nominal, more = found.seconds
+    lines = [
+        f"As drawn: {drawn} at {found.pressure / 1e3:.2f} kPa, {found.triangles} triangles that "
+        "follow the print.",
+        "Changes as simulated [to first order]:",
+        text_table(found),
+        *notes,
+        *found.worst_sentences,
+        f"{nominal:.1f} s as drawn, {more:.1f} s for {len(found.variants)} variants; see "
+        f"{output}/{FILES[2]}",
+    ]
+    return Answer("\n".join(lines), {"folder": output, "files": FILES, **found.summary()})
+
+
+COMMAND = Command(
+    "tolerance",
+    "simulates a design that is not made as drawn",
+    "Lines wider or narrower than drawn, stiffer or softer materials, another pressure: how angle\n"
+    "or other metrics, objective, lines and gaps move, as simulated and to first order. The\n"
+    "command names the worst. The folder gets tolerance.json, tolerance.csv and tolerance.png.",
+    (
+        "toros tolerance run",
+        "toros tolerance run --width 0.2e-3 --thickness 0.1",
+        "mpirun -n 2 toros tolerance run --output worn --json",
+    ),
+    _options,
+    _run,
+)

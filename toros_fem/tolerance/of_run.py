@@ -1,0 +1,140 @@
+"""Tolerances of a finished run, from what its folder holds."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem._mpi import on_first_rank
+from toros_fem._types import Floats
+from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.problem import actuator_problem
+from toros_fem.design.shape_design import ShapeDesign
+from toros_fem.errors import NoEquilibriumError, OutputError
+from toros_fem.fabrication.print_file import read_print_polygons
+from toros_fem.fabrication.regions import part_regions, regions_on
+from toros_fem.frames.files import FOLDER, read_frames
+from toros_fem.frames.shown_skin import read_skin
+from toros_fem.meshes.mirror import mirrored
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern_file import NAME, read_pattern
+from toros_fem.scene_files.reading import read_scene
+from toros_fem.scenes.kinds import KINDS, Kind
+from toros_fem.tolerance.result import Tolerances
+from toros_fem.tolerance.settings import ToleranceConfig
+from toros_fem.tolerance.simulated import Drawn, simulated_tolerances
+
+SUMMARY, SCENE = "summary.json", "scene.toml"
+
+
+def tolerances_of_run(
+    comm: MPI.Comm, run: Path | str, config: ToleranceConfig | None = None
+) -> Tolerances:
+    """Return how a finished design moves if it is not made as drawn (collective).
+
+    The simulation starts from the shape of the print that the run has stored.
+
+    Args:
+        comm: Communicator.
+        run: Folder of the design, by `toros design` or a demo.
+        config: How far what is off; None takes the defaults.
+
+    Raises:
+        OutputError: The folder holds no finished design of an actuator.
+        NoEquilibriumError: The print has no equilibrium.
+        TorosError: A file cannot be read, or does not fit.
+    """
+    folder, begin = Path(run), time.perf_counter()
+    summary = on_first_rank(comm, lambda: _summary(folder))
+    if summary.get("printed_failure"):
+        raise NoEquilibriumError(f"the print has no equilibrium: {summary['printed_failure']}")
+    kind, whole_config, files = _scene(comm, folder, summary)
+    assert kind.cases is not None
+    make, found = kind.cases(comm, whole_config, **files)
+    laid = found.start == "relaxed"
+    mesh = found.of_print if laid else found.at_level(found.level_count - 1)
+    case = make(comm, mesh)
+    part = case.pattern
+    stored = read_print_polygons(comm, folder)
+    whole = mirrored(part, case.symmetry).pattern if case.symmetry else part
+
+    def polygons() -> tuple[list[BaseGeometry], tuple[Pattern, Floats] | None]:
+        on_whole = regions_on(stored.pattern, stored.regions, whole)
+        return part_regions(part, on_whole), _shape(folder)
+
+    regions, near = on_first_rank(comm, polygons)
+    following = case.following(comm, regions)
+
+    def remake(pattern: Pattern) -> ShapeDesign:
+        return actuator_problem(comm, following.on(pattern), mesh)
+
+    pressure = summary["pressure_pa"]
+    drawn = Drawn(regions, (stored.pattern, stored.regions), stored.limits, near, pressure)
+    return simulated_tolerances(
+        actuator_problem(comm, following, mesh), remake, drawn, config, begin=begin
+    )
+
+
+def _summary(folder: Path) -> Mapping[str, Any]:
+    path = folder / SUMMARY
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as caught:
+        raise OutputError(
+            f"{path} cannot be read ({caught}): give the folder of a finished design."
+        ) from None
+    if not isinstance(content, dict) or "printed_failure" not in content:
+        raise OutputError(f"{folder} holds no finished design: {path} has no print.")
+    return content
+
+
+def _scene(
+    comm: MPI.Comm, folder: Path, summary: Mapping[str, Any]
+) -> tuple[Kind, ActuatorConfig, dict[str, Path]]:
+    """Return kind, configuration and files of a design (collective).
+
+    A script leaves no scene file: its kind is the one with the same numbers.
+
+    Raises:
+        OutputError: It is the design of no actuator.
+    """
+    if on_first_rank(comm, lambda: (folder / SCENE).exists()):
+        scene = read_scene(folder / SCENE, comm=comm)
+        scene.require_files(comm)
+        kind, config, files = scene.kind, scene.config, dict(scene.files)
+    else:
+        given = summary.get("inputs") or {}
+        names = set(given)
+        kind = next((k for k in KINDS.values() if set(k.config.as_dict()) == names), None)
+        if kind is None:
+            raise OutputError(
+                f"{folder} does not say which scene it is of: {SCENE} is missing, and the inputs "
+                f"in {SUMMARY} are those of no kind. Design it by `toros design`, or call "
+                "toros_fem.tolerances from your own script."
+            )
+        config, files = kind.config.updated(**given), {}
+    if kind.cases is None or not isinstance(config, ActuatorConfig):
+        raise OutputError(
+            f"{folder} is a run of the kind {kind.name!r}; tolerances are those of designs of "
+            f"{', '.join(k.name for k in KINDS.values() if k.cases is not None)}."
+        )
+    return kind, config, files
+
+
+def _shape(folder: Path) -> tuple[Pattern, Floats] | None:
+    """Return the pattern that was designed and the shape of its print; None if none is stored."""
+    frames = read_frames(folder / FOLDER, "print")
+    if not frames:
+        return None
+    part = read_pattern(MPI.COMM_SELF, folder / NAME)
+    whole = read_skin(folder / FOLDER / frames[-1].skin).pattern
+    positions = part.points.copy()
+    # The triangles of a part are the first of the whole.
+    positions[part.triangles] = frames[-1].positions[whole.triangles[: len(part.panel)]]
+    return part, positions
