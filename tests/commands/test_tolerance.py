@@ -62,7 +62,7 @@ def test_a_script_leaves_no_scene(comm: MPI.Comm, designed: Designed, tmp_path: 
         path = folder / "summary.json"
         summary = json.loads(path.read_text(encoding="utf-8"))
         assert (folder / "worn" / "tolerance.csv").read_text(encoding="utf-8").count("\n") == 3
-        summary["inputs"] = {"size": 3}
+        summary["inputs"] = {"colour": 3}
         path.write_text(json.dumps(summary), encoding="utf-8")
     comm.barrier()
     with pytest.raises(OutputError, match="does not say which scene it is of"):

@@ -111,7 +111,9 @@ def _scene(
     else:
         given = summary.get("inputs") or {}
         names = set(given)
-        kind = next((k for k in KINDS.values() if set(k.config.as_dict()) == names), None)
+        # A run of an older version may lack numbers that have come since.
+        known = [k for k in KINDS.values() if names and names <= set(k.config.as_dict())]
+        kind = min(known, key=lambda k: len(k.config.as_dict()), default=None)
         if kind is None:
             raise OutputError(
                 f"{folder} does not say which scene it is of: {SCENE} is missing, and the inputs "

@@ -102,17 +102,17 @@ class Tolerances:
         return max(self.variants, key=lambda v: abs(v.values[key] - self.nominal[key]), default=None)
 
     def sentence(self, variant: Variant, metric: Metric) -> str:
-        """Return what a variant does to a metric, such as "… costs 4° of the angle: …"."""
+        """Return what a variant does to a metric, such as "… costs 4° of the angle"."""
         words = variant.words[:1].upper() + variant.words[1:]
         if not variant.values:
             return f"{words} has no equilibrium: {' '.join(variant.notes)}"
         before, after = self.nominal[metric.key], variant.values[metric.key]
-        size = metric.formatted(float(f"{abs(after - before):.2g}"))
-        verb, of = "changes", f"the {metric.name} by {size}"
-        if metric.target is not None:
-            nearer = abs(after - metric.target) < abs(before - metric.target)
-            verb, of = ("gains" if nearer else "costs"), f"{size} of the {metric.name}"
-        return f"{words} {verb} {of}: {shown(metric, before)} becomes {shown(metric, after)}."
+        change = after - before
+        size = metric.formatted(float(f"{abs(change):.2g}"))
+        what = f"changes the {metric.name} by {'−' if change < 0 else '+'}{size}"
+        if metric.target is not None and abs(after) < abs(before) <= abs(metric.target):
+            what = f"costs {size} of the {metric.name}"
+        return f"{words} {what}: {shown(metric, before)} becomes {shown(metric, after)}."
 
     @property
     def worst_sentences(self) -> list[str]:
