@@ -14,6 +14,7 @@ from toros_fem.config import Config, quantity
 from toros_fem.density.length_scale import LengthScale
 from toros_fem.design.config import DesignConfig, MaterialConfig
 from toros_fem.design.options import DesignOptions, Stage
+from toros_fem.design.robust import SPREAD_WEIGHT, WidthTolerance
 from toros_fem.errors import ParameterError
 from toros_fem.fabrication.printability import PrintLimits
 from toros_fem.materials import (
@@ -123,7 +124,8 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
     Raises:
         ParameterError: A value has another type, or is outside its bounds; there are so many
             levels that the coarsest mesh is too coarse; or with a relaxed design, lines are thinner
-            than the printer makes them, or there are several starts.
+            than the printer makes them, there are several starts, or a tolerance of widths without
+            densities.
     """
 
     pressure: float = quantity(
@@ -167,6 +169,18 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
         "steps on a mesh after all free islands are removed or connected; 0 leaves them",
         at_least=0,
     )
+    width_tolerance: float | None = quantity(
+        None,
+        "difference of printed widths from the drawn ones, either way, that the design is made "
+        "robust against: each border moves by half of it; none leaves this out",
+        "m",
+        above=0,
+    )
+    spread_weight: float = quantity(
+        SPREAD_WEIGHT,
+        "weight of the spread over these widths in the objective, where there is a tolerance",
+        above=0,
+    )
     estimate_error: bool = quantity(
         True, "estimate the discretisation error of the metrics on a refined mesh"
     )
@@ -202,6 +216,11 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
                     "and try several seeds, or start = 'random'."
                 )
             _ = self.line_options  # wrong widths are told before the design, not after it
+            if self.width_tolerance is not None and not self.density_iterations:
+                raise ParameterError(
+                    f"width_tolerance = {self.width_tolerance} m would not count: lines that are "
+                    "laid have their widths given. Set density_iterations, or start = 'random'."
+                )
 
     # Field that holds the target of a metric, by the metric's key.
     TARGETS: ClassVar[Mapping[str, str]] = {}
@@ -270,6 +289,7 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
     def of_densities(self) -> Self:
         """The configuration of the densities that start from printable lines."""
         return self.of_print.updated(
+            width_tolerance=self.width_tolerance,
             filter_radius=DENSITY_FILTER_EDGES * self.print_edge_length,
             constrained_iterations=self.density_iterations,
             perimeter_weight=self.perimeter_weight,
@@ -298,6 +318,7 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
             gap_width=None,
             constrained_iterations=0,
             perimeter_weight=None,
+            width_tolerance=None,
             **lengths,
         )
 
@@ -321,11 +342,12 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
     def options(self) -> tuple[DesignOptions, ...]:
         """Options of the design loop on each mesh, the coarsest first.
 
-        The coarsest is first designed freely, then with constraints on the widths. The finer ones
-        begin with constraints and take smaller steps.
+        The coarsest is first designed freely, then with constraints on the widths, and from then on
+        robust against widths that are off: before, this ends in traps. The finer ones begin with
+        constraints and take smaller steps.
         """
         constrained = self.constrained_iterations > 0
-        stages = [Stage(self.iterations)]
+        stages = [Stage(self.iterations, robust=not constrained)]
         if constrained:
             stages.append(Stage(self.constrained_iterations, constrained=True))
         first = DesignOptions(
@@ -344,6 +366,13 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
             pressure_move=LEVEL_PRESSURE_MOVE,
             mma=MMAOptions(move=self.level_move_limit),
         )
+
+    @property
+    def robust_against(self) -> WidthTolerance | None:
+        """Widths that the design is made robust against; None without a tolerance."""
+        if self.width_tolerance is None:
+            return None
+        return WidthTolerance(self.width_tolerance, self.spread_weight)
 
     @property
     def print_limits(self) -> PrintLimits:

@@ -49,5 +49,6 @@ def actuator_problem(
         start=case.start,
         symmetry=case.symmetry,
         chambers=case.chambers,
+        width_tolerance=config.robust_against,
         log=print_step(comm) if verbose else None,
     )

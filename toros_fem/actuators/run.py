@@ -211,6 +211,8 @@ def _written(
     """
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
+    if result.final.variants:
+        figures["robust"] = problem.robust_figures(result.final)
 
     def write(*, pictures: bool) -> dict[str, Any]:
         return write_results(

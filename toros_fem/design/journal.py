@@ -132,6 +132,8 @@ def saved_evaluation(
         "projected": by_cell(skin, e.projected),
         "unknowns": unknowns,
     }
+    variants = problem.save_variants(e.variants)
+    arrays |= {f"unknowns_{k}": state for k, (state, _) in enumerate(variants)}
     numbers = {
         "objective": e.objective,
         "shape": e.shape,
@@ -139,6 +141,8 @@ def saved_evaluation(
         "length_scale": None if e.length_scale is None else [float(g) for g in e.length_scale],
         "dimensions": [np.ndim(a) for a in (e.density, e.filtered, e.projected)],
         "response": response,
+        "spread": e.spread,
+        "variants": [of_variant for _, of_variant in variants],
     }
     return arrays, numbers
 
@@ -165,6 +169,10 @@ def restored_evaluation(problem: DesignProblem, saved: Checkpoint) -> Evaluation
         response = problem.restore_response(
             fields[2], saved.arrays["unknowns"], numbers["response"]
         )
+        variants = [
+            (saved.arrays[f"unknowns_{k}"], of_variant)
+            for k, of_variant in enumerate(numbers["variants"])
+        ]
         return Evaluation(
             problem=problem,
             objective=float(numbers["objective"]),
@@ -180,6 +188,8 @@ def restored_evaluation(problem: DesignProblem, saved: Checkpoint) -> Evaluation
             projected=fields[2],
             equilibrium=response,
             seconds={},
+            variants=problem.restore_variants(fields[1], variants),
+            spread=numbers["spread"],
         )
     except (KeyError, IndexError, TypeError, ValueError) as fault:
         raise CheckpointError(f"a checkpoint does not fit its problem: {fault}") from None

@@ -287,7 +287,8 @@ class _Loop:
         projection, constrained = given.projection, stage.constrained
         if stage.beta is not None:
             projection = Projection(stage.beta, projection.eta)
-        self.problem = problem = given.with_projection(projection)
+        problem = given.with_projection(projection)
+        self.problem = problem = problem if stage.robust else problem.without_variants()
         start = self.state if self.evaluation is None else self.evaluation.equilibrium.state
         try:
             evaluation = (
@@ -515,8 +516,8 @@ class _Loop:
             self.phases["equilibrium"] += time.perf_counter() - begin
             raise
         if found is not of:
-            self.steps += found.equilibrium.steps
-            self.factorisations += found.equilibrium.factorisations
+            self.steps += found.steps
+            self.factorisations += found.factorisations
             for phase, seconds in found.seconds.items():
                 self.phases[phase] += seconds
         return found

@@ -34,15 +34,17 @@ class Stage:
         beta: Steepness β of the projection; None keeps the problem's.
         constrained: Whether the problem's width constraints are enforced; they are reported
             in either case.
+        robust: Whether the eroded and dilated patterns of a robust problem count.
     """
 
     iterations: int
     beta: float | None = None
     constrained: bool = False
+    robust: bool = True
 
     def __post_init__(self) -> None:
         require_count(1, iterations=self.iterations)
-        require_flag(constrained=self.constrained)
+        require_flag(constrained=self.constrained, robust=self.robust)
         if self.beta is not None:
             require_positive(beta=self.beta)
 

@@ -93,6 +93,8 @@ class Evaluation(Generic[R]):
         filtered, projected: ρ̃ and ρ̄ at owned triangles.
         equilibrium: The response: the simulated shape, or the profile of a tile.
         seconds: Wall time by phase, on this rank.
+        variants: Responses of the eroded and of the dilated pattern of a robust design.
+        spread: How far these are apart, in units of T; None without variants.
     """
 
     problem: DesignProblem[R]
@@ -109,6 +111,18 @@ class Evaluation(Generic[R]):
     projected: Floats
     equilibrium: R
     seconds: Mapping[str, float]
+    variants: tuple[R, ...] = ()
+    spread: float | None = None
+
+    @property
+    def steps(self) -> int:
+        """Number of Newton steps of all responses."""
+        return self.equilibrium.steps + sum(v.steps for v in self.variants)
+
+    @property
+    def factorisations(self) -> int:
+        """Number of factorisations of all responses."""
+        return self.equilibrium.factorisations + sum(v.factorisations for v in self.variants)
 
 
 class DesignProblem(ABC, Generic[R]):
@@ -153,6 +167,10 @@ class DesignProblem(ABC, Generic[R]):
     @abstractmethod
     def with_projection(self, projection: Projection) -> Self:
         """Return the same problem with another projection; all other parts are shared."""
+
+    def without_variants(self) -> Self:
+        """Return the same problem with the nominal pattern alone; all other parts are shared."""
+        return self
 
     @property
     def pressures(self) -> tuple[float, ...]:
@@ -204,6 +222,21 @@ class DesignProblem(ABC, Generic[R]):
             projected: ρ̄ at owned triangles.
             unknowns, numbers: As of `save_response`.
         """
+
+    def save_variants(self, variants: Sequence[R]) -> list[tuple[Floats, dict[str, Any]]]:
+        """Return what `restore_variants` needs of each variant: none by default (collective)."""
+        return []
+
+    def restore_variants(
+        self, filtered: Floats, saved: Sequence[tuple[Floats, Mapping[str, Any]]]
+    ) -> tuple[R, ...]:
+        """Return saved variants, as if they had just been simulated (collective).
+
+        Args:
+            filtered: ρ̃ at owned triangles.
+            saved: As of `save_variants`.
+        """
+        return ()
 
     def residuals_around(
         self, evaluation: Evaluation[R]

@@ -24,6 +24,7 @@ from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.density.perimeter import SHARPNESS, Perimeter
 from toros_fem.density.projection import Projection
 from toros_fem.design.problem import Bounds, Pressure
+from toros_fem.design.robust import Variants, WidthTolerance
 from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.equilibrium.newton import NewtonStep
 from toros_fem.equilibrium.options import NewtonOptions
@@ -80,6 +81,8 @@ class ShapeDesign(ShapeProblem):
         chambers: Pressure chambers; None for one.
         weight: The skin's own weight; None leaves it out.
         force: Dead forces in N on all assembled vertices, (n, 3).
+        width_tolerance: How far the widths of printed lines may be off, for a design whose shape
+            changes little by it; None leaves this out.
         options: Options of the equilibrium solver.
         log: Called with each Newton step, on every rank.
 
@@ -116,6 +119,7 @@ class ShapeDesign(ShapeProblem):
         chambers: Chambers | None = None,
         weight: Weight | None = None,
         force: Floats | None = None,
+        width_tolerance: WidthTolerance | None = None,
         options: NewtonOptions | None = None,
         log: Callable[[NewtonStep | str], None] | None = None,
     ) -> None:
@@ -142,6 +146,7 @@ class ShapeDesign(ShapeProblem):
             "chambers": chambers,
             "weight": weight,
             "force": force,
+            "width_tolerance": width_tolerance,
             "options": options,
             "log": log,
         }
@@ -157,6 +162,7 @@ class ShapeDesign(ShapeProblem):
         for name, kind, value in (
             ("projection", Projection, projection),
             ("length_scale", LengthScale, length_scale),
+            ("width_tolerance", WidthTolerance, width_tolerance),
         ):
             require_kind(name, value, (kind, type(None)), f"a {kind.__name__}, or None")
         planes = checked_axes("symmetry", symmetry)
@@ -164,15 +170,9 @@ class ShapeDesign(ShapeProblem):
         if force is not None:
             places = pattern.points.shape
             force = checked_floats("force", force, f"finite and of shape {places}, in N", places)
-        solver = EquilibriumSolver(
-            skin,
-            Composite() if composite is None else composite,
-            supports,
-            options,
-            log,
-            chambers=chambers,
-            weight=weight,
-        )
+        composite = Composite() if composite is None else composite
+        parts = {"chambers": chambers, "weight": weight}
+        solver = EquilibriumSolver(skin, composite, supports, options, log, **parts)
         density_filter = make_filter(filter, skin, filter_radius, whole=whole)
         perimeter = None
         if perimeter_weight is not None:
@@ -180,6 +180,14 @@ class ShapeDesign(ShapeProblem):
             perimeter = Perimeter(skin, window, perimeter_sharpness, whole=whole)
         given = _given_density(pattern, passive, printed_panels)
         projection = projection or Projection()
+        robust = None
+        if width_tolerance is not None:
+            robust = Variants(
+                width_tolerance,
+                density_filter,
+                projection.eta,
+                lambda: EquilibriumSolver(skin, composite, supports, options, **parts),
+            )
         super().__init__(
             solver=solver,
             objective=(
@@ -199,6 +207,7 @@ class ShapeDesign(ShapeProblem):
             target=goal,
             metrics=(_distance_metric(target),) if metrics is None else tuple(metrics),
             start=start,
+            robust=robust,
         )
         if length_scale is not None:
             self.length_scale = LengthScaleConstraints(

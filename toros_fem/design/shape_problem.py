@@ -21,6 +21,7 @@ from toros_fem.density.perimeter import Perimeter
 from toros_fem.density.projection import Projection
 from toros_fem.design.motion import motion_along
 from toros_fem.design.problem import Bounds, DesignProblem, Evaluation, Pressure
+from toros_fem.design.robust import Variants
 from toros_fem.equilibrium.feasible_start import relaxed_into_bounds
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import DensityError, ParameterError
@@ -52,6 +53,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         metrics: Numbers that the design is judged by, the most important first.
         start: Density of all triangles to start from, (t,), within [0.1, 0.9]: noise of 0.1 is
             added. None starts from 0.5.
+        robust: Eroded and dilated patterns, whose spread T counts too; None leaves them out.
     """
 
     solver: EquilibriumSolver
@@ -69,6 +71,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
     target: Floats | None = None
     metrics: tuple[Metric, ...] = ()
     start: Floats | None = None
+    robust: Variants | None = None
 
     def __post_init__(self) -> None:
         for pressure, bounds in zip(self.pressures, self.pressure_ranges, strict=True):
@@ -120,6 +123,12 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         other.projection = projection
         return other
 
+    def without_variants(self) -> Self:
+        """Return the same problem with the nominal pattern alone."""
+        other = copy.copy(self)
+        other.robust = None
+        return other
+
     def with_objective(self, objective: Objective) -> Self:
         """Return the same problem with another objective; all other parts are shared."""
         other = copy.copy(self)
@@ -161,6 +170,25 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
     def metrics_of(self, response: EquilibriumResult) -> dict[str, float]:
         """Return the values of all metrics by key, equal on all ranks (collective)."""
         return self._metrics_at(response.positions)
+
+    def robust_figures(self, evaluation: Evaluation[EquilibriumResult]) -> dict[str, Any]:
+        """Return spread, thresholds and metrics of the eroded and dilated pattern (collective).
+
+        Args:
+            evaluation: Evaluation of a robust problem.
+        """
+        robust, metrics = self.robust, [self.metrics_of(v) for v in evaluation.variants]
+        if robust is None or not metrics:
+            return {}
+        names = ("eroded", "dilated")
+        return {
+            "width_tolerance_m": robust.tolerance.width,
+            "pattern_offset_m": robust.offset,
+            "spread": evaluation.spread,
+            "spread_weight": robust.tolerance.weight,
+            **{f"eta_{n}": eta for n, eta in zip(names, robust.thresholds, strict=True)},
+            **{n: found for n, found in zip(names, metrics, strict=True)},
+        }
 
     def _metrics_at(self, owned: Floats) -> dict[str, float]:
         """Return the values of all metrics for positions of the owned nodes (collective)."""
@@ -253,6 +281,54 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         )
         return equilibrium, self.objective.forward(equilibrium.positions)
 
+    def simulate(
+        self,
+        density: Floats,
+        start: Any = None,
+        pressure: Pressure | None = None,
+        *,
+        trial: bool = False,
+    ) -> Evaluation[EquilibriumResult]:
+        """Evaluate T as `DesignProblem.simulate` does, with the spread of a robust design."""
+        found = super().simulate(density, start, pressure, trial=trial)
+        if self.robust is None:
+            return found
+        begin, nominal = time.perf_counter(), found.equilibrium
+        densities = self._variant_densities(found.filtered)
+        # They differ little from the nominal pattern, far less than that from the last one.
+        variants = tuple(
+            solver.solve(
+                projected, nominal.pressures, force=self.force, start=nominal.state, trial=trial
+            )
+            for solver, projected in zip(self.robust.solvers, densities, strict=True)
+        )
+        return self._with_variants(found, variants, begin)
+
+    def _variant_densities(self, filtered: Floats) -> list[Floats]:
+        """Return ρ̄ of the eroded and of the dilated pattern."""
+        assert self.robust is not None
+        steps = self.robust.projections(self.projection)
+        return [self.with_passive(step.forward(filtered)) for step in steps]
+
+    def _with_variants(
+        self,
+        evaluation: Evaluation[EquilibriumResult],
+        variants: tuple[EquilibriumResult, ...],
+        begin: float,
+    ) -> Evaluation[EquilibriumResult]:
+        """Return an evaluation with other variants, which took the time since `begin`."""
+        assert self.robust is not None
+        e, weight = evaluation, self.robust.tolerance.weight
+        spread = self.robust.spread(self.objective, e.equilibrium, variants)
+        more = e.seconds["equilibrium"] + time.perf_counter() - begin
+        return replace(
+            e,
+            objective=e.objective + weight * (spread - (e.spread or 0.0)),
+            variants=variants,
+            spread=spread,
+            seconds={**e.seconds, "equilibrium": more},
+        )
+
     def save_response(self, response: EquilibriumResult) -> tuple[Floats, dict[str, Any]]:
         """Return the unknowns by original index, and the numbers of the equilibrium."""
         return self.solver.save(response)
@@ -263,6 +339,25 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         """Return the equilibrium, with its tangent factorised (collective)."""
         return self.solver.restore(projected, unknowns, numbers, self.force)
 
+    def save_variants(
+        self, variants: Sequence[EquilibriumResult]
+    ) -> list[tuple[Floats, dict[str, Any]]]:
+        """Return unknowns by original index and numbers of both variants, if there are any."""
+        solvers = () if self.robust is None or not variants else self.robust.solvers
+        return [s.save(variant) for s, variant in zip(solvers, variants, strict=True)]
+
+    def restore_variants(
+        self, filtered: Floats, saved: Sequence[tuple[Floats, Mapping[str, Any]]]
+    ) -> tuple[EquilibriumResult, ...]:
+        """Return the equilibria of both variants, with their tangents factorised (collective)."""
+        if self.robust is None or not saved:
+            return ()
+        densities = self._variant_densities(filtered)
+        return tuple(
+            solver.restore(projected, *parts, self.force)
+            for solver, projected, parts in zip(self.robust.solvers, densities, saved, strict=True)
+        )
+
     def finish(self, evaluation: Evaluation[EquilibriumResult]) -> Evaluation[EquilibriumResult]:
         """Complete a trial: solve to the solver's tolerance and prove stability (collective)."""
         begin = time.perf_counter()
@@ -270,12 +365,42 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         if equilibrium is evaluation.equilibrium:
             return evaluation
         shape = self.objective.forward(equilibrium.positions)
-        return replace(
+        found = replace(
             evaluation,
             objective=evaluation.objective + shape - evaluation.shape,
             shape=shape,
             equilibrium=equilibrium,
             seconds={"equilibrium": time.perf_counter() - begin},
+        )
+        if self.robust is None:
+            return found
+        begin, both = time.perf_counter(), zip(self.robust.solvers, found.variants, strict=True)
+        return self._with_variants(found, tuple(s.finish(v) for s, v in both), begin)
+
+    def differentiate(
+        self, evaluation: Evaluation[EquilibriumResult]
+    ) -> Evaluation[EquilibriumResult]:
+        """Add the gradients as `DesignProblem.differentiate` does, with those of the variants."""
+        found, robust = super().differentiate(evaluation), self.robust
+        if robust is None:
+            return found
+        begin, e = time.perf_counter(), found
+        assert e.gradient is not None
+        slopes = robust.spread_slopes(self.objective, e.equilibrium, e.variants)[1:]
+        by_filtered, by_pressure = np.zeros_like(e.filtered), e.pressure_gradient
+        steps = robust.projections(self.projection)
+        for solver, variant, step, slope in zip(
+            robust.solvers, e.variants, steps, slopes, strict=True
+        ):
+            by_projected, more = self._adjoint(solver, variant, robust.tolerance.weight * slope)
+            by_filtered += step.backward(e.filtered, by_projected * self.designed)
+            by_pressure = None if more is None else by_pressure + more
+        seconds = e.seconds["adjoint"] + time.perf_counter() - begin
+        return replace(
+            e,
+            gradient=e.gradient + self.filter.backward(by_filtered) * self.designed,
+            pressure_gradient=by_pressure,
+            seconds={**e.seconds, "adjoint": seconds},
         )
 
     def respond_backward(
@@ -286,10 +411,21 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         K λ = ∂T/∂x gives dT/dρ̄ = −λ · ∂f/∂ρ̄ and dT/dP = λ · ∂V/∂x. UFL derives ∂f/∂ρ̄; the tangent
         K and ∂T/∂x are written by hand.
         """
-        equilibrium, model = evaluation.equilibrium, self.solver.model
+        e = evaluation
+        by_position = self.objective.backward(e.equilibrium.positions)
+        if self.robust is not None:
+            slope, _, _ = self.robust.spread_slopes(self.objective, e.equilibrium, e.variants)
+            by_position = by_position + self.robust.tolerance.weight * slope
+        return self._adjoint(self.solver, e.equilibrium, by_position)
+
+    def _adjoint(
+        self, solver: EquilibriumSolver, equilibrium: EquilibriumResult, by_position: Floats
+    ) -> tuple[Floats, Floats | None]:
+        """Return the gradients by ρ̄ and by the pressures from that by positions (collective)."""
+        model = solver.model
         rhs = np.zeros_like(equilibrium.state)
-        model.positions(rhs)[:] = self.objective.backward(equilibrium.positions)
-        adjoint = self.solver.solve_tangent(rhs, equilibrium)
+        model.positions(rhs)[:] = by_position
+        adjoint = solver.solve_tangent(rhs, equilibrium)
         by_projected = -model.density_sensitivity(equilibrium.state, adjoint)
         designed = [k for k, bounds in enumerate(self.pressure_ranges) if bounds is not None]
         if not designed:

@@ -45,8 +45,8 @@ _FIELDS: Mapping[str, str] = MappingProxyType(
         "design": "start seed starts levels iterations constrained_iterations min_decrease "
         "move_limit level_iterations level_move_limit polish_iterations corrections filter "
         "filter_radius beta eta line_width gap_width perimeter_weight perimeter_window "
-        "perimeter_sharpness trial_iterations draft_iterations finish_iterations "
-        "correction_iterations tolerance constrained",
+        "perimeter_sharpness width_tolerance spread_weight trial_iterations draft_iterations "
+        "finish_iterations correction_iterations tolerance constrained",
         "lines": "relaxed_edge_length relaxed_iterations directions share_limit share_weight "
         "smoothing_radius laid_width second_laid_width axial_width print_edge_length "
         "density_iterations",

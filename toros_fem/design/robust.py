@@ -1,0 +1,130 @@
+"""Robust designs: eroded and dilated patterns beside the nominal one.
+
+F. Wang, B. S. Lazarov, O. Sigmund: "On projection methods, convergence and robust formulations in
+topology optimization", Struct. Multidiscip. Optim. 43, 2011.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem._types import Floats
+from toros_fem._validate import require_positive
+from toros_fem.density.bar_width import offset_thresholds
+from toros_fem.density.filters import Filter
+from toros_fem.density.projection import Projection
+from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.objectives.shape import Objective
+
+# Factor on the spread where none is given.
+SPREAD_WEIGHT = 200.0
+# Least offset of the simulated borders over R. Between patterns that are closer, few triangles
+# change, and a design whose spread vanishes on these has one of more than half as printed.
+RESOLVED_OFFSET = 0.09
+
+
+@dataclass(frozen=True)
+class WidthTolerance:
+    """How far the widths of printed lines may be off, and how much that counts.
+
+    Attributes:
+        width: Largest difference of a line's width from the drawn one in m, either way. Each
+            border moves by half of it.
+        weight: Factor on the spread in the objective. With 1 the objective is the mean of the
+            eroded and the dilated pattern; with 100 it is that of ten times the tolerance, as
+            shapes change in proportion to widths.
+
+    Raises:
+        ParameterError: A value is not positive.
+    """
+
+    width: float
+    weight: float = SPREAD_WEIGHT
+
+    def __post_init__(self) -> None:
+        require_positive(width_tolerance=self.width, spread_weight=self.weight)
+
+    @property
+    def offset(self) -> float:
+        """Largest way of each border in m."""
+        return self.width / 2
+
+
+class Variants:
+    """Eroded and dilated pattern of a design, each with an equilibrium of its own.
+
+    They come from the same filtered density ρ̃ by a higher and a lower threshold of the projection.
+    Their borders are off by the tolerance, or where the mesh does not resolve it by
+    RESOLVED_OFFSET filter radii. With h, half the difference of both shapes, scaled down to the
+    tolerance, and x, the nominal shape, the spread is S = ½ T(x + h) + ½ T(x − h) − T(x). For a
+    quadratic T this is ½ hᵀ(∂²T/∂x²)h: what the objective would be if the target was missed by h.
+
+    Args:
+        tolerance: How far borders may be off.
+        filter: The filter from ρ to ρ̃.
+        eta: Threshold of the nominal pattern.
+        solver: Makes an equilibrium solver of the same skin.
+
+    Attributes:
+        tolerance: As given.
+        offset: Offset of the borders of both patterns from the nominal ones, in m.
+        thresholds: η of the eroded and of the dilated pattern.
+        solvers: Their solvers.
+
+    Raises:
+        ParameterError: The filter's radius is too small or too large for the tolerance.
+    """
+
+    def __init__(
+        self,
+        tolerance: WidthTolerance,
+        filter: Filter,
+        eta: float,
+        solver: Callable[[], EquilibriumSolver],
+    ) -> None:
+        self.tolerance = tolerance
+        offset_thresholds(filter.name, tolerance.offset / filter.radius, eta)  # checks it
+        self.offset = max(tolerance.offset, RESOLVED_OFFSET * filter.radius)
+        self.thresholds = offset_thresholds(filter.name, self.offset / filter.radius, eta)
+        self.solvers = tuple(solver() for _ in self.thresholds)
+
+    @property
+    def _scale(self) -> float:
+        """The tolerance over the offset of the patterns."""
+        return self.tolerance.offset / self.offset
+
+    def projections(self, nominal: Projection) -> tuple[Projection, ...]:
+        """Return the projections of both patterns, as steep as the nominal one."""
+        return tuple(Projection(nominal.beta, eta) for eta in self.thresholds)
+
+    def spread(
+        self, objective: Objective, nominal: EquilibriumResult, both: Sequence[EquilibriumResult]
+    ) -> float:
+        """Return S (collective).
+
+        Args:
+            objective: T as a function of positions.
+            nominal: Equilibrium of the nominal pattern.
+            both: Those of the eroded and of the dilated pattern.
+        """
+        x, h = nominal.positions, self._scale * half_difference(both)
+        ends = objective.forward(x + h) + objective.forward(x - h)
+        return ends / 2 - objective.forward(x)
+
+    def spread_slopes(
+        self, objective: Objective, nominal: EquilibriumResult, both: Sequence[EquilibriumResult]
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return ∂S/∂x by the positions of the nominal, eroded, dilated pattern (collective)."""
+        x, h = nominal.positions, self._scale * half_difference(both)
+        ahead, behind = objective.backward(x + h), objective.backward(x - h)
+        across = self._scale * (ahead - behind) / 4
+        return (ahead + behind) / 2 - objective.backward(x), across, -across
+
+
+def half_difference(both: Sequence[EquilibriumResult]) -> Floats:
+    """Return half the way from the second shape to the first at owned nodes, (n, 3), in m."""
+    one, two = both
+    return np.asarray((one.positions - two.positions) / 2)
