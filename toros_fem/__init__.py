@@ -33,6 +33,7 @@ from toros_fem.density.projection import Projection
 from toros_fem.design.levels import optimize_levels, refinements
 from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Stage
+from toros_fem.design.robust import WidthTolerance
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.equilibrium.diagnostics import Condition
@@ -134,6 +135,7 @@ __all__ = [
     "TorosError",
     "TracePoint",
     "Weight",
+    "WidthTolerance",
     "WrinkleField",
     "__version__",
     "as_printed",

@@ -80,7 +80,7 @@ def offset_thresholds(name: str, offset: float, level: float = 0.5) -> tuple[flo
         ParameterError: The offset is too small or too large for the filter's radius.
     """
     require_choice("filter", name, ("cone", "helmholtz"))
-    if not LEAST_OFFSET <= offset:
+    if not offset >= LEAST_OFFSET:
         raise ParameterError(
             f"borders that move by {offset:.3g} filter radii are too close to be told apart; the "
             f"least is {LEAST_OFFSET:g}. Raise width_tolerance, or reduce filter_radius."

@@ -5,6 +5,7 @@ from toros_fem.design.levels import optimize_levels, refinements
 from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Iteration, Stage
 from toros_fem.design.problem import DesignProblem, Evaluation
+from toros_fem.design.robust import WidthTolerance
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.shape_problem import ShapeProblem
 
@@ -18,6 +19,7 @@ __all__ = [
     "ShapeDesign",
     "ShapeProblem",
     "Stage",
+    "WidthTolerance",
     "optimize",
     "optimize_levels",
     "refinements",
