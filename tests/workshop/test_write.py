@@ -74,6 +74,13 @@ def test_printer_and_cutter_have_the_same_places(pattern: Pattern, tmp_path: Pat
         assert 0 < crosses.area < 0.1 * drawn.area
 
 
+def test_a_print_on_the_inside_is_read_back_mirrored(pattern: Pattern, tmp_path: Path) -> None:
+    regions = regions_of(pattern)
+    write_manufacture(tmp_path, pattern, regions, SMALL.updated(print_side="inside"))
+    for one, other in zip(read_regions(tmp_path, pattern), regions, strict=True):
+        assert one.symmetric_difference(other).area < 1e-4 * other.area
+
+
 def test_several_beds_lie_on_a_larger_sheet(pattern: Pattern, tmp_path: Path) -> None:
     wide = SMALL.updated(sheet_width=0.21, sheet_depth=0.2)
     made = write_manufacture(tmp_path, pattern, regions_of(pattern), wide)
@@ -98,6 +105,8 @@ def test_a_print_is_as_thick_as_it_was_designed() -> None:
     assert made_as({"inputs": {"thickness": 0.7e-3}}).layer_height == 0.7e-3
     thicker = {"thickness": 0.7e-3, "reinforcement_thickness": 0.8e-3}
     assert made_as({"inputs": thicker}).layer_height == 0.8e-3
+    assert made_as({"inputs": {"print_side": "inside"}}).print_side == "inside"
+    assert made_as({"inputs": {"print_side": None}}) == ManufactureOptions()
     assert made_as(None) == made_as({}) == ManufactureOptions()
 
 

@@ -94,6 +94,23 @@ def bladder_drawings(
     return drawings
 
 
+def tab_seam(
+    pattern: Pattern,
+    options: ManufactureOptions | None = None,
+    connector: tuple[str, Floats] | None = None,
+) -> int | None:
+    """Return the number of the seam at which the tab of a bladder leaves the skin.
+
+    It is None for a tube, whose sheets of film have a weld of their own, where nothing is sewn, and
+    without a tab. Arguments and errors are those of `bladder_drawings`.
+    """
+    options = options or ManufactureOptions()
+    seams = sewn_seams(pattern)
+    if not seams or options.connector_width is None or _tube(pattern, seams) is not None:
+        return None
+    return _panels(pattern, seams, connector, options).tab[0].number
+
+
 def _tube(pattern: Pattern, seams: Sequence[SewnSeam]) -> _Sheets | None:
     """Return the two flat sheets for a tube; None where the skin is none."""
     own = [seam for seam in seams if seam.panels[0] == seam.panels[1]]

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from toros_fem.config import Config, quantity
+from toros_fem.materials import PRINT_SIDES
 
 SEAMS, ALL = "seams", "all"
+OUTSIDE, INSIDE = "outside", "inside"
 
 
 @dataclass(frozen=True)
@@ -19,6 +23,9 @@ class ManufactureOptions(Config):
 
     layer_height: float = quantity(0.4e-3, "height of the print above the fabric", "m", above=0)
     print_density: float = quantity(1.21e3, "density of the print", "kg/m³", above=0)
+    print_side: str = quantity(
+        OUTSIDE, "face of the fabric that is printed, and seen on the drawings", choices=PRINT_SIDES
+    )
     fabric_offset: float | None = quantity(
         None,
         "height of the print's lower face above the bed, by the fabric",
@@ -55,3 +62,10 @@ class ManufactureOptions(Config):
         8e-3, "width of the bladder's tab for its tube; none leaves it out", "m", above=0
     )
     connector_length: float = quantity(20e-3, "length of the tab beyond the weld", "m", above=0)
+
+    @property
+    def drawn_grain(self) -> float | None:
+        """Direction of the grain on the drawings in rad, which show the printed face up."""
+        if self.grain is None:
+            return None
+        return float(np.radians(180.0 - self.grain if self.print_side == INSIDE else self.grain))

@@ -20,8 +20,6 @@ from toros_fem.manufacture.panel_labels import Label, edge_labels, panel_label
 from toros_fem.manufacture.seam_lines import SewnSeam, sewn_seams
 from toros_fem.meshes.pattern import Pattern
 
-SIDE_UP = "outside up"
-
 
 @dataclass(frozen=True, eq=False)
 class Seam:
@@ -118,7 +116,7 @@ def panel_drawings(
     """Return the drawing of each panel in its own flat coordinates.
 
     Args:
-        pattern: The whole pattern.
+        pattern: The whole pattern, by `printed_face` for a print on the inside.
         regions: Print on each panel, polygons in m.
         options: Allowance and marks; None takes the defaults.
 
@@ -135,7 +133,7 @@ def panel_drawings(
     seams = sewn_seams(pattern)
     return [
         drawing_of(
-            (name, SIDE_UP),
+            (name, f"{options.print_side} up"),
             panel_outline(pattern, panel),
             regions[panel],
             [(seam, side) for seam in seams for side in (0, 1) if seam.panels[side] == panel],
@@ -200,9 +198,9 @@ def drawing_of(
         others = [fabric.difference(taken), outline.difference(taken), outline]
         add([panel_label(text, borders, band.difference(taken), others, allowance)])
     arrow: list[Floats] = []
-    if options.grain is not None:
+    if options.drawn_grain is not None:
         places = [region.difference(taken) for region in (band, fabric, outline)]
-        arrow = grain_arrow(places, np.radians(options.grain))
+        arrow = grain_arrow(places, options.drawn_grain)
     return PanelDrawing(
         name=texts[0],
         outline=outline,

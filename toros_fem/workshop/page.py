@@ -56,7 +56,10 @@ def _needs(made: Mapping[str, Any]) -> list[tuple[str, str]]:
     sheets, printed, options = made["sheets"], made["print"], made["options"]
     wide, deep = sheets[0]["size_mm"]
     found = [
-        ("fabric", f"{_count(len(sheets), 'sheet')} of {wide:g} × {deep:g} mm, grain along the depth"),
+        (
+            "fabric",
+            f"{_count(len(sheets), 'sheet')} of {wide:g} × {deep:g} mm, grain along the depth",
+        ),
         (
             "print",
             f"{printed['print_area_mm2'] / 100:.1f} cm², {1e3 * options['layer_height']:g} mm high: "
@@ -92,7 +95,9 @@ def _bed(made: Mapping[str, Any], layout: Layout, k: int) -> str:
     sheet, corner = layout.bed_on_sheet(k)
     where = f"sheet {sheet + 1}"
     if layout.grid != (1, 1):
-        where += f", {1e3 * corner[0]:g} mm from its left and {1e3 * corner[1]:g} mm from its near edge"
+        where += (
+            f", {1e3 * corner[0]:g} mm from its left and {1e3 * corner[1]:g} mm from its near edge"
+        )
     return (
         f'<figure class="on-bed">{sheet_picture(layout.beds[k], layout.bed, f"bed {k + 1}")}'
         f"<figcaption><b>bed {k + 1}</b>, {wide:g} × {deep:g} mm, {where}: "

@@ -26,9 +26,7 @@ DISC = 0.028
 HUE = 137.5
 
 
-def sheet_picture(
-    drawings: Sequence[PanelDrawing], size: tuple[float, float], about: str
-) -> str:
+def sheet_picture(drawings: Sequence[PanelDrawing], size: tuple[float, float], about: str) -> str:
     """Return a bed or a sheet with all that its files hold, one class for each layer.
 
     Args:
@@ -54,9 +52,7 @@ def sheet_picture(
     return ET.tostring(svg, encoding="unicode")
 
 
-def seam_picture(
-    drawings: Sequence[PanelDrawing], size: tuple[float, float], about: str
-) -> str:
+def seam_picture(drawings: Sequence[PanelDrawing], size: tuple[float, float], about: str) -> str:
     """Return panels whose seams are coloured and numbered, both edges of a seam alike.
 
     Args:

@@ -12,7 +12,9 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.errors import ManufactureFileError
+from toros_fem.manufacture.options import INSIDE
 from toros_fem.manufacture.placement import Placement
+from toros_fem.manufacture.printed_face import mirrored_region
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.workshop.manifest import FORMAT, NAME, VERSION
 
@@ -47,12 +49,14 @@ def read_regions(folder: Path | str, pattern: Pattern) -> list[BaseGeometry]:
             if file["kind"] == "cut" and file["name"].endswith(".svg")
         }
         depth = {k: 1e-3 * sheet["size_mm"][1] for k, sheet in enumerate(made["sheets"], 1)}
-        return [
+        found = [
             places[name].region_on_panel(
                 _printed(drawings[places[name].sheet], name, depth[places[name].sheet])
             )
             for name in pattern.panel_names
         ]
+        inside = made["options"]["print_side"] == INSIDE
+        return [mirrored_region(region) for region in found] if inside else found
     except (OSError, ValueError, KeyError, TypeError, ET.ParseError) as caught:
         raise ManufactureFileError(
             f"{folder} holds no machine files of this pattern: {type(caught).__name__}: "

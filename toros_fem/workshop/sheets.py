@@ -78,7 +78,7 @@ def layout(drawings: Sequence[PanelDrawing], options: ManufactureOptions | None 
         used,
         gap=options.panel_gap,
         margin=options.sheet_margin,
-        grain=None if options.grain is None else float(np.radians(options.grain)),
+        grain=options.drawn_grain,
     )
     columns, rows = (int(whole / part + 1e-9) for whole, part in zip(sheet, used, strict=True))
     return Layout(tuple(drawings), tuple(placements), used, sheet, (columns, rows))

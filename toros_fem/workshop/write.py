@@ -7,16 +7,16 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.errors import MissingPackageError, PatternError, SheetError
-from toros_fem.manufacture.bladder import bladder_drawings
+from toros_fem.manufacture.bladder import bladder_drawings, tab_seam
 from toros_fem.manufacture.cut_files import write_cut_dxf, write_cut_svg
 from toros_fem.manufacture.options import ManufactureOptions
 from toros_fem.manufacture.panel_drawing import PanelDrawing, panel_drawings
 from toros_fem.manufacture.print_bodies import print_bodies, write_3mf, write_stl
-from toros_fem.manufacture.seam_lines import SewnSeam, sewn_seams
+from toros_fem.manufacture.printed_face import printed_face
+from toros_fem.manufacture.seam_lines import sewn_seams
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.output.files import write_json
 from toros_fem.runs.files import replace_file
@@ -26,8 +26,6 @@ from toros_fem.workshop.page import page
 from toros_fem.workshop.sewing_order import sewing_order
 from toros_fem.workshop.sheets import film_layout, layout
 
-# Lengths that differ by this fraction are equal.
-TINY = 1e-6
 # Folder of the machine files in that of a run.
 FOLDER = "manufacture"
 
@@ -65,6 +63,7 @@ def write_manufacture(
     """
     folder = Path(folder)
     options = options or made_as(summary)
+    pattern, regions = printed_face(pattern, regions, options)
     drawings = panel_drawings(pattern, regions, options)
     places = layout(drawings, options)
     seams = sewn_seams(pattern)
@@ -93,7 +92,8 @@ def write_manufacture(
         text = f"cut of the bladder's {len(sheets_of_film)} sheets of film, in mm, in layers"
         names = _cut(folder, "bladder", film.sheets[0], film.sheet)
         files += [MadeFile(name, "bladder", text) for name in names]
-    order = sewing_order(pattern, seams, _at_tab(sheets_of_film, seams))
+    at_tab = tab_seam(pattern, options)
+    order = sewing_order(pattern, seams, [] if at_tab is None else [at_tab])
     made = manifest(places, seams, order, options, files, summary)
     name = title or folder.resolve().parent.name
     replace_file(folder / PAGE, page(made, places, film, name).encode())
@@ -102,14 +102,15 @@ def write_manufacture(
 
 
 def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
-    """Return the settings that fit a run's summary: a print as thick as it was designed.
+    """Return the settings that fit a run's summary: the thickness of its print, and its face.
 
     Args:
         summary: The run's summary; None takes the defaults.
     """
     inputs = (summary or {}).get("inputs") or {}
     thickness = inputs.get("reinforcement_thickness") or inputs.get("thickness")
-    return ManufactureOptions() if thickness is None else ManufactureOptions(layer_height=thickness)
+    known = {"layer_height": thickness, "print_side": inputs.get("print_side")}
+    return ManufactureOptions(**{name: value for name, value in known.items() if value is not None})
 
 
 def if_possible(write: Callable[[], Any]) -> None:
@@ -126,16 +127,3 @@ def _cut(
     write_cut_svg(folder / f"{name}.svg", drawn, size)
     write_cut_dxf(folder / f"{name}.dxf", drawn, size)
     return [f"{name}.svg", f"{name}.dxf"]
-
-
-def _at_tab(film: Sequence[PanelDrawing], seams: Sequence[SewnSeam]) -> list[int]:
-    """Return the numbers of seams at the tab of a bladder, where its weld is interrupted.
-
-    The sheets of film for a tube have a weld of their own, which is longer than its seams.
-    """
-    welds = dict.fromkeys((seam.number for seam in seams), 0.0)
-    for one in film:
-        for weld in one.seams:
-            steps = np.linalg.norm(np.diff(weld.line, axis=0), axis=1)
-            welds[weld.number] += float(steps.sum()) / 2
-    return [seam.number for seam in seams if 0 < welds[seam.number] < (1 - TINY) * seam.length]
