@@ -17,7 +17,7 @@ RUBBER = {**FABRIC, "kind": "rubber", "poisson": 0.5}
 
 def test_values_become_a_sheet_or_a_bladder() -> None:
     entry = LibraryMaterial(**{**FABRIC, "young": 100_000, "c1": 2})
-    assert entry.material == Material(1e5, 0.3, 5e-4)
+    assert entry.material == Material(1e5, 0.3, 5e-4, c1=2.0)
     assert entry.membrane_stiffness == pytest.approx(50.0)
     assert (entry.c1, entry.stretch_range) == (2.0, (1.0, 1.5))
     assert isinstance(entry.young, float)

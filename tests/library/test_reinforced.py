@@ -1,5 +1,7 @@
 """The reinforced sheet is as stiff as the laminate."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -48,3 +50,15 @@ def test_a_stiff_layer_on_a_soft_fabric_is_nearly_the_layer() -> None:
     same = reinforced(layer, layer)
     assert same.thickness == pytest.approx(2 * layer.thickness)
     assert same.young == pytest.approx(layer.young)
+
+
+def test_bounds_are_the_tighter_ones() -> None:
+    fabric, layer = Material(1e5, 0.3, 5e-4, c1=1.9, c2=2.1), Material(2e7, 0.3, 5e-4)
+    for own, expected in (
+        ((None, None), (1.9, 2.1)),
+        ((1.5, None), (1.5, 2.1)),
+        ((2.0, 1.8), (1.9, 1.8)),
+    ):
+        sheet = reinforced(fabric, replace(layer, c1=own[0], c2=own[1]))
+        assert (sheet.c1, sheet.c2) == expected
+    assert reinforced(layer, layer).c1 is None

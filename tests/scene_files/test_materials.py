@@ -11,9 +11,9 @@ from mpi4py import MPI
 from toros_fem.actuators.config import SkinConfig
 from toros_fem.errors import LibraryError, SceneError
 from toros_fem.library import print_offset, read_library, reinforced, write_material
-from toros_fem.materials import Bladder
+from toros_fem.materials import Bladder, Material
 from toros_fem.scene_files.materials import FIELDS, roles_of
-from toros_fem.scene_files.reading import Scene, read_scene
+from toros_fem.scene_files.reading import read_scene
 from toros_fem.scene_files.writing import scene_text
 from toros_fem.scenes.bend import BendConfig
 from toros_fem.scenes.kinds import KINDS
@@ -21,10 +21,15 @@ from toros_fem.scenes.kinds import KINDS
 LIBRARY = read_library()
 
 
-def scene(folder: Path, text: str, **options: Any) -> Scene:
+def scene(folder: Path, text: str, **options: Any) -> Any:
     path = folder / "my.toml"
     path.write_text(f'kind = "bend"\n{text}', encoding="utf-8")
     return read_scene(path, **options)
+
+
+def sheet(name: str) -> Material:
+    """A fabric as the composite has it, whose bounds are those of both materials."""
+    return replace(LIBRARY[name].material, c1=None, c2=None)
 
 
 def test_fields_of_roles_exist() -> None:
@@ -82,7 +87,7 @@ def test_later_layers(tmp_path: Path) -> None:
         fabric = "jersey-light"
         reinforcement_young = "3 MPa"
         """
-    jersey, layer = LIBRARY["jersey-light"].material, LIBRARY["tpu-85a"].material
+    jersey, layer = sheet("jersey-light"), LIBRARY["tpu-85a"].material
     quick = scene(tmp_path, text, coarse=True).config.composite
     assert quick.knit is None
     assert quick.fabric == jersey
@@ -100,6 +105,26 @@ def test_later_layers(tmp_path: Path) -> None:
     assert found.config.print_offset == 0.2e-3
 
 
+def test_bounds_of_a_print(tmp_path: Path) -> None:
+    """A print has its own bounds, and not wider ones than its fabric."""
+    narrow = replace(LIBRARY["tpu-85a"], name="narrow", c1=1.4, c2=3.0)
+    write_material(tmp_path / "m.toml", narrow)
+    text = """
+        files.materials = "m.toml"
+        [material]
+        fabric = "jersey-light"
+        reinforcement = "narrow"
+        """
+    config = scene(tmp_path, text).config
+    assert (config.reinforcement_c1, config.reinforcement_c2) == (1.4, None)
+    assert config.composite.reinforcement_bounds == (1.4, 2.6)
+    assert config.composite.fabric_bounds == (1.9, 2.6)
+    config = scene(tmp_path, text, changes=["c1=1.3"]).config
+    assert config.composite.reinforcement_bounds == (1.3, 2.6)
+    config = scene(tmp_path, text, changes=["reinforcement=tpu-95a-on-jersey"]).config
+    assert config.composite.shares_bounds
+
+
 def test_a_file_of_ones_own(comm: MPI.Comm, tmp_path: Path) -> None:
     folder = shared(comm, tmp_path)
     if comm.rank == 0:
@@ -111,10 +136,11 @@ def test_a_file_of_ones_own(comm: MPI.Comm, tmp_path: Path) -> None:
     comm.barrier()
     path = folder / "my.toml"
     found = read_scene(path, comm=comm)
-    assert found.config.fabric_young == 77e3
+    assert found.config.as_dict()["fabric_young"] == 77e3
     assert "materials" not in found.files
     change = f"files.materials={folder / 'other.toml'}"
-    assert read_scene(path, comm=comm, changes=[change]).config.fabric_young == 88e3
+    found = read_scene(path, comm=comm, changes=[change])
+    assert found.config.as_dict()["fabric_young"] == 88e3
     with pytest.raises(SceneError, match="line 3: material.fabric: 'mine' is no fabric"):
         read_scene(path, comm=comm, changes=["files.materials=none"])
     with pytest.raises(LibraryError, match=r"no.toml cannot be read"):

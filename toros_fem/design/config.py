@@ -30,7 +30,17 @@ class MaterialConfig(Config):
         None, "thickness of the reinforced fabric; none takes that of the fabric", "m", above=0
     )
     c1: float = quantity(1.9, "bound on a principal stretch, eq. (1)", above=1)
+    reinforcement_c1: float | None = quantity(
+        None,
+        "bound on a principal stretch of the reinforced fabric; none takes that of the fabric",
+        above=1,
+    )
     c2: float = quantity(2.6, "bound on the sum of both principal stretches less 1", above=1)
+    reinforcement_c2: float | None = quantity(
+        None,
+        "bound on the sum of both less 1 in the reinforced fabric; none takes that of the fabric",
+        above=1,
+    )
 
     @property
     def composite(self) -> Composite:
@@ -42,6 +52,8 @@ class MaterialConfig(Config):
                 self.reinforcement_young,
                 self.poisson if poisson is None else poisson,
                 self.thickness if thickness is None else thickness,
+                self.reinforcement_c1,
+                self.reinforcement_c2,
             ),
             c1=self.c1,
             c2=self.c2,

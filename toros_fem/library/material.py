@@ -164,7 +164,7 @@ class LibraryMaterial:
     @property
     def material(self) -> Material:
         """Sheet of this material; of a print the printed layer, or print and fabric as one."""
-        return Material(self.young, self.poisson, self.thickness)
+        return Material(self.young, self.poisson, self.thickness, self.c1, self.c2)
 
     @property
     def bladder(self) -> Bladder:

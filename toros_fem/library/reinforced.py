@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from toros_fem.materials import Material
 
@@ -14,7 +15,8 @@ def reinforced(fabric: Material, layer: Material) -> Material:
     which the sheet is as stiff in bending as the laminate about its neutral plane: h = √(12 D/A)
     with A = Σ Aᵢ, Aᵢ = Eᵢ hᵢ/(1−νᵢ²) and D = Σ Aᵢ hᵢ²/12 + A₁A₂/A · (h₁ + h₂)²/4, the layers
     lying on each other. With equal Poisson's ratios this is classical laminate theory, exactly;
-    otherwise Poisson's ratio in bending is that in stretching.
+    otherwise Poisson's ratio in bending is that in stretching. Each bound on the stretches is the
+    tighter one of both.
 
     Args:
         fabric: The plain fabric.
@@ -32,7 +34,8 @@ def reinforced(fabric: Material, layer: Material) -> Material:
         sum(getattr(m, name) * m.thickness for m in (fabric, layer)) / thickness
         for name in ("mu", "lam")
     )
-    return Material.from_lame(mu, min(lam, 2 * mu), thickness)
+    sheet = Material.from_lame(mu, min(lam, 2 * mu), thickness)
+    return replace(sheet, c1=_tighter(fabric.c1, layer.c1), c2=_tighter(fabric.c2, layer.c2))
 
 
 def print_offset(fabric: Material, layer: Material) -> float:
@@ -50,3 +53,9 @@ def print_offset(fabric: Material, layer: Material) -> float:
 def _stiffnesses(*layers: Material) -> tuple[float, ...]:
     """Return A = E h/(1−ν²) in N/m of each layer."""
     return tuple(m.young * m.thickness / (1 - m.poisson**2) for m in layers)
+
+
+def _tighter(one: float | None, other: float | None) -> float | None:
+    """Return the smaller of two bounds, each of which may be missing."""
+    bounds = [bound for bound in (one, other) if bound is not None]
+    return min(bounds, default=None)

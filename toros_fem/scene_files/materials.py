@@ -32,10 +32,14 @@ FIELDS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "reinforcement_young": "young",
             "reinforcement_poisson": "poisson",
             "reinforcement_thickness": "thickness",
+            "reinforcement_c1": "c1",
+            "reinforcement_c2": "c2",
         },
         "bladder": {"bladder_young": "young", "bladder_thickness": "thickness"},
     }
 )
+# Fields of the fabric's sheet, as `Material` takes them.
+SHEET = ("fabric_young", "poisson", "thickness", "c1", "c2")
 # Field that a printed layer sets beside these: where the neutral plane of print and fabric lies.
 OFFSET = "print_offset"
 
@@ -162,7 +166,10 @@ def _laid(
     """
     if entry.with_fabric:
         return {OFFSET: offset}
-    plain = Material(fabric["fabric_young"], fabric["poisson"], fabric["thickness"])
+    plain = Material(*(fabric[key] for key in SHEET))
     sheet = reinforced(plain, entry.material)
     values = {key: getattr(sheet, name) for key, name in FIELDS["reinforcement"].items()}
+    for name in ("c1", "c2"):  # bounds of the fabric stay those of the fabric
+        if values[f"reinforcement_{name}"] == fabric[name]:
+            values[f"reinforcement_{name}"] = None
     return {**values, OFFSET: print_offset(plain, entry.material)}

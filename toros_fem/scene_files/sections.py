@@ -36,8 +36,9 @@ _FIELDS: Mapping[str, str] = MappingProxyType(
         "whole leg_length leg_width body_radius fillet foot_length finger_length finger_width "
         "root_length backbone_width size mesh edge_length",
         "material": "fabric_young poisson thickness c1 c2 reinforcement_young "
-        "reinforcement_poisson reinforcement_thickness bending seams wrinkling print_side "
-        "print_offset bladder_young bladder_thickness knit_ratio grain_angle",
+        "reinforcement_poisson reinforcement_thickness reinforcement_c1 reinforcement_c2 "
+        "bending seams wrinkling print_side print_offset bladder_young bladder_thickness "
+        "knit_ratio grain_angle",
         "pressure": "pressure design_pressure pressure_min pressure_max highest_pressure",
         "pull": "direction along across strain strain_steps margin",
         "objective": "counted metrics tip_weight orientation_length cross_sections axial_weight "
