@@ -21,6 +21,7 @@ from mpi4py import MPI
 
 from toros_fem.config import Config, quantity
 from toros_fem.fabrication.svg import write_svg
+from toros_fem.manufacture.options import ManufactureOptions
 from toros_fem.meshes import tile
 from toros_fem.output.console import print_step
 from toros_fem.output.files import versions, write_json, write_table
@@ -28,6 +29,7 @@ from toros_fem.output.writer import if_plotting, write_together
 from toros_fem.tiles.printed_tile import PrintedTile, read_tile
 from toros_fem.tiles.pull_test import pull_sheet
 from toros_fem.tiles.sheet import DIRECTIONS, print_layout, remesh, tile_sheet
+from toros_fem.workshop.write import FOLDER, if_possible, write_manufacture
 
 # Side of the simple tile in m, the number of edges along it, and the width of its lines in m.
 SIDE, EDGES, LINE_WIDTH = 0.01, 28, 1e-3
@@ -127,6 +129,9 @@ def run(
         write_table(folder / "curve.csv", [row for one in pulled for row in one.rows()])
         write_json(folder / "summary.json", summary)
         if_plotting(draw)
+        high = ManufactureOptions(layer_height=design.composite.reinforcement.thickness)
+        place = folder / FOLDER
+        if_possible(lambda: write_manufacture(place, cloth, regions, high, summary=summary))
 
     write_together(comm, folder, write)
     return summary

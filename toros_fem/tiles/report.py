@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from toros_fem.config import Config
 from toros_fem.fabrication.svg import write_svg
+from toros_fem.manufacture.options import ManufactureOptions
 from toros_fem.output.files import versions, write_fields, write_json, write_table
 from toros_fem.output.writer import if_plotting, write_together
 from toros_fem.tiles.as_printed import PrintMeasurement
@@ -19,7 +20,9 @@ from toros_fem.tiles.case import TileCase, TileResult
 from toros_fem.tiles.objectives import ProfileTarget
 from toros_fem.tiles.printability import SIDE, repeated
 from toros_fem.tiles.printed_tile import PrintedTile, write_tile
+from toros_fem.tiles.sheet import swatch
 from toros_fem.tiles.stiffness_profile import Profile
+from toros_fem.workshop.write import FOLDER, if_possible, write_manufacture
 
 
 def write_tile_results(
@@ -33,7 +36,9 @@ def write_tile_results(
     config: Config | None = None,
     seconds: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
-    """Write summary, pattern, tile.npz, fields and pictures of a design (collective).
+    """Write summary, pattern, tile.npz, fields, pictures and machine files of a design (collective).
+
+    The machine files are those of a swatch of 5 cm × 5 cm, by `swatch`.
 
     Args:
         comm: Communicator of the whole run.
@@ -77,6 +82,10 @@ def write_tile_results(
             rows = [row for profile in measured.curves for row in _rows(profile)]
             write_table(folder / "curves.csv", rows)
         if_plotting(draw)
+        cloth, region = swatch(tile, printed.regions[0], printed.cells)
+        high = ManufactureOptions(layer_height=printed_tile.composite.reinforcement.thickness)
+        place = folder / FOLDER
+        if_possible(lambda: write_manufacture(place, cloth, [region], high, summary=summary))
 
     def draw() -> None:
         from toros_fem.tiles import plots

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -16,6 +17,7 @@ from toros_fem._types import Bools, Floats, Ints
 from toros_fem._validate import require_between, require_choice
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.tile import Tile, tile
+from toros_fem.tiles.printability import repeated
 from toros_fem.tiles.printed_tile import PrintedTile
 
 DIRECTIONS = ("x", "y")
@@ -24,6 +26,8 @@ COLLINEAR = 1e-9
 # A triangle is printed if at least half its area is. The margin is for rounding: of triangles that
 # a symmetry maps to each other all are printed, or none.
 HALF = 0.5 - 1e-6
+# Least size of a swatch, and its unprinted cloth at both ends for clamps, in m.
+SWATCH, CLAMPED = 50e-3, 20e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +99,20 @@ def remesh(comm: MPI.Comm, printed_tile: PrintedTile, edge_length: float) -> Pri
         return np.asarray(printed)
 
     return replace(printed_tile, printed=on_first_rank(comm, sample), edge_length=edge_length)
+
+
+def swatch(tile: Tile, region: BaseGeometry, printed: Bools) -> tuple[Pattern, BaseGeometry]:
+    """Return the cloth of a piece of tiles, at least 5 cm wide each way, and the print on it.
+
+    Args:
+        tile: The tile.
+        region: Print of one tile, polygons in m.
+        printed: Whether each of the tile's triangles is printed, (t,).
+    """
+    along, across = (math.ceil(SWATCH / side - 1e-9) for side in np.diagonal(tile.lattice))
+    sheet = tile_sheet(tile, "x", along, across)
+    cloth, _ = print_layout([sheet], printed, CLAMPED)
+    return cloth, translate(repeated(region, tile, along, across), CLAMPED, 0.0)
 
 
 def print_layout(

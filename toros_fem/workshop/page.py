@@ -39,12 +39,7 @@ def page(made: Mapping[str, Any], layout: Layout, film: Layout | None, title: st
         "needs": _pairs(_needs(made)),
         "beds": "".join(_bed(made, layout, k) for k in range(len(layout.beds))),
         "sheets": "".join(_sheet(made, layout, k) for k in range(len(layout.sheets))),
-        "edges": "".join(
-            f"<figure>{seam_picture(drawings, layout.sheet, f'seams on sheet {k}')}"
-            f"<figcaption>sheet {k}</figcaption></figure>"
-            for k, drawings in enumerate(layout.sheets, 1)
-        ),
-        "seams": _seams(made),
+        "sewing": _sewing(made, layout),
         "insert": _insert(made, film),
         "inflate": _inflate(made),
         "files": _pairs([(f["name"], f["shows"]) for f in made["files"]]),
@@ -117,7 +112,24 @@ def _sheet(made: Mapping[str, Any], layout: Layout, k: int) -> str:
     )
 
 
-def _seams(made: Mapping[str, Any]) -> str:
+def _sewing(made: Mapping[str, Any], layout: Layout) -> str:
+    if not made["seams"]:
+        return "<p>Nothing is sewn.</p>"
+    pictures = "".join(
+        f"<figure>{seam_picture(drawings, layout.sheet, f'seams on sheet {k}')}"
+        f"<figcaption>sheet {k}</figcaption></figure>"
+        for k, drawings in enumerate(layout.sheets, 1)
+    )
+    return (
+        "<p>Edges with the same number belong together: right sides together, double notch on "
+        "double notch, single notches on single ones. Sew on the dashed lines, with a stretch "
+        f'stitch, in this order.</p><div class="pictures">{pictures}</div><div class="wide"><table>'
+        "<thead><tr><th>order</th><th>seam</th><th>edge to edge</th><th>length</th><th>notches</th>"
+        f"<th></th></tr></thead><tbody>{_rows(made)}</tbody></table></div>"
+    )
+
+
+def _rows(made: Mapping[str, Any]) -> str:
     by_number = {seam["number"]: seam for seam in made["seams"]}
     rows = []
     for place, step in enumerate(made["sewing"], 1):
@@ -139,7 +151,7 @@ def _insert(made: Mapping[str, Any], film: Layout | None) -> str:
     closing = [step for step in made["sewing"] if step["kind"] == CLOSING]
     openings = ", ".join(f"{step['opening_mm']:.0f} mm of seam {step['seam']}" for step in closing)
     if not closing:
-        return "<p>This design has no seams, and no bladder goes in.</p>"
+        return "<p>No bladder goes in.</p>"
     weld = ""
     if film is not None:
         weld = (
@@ -156,19 +168,19 @@ def _insert(made: Mapping[str, Any], film: Layout | None) -> str:
 
 def _inflate(made: Mapping[str, Any]) -> str:
     closing = [f"seam {step['seam']}" for step in made["sewing"] if step["kind"] == CLOSING]
-    close = f"Sew the rest of {' and of '.join(closing)} around the tube. " if closing else ""
-    pressure = made["pressure_pa"]
-    if pressure is None:
-        return f"<p>{close}Inflate it slowly, behind a shield, and look for open seams.</p>"
+    if not closing:
+        return "<p>Nothing is inflated.</p>"
     values = ", ".join(
         f"{escape(key.rsplit('_', 1)[0])} {value:.4g} {escape(key.rsplit('_', 1)[1])}"
         for key, value in made["metrics"].items()
         if isinstance(value, (int, float))
     )
     found = f" The simulated print has {values} there." if values else ""
+    pressure = made["pressure_pa"]
+    to = "" if pressure is None else f" to {pressure / 1e3:.3g} kPa"
     return (
-        f"<p>{close}Inflate it slowly to {pressure / 1e3:.3g} kPa, behind a shield, and look for open "
-        f"seams.{found}</p>"
+        f"<p>Sew the rest of {' and of '.join(closing)} around the tube. Inflate it slowly{to}, "
+        f"behind a shield, and look for open seams.{found}</p>"
     )
 
 

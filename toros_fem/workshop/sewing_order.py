@@ -37,9 +37,10 @@ def sewing_order(
 ) -> list[SewingStep]:
     """Return the seams of a pattern in an order of work, body by body.
 
-    Darts come first, while a panel lies flat. Seams that join pieces follow, the longest first, then
-    those that join edges of one piece. Rings come after them, since a ring's edge is whole only once
-    all seams that end at it are sewn. The last seam of a body leaves an opening for the bladder.
+    Darts come first, while a panel lies flat. Seams that join pieces follow, the longest first,
+    then those that join edges of one piece. Rings come after them, since a ring's edge is whole
+    only once all seams that end at it are sewn. The last seam of a body leaves an opening for the
+    bladder.
 
     Args:
         pattern: The pattern.

@@ -17,8 +17,8 @@ from toros_fem.manufacture.placement import Placement, nest
 class Layout:
     """Places of all panels on the printer's beds and on the sheets of fabric.
 
-    The fabric is stretched over the bed, printed, and cut afterwards. On a sheet larger than the bed
-    several beds lie beside each other in a grid, and the fabric is moved on between two prints.
+    The fabric is stretched over the bed, printed, and cut afterwards. On a sheet larger than the
+    bed several beds lie beside each other in a grid, and the fabric is moved on between two prints.
 
     Attributes:
         drawings: The panels in their own coordinates.
