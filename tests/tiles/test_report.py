@@ -59,6 +59,11 @@ def test_files(comm: MPI.Comm, tmp_path: Path) -> None:
         assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
     assert (folder / "tile.vtu").exists()
     assert (folder / "pattern.svg").exists()
+    manifest = json.loads((folder / "manufacture" / "manufacture.json").read_text("utf-8"))
+    area = sum(region.area for region in result.printed.regions)
+    assert manifest["print"]["print_area_mm2"] == pytest.approx(25 * 1e6 * area, rel=1e-6)
+    assert manifest["options"]["layer_height"] == made.composite.reinforcement.thickness
+    assert manifest["seams"] == manifest["sewing"] == []
 
 
 def test_failed_print(comm: MPI.Comm, tmp_path: Path) -> None:

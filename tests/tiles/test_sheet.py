@@ -10,7 +10,13 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.scenes import tile_sheet as demo
-from toros_fem.tiles.sheet import print_layout, region_of_triangles, remesh, tile_sheet
+from toros_fem.tiles.sheet import (
+    print_layout,
+    region_of_triangles,
+    remesh,
+    swatch,
+    tile_sheet,
+)
 
 SIZE = 0.01
 STRAIN = 0.1
@@ -54,6 +60,19 @@ def test_print_is_continuous_across_tiles(comm: MPI.Comm, name: str) -> None:
     assert print_layout([sheet], np.zeros_like(made.printed), 0.0)[1][0].is_empty
     with pytest.raises(errors.ParameterError, match="margin = -0.01"):
         print_layout([sheet], made.printed, -0.01)
+
+
+def test_swatch_is_large_enough_to_clamp(comm: MPI.Comm) -> None:
+    made = printed_tile(comm)
+    mesh = made.tile(comm)
+    region = region_of_triangles(mesh.pattern.corners[made.printed])
+    cloth, printed = swatch(mesh, region, made.printed)
+    counts = np.ceil(0.05 / np.array(made.size))
+    assert printed.area == pytest.approx(counts.prod() * region.area, rel=1e-6)
+    assert np.ptp(cloth.flat_points, axis=0) == pytest.approx(counts * made.size + [0.04, 0])
+    low, high = np.reshape(printed.bounds, (2, 2))
+    assert low[0] >= 0.02 - 1e-9
+    assert high[0] <= 0.02 + counts[0] * made.size[0] + 1e-9
 
 
 def test_lines_of_neighbouring_tiles_are_joined(comm: MPI.Comm) -> None:

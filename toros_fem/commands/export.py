@@ -118,10 +118,11 @@ COMMAND = Command(
     "export",
     "writes the files for printer and cutter again",
     "From the print that a design stores (print.npz): print_1.3mf and .stl for the printer's bed,\n"
-    "cut_1.svg and .dxf for the cutter, and so on for each bed and sheet; manufacture.json with all\n"
-    "of their content, and make_it.html, the page that shows how to make the skin. The print is as\n"
-    "high as the design takes it to be, unless --layer-height says otherwise. Also pattern.svg,\n"
-    "pattern.npz, pattern.png, and manufacture.png with islands, narrow lines and gaps.",
+    "cut_1.svg and .dxf for the cutter, and so on for each bed and sheet; bladder.svg and .dxf;\n"
+    "manufacture.json with all of their content; and make_it.html, which shows how to make the\n"
+    "skin. The print is as high as the design takes it to be, unless --layer-height says\n"
+    "otherwise. Also pattern.svg, pattern.npz, pattern.png, and manufacture.png with islands,\n"
+    "narrow lines and gaps.",
     (
         "toros export run",
         "toros export run --bed-width 0.3 --bed-depth 0.3 --seam-allowance 7e-3",

@@ -36,9 +36,9 @@ def write_tile_results(
     config: Config | None = None,
     seconds: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
-    """Write summary, pattern, tile.npz, fields, pictures and machine files of a design (collective).
+    """Write summary, pattern, tile.npz, fields and pictures of a design (collective).
 
-    The machine files are those of a swatch of 5 cm × 5 cm, by `swatch`.
+    In the folder "manufacture" are the machine files of a swatch of 5 cm × 5 cm.
 
     Args:
         comm: Communicator of the whole run.

@@ -57,7 +57,8 @@ def _needs(made: Mapping[str, Any]) -> list[tuple[str, str]]:
         ),
         (
             "print",
-            f"{printed['print_area_mm2'] / 100:.1f} cm², {1e3 * options['layer_height']:g} mm high: "
+            f"{printed['print_area_mm2'] / 100:.1f} cm², "
+            f"{1e3 * options['layer_height']:g} mm high: "
             f"{printed['print_volume_mm3'] / 1e3:.2f} cm³, {printed['print_mass_g']:.2f} g",
         ),
         ("seams", _seam_count(made)),
@@ -155,14 +156,16 @@ def _insert(made: Mapping[str, Any], film: Layout | None) -> str:
     weld = ""
     if film is not None:
         weld = (
-            "<p>Cut the sheets of film, lay them on each other, and weld them along the dashed lines, edges "
-            "with the same number together. The end of the tab stays open for the tube.</p>"
+            "<p>Cut the sheets of film, lay them on each other, and weld them along the dashed "
+            "lines, edges with the same number together. The end of the tab stays open for the "
+            "tube.</p>"
             f'<figure class="to-cut">{sheet_picture(film.sheets[0], film.sheet, "bladder")}'
             f"<figcaption>{_names(made, 'bladder')}</figcaption></figure>"
         )
     return (
         f"{weld}<p>Turn the skin right side out. Fold the bladder, push it in through the opening "
-        f"({openings}) and spread it, without a twist. Its tab and tube leave through the opening.</p>"
+        f"({openings}) and spread it, without a twist. Its tab and tube leave through the opening."
+        "</p>"
     )
 
 
