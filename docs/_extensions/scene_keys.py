@@ -9,6 +9,7 @@ from docutils.statemachine import StringList
 from sphinx.util.docutils import SphinxDirective
 from sphinx.util.nodes import nested_parse_with_titles
 
+from toros_fem.scene_files.materials import KIND_OF, TABLE, roles_of
 from toros_fem.scene_files.sections import TITLES, sections_of
 from toros_fem.scene_files.writing import description
 from toros_fem.scenes.kinds import KINDS, Kind
@@ -32,6 +33,8 @@ def page_of(kind: Kind) -> list[str]:
     for section, keys in sections_of(kind.name, kind.config).items():
         lines += [f"**[{section}]** {TITLES[section]}", "", "| key | meaning | default |"]
         lines.append("|---|---|---|")
+        for role in roles_of(kind.config) if section == TABLE else ():
+            lines.append(f"| `{role}` | name of a {KIND_OF[role]}, for its numbers | none |")
         for key in keys:
             spec = kind.config.quantity(key)
             meaning = f"{spec.meaning}; {spec.bounds}" if spec.bounds else spec.meaning

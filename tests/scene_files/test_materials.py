@@ -209,4 +209,5 @@ def test_written_scene_has_the_numbers_and_says_the_names(tmp_path: Path) -> Non
     again = scene(tmp_path, text.partition('kind = "bend"\n')[2])
     assert again.config == found.config
     assert again.materials == {}
-    assert '# reinforcement = "tpu-95a"' in scene_text(found.kind)
+    assert 'reinforcement = "tpu-95a", bladder = ' in scene_text(found.kind).replace("\n# ", " ")
+    assert "dragon-skin" not in scene_text(KINDS["tile"])

@@ -10,7 +10,7 @@ from pathlib import Path
 from toros_fem.config import Config
 from toros_fem.errors import ParameterError
 from toros_fem.library import LibraryMaterial
-from toros_fem.scene_files.materials import TABLE
+from toros_fem.scene_files.materials import TABLE, roles_of
 from toros_fem.scene_files.sections import SHOWN, TITLES, sections_of
 from toros_fem.scenes.kinds import Kind
 from toros_fem.toml_files.values import quoted, written_value
@@ -22,10 +22,7 @@ and in per cent where the text says so. "none" leaves a thing out. A key behind 
 value: take the # away to change it. Paths are relative to this file."""
 
 
-BY_NAME = """\
-Materials may also come by name, in the place of these numbers: fabric = "jersey-light",
-reinforcement = "tpu-95a", bladder = "dragon-skin-20". `toros materials` lists them. A file of your
-own is named by materials = "my_materials.toml" in the table [files]."""
+EXAMPLES = {"fabric": "jersey-light", "reinforcement": "tpu-95a", "bladder": "dragon-skin-20"}
 
 
 def scene_text(
@@ -70,7 +67,7 @@ def scene_text(
     for section, names in sections_of(kind.name, config).items():
         lines += ["", *_comment(TITLES[section]), f"[{section}]"]
         if section == TABLE:
-            lines += _materials(materials or {})
+            lines += _materials(config, materials or {})
         for name in names:
             value, default = getattr(config, name), getattr(kind.config, name)
             hidden = section not in SHOWN and value == default
@@ -90,10 +87,15 @@ def scene_text(
     return "\n".join(lines) + "\n"
 
 
-def _materials(materials: Mapping[str, LibraryMaterial]) -> list[str]:
+def _materials(config: Config, materials: Mapping[str, LibraryMaterial]) -> list[str]:
     """Return comments on names of materials: those that numbers come from, or how to name any."""
     if not materials:
-        return _comment(BY_NAME)
+        names = ", ".join(f"{role} = {quoted(EXAMPLES[role])}" for role in roles_of(config))
+        return _comment(
+            f"Materials may also come by name, in the place of these numbers: {names}. `toros "
+            "materials` lists them. A file of your own is named by materials = "
+            '"my_materials.toml" in the table [files].'
+        )
     lines = _comment("The numbers were those of these materials:")
     for role, entry in materials.items():
         low, high = entry.stretch_range
