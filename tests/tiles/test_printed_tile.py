@@ -38,6 +38,12 @@ def test_the_knit_is_kept(comm: MPI.Comm, tmp_path: Path) -> None:
         write_tile(folder, knitted)
     comm.barrier()
     assert read_tile(comm, folder).composite == knitted.composite
+    own = replace(made.composite, reinforcement=replace(made.composite.reinforcement, c1=1.1))
+    bounded = replace(made, composite=own)
+    if comm.rank == 0:
+        write_tile(folder, bounded)
+    comm.barrier()
+    assert read_tile(comm, folder).composite == own
     by_panel = replace(made.composite, knit=Knit(3.0, {"tile": 0.4}))
     with pytest.raises(errors.ParameterError, match="the grain of its knit must be one angle"):
         replace(made, composite=by_panel)

@@ -1,5 +1,7 @@
 """Profiles of tiles: exact sheets, copies and symmetries, effective tensors, parallel runs."""
 
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -25,11 +27,13 @@ from helpers.tiles import (
     random_step,
     rotated,
     solver_of,
+    stress_law,
     stripes,
     table_composite,
     tile_of,
 )
 from mpi4py import MPI
+from scipy.optimize import brentq
 
 from toros_fem._mpi import dot
 from toros_fem.density.field import random_density
@@ -161,7 +165,78 @@ def oblique() -> tuple[Tile, np.ndarray]:
     return found, stripes(found, 4, 1, diagonal=True)
 
 
-@pytest.mark.parametrize("composite", [table_composite(), Composite()], ids=["A", "default"])
+# Stripes that hardly stretch between soft ones.
+NARROW = Composite(
+    replace(A, c1=1.9, c2=2.4), replace(A, young=10 * A.young, c1=1.05, c2=1.06), bending=None
+)
+
+MIXED = replace(NARROW, reinforcement=replace(NARROW.reinforcement, c1=1.3, c2=1.5))
+
+
+def pull_of_stripes(composite: Composite, fraction: float, stretch: float) -> tuple[float, float]:
+    """Nominal stress of stripes pulled along and across them, by roots of scalar functions."""
+    phases = (
+        (composite.reinforcement, composite.reinforcement_bounds),
+        (composite.fabric, composite.fabric_bounds),
+    )
+
+    def law(k: int, one: float, two: float) -> np.ndarray:
+        return np.diag(stress_law(np.diag([one, two]), phases[k][0], *phases[k][1]))
+
+    def root(f: Callable[[float], float], low: float, high: float) -> float:
+        return float(brentq(f, low, high, xtol=1e-15, rtol=1e-15))
+
+    weights = np.array([fraction, 1 - fraction])
+    c1, c2 = zip(*(bounds for _, bounds in phases), strict=True)
+    along = 0.0
+    if stretch < min(c1):
+        for k, weight in enumerate(weights):
+            low, high = max(2 - c1[k], 3 - c2[k] - stretch), min(c1[k], 1 + c2[k] - stretch)
+            free = root(lambda y, k=k: law(k, stretch, y)[1], low + 1e-9, high - 1e-9)  # type: ignore[misc]
+            along += weight * law(k, stretch, free)[0]
+
+    def series(lateral: float) -> tuple[np.ndarray, np.ndarray]:
+        """Both stress states at a common lateral stretch."""
+        soft = lambda hard: (stretch - fraction * hard) / (1 - fraction)  # noqa: E731
+        low = max(2 - c1[0], 3 - c2[0] - lateral, (stretch - (1 - fraction) * c1[1]) / fraction)
+        high = min(c1[0], 1 + c2[0] - lateral)
+        hard = root(
+            lambda x: law(0, x, lateral)[0] - law(1, soft(x), lateral)[0], low + 1e-9, high - 1e-9
+        )
+        return law(0, hard, lateral), law(1, soft(hard), lateral)
+
+    def lateral_force(lateral: float) -> float:
+        return float(weights @ [stress[1] for stress in series(lateral)])
+
+    lateral = root(lateral_force, 1 - 0.9 * (c1[0] - 1), 1 + 0.5 * (c1[0] - 1))
+    return along, float(series(lateral)[0][0])
+
+
+@pytest.mark.parametrize("fraction", [0.25, 0.5])
+def test_stripes_of_two_bounds(fraction: float) -> None:
+    """Stripes with bounds of their own, also where the stiff ones are at theirs."""
+    found = tile_of(4, shape=(0.75, 1.0))
+    solver, density = solver_of(found, NARROW), stripes(found, 4, round(4 * fraction))
+    most, use = 1 + (1 - fraction) * 0.9 + fraction * 0.05, []
+    # The mean of the bounds limits what is pulled across.
+    for stretch in (1.01, 1.045, 1.2, most - 0.05):
+        along, across = pull_of_stripes(NARROW, fraction, stretch)
+        found_across = profile_of(solver, density, stretch - 1, np.array([np.pi / 2]))
+        assert found_across.stress == pytest.approx([across], rel=1e-9)
+        assert found_across.state[0] is not None
+        use.append(found_across.state[0].stretch_use)
+        if along:
+            found_along = profile_of(solver, density, stretch - 1, np.array([0.0]))
+            assert found_along.stress == pytest.approx([along], rel=1e-9)
+    assert max(use) > 0.9
+    with pytest.raises(NoEquilibriumError, match=r"c2 = 2.4 of the fabric, c1 = 1.05, c2 = 1.06"):
+        gradient = np.array([[1.06, 0], [0, 1], [0, 0]])
+        solver.solve(owned(solver, density), 0.0, gradient, allow_continuation=False)
+
+
+@pytest.mark.parametrize(
+    "composite", [table_composite(), Composite(), MIXED], ids=["A", "default", "two bounds"]
+)
 def test_stripes_in_every_direction(composite: Composite) -> None:
     """Laminates shear when pulled at an angle to their stripes: no symmetry helps here."""
     found, density = oblique()
