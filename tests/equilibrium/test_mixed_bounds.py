@@ -76,6 +76,12 @@ def test_a_start_outside_narrower_bounds_is_taken_inside(tube: Skin) -> None:
         solver.solve(density, 5e3, start=3 * solver.model.assembled)
 
 
+def test_a_print_that_stretches_further_is_odd(tube: Skin) -> None:
+    wide = Composite(reinforcement=replace(SOFT, c1=2.5), bending=None)
+    with pytest.warns(errors.MaterialWarning, match="stretches no further than without"):
+        EquilibriumSolver(tube, wide, clamp(tube.pattern, ["base"]))
+
+
 def test_failures_state_both_bounds(tube: Skin, solver: EquilibriumSolver) -> None:
     failed = solver.solve(
         np.zeros(len(tube.owned_cells)), 1e9, trial=True, raise_on_failure=False

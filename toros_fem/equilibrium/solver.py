@@ -744,3 +744,11 @@ def _warn_of_odd_sheets(skin: Skin, composite: Composite) -> None:
             "N/m: a print would weaken it. Are the two exchanged?",
             MaterialWarning,
         )
+    if composite.widest_bounds != composite.fabric_bounds:
+        warn_together(
+            skin.comm,
+            f"the stretch bounds are {composite.stated_bounds}: fabric with a print on it "
+            "stretches no further than without. Give the reinforcement narrower bounds, or none "
+            "of its own.",
+            MaterialWarning,
+        )
