@@ -335,7 +335,8 @@ class Composite:
     def stated_bounds(self) -> str:
         """The stretch bounds as text, for messages."""
         fabric, printed = (
-            f"c1 = {c1:g}, c2 = {c2:g}" for c1, c2 in (self.fabric_bounds, self.reinforcement_bounds)
+            f"c1 = {c1:g}, c2 = {c2:g}"
+            for c1, c2 in (self.fabric_bounds, self.reinforcement_bounds)
         )
         return fabric if self.shares_bounds else f"{fabric} of the fabric, {printed} of the print"
 

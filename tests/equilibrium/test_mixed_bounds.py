@@ -83,9 +83,7 @@ def test_a_print_that_stretches_further_is_odd(tube: Skin) -> None:
 
 
 def test_failures_state_both_bounds(tube: Skin, solver: EquilibriumSolver) -> None:
-    failed = solver.solve(
-        np.zeros(len(tube.owned_cells)), 1e9, trial=True, raise_on_failure=False
-    )
+    failed = solver.solve(np.zeros(len(tube.owned_cells)), 1e9, trial=True, raise_on_failure=False)
     assert not failed.converged
     assert "(c1 = 1.9, c2 = 2.6 of the fabric, c1 = 1.05, c2 = 2.6 of the print)" in failed.reason
 

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from helpers.models import affine, automatic_tangent, bent_tube, drawn, pressurize, sheet_model
-from helpers.models import upper_rows
+from helpers.models import (
+    affine,
+    automatic_tangent,
+    bent_tube,
+    drawn,
+    pressurize,
+    sheet_model,
+    upper_rows,
+)
 from helpers.scenes import taylor_rates
 from mpi4py import MPI
 from scipy.sparse import csr_matrix, triu

@@ -229,8 +229,8 @@ def test_stripes_of_two_bounds(fraction: float) -> None:
             found_along = profile_of(solver, density, stretch - 1, np.array([0.0]))
             assert found_along.stress == pytest.approx([along], rel=1e-9)
     assert max(use) > 0.9
+    gradient = np.array([[1.06, 0], [0, 1], [0, 0]])
     with pytest.raises(NoEquilibriumError, match=r"c2 = 2.4 of the fabric, c1 = 1.05, c2 = 1.06"):
-        gradient = np.array([[1.06, 0], [0, 1], [0, 0]])
         solver.solve(owned(solver, density), 0.0, gradient, allow_continuation=False)
 
 

@@ -76,7 +76,8 @@ class StretchBounds:
     def _use(self, F: Floats, room: Floats | None = None) -> Floats:
         """Fraction of the admissible range that each triangle uses: < 1 inside, ≥ 1 outside."""
         strains, collapsed = self._strains(F)
-        return np.where(collapsed, np.inf, (strains / (self._room if room is None else room)).max(0))
+        used = strains / (self._room if room is None else room)
+        return np.where(collapsed, np.inf, used.max(axis=0))
 
     def worst(self, corners: Floats) -> float:
         """Return the largest fraction of the bounds that any triangle uses: < 1 means feasible."""
@@ -142,9 +143,7 @@ class MixedBounds(StretchBounds):
         super().__init__(domain.comm, flat, *composite.widest_bounds, wrinkles=wrinkles)
         self._density, self._widest = density, self._room
         self._place = space.dofmap.list[: len(flat), 0]  # of each triangle among owned values
-        self._ends = list(
-            zip(composite.fabric_bounds, composite.reinforcement_bounds, strict=True)
-        )
+        self._ends = list(zip(composite.fabric_bounds, composite.reinforcement_bounds, strict=True))
         self._slack = [fem.Function(space) if one != two else None for one, two in self._ends]
         self._change = [fem.Function(space) for _ in self._ends]
         self.update()
