@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from toros_fem._validate import (
     is_number,
@@ -26,7 +27,7 @@ def _store_floats(record: object, *names: str) -> None:
         object.__setattr__(record, name, float(getattr(record, name)))
 
 
-def _require_bound(owner: str, name: str, value: object) -> None:
+def _require_bound(owner: str, name: str, value: Any) -> None:
     """Check a stretch bound c₁ or c₂ of eq. (1).
 
     Raises:

@@ -98,7 +98,7 @@ def test_taylor_of_the_whole_chain(tube: Skin, solver: EquilibriumSolver, comm: 
     assert base.gradient is not None
     state = base.equilibrium.state
     direction = np.random.default_rng(9).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
-    slope = total(comm, base.gradient @ direction)
+    slope = total(comm, float(base.gradient @ direction))
     change = problem.projection.backward(
         base.filtered, problem.filter.forward(direction * problem.designed)
     )

@@ -72,9 +72,9 @@ def test_sensitivity_to_the_density(model: SkinModel) -> None:
 
     def work(step: float) -> float:
         model.set_density(density + step * change)
-        return total(comm, model.residual(state) @ adjoint)
+        return total(comm, float(model.residual(state) @ adjoint))
 
-    slope = total(comm, model.density_sensitivity(state, adjoint) @ change)
+    slope = total(comm, float(model.density_sensitivity(state, adjoint) @ change))
     rates = taylor_rates(work, slope, 1e-2)
     model.set_density(density)
     assert rates == pytest.approx(2, abs=0.1)
@@ -123,7 +123,7 @@ def test_print_stiffens_at_every_stretch(comm: MPI.Comm) -> None:
 def test_each_triangle_has_bounds_of_its_own(comm: MPI.Comm) -> None:
     model = sheet_model(comm, FLAT)
     cells, count = model.skin.owned_cells, len(model.skin.pattern.panel)
-    density = np.linspace(0, 1, count)
+    density: np.ndarray = np.linspace(0.0, 1.0, count)
     model.set_density(density[cells])
     bounds = model.bounds
     assert isinstance(bounds, MixedBounds)
@@ -167,7 +167,7 @@ def test_shared_bounds_compile_the_usual_forms(comm: MPI.Comm) -> None:
         model.set_density(np.full(len(model.skin.owned_cells), 0.3))
         results.append(model.residual(affine(model, np.diag([1.2, 0.9, 0])[:, :2])))
         assert not model.loosen_bounds(affine(model, np.diag([3.0, 3.0, 0])[:, :2]))
-    assert np.array_equal(*results)
+    assert np.array_equal(results[0], results[1])
 
 
 def test_bounds_are_narrowed_along_a_predicted_motion(comm: MPI.Comm) -> None:
@@ -181,7 +181,7 @@ def test_bounds_are_narrowed_along_a_predicted_motion(comm: MPI.Comm) -> None:
     # The way from the bound 2 to 1.27 stays outside but for its first part.
     assert np.array_equal(still, state)
     changed = model.residual(state) - before
-    cosine = total(comm, push @ changed) / (norm(comm, push) * norm(comm, changed))
+    cosine = total(comm, float(push @ changed)) / (norm(comm, push) * norm(comm, changed))
     assert cosine > 0.99
     assert model.loosened
     inside = affine(model, np.array([[1.1, 0], [0, 1.0], [0, 0]]))
