@@ -7,11 +7,14 @@ import numpy as np
 import pytest
 import shapely
 from helpers.panels import CLOSED, KINDS, pattern_of, striped
+from mpi4py import MPI
 from shapely.geometry import LineString, Polygon
 
 from toros_fem.errors import PanelError
+from toros_fem.fabrication.contours import panel_outline
 from toros_fem.manufacture import ManufactureOptions, PanelDrawing, panel_drawings, sewn_seams
 from toros_fem.manufacture.marks import notch_arcs
+from toros_fem.meshes import cylinder
 
 OPTIONS = ManufactureOptions()
 ALLOWANCE = 5e-3
@@ -102,7 +105,7 @@ def test_numbers_stand_on_both_edges(kind: str) -> None:
     for drawing in drawings:
         texts = [label.text for label in drawing.labels]
         assert drawing.name in texts
-        assert "outside up" in texts
+        assert {"outside up", "up"} & set(texts)
         for seam in drawing.seams:
             assert texts.count(str(seam.number)) >= sum(
                 s.number == seam.number for s in drawing.seams
@@ -149,7 +152,10 @@ def test_moved_drawings_keep_their_lengths() -> None:
     assert moved.cut.area == pytest.approx(drawing.cut.area, rel=1e-12)
     x, y = drawing.notches.reshape(-1, 2).T
     assert moved.notches.reshape(-1, 2) == pytest.approx(np.column_stack([0.1 - y, 0.2 + x]))
-    assert moved.labels[0].angle == pytest.approx(drawing.labels[0].angle + np.pi / 2)
+    for one, other in zip(moved.labels, drawing.labels, strict=True):
+        assert np.sin(2 * (one.angle - other.angle)) == pytest.approx(0, abs=1e-9)
+        assert -np.pi / 2 < one.angle < 1.6  # still upright
+        assert one.height == other.height
     assert moved.footprint.area == pytest.approx(drawing.footprint.area, rel=1e-12)
     for one, other in zip(moved.marks, drawing.marks, strict=True):
         sizes = [LineString(line).length for line in (one, other)]
@@ -172,3 +178,13 @@ def test_without_allowance_the_cut_is_the_seam_line() -> None:
 def test_one_region_for_each_panel() -> None:
     with pytest.raises(PanelError, match="1 regions for 2 panels"):
         panel_drawings(pattern_of("finger"), [Polygon()])
+
+
+def test_a_fully_printed_panel_is_marked_beside_its_print(comm: MPI.Comm) -> None:
+    """The allowance of a cap of 20 mm has room for the shorter text only."""
+    pattern = cylinder(comm, 0.06, 0.02, 4e-3)
+    regions = [panel_outline(pattern, panel) for panel in range(3)]
+    for drawing in panel_drawings(pattern, regions)[1:]:
+        assert {"up", drawing.name} <= {label.text for label in drawing.labels}
+        for label in drawing.labels:
+            assert label.frame.intersection(drawing.printed).area < 1e-12

@@ -12,7 +12,7 @@ from toros_fem.meshes import moulded
 
 
 def points(array: np.ndarray) -> list[tuple[float, ...]]:
-    return [tuple(point) for point in array.tolist()]
+    return [(x, y) for x, y in array.tolist()]
 
 
 @pytest.mark.parametrize("kind", KINDS)

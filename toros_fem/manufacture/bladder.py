@@ -82,7 +82,7 @@ def bladder_drawings(
     drawings = []
     for k, name in enumerate(sheets.names):
         edges = [(w, side) for w in sheets.welds for side in (0, 1) if w.panels[side] == k]
-        drawing = drawing_of((name,), sheets.outlines[k], EMPTY, edges, sheets.names, plain)
+        drawing = drawing_of([(name,)], sheets.outlines[k], EMPTY, edges, sheets.names, plain)
         drawings.append(replace(drawing, crosses=np.empty((0, 2))))
     if options.connector_width is None:
         return drawings
@@ -166,7 +166,7 @@ def _best_place(
     The tab should have its whole width there; both edges should have the same curve, as straight
     ones do, so that tabs on both fit together; and the place should be near to a point.
     """
-    arc = np.linspace(0, weld.length, TRIED)[1:-1]
+    arc: Floats = np.linspace(0, weld.length, TRIED)[1:-1].astype(np.float64)
     unlike = np.zeros(len(arc))
     for step in np.linspace(-reach, reach, 9):
         out = [

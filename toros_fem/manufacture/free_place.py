@@ -27,15 +27,16 @@ def rectangles(centres: Floats, size: Size, angle: float | Floats) -> np.ndarray
 
 def free_place(
     places: Sequence[BaseGeometry], sizes: Sequence[Size], angle: float
-) -> tuple[Floats, Size]:
-    """Return where a rectangle lies in the first region that has room for it, and its size.
-
-    Without room anywhere the smallest lies at the centre of the last region.
+) -> tuple[Floats, Size] | None:
+    """Return where a rectangle fits into the first region that has room for it, and its size.
 
     Args:
         places: Regions, the best first, in m.
         sizes: Lengths and widths in m, the best first.
         angle: Direction of the length in rad.
+
+    Returns:
+        Centre (2,) and size; None without room anywhere.
     """
     for place in places:
         if place.is_empty:
@@ -55,4 +56,4 @@ def free_place(
             fits = shapely.contains(place, rectangles(centres, size, angle))
             if fits.any():
                 return centres[int(np.argmax(fits))], size
-    return shapely.get_coordinates(places[-1].representative_point())[0], sizes[-1]
+    return None

@@ -117,11 +117,12 @@ def grain_arrow(places: Sequence[BaseGeometry], angle: float) -> list[Floats]:
     """Return the arrow along the grain as lines, (n, 2) in m each: its shaft, and its head.
 
     Args:
-        places: Regions it may lie in, the best first.
+        places: Regions it may lie in, the best first; without room it lies across the last one.
         angle: Direction in rad.
     """
     sizes = [(length, max(2 * BARB * length, 2e-3)) for length in ARROWS]
-    centre, (length, _) = free_place(places, sizes, angle)
+    middle = shapely.get_coordinates(places[-1].representative_point())[0]
+    centre, (length, _) = free_place(places, sizes, angle) or (middle, sizes[-1])
     along = np.array([np.cos(angle), np.sin(angle)])
     aside = np.array([-along[1], along[0]])
     tail, tip = centre - along * length / 2, centre + along * length / 2

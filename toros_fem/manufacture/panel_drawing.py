@@ -16,7 +16,7 @@ from toros_fem.fabrication.contours import panel_outline
 from toros_fem.manufacture.allowance import cut_outline
 from toros_fem.manufacture.marks import CLEAR, cross_shapes, crosses, grain_arrow, notches
 from toros_fem.manufacture.options import ALL, ManufactureOptions
-from toros_fem.manufacture.panel_labels import Label, edge_labels, panel_label
+from toros_fem.manufacture.panel_labels import Label, edge_labels, panel_label, upright
 from toros_fem.manufacture.seam_lines import SewnSeam, sewn_seams
 from toros_fem.meshes.pattern import Pattern
 
@@ -79,6 +79,8 @@ class PanelDrawing:
     def moved(self, angle: float, offset: Floats) -> PanelDrawing:
         """Return the drawing turned by an angle in rad about the origin, and then moved.
 
+        Texts that would stand upside down are turned by half a turn.
+
         Args:
             angle: Angle in rad, counter-clockwise.
             offset: Translation after the turn, (2,), in m.
@@ -102,7 +104,11 @@ class PanelDrawing:
             grain=tuple(points(line) for line in self.grain),
             crosses=points(self.crosses),
             labels=tuple(
-                replace(label, place=points(label.place), angle=label.angle + angle)
+                replace(
+                    label,
+                    place=points(label.place),
+                    angle=float(upright(label.angle + angle)),
+                )
                 for label in self.labels
             ),
         )
@@ -133,7 +139,7 @@ def panel_drawings(
     seams = sewn_seams(pattern)
     return [
         drawing_of(
-            (name, f"{options.print_side} up"),
+            [(name,), (f"{options.print_side} up", "up")],
             panel_outline(pattern, panel),
             regions[panel],
             [(seam, side) for seam in seams for side in (0, 1) if seam.panels[side] == panel],
@@ -145,7 +151,7 @@ def panel_drawings(
 
 
 def drawing_of(
-    texts: Sequence[str],
+    texts: Sequence[Sequence[str]],
     outline: BaseGeometry,
     printed: BaseGeometry,
     edges: Sequence[tuple[SewnSeam, int]],
@@ -155,7 +161,7 @@ def drawing_of(
     """Return the drawing of one panel.
 
     Args:
-        texts: What is written on it: its name, and more.
+        texts: What is written on it, its name first; of each the best, then shorter ones.
         outline: Its seam line.
         printed: Its print.
         edges: Its seams, and which side of them it is.
@@ -195,14 +201,14 @@ def drawing_of(
         if allowance is not None:
             add(edge_labels(str(seam.number), line, outward, band.difference(taken), allowance))
     for text in texts:
-        others = [fabric.difference(taken), outline.difference(taken), outline]
-        add([panel_label(text, borders, band.difference(taken), others, allowance)])
+        free = band.difference(taken), fabric.difference(taken), outline
+        add([panel_label(text, borders, *free, allowance)])
     arrow: list[Floats] = []
     if options.drawn_grain is not None:
         places = [region.difference(taken) for region in (band, fabric, outline)]
         arrow = grain_arrow(places, options.drawn_grain)
     return PanelDrawing(
-        name=texts[0],
+        name=texts[0][0],
         outline=outline,
         cut=cut,
         printed=printed,

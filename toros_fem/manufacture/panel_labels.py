@@ -19,7 +19,7 @@ HEIGHTS = (0.55, 0.45, 0.35)
 ELSEWHERE = (4e-3, 3e-3, 2e-3, 1.5e-3)
 # Largest distance in m of the numbers along one seam.
 DISTANCE = 80e-3
-# Steepest direction of writing downwards, in rad.
+# Steepest direction of writing downwards, in rad: a small tilt shall not turn a text.
 TILT = np.radians(89.0)
 # Number of places that are tried along a seam.
 TRIED = 200
@@ -82,30 +82,41 @@ def edge_labels(
 
 
 def panel_label(
-    text: str,
+    texts: Sequence[str],
     borders: Sequence[tuple[Floats, Floats]],
     band: BaseGeometry,
-    elsewhere: Sequence[BaseGeometry],
+    fabric: BaseGeometry,
+    panel: BaseGeometry,
     allowance: float | None,
 ) -> Label:
     """Return a text beside an edge of a panel, or inside of it where no edge is long enough.
 
     Args:
-        text: The text.
+        texts: The text, and shorter ones in its place, the best first.
         borders: Seam lines, and unit vectors from their edges outwards.
         band: The allowance, where nothing else is.
-        elsewhere: Other regions, the best first.
+        fabric: The fabric that is not printed, where nothing else is.
+        panel: The whole panel, where the shortest text stands if there is no other room.
         allowance: Width of the allowance in m; None without one.
     """
-    if allowance is not None and borders:
-        tried = [_beside(line, outward, allowance) for line, outward in borders]
-        places, angles = (np.concatenate([t[i] for t in tried]) for i in (0, 1))
-        label = _first(text, places, angles, band, allowance)
-        if label is not None:
-            return label
-    sizes = [text_size(text, height) for height in ELSEWHERE]
-    centre, size = free_place(elsewhere, sizes, 0.0)
-    return Label(text, centre, 0.0, size[1] / LINE)
+    for text in texts:
+        if allowance is not None and borders:
+            tried = [_beside(line, outward, allowance) for line, outward in borders]
+            places, angles = (np.concatenate([t[i] for t in tried]) for i in (0, 1))
+            label = _first(text, places, angles, band, allowance)
+            if label is not None:
+                return label
+        sizes = [text_size(text, height) for height in ELSEWHERE]
+        found = free_place([fabric], sizes, 0.0)
+        if found is not None:
+            return Label(text, found[0], 0.0, found[1][1] / LINE)
+    middle = shapely.get_coordinates(panel.representative_point())[0]
+    return Label(texts[-1], middle, 0.0, ELSEWHERE[-1])
+
+
+def upright(angle: Floats | float) -> Floats:
+    """Return the direction in rad in which a text along a line is read from below or the right."""
+    return np.asarray(np.mod(angle + TILT, np.pi) - TILT)
 
 
 def _beside(
@@ -120,9 +131,7 @@ def _beside(
     point = np.column_stack([np.interp(arc, ends, line[:, axis]) for axis in (0, 1)])
     along = np.diff(line, axis=0)[edge]
     angle = np.arctan2(along[:, 1], along[:, 0])
-    # Texts are read from below or from the right; a small tilt shall not turn them.
-    angle = np.mod(angle + TILT, np.pi) - TILT
-    return point + outward[edge] * allowance / 2, angle, arc, length
+    return point + outward[edge] * allowance / 2, upright(angle), arc, length
 
 
 def _first(
