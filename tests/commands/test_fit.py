@@ -10,6 +10,7 @@ from helpers.tensile_tests import JERSEY, synthetic
 from mpi4py import MPI
 
 from toros_fem.commands.main import run
+from toros_fem.library import read_library
 
 DATA = ROOT / "examples" / "stockinette.csv"
 FAST = ("--intervals", "hessian")
@@ -49,11 +50,27 @@ def test_report_of_a_jersey(
     comm.barrier()
 
 
+def test_entry_of_a_library(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder = shared(comm, tmp_path)
+    path, library = jersey_file(comm, folder), folder / "mine.toml"
+    words = ["fit", str(path), "--thickness", "0.5 mm", "--output", str(folder / "fit"), *FAST]
+    words += ["--name", "my-jersey", "--library", str(library), "--source", "three strips"]
+    assert run(comm, words) == 0
+    found = read_library(library)["my-jersey"]
+    assert found.material.young == pytest.approx(JERSEY.young, rel=0.1)
+    assert found.c1 is not None
+    assert 1.8 < found.c1 < 2.0
+    assert found.stretch_range == (1.0, pytest.approx(1.8))
+    assert (found.trust, found.source, found.kind) == ("measured", "three strips", "fabric")
+    assert "R² of the stress 0.99" in str(found.note)
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (("--thickness", "3 mm", "--direction", "z"), "directions 'x', 'y'"),
         (("--thickness", "3 kPa"), "a length is needed"),
+        (("--thickness", "3 mm", "--name", "a"), "belong together"),
         (("--thickness", "3 mm", "--unit", "force"), "must be COLUMN=UNIT"),
         (("--thickness", "3 mm", "--unit", "force=lb"), "known are N"),
         (("--thickness", "3 mm", "--loss", "none"), "must be one of"),

@@ -3,7 +3,7 @@
 from toros_fem.characterisation.fit import fit_material
 from toros_fem.characterisation.options import FitOptions
 from toros_fem.characterisation.reading import Given, read_tensile_tests
-from toros_fem.characterisation.report import fit_table, write_fit
+from toros_fem.characterisation.report import fit_table, library_entry, write_fit
 from toros_fem.characterisation.result import Estimate, FitResult
 from toros_fem.characterisation.tensile_test import TensileTest
 from toros_fem.characterisation.uniaxial import uniaxial_curve
@@ -16,6 +16,7 @@ __all__ = [
     "TensileTest",
     "fit_material",
     "fit_table",
+    "library_entry",
     "read_tensile_tests",
     "uniaxial_curve",
     "write_fit",

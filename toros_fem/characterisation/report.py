@@ -8,6 +8,8 @@ from pathlib import Path
 from mpi4py import MPI
 
 from toros_fem.characterisation.result import Estimate, FitResult
+from toros_fem.errors import MeasurementError
+from toros_fem.library.material import LibraryMaterial
 from toros_fem.output.files import write_json, write_table
 from toros_fem.output.writer import if_plotting, write_together
 
@@ -76,6 +78,59 @@ def write_fit(comm: MPI.Comm, folder: str | Path, result: FitResult) -> None:
         if_plotting(draw)
 
     write_together(comm, folder, write)
+
+
+def library_entry(
+    result: FitResult,
+    name: str,
+    *,
+    kind: str = "fabric",
+    with_fabric: bool = False,
+    title: str | None = None,
+    source: str | None = None,
+) -> LibraryMaterial:
+    """Return a fitted material as an entry of a library, for `library.write_material`.
+
+    Args:
+        result: The fit.
+        name: Name in scene files.
+        kind: "fabric" or "print".
+        with_fabric: Whether a print was tested together with its fabric.
+        title: What it is; None for the name.
+        source: Where the tests come from; None for their specimens.
+
+    Raises:
+        MeasurementError: No stretch is to be trusted.
+        ParameterError: Name, title or source are refused by the library.
+    """
+    if not result.trusted_to > 1:
+        raise MeasurementError(
+            "the fit is to be trusted nowhere: its mean residuals exceed 10 % from the start. Fit "
+            "fewer data by --up-to, or one direction by --direction."
+        )
+    rest = {} if result.knit is None else {"knit_ratio": result.knit.ratio}
+    unknown = [name for name, one in result.estimates.items() if not one.identified]
+    notes = [] if not unknown else [f"not identified: {', '.join(unknown)}"]
+    lateral = "none measured" if result.r2_lateral is None else f"{result.r2_lateral:.4f}"
+    notes.append(f"R² of the stress {result.r2_stress:.4f}, of the lateral stretch {lateral}")
+    tested = f"{len(result.specimens)} tensile tests: {', '.join(result.specimens)}"
+    sheet = result.material
+    return LibraryMaterial(
+        name=name,
+        kind=kind,
+        title=title or name,
+        young=sheet.young,
+        poisson=sheet.poisson,
+        thickness=sheet.thickness,
+        stretch_range=(1.0, result.trusted_to),
+        source=source or (tested if len(tested) < 200 else f"{tested[:199]}…"),
+        trust="measured",
+        c1=result.c1,
+        c2=result.c2,
+        with_fabric=with_fabric,
+        note="; ".join(notes),
+        **rest,
+    )
 
 
 def fit_rows(result: FitResult) -> Sequence[dict[str, object]]:

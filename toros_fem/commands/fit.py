@@ -13,10 +13,11 @@ from toros_fem.characterisation.columns import UNITS
 from toros_fem.characterisation.fit import fit_material
 from toros_fem.characterisation.options import FitOptions
 from toros_fem.characterisation.reading import Given, read_tensile_tests
-from toros_fem.characterisation.report import fit_table, write_fit
+from toros_fem.characterisation.report import fit_table, library_entry, write_fit
 from toros_fem.characterisation.result import FitResult
 from toros_fem.command_line.command import Answer, Command
 from toros_fem.command_line.scripts import UsageError, add_options
+from toros_fem.library.writing import write_material
 from toros_fem.units import read_quantity
 
 LENGTHS = ("thickness", "width", "gauge_length")
@@ -57,6 +58,28 @@ def _options(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="COLUMN=UNIT",
         help="unit of a column, 'force=N', as often as needed; default that in the header",
+    )
+    group = parser.add_argument_group("Entry of a file of materials")
+    group.add_argument(
+        "--name", default=None, metavar="NAME", help="name of the material; default no entry"
+    )
+    group.add_argument(
+        "--library",
+        type=Path,
+        default=None,
+        metavar="FILE",
+        help="file of materials, made if missing, in which NAME is added or replaced",
+    )
+    group.add_argument(
+        "--kind", choices=("fabric", "print"), default="fabric", help="what it is; default fabric"
+    )
+    group.add_argument(
+        "--with-fabric",
+        action="store_true",
+        help="a print was tested together with its fabric; default no",
+    )
+    group.add_argument(
+        "--source", default=None, metavar="TEXT", help="where it comes from; default the specimens"
     )
     add_options(parser, FitOptions())
 
@@ -99,10 +122,22 @@ def _fit(options: argparse.Namespace) -> FitResult:
 
 
 def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
+    if (given.name is None) != (given.library is None):
+        raise UsageError("--name and --library belong together: give both, or none.")
     result = on_first_rank(comm, lambda: _fit(given))
     write_fit(comm, given.output, result)
     text = f"{fit_table(result)}\nsee {given.output}/"
-    return Answer(text, {"folder": given.output, **result.summary()})
+    if given.name is not None:
+        on_first_rank(comm, lambda: _write_entry(result, given))
+        text += f"; {given.name} is in {given.library}"
+    return Answer(text, {"folder": given.output, "library": given.library, **result.summary()})
+
+
+def _write_entry(result: FitResult, given: argparse.Namespace) -> None:
+    entry = library_entry(
+        result, given.name, kind=given.kind, with_fabric=given.with_fabric, source=given.source
+    )
+    write_material(given.library, entry)
 
 
 COMMAND = Command(
@@ -110,9 +145,11 @@ COMMAND = Command(
     "fits a material to tensile tests",
     "CSV files of tensile tests give E, ν and the bounds c1 and c2 of eq. (1), with 95 %\n"
     "intervals. The header names the columns with their units: 'strain [%]', 'force [N]',\n"
-    "'lateral strain [%]'. The folder gets fit.txt, fit.json, fit.csv and fit.png.",
+    "'lateral strain [%]'. The folder gets fit.txt, fit.json, fit.csv and fit.png.\n"
+    "With a name and a file of materials, scenes can take the material by its name.",
     (
         "toros fit jersey.csv --thickness '0.5 mm'",
+        "toros fit jersey.csv --thickness '0.5 mm' --name my-jersey --library mine.toml",
         "toros fit course.csv wale.csv --width '25 mm' --thickness '0.5 mm' --output jersey",
     ),
     _options,
