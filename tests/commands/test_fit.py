@@ -65,12 +65,31 @@ def test_entry_of_a_library(comm: MPI.Comm, tmp_path: Path) -> None:
     assert "R² of the stress 0.99" in str(found.note)
 
 
+@pytest.mark.slow
+def test_clamped_strip(
+    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same forces from a strip whose clamps stiffen it are those of a softer material."""
+    folder = shared(comm, tmp_path)
+    path, young = jersey_file(comm, folder), []
+    words = ["fit", str(path), "--thickness", "0.5 mm", "--output", str(folder / "fit"), *FAST]
+    words += ["--up-to", "1.5", "--json"]
+    for more in ([], ["--clamped", "--gauge-length", "5 cm", "--width", "25 mm"]):
+        assert run(comm, [*words, *more]) == 0
+        found = capsys.readouterr().out
+        if comm.rank == 0:
+            young.append(json.loads(found)["estimates"]["young"]["value"])
+    if comm.rank == 0:
+        assert 0.9 * young[0] < young[1] < 0.99 * young[0]
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (("--thickness", "3 mm", "--direction", "z"), "directions 'x', 'y'"),
         (("--thickness", "3 kPa"), "a length is needed"),
         (("--thickness", "3 mm", "--name", "a"), "belong together"),
+        (("--thickness", "3 mm", "--clamped", "--width", "1 cm"), "--clamped needs"),
         (("--thickness", "3 mm", "--unit", "force"), "must be COLUMN=UNIT"),
         (("--thickness", "3 mm", "--unit", "force=lb"), "known are N"),
         (("--thickness", "3 mm", "--loss", "none"), "must be one of"),

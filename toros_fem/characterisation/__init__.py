@@ -5,10 +5,12 @@ from toros_fem.characterisation.options import FitOptions
 from toros_fem.characterisation.reading import Given, read_tensile_tests
 from toros_fem.characterisation.report import fit_table, library_entry, write_fit
 from toros_fem.characterisation.result import Estimate, FitResult
+from toros_fem.characterisation.strip import ClampedStrip
 from toros_fem.characterisation.tensile_test import TensileTest
 from toros_fem.characterisation.uniaxial import uniaxial_curve
 
 __all__ = [
+    "ClampedStrip",
     "Estimate",
     "FitOptions",
     "FitResult",

@@ -15,6 +15,8 @@ from toros_fem.characterisation.options import FitOptions
 from toros_fem.characterisation.reading import Given, read_tensile_tests
 from toros_fem.characterisation.report import fit_table, library_entry, write_fit
 from toros_fem.characterisation.result import FitResult
+from toros_fem.characterisation.strip import ClampedStrip
+from toros_fem.characterisation.tensile_test import TensileTest
 from toros_fem.command_line.command import Answer, Command
 from toros_fem.command_line.scripts import UsageError, add_options
 from toros_fem.library.writing import write_material
@@ -58,6 +60,12 @@ def _options(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="COLUMN=UNIT",
         help="unit of a column, 'force=N', as often as needed; default that in the header",
+    )
+    group.add_argument(
+        "--clamped",
+        action="store_true",
+        help="simulate the strip between its clamps, which hold its width: the stretch is that of "
+        "their distance, --gauge-length; needs --width too; default no",
     )
     group = parser.add_argument_group("Entry of a file of materials")
     group.add_argument(
@@ -106,7 +114,7 @@ def _length(text: str | None) -> float | None:
         return read_quantity(text, "m")
 
 
-def _fit(options: argparse.Namespace) -> FitResult:
+def _read(options: argparse.Namespace) -> tuple[list[TensileTest], FitOptions]:
     given = _given(options)
     tests = read_tensile_tests(options.data, given)
     if options.direction is not None:
@@ -118,13 +126,23 @@ def _fit(options: argparse.Namespace) -> FitResult:
         tests = chosen
     values = vars(options)
     names = [entry.name for entry in fields(FitOptions) if entry.name in values]
-    return fit_material(tests, FitOptions(**{name: values[name] for name in names}))
+    return tests, FitOptions(**{name: values[name] for name in names})
+
+
+def _fit(comm: MPI.Comm, options: argparse.Namespace) -> FitResult:
+    tests, how = on_first_rank(comm, lambda: _read(options))
+    if not options.clamped:
+        return on_first_rank(comm, lambda: fit_material(tests, how))
+    length, width = _length(options.gauge_length), _length(options.width)
+    if length is None or width is None:
+        raise UsageError("--clamped needs --gauge-length, the clamps' distance, and --width.")
+    return fit_material(tests, how, ClampedStrip(comm, length, width))
 
 
 def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     if (given.name is None) != (given.library is None):
         raise UsageError("--name and --library belong together: give both, or none.")
-    result = on_first_rank(comm, lambda: _fit(given))
+    result = _fit(comm, given)
     write_fit(comm, given.output, result)
     text = f"{fit_table(result)}\nsee {given.output}/"
     if given.name is not None:

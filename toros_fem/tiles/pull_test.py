@@ -13,7 +13,7 @@ from toros_fem._types import Bools, Floats
 from toros_fem._validate import require_positive
 from toros_fem.equilibrium.newton import NewtonStep
 from toros_fem.equilibrium.options import NewtonOptions
-from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import ParameterError, PatternError
 from toros_fem.materials import Composite
 from toros_fem.mechanics.periodicity import Periodic
@@ -115,33 +115,95 @@ def pull(
         NoEquilibriumError: There is no equilibrium at one of the strains.
     """
     given = _checked_strains(axis, strains)
-    pattern = skin.pattern
-    size = _sides(pattern)
-    length, width = size[axis], size[1 - axis]
-    require_positive(gauge=gauge, at_most=length * (1 + FLAT))
-    near, far = _borders(pattern, axis)
-    fixed = np.zeros(pattern.points.shape, dtype=bool)
-    fixed[:, 2] = True
-    fixed[near | far] = True
-    solver = EquilibriumSolver(
-        skin, replace(composite, bending=None, print_side=None), Supports(fixed), options, log
-    )
-    along = np.eye(3)[axis]
+    machine = PullMachine(skin, composite, axis, gauge, options, log)
     forces, middle, steps = [], [], 0
-    state, positions = None, pattern.points
+    state, positions = None, skin.pattern.points
     for strain in given:
-        displacement = np.where(far[:, None], strain * length * along, 0.0)
-        result = solver.solve(density, 0.0, displacement=displacement, start=state)
+        result = machine.solve(density, strain, state)
         state, steps = result.state, steps + result.steps
-        reactions = solver.reactions(result)
-        forces.append([reactions[near].sum(axis=0), reactions[far].sum(axis=0)])
+        forces.append(machine.forces(result))
         positions = skin.gather_vertices(result.positions)
-        middle.append(np.diagonal(_mean_gradient(pattern, positions, axis, gauge)))
+        middle.append(machine.middle_stretch(positions))
     ends, stretch = np.array(forces), np.array(middle)
-    stress = (ends[:, 1] - ends[:, 0]) @ along / (2 * width)
+    along = np.eye(3)[axis]
+    stress = (ends[:, 1] - ends[:, 0]) @ along / (2 * machine.width)
     contraction = (1 - stretch[:, 1 - axis]) / given
     curve = PullCurve(given, stress, contraction, steps)
     return PullTest(curve, stretch[:, axis] - 1, ends, positions)
+
+
+class PullMachine:
+    """A sheet between two clamps, one of which moves.
+
+    Attributes:
+        solver: Solver of its equilibria.
+        axis: 0 for a pull along x, 1 along y.
+        length, width: Sides of the sheet along the pull and across it, in m.
+        near, far: Whether each vertex is in the clamp at rest, and in the moving one, (n,).
+
+    Args:
+        skin, composite, axis, gauge, options, log: As for `pull`.
+
+    Raises:
+        ParameterError: The gauge is longer than the sheet.
+        PatternError: The skin is not a flat rectangle along x and y.
+    """
+
+    def __init__(
+        self,
+        skin: Skin,
+        composite: Composite,
+        axis: int,
+        gauge: float,
+        options: NewtonOptions | None = None,
+        log: Log | None = None,
+    ) -> None:
+        pattern = skin.pattern
+        size = _sides(pattern)
+        self.axis, self.length, self.width = axis, float(size[axis]), float(size[1 - axis])
+        require_positive(gauge=gauge, at_most=self.length * (1 + FLAT))
+        self.gauge = gauge
+        self.near, self.far = _borders(pattern, axis)
+        fixed = np.zeros(pattern.points.shape, dtype=bool)
+        fixed[:, 2] = True
+        fixed[self.near | self.far] = True
+        self.solver = EquilibriumSolver(
+            skin, replace(composite, bending=None), Supports(fixed), options, log
+        )
+
+    def solve(self, density: Floats, strain: float, start: Floats | None) -> EquilibriumResult:
+        """Return the equilibrium at a strain of the clamps' distance (collective)."""
+        along = np.eye(3)[self.axis]
+        displacement = np.where(self.far[:, None], strain * self.length * along, 0.0)
+        return self.solver.solve(density, 0.0, displacement=displacement, start=start)
+
+    def forces(self, result: EquilibriumResult) -> Floats:
+        """Return the forces in N on the near and on the far end, (2, 3) (collective)."""
+        reactions = self.solver.reactions(result)
+        return np.stack([reactions[end].sum(axis=0) for end in (self.near, self.far)])
+
+    def middle_stretch(self, positions: Floats) -> Floats:
+        """Return the mean stretches of the middle along x and y, (2,).
+
+        Args:
+            positions: Positions of all vertices in m, (n, 3).
+        """
+        pattern = self.solver.skin.pattern
+        return np.diagonal(_mean_gradient(pattern, positions, self.axis, self.gauge))
+
+    def lateral_weights(self) -> Floats:
+        """Return the derivative of the middle's mean lateral stretch by all positions, (n, 3)."""
+        pattern, across = self.solver.skin.pattern, 1 - self.axis
+        middle, flat = _middle(pattern, self.axis, self.gauge)
+        areas = pattern.areas[middle]
+        # Of F = D G, with the edges D of a triangle and the inverse G of its flat ones.
+        inverse = np.linalg.inv(flat)[:, :, across] * (areas / areas.sum())[:, None]
+        out = np.zeros(pattern.points.shape)
+        corners = pattern.triangles[middle]
+        np.add.at(out[:, across], corners[:, 1], inverse[:, 0])
+        np.add.at(out[:, across], corners[:, 2], inverse[:, 1])
+        np.add.at(out[:, across], corners[:, 0], -inverse.sum(axis=1))
+        return out
 
 
 def predict(
@@ -210,15 +272,22 @@ def _borders(pattern: Pattern, axis: int) -> tuple[Bools, Bools]:
     return place < place.min() + tolerance, place > place.max() - tolerance
 
 
-def _mean_gradient(pattern: Pattern, positions: Floats, axis: int, gauge: float) -> Floats:
-    """Return the mean deformation gradient of the middle, by centroids within the gauge, (2, 2)."""
+def _middle(pattern: Pattern, axis: int, gauge: float) -> tuple[Bools, Floats]:
+    """Return which triangles lie within the gauge, by centroids, and their flat edges, (m, 2, 2)."""
     place = pattern.centroids[:, axis] - pattern.flat_points[:, axis].min()
     length = np.ptp(pattern.flat_points[:, axis])
     middle = np.abs(place - length / 2) < gauge / 2
-    flat, deformed = (
-        np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
-        for corners in (pattern.corners[middle], positions[pattern.triangles[middle], :2])
-    )
+    return middle, _edges(pattern.corners[middle])
+
+
+def _edges(corners: Floats) -> Floats:
+    return np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
+
+
+def _mean_gradient(pattern: Pattern, positions: Floats, axis: int, gauge: float) -> Floats:
+    """Return the mean deformation gradient of the middle, (2, 2)."""
+    middle, flat = _middle(pattern, axis, gauge)
+    deformed = _edges(positions[pattern.triangles[middle], :2])
     return np.asarray(
         np.average(deformed @ np.linalg.inv(flat), axis=0, weights=pattern.areas[middle])
     )

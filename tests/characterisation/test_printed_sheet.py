@@ -1,0 +1,52 @@
+"""Derivatives of a pulled sheet's stress and width by the moduli: Taylor tests, exact laws."""
+
+import numpy as np
+import pytest
+from helpers.tensile_tests import JERSEY
+from mpi4py import MPI
+
+from toros_fem.characterisation.printed_sheet import SheetCurve, pulled_sheet, scaled
+from toros_fem.equilibrium.options import NewtonOptions
+from toros_fem.materials import Composite, Material
+from toros_fem.meshes import rectangle, sew
+
+COMPOSITE = Composite(JERSEY, Material(3e6, 0.25, 0.5e-3), c1=1.9, c2=2.2, bending=None)
+STRAINS = np.array([0.05, 0.3])
+EXACT = NewtonOptions(tolerance=1e-12)
+
+
+def pulled(comm: MPI.Comm, factors: np.ndarray, axis: int = 0) -> SheetCurve:
+    """A strip of 4 cm × 2 cm with random triangles printed."""
+    pattern = rectangle(comm, 0.04, 0.02, 0.005, "crossed")
+    skin = sew(comm, pattern)
+    printed = np.random.default_rng(1).random(len(pattern.panel)) < 0.4
+    density = printed.astype(float)[skin.owned_cells]
+    return pulled_sheet(skin, scaled(COMPOSITE, factors), density, axis, STRAINS, 0.01, EXACT)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_taylor(comm: MPI.Comm, axis: int) -> None:
+    """The error of the first order falls with the square of the step."""
+    at = pulled(comm, np.ones(2), axis)
+    rng = np.random.default_rng(axis)
+    direction = rng.uniform(0.5, 1.0, 2) * np.array([1, -1])
+    errors = []
+    for step in (0.1, 0.05, 0.025):
+        there = pulled(comm, np.exp(step * direction), axis)
+        errors.append(
+            [
+                np.abs(there.stress - at.stress - step * at.stress_by @ direction) / at.stress,
+                np.abs(there.lateral - at.lateral - step * at.lateral_by @ direction),
+            ]
+        )
+    rates = np.log2(np.array(errors)[:-1] / np.array(errors)[1:])
+    assert rates.min() > 1.85
+    assert rates.max() < 2.15
+
+
+def test_both_moduli_scale_the_force_alone(comm: MPI.Comm) -> None:
+    """The force is homogeneous in both moduli, and the shape depends on their ratio only."""
+    at = pulled(comm, np.ones(2))
+    assert at.stress_by.sum(axis=1) == pytest.approx(at.stress, rel=1e-9)
+    assert at.lateral_by.sum(axis=1) == pytest.approx(0.0, abs=1e-9)
+    assert (at.stress_by > 0.02 * at.stress[:, None]).all()
