@@ -21,7 +21,7 @@ from toros_fem.analysis.trace import trace
 from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.analysis.wrinkles import Tension, WrinkleField, wrinkle_field
 from toros_fem.characterisation.fit import fit_material
-from toros_fem.characterisation.options import FitOptions
+from toros_fem.characterisation.fitting import FitOptions
 from toros_fem.characterisation.reading import read_tensile_tests
 from toros_fem.characterisation.result import FitResult
 from toros_fem.characterisation.tensile_test import TensileTest

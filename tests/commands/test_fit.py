@@ -11,6 +11,11 @@ from mpi4py import MPI
 
 from toros_fem.commands.main import run
 from toros_fem.library import read_library
+from toros_fem.meshes import sew
+from toros_fem.scenes.tile_sheet import cross_tile
+from toros_fem.tiles import write_tile
+from toros_fem.tiles.pull_test import pull
+from toros_fem.tiles.sheet import remesh, tile_sheet
 
 DATA = ROOT / "examples" / "stockinette.csv"
 FAST = ("--intervals", "hessian")
@@ -81,6 +86,38 @@ def test_clamped_strip(
             young.append(json.loads(found)["estimates"]["young"]["value"])
     if comm.rank == 0:
         assert 0.9 * young[0] < young[1] < 0.99 * young[0]
+
+
+@pytest.mark.slow
+def test_moduli_of_a_printed_sheet(
+    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Data of the sheet's own moduli, which are found again."""
+    folder = shared(comm, tmp_path)
+    tile = remesh(comm, cross_tile(comm), 2e-3)
+    path, strains = folder / "sheet.csv", np.linspace(0.02, 0.1, 5)
+    sheet = tile_sheet(tile.tile(comm), "x", 2, 1)
+    skin = sew(comm, sheet.pattern)
+    density = tile.printed.astype(float)[sheet.cell][skin.owned_cells]
+    test = pull(skin, tile.composite, density, 0, strains, 2 * tile.size[0])
+    if comm.rank == 0:
+        write_tile(folder, tile)
+        lateral = 1 - test.curve.contraction * strains
+        columns = zip(strains, test.curve.stress, lateral, strict=True)
+        rows = "".join(f"{e},{1e-3 * p},{w}\n" for e, p, w in columns)
+        path.write_text(f"# direction = x\nstrain,stress [N/mm],lateral stretch\n{rows}")
+    comm.barrier()
+    words = ["fit", str(path), "--tile", str(folder), "--along", "2", "--across", "1"]
+    assert run(comm, [*words, "--output", str(folder / "fit"), "--json"]) == 0
+    found = capsys.readouterr().out
+    if comm.rank == 0:
+        figures = json.loads(found)
+        assert set(figures["estimates"]) == {"fabric", "reinforcement"}
+        assert figures["r2_stress"] > 0.999
+        young = figures["estimates"]["reinforcement"]["value"]
+        assert young == pytest.approx(tile.composite.reinforcement.young, rel=0.01)
+        assert "E of the reinforcement" in (folder / "fit" / "fit.txt").read_text()
+    assert run(comm, [*words, "--clamped"]) == 2
 
 
 @pytest.mark.parametrize(

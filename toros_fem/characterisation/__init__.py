@@ -1,10 +1,11 @@
 """Characterisation: material constants of eq. (1) from tensile tests."""
 
 from toros_fem.characterisation.fit import fit_material
-from toros_fem.characterisation.options import FitOptions
+from toros_fem.characterisation.fitting import FitOptions
 from toros_fem.characterisation.reading import Given, read_tensile_tests
 from toros_fem.characterisation.report import fit_table, library_entry, write_fit
 from toros_fem.characterisation.result import Estimate, FitResult
+from toros_fem.characterisation.sheet_fit import SheetFit, fit_printed_sheet
 from toros_fem.characterisation.strip import ClampedStrip
 from toros_fem.characterisation.tensile_test import TensileTest
 from toros_fem.characterisation.uniaxial import uniaxial_curve
@@ -15,8 +16,10 @@ __all__ = [
     "FitOptions",
     "FitResult",
     "Given",
+    "SheetFit",
     "TensileTest",
     "fit_material",
+    "fit_printed_sheet",
     "fit_table",
     "library_entry",
     "read_tensile_tests",

@@ -13,13 +13,13 @@ from toros_fem._types import Floats
 from toros_fem._validate import require_kind
 from toros_fem.characterisation.fitting import (
     Estimator,
+    FitOptions,
     Samples,
     Solution,
     samples_of,
     scales_of,
 )
 from toros_fem.characterisation.intervals import CONFIDENCE, bootstrap_draws, hessian_draws
-from toros_fem.characterisation.options import FitOptions
 from toros_fem.characterisation.parameters import Scales
 from toros_fem.characterisation.result import (
     FitResult,
@@ -144,24 +144,24 @@ def _result(
     stress, lateral = estimator.curve(solution.theta)
     seen = samples.has_lateral
     return FitResult(
-        estimates_of(
+        estimates=estimates_of(
             scales.values(solution.theta, thickness),
             [scales.values(theta, thickness) for theta in drawn],
             scales.ranges(),
             CONFIDENCE,
         ),
-        thickness,
-        r_squared(samples.stress, stress),
-        r_squared(samples.lateral[seen], lateral[seen]) if len(seen) else None,
-        1 + float(samples.strain.max()),
-        trusted_stretch(samples, stress),
-        samples,
-        stress,
-        lateral,
-        tuple(test.specimen for test in tests),
-        options,
-        scales.stiff,
-        rounds,
+        r2_stress=r_squared(samples.stress, stress),
+        r2_lateral=r_squared(samples.lateral[seen], lateral[seen]) if len(seen) else None,
+        measured_to=1 + float(samples.strain.max()),
+        trusted_to=trusted_stretch(samples, stress),
+        samples=samples,
+        stress=stress,
+        lateral=lateral,
+        specimens=tuple(test.specimen for test in tests),
+        options=options,
+        thickness=thickness,
+        stiff=scales.stiff,
+        rounds=rounds,
     )
 
 

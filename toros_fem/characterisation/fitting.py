@@ -9,10 +9,10 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from toros_fem._types import Floats, Ints
-from toros_fem.characterisation.options import FitOptions
 from toros_fem.characterisation.parameters import Scales
-from toros_fem.characterisation.tensile_test import FEWEST, TensileTest
+from toros_fem.characterisation.tensile_test import BRANCHES, FEWEST, TensileTest
 from toros_fem.characterisation.uniaxial import tension
+from toros_fem.config import Config, quantity
 from toros_fem.errors import MeasurementError
 
 # Residual, in standard deviations, from which a robust loss grows linearly.
@@ -26,6 +26,35 @@ SPREAD_STEPS = 30
 # Names of perpendicular directions; a knit is fitted to both.
 PAIRS = (("course", "wale"), ("x", "y"), ("along", "across"), ("warp", "weft"))
 LOSS = {"soft-l1": "soft_l1", "huber": "huber", "squares": "linear"}
+LOSSES = ("soft-l1", "huber", "squares")
+INTERVALS = ("bootstrap", "hessian")
+
+
+@dataclass(frozen=True)
+class FitOptions(Config):
+    """How a material is fitted to tensile tests."""
+
+    branch: str = quantity(
+        "last-loading", "branch of the load cycles that is fitted", choices=BRANCHES
+    )
+    up_to: float | None = quantity(
+        None, "largest stretch that is fitted; none takes all", above=1
+    )
+    loss: str = quantity(
+        "soft-l1", "loss of the residuals; the first two bound what an outlier counts",
+        choices=LOSSES,
+    )  # fmt: skip
+    intervals: str = quantity(
+        "bootstrap",
+        "source of the 95 % intervals: tests drawn again, or the curvature of the loss",
+        choices=INTERVALS,
+    )
+    draws: int = quantity(400, "draws of the bootstrap", at_least=40, at_most=100_000)
+    seed: int = quantity(0, "seed of the bootstrap", at_least=0)
+    points: int = quantity(
+        60, "points that each curve is averaged to, even over the stretch", at_least=10,
+        at_most=10_000,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

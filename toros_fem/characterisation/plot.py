@@ -8,13 +8,13 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from toros_fem.characterisation.result import FitResult
+from toros_fem.characterisation.result import Fit
 from toros_fem.output.drawing import DPI
 
 COLOURS = ("#1f3a63", "#c8571b", "#4b8b57", "#8a4f9e")
 
 
-def plot_fit(path: Path, result: FitResult) -> None:
+def plot_fit(path: Path, result: Fit) -> None:
     """Write a picture of the fit.
 
     Args:
@@ -60,7 +60,7 @@ def plot_fit(path: Path, result: FitResult) -> None:
     plt.close(figure)
 
 
-def _mark(axis: Any, result: FitResult) -> None:
+def _mark(axis: Any, result: Fit) -> None:
     """Shade the stretches beyond which the fit is not to be trusted."""
     if result.trusted_to < result.measured_to:
         axis.axvspan(result.trusted_to, result.measured_to, color="0.85", zorder=0)

@@ -8,6 +8,7 @@ A linear functional g of the positions, as the mean lateral stretch, has dG/dm =
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,7 +19,7 @@ from dolfinx import fem
 from toros_fem._mpi import dot
 from toros_fem._types import Floats
 from toros_fem.equilibrium.options import NewtonOptions
-from toros_fem.equilibrium.solver import EquilibriumResult
+from toros_fem.errors import MaterialWarning
 from toros_fem.materials import Composite
 from toros_fem.mechanics.coefficients import assembled, work_vector
 from toros_fem.mechanics.model import SkinModel
@@ -26,8 +27,6 @@ from toros_fem.meshes.skin import Skin
 from toros_fem.tiles.pull_test import PullMachine
 
 MATERIALS = ("fabric", "reinforcement")
-# Change of a modulus from which ∂r/∂m is formed, as a part of it; r is linear in the moduli.
-CHANGE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,84 +58,106 @@ def scaled(composite: Composite, factors: Sequence[float] | Floats) -> Composite
     return replace(composite, **sheets)
 
 
-def pulled_sheet(
-    skin: Skin,
-    composite: Composite,
-    density: Floats,
-    axis: int,
-    strains: Floats,
-    gauge: float,
-    options: NewtonOptions | None = None,
-) -> SheetCurve:
-    """Pull a sheet and differentiate its stress and its lateral stretch (collective).
+class PrintedSheet:
+    """A printed sheet that is pulled with different moduli.
 
     Args:
         skin: The sewn skin of a flat rectangle along x and y.
         composite: Materials; bending is left out.
         density: Whether each owned triangle is printed, as densities in [0, 1].
         axis: 0 to pull along x, 1 along y.
-        strains: Strains of the clamps' distance, in the order of the pull, (k,).
         gauge: Length in m of the middle that the lateral stretch is averaged over.
         options: Options of the equilibrium solver.
 
     Raises:
         PatternError: The skin is not a flat rectangle along x and y.
-        NoEquilibriumError: There is no equilibrium at one of the strains.
+        ParameterError: The gauge is longer than the sheet.
     """
-    flat = replace(composite, bending=None)
-    machine = PullMachine(skin, flat, axis, gauge, options)
-    derivative = _Derivative(machine, flat, density)
-    rows, state, steps = [], None, 0
-    for strain in strains:
-        result = machine.solve(density, float(strain), state)
-        state, steps = result.state, steps + result.steps
-        rows.append(derivative.at(result))
-    values = np.array(rows)
-    return SheetCurve(values[:, 0, 0], values[:, 1, 0], values[:, 0, 1:], values[:, 1, 1:], steps)
+
+    def __init__(
+        self,
+        skin: Skin,
+        composite: Composite,
+        density: Floats,
+        axis: int,
+        gauge: float,
+        options: NewtonOptions | None = None,
+    ) -> None:
+        self.skin, self.density, self.axis = skin, density, axis
+        self.composite = replace(composite, bending=None)
+        self.gauge, self.options = gauge, options
+        machine = self._machine(np.ones(2))
+        self._base = machine.solver.model
+        # The first variation is linear in the moduli: its parts are differences of these models.
+        self._other = [
+            SkinModel(skin, scaled(self.composite, 1 + np.eye(2)[k]), self._base.supports)
+            for k in range(2)
+        ]
+        for model in (self._base, *self._other):
+            model.set_density(model.check(density))
+        self._clamp = np.zeros(self._base.size_local)
+        self._base.positions(self._clamp)[machine.far[skin.owned_vertices], axis] = 1.0
+        self._mean = np.zeros(self._base.size_local)
+        weights = machine.lateral_weights()[skin.owned_vertices]
+        self._base.positions(self._mean)[:] = weights
+
+    def _machine(self, factors: Floats) -> PullMachine:
+        composite = scaled(self.composite, factors)
+        with warnings.catch_warnings():  # a search may pass moduli that are odd
+            warnings.simplefilter("ignore", MaterialWarning)
+            return PullMachine(self.skin, composite, self.axis, self.gauge, self.options)
+
+    def curve(self, factors: Floats, strains: Floats) -> SheetCurve:
+        """Pull the sheet and differentiate its stress and its lateral stretch (collective).
+
+        Args:
+            factors: Factors on the moduli of fabric and reinforcement, (2,).
+            strains: Strains of the clamps' distance, in the order of the pull, (k,).
+
+        Raises:
+            NoEquilibriumError: There is no equilibrium at one of the strains.
+        """
+        machine, comm = self._machine(factors), self.skin.comm
+        solver, rows, state, steps = machine.solver, [], None, 0
+        pushed = _TangentTimes(solver.model, self._clamp)
+        for strain in strains:
+            result = machine.solve(self.density, float(strain), state)
+            state, steps = result.state, steps + result.steps
+            positions = self.skin.gather_vertices(result.positions)
+            stress = machine.forces(result)[1, self.axis] / machine.width
+            lateral = machine.middle_stretch(positions)[1 - self.axis]
+            parts = self._parts(state)
+            moved = self._clamp - solver.solve_tangent(pushed.at(state), result)
+            adjoints = moved / machine.width, -solver.solve_tangent(self._mean, result)
+            rows.append(
+                [stress, lateral]
+                + [
+                    dot(comm, adjoint, factor * part)
+                    for adjoint in adjoints
+                    for factor, part in zip(factors, parts, strict=True)
+                ]
+            )
+        table = np.array(rows)
+        return SheetCurve(table[:, 0], table[:, 1], table[:, 2:4], table[:, 4:], steps)
+
+    def _parts(self, state: Floats) -> list[Floats]:
+        """Return the first variations of fabric and of reinforcement, with the first moduli."""
+        both = self._base.residual(state) + self._base.reaction(state)
+        return [other.residual(state) + other.reaction(state) - both for other in self._other]
 
 
-class _Derivative:
-    """Stress, lateral stretch and their derivatives at equilibria of one sheet."""
+class _TangentTimes:
+    """The tangent of a model times one direction, free and fixed components alike."""
 
-    def __init__(self, machine: PullMachine, composite: Composite, density: Floats) -> None:
-        self.machine, model = machine, machine.solver.model
-        skin, axis = model.skin, machine.axis
-        self.clamp = np.zeros(model.size_local)
-        model.positions(self.clamp)[machine.far[skin.owned_vertices], axis] = 1.0
-        self.mean = np.zeros(model.size_local)
-        model.positions(self.mean)[:] = machine.lateral_weights()[skin.owned_vertices]
-        # ∂r/∂m comes from models with one modulus changed.
-        self.changed: list[SkinModel] = []
-        for number in range(len(MATERIALS)):
-            factors = np.where(np.arange(len(MATERIALS)) == number, 1 + CHANGE, 1.0)
-            other = SkinModel(skin, scaled(composite, factors), model.supports)
-            other.set_density(other.check(density))
-            self.changed.append(other)
-        self._direction = fem.Function(model.space)
-        action = ufl.derivative(model.ufl_forms.residual, model.q, self._direction)
-        self._action = fem.form(action)
+    def __init__(self, model: SkinModel, direction: Floats) -> None:
+        self._model = model
+        along = fem.Function(model.space)
+        along.x.array[: model.size_local] = direction
+        along.x.scatter_forward()
+        self._form = fem.form(ufl.derivative(model.ufl_forms.residual, model.q, along))
         self._buffer = work_vector(model.space)
 
-    def at(self, result: EquilibriumResult) -> Floats:
-        """Return stress and lateral stretch, each with its two derivatives, (2, 3)."""
-        machine, solver = self.machine, self.machine.solver
-        model, state, comm = solver.model, result.state, solver.skin.comm
-        stress = machine.forces(result)[1, machine.axis] / machine.width
-        positions = solver.skin.gather_vertices(result.positions)
-        lateral = machine.middle_stretch(positions)[1 - machine.axis]
-        follow = -solver.solve_tangent(self._tangent_times(self.clamp, state), result)
-        adjoints = (self.clamp + follow) / machine.width, -solver.solve_tangent(self.mean, result)
-        own = model.residual(state) + model.reaction(state)
-        out = np.zeros((2, 1 + len(self.changed)))
-        out[:, 0] = stress, lateral
-        for number, other in enumerate(self.changed):
-            change = (other.residual(state) + other.reaction(state) - own) / CHANGE
-            out[:, 1 + number] = [dot(comm, adjoint, change) for adjoint in adjoints]
-        return out
-
-    def _tangent_times(self, direction: Floats, state: Floats) -> Floats:
-        model = self.machine.solver.model
-        model.set_state(state)
-        self._direction.x.array[: model.size_local] = direction
-        self._direction.x.scatter_forward()
-        return assembled(self._action, self._buffer)
+    def at(self, state: Floats) -> Floats:
+        """Return K c at a state, owned unknowns (collective)."""
+        self._model.set_state(state)
+        return assembled(self._form, self._buffer)

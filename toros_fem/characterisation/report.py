@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.characterisation.result import Estimate, FitResult
+from toros_fem.characterisation.result import Estimate, Fit, FitResult
 from toros_fem.errors import MeasurementError
 from toros_fem.library.material import LibraryMaterial
 from toros_fem.output.files import write_json, write_table
@@ -21,10 +21,12 @@ TITLES = {
     "c1": "bound c₁ on a stretch",
     "c2": "bound c₂ on their sum",
     "knit_ratio": "ratio course : wale",
+    "fabric": "E of the fabric",
+    "reinforcement": "E of the reinforcement",
 }
 
 
-def fit_table(result: FitResult) -> str:
+def fit_table(result: Fit) -> str:
     """Return the result as lines of text: constants, fit, range and remarks."""
     lines = [f"{'':24}{'value':>12}   {'95 % interval':<24}"]
     for name, one in result.estimates.items():
@@ -33,9 +35,8 @@ def fit_table(result: FitResult) -> str:
         interval = f"{low:.4g} … {high:.4g} {unit}"
         lines.append(f"{TITLES[name]:24}{value:12.4g}   {interval:<24} {note}".rstrip())
     lateral = "not measured" if result.r2_lateral is None else f"{result.r2_lateral:.4f}"
-    stiffness = result.material.membrane_stiffness
     lines += [
-        f"{'E h':24}{stiffness:12.4g} N/m at h = {1e3 * result.thickness:.3g} mm",
+        *result.sizes,
         f"R² of the stress {result.r2_stress:.4f}, of the lateral stretch {lateral}",
         f"fitted to a stretch of {result.measured_to:.3g}, to be trusted to "
         f"{result.trusted_to:.3g}",
@@ -52,7 +53,7 @@ def _in_handy_unit(one: Estimate) -> tuple[float, float, float, str]:
     return factor * one.value, factor * one.low, factor * one.high, unit
 
 
-def write_fit(comm: MPI.Comm, folder: str | Path, result: FitResult) -> None:
+def write_fit(comm: MPI.Comm, folder: str | Path, result: Fit) -> None:
     """Write fit.json, fit.txt, fit.csv and fit.png (collective).
 
     Args:
@@ -133,7 +134,7 @@ def library_entry(
     )
 
 
-def fit_rows(result: FitResult) -> Sequence[dict[str, object]]:
+def fit_rows(result: Fit) -> Sequence[dict[str, object]]:
     """Return measured and fitted values of all points as rows of a table, in SI units."""
     samples = result.samples
     return [

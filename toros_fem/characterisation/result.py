@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from toros_fem._types import Floats
-from toros_fem.characterisation.fitting import NORMAL_MAD, Samples
-from toros_fem.characterisation.options import FitOptions
+from toros_fem.characterisation.fitting import NORMAL_MAD, FitOptions, Samples
 from toros_fem.materials import Knit, Material
 
 UNITS = {"young": "Pa", "mu": "Pa", "lam": "Pa"}
@@ -44,13 +43,12 @@ class Estimate:
         return self.low <= value <= self.high
 
 
-@dataclass(frozen=True, eq=False)
-class FitResult:
-    """Eq. (1) fitted to tensile tests.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fit:
+    """What was fitted to tensile tests, beside the data.
 
     Attributes:
-        estimates: By name: young, poisson, mu, lam, c1, c2, and knit_ratio of two directions.
-        thickness: In m; stresses are per width, so that only E h is measured.
+        estimates: Constants by name.
         r2_stress, r2_lateral: Coefficients of determination; None of what was not measured.
         measured_to: Largest stretch that was fitted.
         trusted_to: Largest stretch up to which the mean residuals are within 10 %.
@@ -58,12 +56,9 @@ class FitResult:
         stress, lateral: The model's values at these points, (n,) each.
         specimens: Names of the specimens.
         options: Options of the fit.
-        stiff: Direction of the courses of `knit`, the stiffer of two; None of one direction.
-        rounds: Rounds of simulations of the clamped strip; 0 without.
     """
 
     estimates: Mapping[str, Estimate]
-    thickness: float
     r2_stress: float
     r2_lateral: float | None
     measured_to: float
@@ -73,6 +68,72 @@ class FitResult:
     lateral: Floats
     specimens: tuple[str, ...]
     options: FitOptions
+
+    @property
+    def remarks(self) -> list[str]:
+        """What a reader must know, as sentences."""
+        found = [
+            f"{name} is not identified: its interval, {one.low:.4g} to {one.high:.4g}, reaches "
+            + (
+                "an end of what the fit allows."
+                if np.isfinite(one.high)
+                else "infinity: the data do not come near this bound."
+            )
+            for name, one in self.estimates.items()
+            if not one.identified
+        ]
+        if self.trusted_to < self.measured_to:
+            found.append(
+                f"Beyond a stretch of {self.trusted_to:.3g} the mean residual exceeds 10 %: fit "
+                "fewer data by --up-to, or mistrust the model there."
+            )
+        found.append(
+            f"The tests are uniaxial, with stretches from 1 to {self.measured_to:.3g}: larger "
+            "ones, compression, shear and biaxial stretching are extrapolated."
+        )
+        return found
+
+    @property
+    def sizes(self) -> list[str]:
+        """Further lines of the table."""
+        return []
+
+    def summary(self) -> dict[str, Any]:
+        """Return the result as JSON holds it."""
+        return {
+            "estimates": {
+                name: {
+                    "value": one.value, "low": one.low,
+                    "high": one.high if np.isfinite(one.high) else None,
+                    "identified": one.identified, "unit": one.unit,
+                }
+                for name, one in self.estimates.items()
+            },
+            "r2_stress": self.r2_stress,
+            "r2_lateral": self.r2_lateral,
+            "stretch_measured_to": self.measured_to,
+            "stretch_trusted_to": self.trusted_to,
+            "specimens": list(self.specimens),
+            "directions": list(self.samples.direction),
+            "points": len(self.samples.strain),
+            "remarks": self.remarks,
+            "inputs": self.options.as_dict(),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FitResult(Fit):
+    """Eq. (1) fitted to tensile tests.
+
+    The estimates are young, poisson, mu, lam, c1, c2, and knit_ratio of two directions.
+
+    Attributes:
+        thickness: In m; stresses are per width, so that only E h is measured.
+        stiff: Direction of the courses of `knit`, the stiffer of two; None of one direction.
+        rounds: Rounds of simulations of the clamped strip; 0 without.
+    """
+
+    thickness: float
     stiff: str | None = None
     rounds: int = 0
 
@@ -90,7 +151,7 @@ class FitResult:
 
     @property
     def c2(self) -> float:
-        """Bound on the sum of both."""
+        """Bound on the sum of both less 1."""
         return self.estimates["c2"].value
 
     @property
@@ -102,16 +163,7 @@ class FitResult:
     @property
     def remarks(self) -> list[str]:
         """What a reader must know, as sentences."""
-        found = [
-            f"{name} is not identified: its interval, {one.low:.4g} to {one.high:.4g}, reaches "
-            + (
-                "an end of what the fit allows."
-                if np.isfinite(one.high)
-                else "infinity: the data do not come near this bound."
-            )
-            for name, one in self.estimates.items()
-            if not one.identified
-        ]
+        found = []
         if self.stiff is not None:
             found.append(
                 f"{self.stiff!r} is the stiffer direction: the courses of `Knit` run along it."
@@ -120,41 +172,23 @@ class FitResult:
             found.append(
                 "No lateral stretch was measured: poisson and c2 follow from the stress alone."
             )
-        if self.trusted_to < self.measured_to:
-            found.append(
-                f"Beyond a stretch of {self.trusted_to:.3g} the mean residual exceeds 10 %: fit "
-                "fewer data by --up-to, or mistrust the model there."
-            )
-        found.append(
-            f"The tests are uniaxial, with stretches from 1 to {self.measured_to:.3g}: larger "
-            "ones, compression, shear and biaxial stretching are extrapolated."
-        )
-        return found
+        return found + super().remarks
+
+    @property
+    def sizes(self) -> list[str]:
+        """Further lines of the table."""
+        stiffness = self.material.membrane_stiffness
+        return [f"{'E h':24}{stiffness:12.4g} N/m at h = {1e3 * self.thickness:.3g} mm"]
 
     def summary(self) -> dict[str, Any]:
         """Return the result as JSON holds it."""
         return {
-            "estimates": {
-                name: {
-                    "value": one.value, "low": one.low, "high": one.high,
-                    "identified": one.identified, "unit": one.unit,
-                }
-                for name, one in self.estimates.items()
-            },
+            **super().summary(),
             "thickness_m": self.thickness,
             "membrane_stiffness_n_per_m": self.material.membrane_stiffness,
-            "r2_stress": self.r2_stress,
-            "r2_lateral": self.r2_lateral,
-            "stretch_measured_to": self.measured_to,
-            "stretch_trusted_to": self.trusted_to,
-            "specimens": list(self.specimens),
-            "directions": list(self.samples.direction),
             "stiff_direction": self.stiff,
-            "points": len(self.samples.strain),
             "clamp_rounds": self.rounds,
-            "remarks": self.remarks,
-            "inputs": self.options.as_dict(),
-        }  # fmt: skip
+        }
 
 
 def r_squared(measured: Floats, model: Floats) -> float:

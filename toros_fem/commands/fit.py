@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 from mpi4py import MPI
@@ -11,15 +11,17 @@ from mpi4py import MPI
 from toros_fem._mpi import on_first_rank
 from toros_fem.characterisation.columns import UNITS
 from toros_fem.characterisation.fit import fit_material
-from toros_fem.characterisation.options import FitOptions
+from toros_fem.characterisation.fitting import FitOptions
 from toros_fem.characterisation.reading import Given, read_tensile_tests
 from toros_fem.characterisation.report import fit_table, library_entry, write_fit
 from toros_fem.characterisation.result import FitResult
+from toros_fem.characterisation.sheet_fit import fit_printed_sheet
 from toros_fem.characterisation.strip import ClampedStrip
 from toros_fem.characterisation.tensile_test import TensileTest
 from toros_fem.command_line.command import Answer, Command
 from toros_fem.command_line.scripts import UsageError, add_options
 from toros_fem.library.writing import write_material
+from toros_fem.tiles.printed_tile import read_tile
 from toros_fem.units import read_quantity
 
 LENGTHS = ("thickness", "width", "gauge_length")
@@ -66,6 +68,21 @@ def _options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="simulate the strip between its clamps, which hold its width: the stretch is that of "
         "their distance, --gauge-length; needs --width too; default no",
+    )
+    group = parser.add_argument_group("Test of a sheet of printed tiles")
+    group.add_argument(
+        "--tile",
+        type=Path,
+        default=None,
+        metavar="FOLDER",
+        help="folder of the printed tile, tile.npz; the moduli of fabric and print are fitted to "
+        "tests along its x or y; default none",
+    )
+    group.add_argument(
+        "--along", type=int, default=10, metavar="N", help="tiles along the pull; default 10"
+    )
+    group.add_argument(
+        "--across", type=int, default=5, metavar="N", help="tiles across the pull; default 5"
     )
     group = parser.add_argument_group("Entry of a file of materials")
     group.add_argument(
@@ -114,8 +131,12 @@ def _length(text: str | None) -> float | None:
         return read_quantity(text, "m")
 
 
-def _read(options: argparse.Namespace) -> tuple[list[TensileTest], FitOptions]:
+def _read(
+    options: argparse.Namespace, thickness: float | None = None
+) -> tuple[list[TensileTest], FitOptions]:
     given = _given(options)
+    if given.thickness is None:
+        given = replace(given, thickness=thickness)
     tests = read_tensile_tests(options.data, given)
     if options.direction is not None:
         wanted = options.direction.lower()
@@ -142,6 +163,8 @@ def _fit(comm: MPI.Comm, options: argparse.Namespace) -> FitResult:
 def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     if (given.name is None) != (given.library is None):
         raise UsageError("--name and --library belong together: give both, or none.")
+    if given.tile is not None:
+        return _run_sheet(comm, given)
     result = _fit(comm, given)
     write_fit(comm, given.output, result)
     text = f"{fit_table(result)}\nsee {given.output}/"
@@ -149,6 +172,19 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
         on_first_rank(comm, lambda: _write_entry(result, given))
         text += f"; {given.name} is in {given.library}"
     return Answer(text, {"folder": given.output, "library": given.library, **result.summary()})
+
+
+def _run_sheet(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
+    if given.name is not None or given.clamped:
+        raise UsageError("--tile gives two moduli: it takes neither --name nor --clamped.")
+    tile = read_tile(comm, given.tile)
+    # A stress per section needs a thickness; that of a sheet is the same everywhere.
+    thickness = tile.composite.reinforcement.thickness
+    tests, options = on_first_rank(comm, lambda: _read(given, thickness))
+    result = fit_printed_sheet(comm, tests, tile, given.along, given.across, options)
+    write_fit(comm, given.output, result)
+    text = f"{fit_table(result)}\nsee {given.output}/"
+    return Answer(text, {"folder": given.output, **result.summary()})
 
 
 def _write_entry(result: FitResult, given: argparse.Namespace) -> None:
@@ -168,6 +204,7 @@ COMMAND = Command(
     (
         "toros fit jersey.csv --thickness '0.5 mm'",
         "toros fit jersey.csv --thickness '0.5 mm' --name my-jersey --library mine.toml",
+        "toros fit sheet.csv --tile run --along 10 --across 5 --width '50 mm'",
         "toros fit course.csv wale.csv --width '25 mm' --thickness '0.5 mm' --output jersey",
     ),
     _options,
