@@ -8,6 +8,7 @@ import sys
 from collections.abc import Generator
 
 import pytest
+from helpers.scenes import ROOT
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -57,6 +58,13 @@ def _clean_up(comm: MPI.Comm) -> Generator[None]:
 @pytest.fixture(scope="session")
 def comm() -> MPI.Comm:
     return MPI.COMM_WORLD
+
+
+@pytest.fixture
+def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs draw nothing, as where matplotlib is missing: pictures are most of a short run."""
+    for path in (ROOT / "toros_fem" / "output").glob("*_plot.py"):
+        monkeypatch.setitem(sys.modules, f"toros_fem.output.{path.stem}", None)
 
 
 @pytest.fixture(scope="session")

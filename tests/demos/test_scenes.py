@@ -43,6 +43,7 @@ def test_scene_has_the_numbers_of_the_demo(name: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_pictures")
 def test_own_design_gives_the_same_numbers(comm: MPI.Comm, tmp_path: Path) -> None:
     folder = shared(comm, tmp_path)
     changes = ["iterations=2", "constrained_iterations=1", "bend=45 deg"]
@@ -58,6 +59,7 @@ def test_own_design_gives_the_same_numbers(comm: MPI.Comm, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_pictures")
 def test_short_run_of_a_scene_is_that_of_the_demo(comm: MPI.Comm, tmp_path: Path) -> None:
     folder = shared(comm, tmp_path)
     changes = ["iterations=2", "constrained_iterations=0", "polish_iterations=0", "corrections=0"]

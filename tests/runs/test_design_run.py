@@ -19,6 +19,8 @@ from toros_fem.output.reporter import DesignReporter
 from toros_fem.runs.folder import open_run
 from toros_fem.scenes import bend, twist
 
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
+
 TWO_LEVELS = bend.BendConfig(
     length=0.04,
     angle=40.0,
@@ -73,12 +75,10 @@ def check(comm: MPI.Comm, folder: Path, kind: Any, config: Any, *stops: int) -> 
     comm.barrier()
 
 
-@pytest.mark.slow
 def test_densities_through_levels_polish_and_corrections(comm: MPI.Comm, tmp_path: Path) -> None:
     check(comm, shared(comm, tmp_path), bend, TWO_LEVELS, 2, 5, 3)
 
 
-@pytest.mark.slow
 def test_several_starts(comm: MPI.Comm, tmp_path: Path) -> None:
     """Each rank alone keeps the states of its seeds."""
     folder = shared(comm, tmp_path)
@@ -93,7 +93,6 @@ def test_several_starts(comm: MPI.Comm, tmp_path: Path) -> None:
     assert content(folder / "stopped")[1:] == content(folder / "whole")[1:]
 
 
-@pytest.mark.slow
 def test_lines_from_a_random_start(comm: MPI.Comm, tmp_path: Path) -> None:
     """Inside a stage of the relaxed design, and after a print, which is not simulated again."""
     config = twist.TwistConfig(

@@ -23,6 +23,10 @@ FACING = 4.0
 POLYGON = 3
 # Two borders closer than this fraction of the resolution are the same.
 TOUCHING = 1e-3
+# Length over the limit of a stretch of border that one sample stands for in a first look.
+STRETCH = 1 / 4
+# Fewer points than this have no triangulation.
+SIMPLEX = 4
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,12 @@ class _Samples(NamedTuple):
     length: Floats  # length of the whole ring
     free: Bools  # not where the panel is cut
 
+    def path(self, p: Ints, q: Ints) -> Floats:
+        """Return the distance along the border between samples, infinite between two rings."""
+        along = np.abs(self.arc[p] - self.arc[q])
+        along = np.minimum(along, self.length[p] - along)
+        return np.where(self.ring[p] == self.ring[q], along, np.inf)
+
 
 class _Pairs(NamedTuple):
     """Pairs of facing samples, and the smallest empty disc through both."""
@@ -74,6 +84,8 @@ class _Pairs(NamedTuple):
     def select(self, kept: Bools) -> _Pairs:
         return _Pairs(self.ends[kept], self.path[kept], self.width[kept], self.centre[kept])
 
+
+NO_PAIRS = _Pairs(np.empty((0, 2), np.int64), np.empty(0), np.empty(0), np.empty((0, 2)))
 
 def measure_widths(
     region: BaseGeometry,
@@ -175,7 +187,11 @@ def narrow_discs(
     """
     samples, pairs, dots = _facing_sides(polygons, cut, limit, resolution, near)
     thin = pairs.select(pairs.width < limit)
-    places = [(_largest_disc(dot, 0, resolution), at_cut) for dot, at_cut in dots]
+    places = [
+        (_largest_disc(dot, 0, resolution), at_cut)
+        for dot, at_cut in dots
+        if dot.buffer(resolution - limit / 2).is_empty  # else a larger disc fits in
+    ]
     small = [(place.centre, at_cut) for place, at_cut in places if place.width < limit]
     at_cut = ~samples.free[thin.ends].all(axis=1)
     return (
@@ -193,7 +209,8 @@ def _facing_sides(
 ) -> tuple[_Samples, _Pairs, list[tuple[BaseGeometry, bool]]]:
     """Return samples of the border, pairs on facing sides, and the pieces that have no such.
 
-    With each piece comes whether it meets the cut.
+    With each piece comes whether it meets the cut. With `near`, sides are left out that are far
+    from there, or further apart than the limit.
     """
     parts = shapely.get_parts(polygons)
     parts = parts[shapely.area(parts) > 0]
@@ -202,11 +219,10 @@ def _facing_sides(
     rings, part = shapely.get_rings(parts, return_index=True)
     if not len(rings):
         none: Floats = np.empty(0)
-        empty = _Pairs(np.empty((0, 2), np.int64), none, none, np.empty((0, 2)))
         zero = np.empty(0, np.int64)
-        return _Samples(np.empty((0, 2)), zero, none, none, none > 0), empty, []
+        return _Samples(np.empty((0, 2)), zero, none, none, none > 0), NO_PAIRS, []
     samples = _sample(rings, cut, resolution, None if near is None else near.buffer(2 * limit))
-    facing = _facing(samples, resolution)
+    facing = _facing(samples, resolution, _close(samples, limit) if near is not None else None)
     shapely.prepare(parts)
     inside = np.zeros(len(facing.width), dtype=bool)
     owner = part[samples.ring[facing.ends]]
@@ -242,27 +258,56 @@ def _sample(
     return _Samples(dense[kept], ring[kept], arc[kept], length[kept], free)
 
 
-def _facing(samples: _Samples, resolution: float) -> _Pairs:
+def _close(samples: _Samples, limit: float) -> Bools:
+    """Return which samples may face others at less than a limit, with those around them.
+
+    One sample of each stretch of the border stands for all of the stretch. The distances that are
+    asked of it are so much larger, and the paths so much shorter, that no pair is lost, nor what
+    lies in the disc between its ends.
+    """
+    stretch = STRETCH * limit
+    number = np.stack([samples.ring, np.floor(samples.arc / stretch).astype(np.int64)])
+    first = np.append(True, np.any(np.diff(number, axis=1) != 0, axis=0))
+    chosen = np.flatnonzero(first)
+    pairs = cKDTree(samples.points[chosen]).query_pairs(limit + 2 * stretch, output_type="ndarray")
+    p, q = chosen[pairs].T
+    far = samples.path(p, q) > FACING / 2 * limit - 2 * stretch
+    close = np.zeros(len(chosen), dtype=bool)
+    close[pairs[far]] = True
+    # The discs of the outermost pairs are known from samples beyond them.
+    reach = int(np.ceil(1 / STRETCH))
+    close = np.convolve(close, np.ones(2 * reach + 1), mode="same") > 0
+    return close[np.cumsum(first) - 1]
+
+
+def _facing(samples: _Samples, resolution: float, kept: Bools | None) -> _Pairs:
     """Return pairs of samples on facing sides that are edges of the Delaunay triangulation.
 
     The discs through a pair that contain no other sample have their centres on the Voronoi edge
     dual to it. The smallest disc has the pair as its diameter if its centre is there. Otherwise it
     is the smaller circumscribed disc of the edge's two triangles.
+
+    Args:
+        samples: The samples.
+        resolution: Their distance in m.
+        kept: The samples that count; None for all.
     """
     origin = samples.points.mean(axis=0)
     # On straight borders and round panels many samples lie on common circles. That makes Qhull 10
     # to 100 times slower, so they are shifted a little.
     shift = np.random.default_rng(0).uniform(-1, 1, samples.points.shape)
-    mesh = Delaunay(samples.points - origin + TOUCHING * resolution * shift)
+    points = samples.points - origin + TOUCHING * resolution * shift
+    chosen = np.arange(len(points)) if kept is None else np.flatnonzero(kept)
+    if len(chosen) < SIMPLEX:
+        return NO_PAIRS
+    mesh = Delaunay(points[chosen])
     triangle, k = np.nonzero(mesh.neighbors > np.arange(len(mesh.simplices))[:, None])
-    p, q = (mesh.simplices[triangle, (k + step) % 3] for step in (1, 2))
-    path = np.abs(samples.arc[p] - samples.arc[q])
-    path = np.minimum(path, samples.length[p] - path)
-    path[samples.ring[p] != samples.ring[q]] = np.inf
+    p, q = (chosen[mesh.simplices[triangle, (k + step) % 3]] for step in (1, 2))
+    path = samples.path(p, q)
     chord = np.linalg.norm(samples.points[p] - samples.points[q], axis=1)
-    kept = path > FACING * chord
-    triangle, k, p, q, path, chord = (a[kept] for a in (triangle, k, p, q, path, chord))
-    start, end = mesh.points[p], mesh.points[q]
+    far = path > FACING * chord
+    triangle, k, p, q, path, chord = (a[far] for a in (triangle, k, p, q, path, chord))
+    start, end = points[p], points[q]
     one = _circumcentres(mesh.points[mesh.simplices[triangle]])
     two = _circumcentres(mesh.points[mesh.simplices[mesh.neighbors[triangle, k]]])
     middle = (start + end) / 2
