@@ -159,9 +159,9 @@ def coupled_moments(
     values = [moment(tensor) for tensor in parts]
     gradients = []
     for value in values:
-        d = [ufl.diff(value, variable) for variable in g]
-        one = plus(times(2 * d[0], e[0]), times(d[1], e[1]))
-        two = plus(times(d[1], e[0]), times(2 * d[2], e[1]))
+        by_g = [ufl.diff(value, variable) for variable in g]
+        one = plus(times(2 * by_g[0], e[0]), times(by_g[1], e[1]))
+        two = plus(times(by_g[1], e[0]), times(2 * by_g[2], e[1]))
         gradients.append((times(-1, plus(one, two)), one, two))
 
     Lambda = [sum(phi * part[k] for phi, part in zip(angles, parts, strict=True)) for k in range(3)]

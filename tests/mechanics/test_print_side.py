@@ -47,18 +47,26 @@ def in_plane(pattern: Pattern) -> Supports:
 
 
 def without_poisson(composite: Composite) -> Composite:
-    sheets = (replace(sheet, poisson=0.0) for sheet in (composite.fabric, composite.reinforcement))
-    return replace(composite, **dict(zip(("fabric", "reinforcement"), sheets, strict=True)))
+    fabric, strip = composite.fabric, composite.reinforcement
+    return replace(
+        composite,
+        fabric=replace(fabric, poisson=0.0),
+        reinforcement=replace(strip, poisson=0.0),
+    )
 
 
 def printed(
-    comm: MPI.Comm, pattern: Pattern, composite: Composite, supports: Supports, **load: object
+    comm: MPI.Comm,
+    pattern: Pattern,
+    composite: Composite,
+    supports: Supports,
+    pressure: float = 0.0,
+    force: np.ndarray | None = None,
 ) -> tuple[Skin, EquilibriumResult]:
     """Equilibrium of a skin that is printed everywhere."""
     skin = sew(comm, pattern)
     solver = EquilibriumSolver(skin, composite, supports, NewtonOptions(tolerance=1e-12))
-    pressure = float(load.pop("pressure", 0.0))
-    return skin, solver.solve(np.ones(len(skin.owned_cells)), pressure, **load)
+    return skin, solver.solve(np.ones(len(skin.owned_cells)), pressure, force=force)
 
 
 @pytest.mark.parametrize("side", ["outside", "inside"])
@@ -210,11 +218,11 @@ def test_adjoint_gradient(tube: Skin, comm: MPI.Comm) -> None:
     rhs = drawn(model, 4)
     rhs[model.positions(rhs).size :] = 0
     adjoint = solver.solve_tangent(rhs, base)
-    slope = -total(comm, model.density_sensitivity(base.state, adjoint) @ direction)
+    slope = -total(comm, float(model.density_sensitivity(base.state, adjoint) @ direction))
 
     def value(step: float) -> float:
         found = solver.solve(density + step * direction, 1e3, start=base.state)
-        return float(total(comm, rhs @ (found.state - base.state)))
+        return total(comm, float(rhs @ (found.state - base.state)))
 
     assert taylor_rates(value, slope, 4e-2) == pytest.approx(2, abs=0.05)
 
