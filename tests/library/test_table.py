@@ -24,9 +24,12 @@ def test_each_material_is_in_each_table() -> None:
     text, markdown = table_text(LIBRARY.values()), table_markdown(LIBRARY.values())
     for name, entry in LIBRARY.items():
         assert f"\n{name} " in text
-        assert f"| `{name}` | {entry.title} |" in markdown
+        assert f"\n| {name} | " in markdown
+        assert f"\n- `{name}`, " in markdown
         assert entry.trust in material_details(entry)
     assert max(map(len, text.splitlines())) <= 96
+    heads = [line for line in markdown.splitlines() if line.startswith("| name |")]
+    assert ["c₁, c₂" in head for head in heads] == [True, False, False]
     fabrics = [entry for entry in LIBRARY.values() if entry.kind == "fabric"]
     assert "Prints" not in table_text(fabrics)
     assert table_text(fabrics).startswith("Fabrics\nname ")

@@ -64,17 +64,22 @@ def material_details(entry: LibraryMaterial) -> str:
 
 
 def table_markdown(entries: Iterable[LibraryMaterial]) -> str:
-    """Return materials as tables in Markdown, by kind, with the sources below each."""
-    found, lines = list(entries), []
+    """Return materials as tables in Markdown, by kind, with titles and sources below each."""
+    found, lines = list(entries), list[str]()
     for kind in MATERIAL_KINDS:
         of_kind = [entry for entry in found if entry.kind == kind]
         if not of_kind:
             continue
-        lines += [f"**{TITLES[kind]}**", "", "| name | what | E | ν | thickness | E h | c₁, c₂ |"]
-        lines[-1] += " courses : wales | stretches | trust |"
-        lines.append("|" + 10 * "---|")
-        lines += [_markdown_row(entry) for entry in of_kind]
-        lines.append("")
+        header = tuple("h" if title == "thickness" else title for title in HEADER)
+        rows = [header, *(_row(entry) for entry in of_kind)]
+        for title, cells in (
+            ("c₁, c₂", [_bounds(entry) for entry in of_kind]),
+            ("knit", [_ratio(entry) for entry in of_kind]),
+        ):
+            if any(cells):  # a column that has something, before that of the stretches
+                rows = [(*r[:-2], c, *r[-2:]) for r, c in zip(rows, [title, *cells], strict=True)]
+        table = [f"| {' | '.join(row)} |" for row in rows]
+        lines += [f"**{TITLES[kind]}**", "", table[0], f"|{len(rows[0]) * '---|'}", *table[1:], ""]
         lines += [line for entry in of_kind for line in _markdown_source(entry)]
         lines.append("")
     return "\n".join(lines).rstrip() + "\n"
@@ -93,19 +98,20 @@ def _row(entry: LibraryMaterial) -> tuple[str, ...]:
     )
 
 
-def _markdown_row(entry: LibraryMaterial) -> str:
-    name, young, poisson, thickness, stiffness, stretches, trust = _row(entry)
+def _bounds(entry: LibraryMaterial) -> str:
     bounds = [f"{c:g}" if c is not None else "–" for c in (entry.c1, entry.c2)]
-    own = "" if bounds == ["–", "–"] else ", ".join(bounds)
-    knit = "" if entry.knit_ratio is None else f"{entry.knit_ratio:g}"
-    cells = (f"`{name}`", entry.title, young, poisson, thickness, stiffness, own, knit, stretches)
-    return f"| {' | '.join((*cells, trust))} |"
+    return "" if bounds == ["–", "–"] else ", ".join(bounds)
+
+
+def _ratio(entry: LibraryMaterial) -> str:
+    return "" if entry.knit_ratio is None else f"{entry.knit_ratio:g}"
 
 
 def _markdown_source(entry: LibraryMaterial) -> list[str]:
-    text = f"`{entry.name}`: {_sentence(entry.source)}"
+    text = f"`{entry.name}`, {entry.title}. {_sentence(entry.source)}"
     if entry.note is not None:
         text += f" {_sentence(entry.note)}"
+    text = text.replace(" %", "\u00a0%")  # a line that begins with % is a comment
     return textwrap.wrap(
         text, 118, initial_indent="- ", subsequent_indent="  ",
         break_long_words=False, break_on_hyphens=False,
