@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem._types import Bools, Floats
+from toros_fem._types import Bools, Floats, Ints
 from toros_fem.errors import PatternError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.snap import MovingMesh, least_angles
@@ -64,10 +64,8 @@ def border_motion(
     outwards = np.einsum("ij,ij->i", normal, flat[ends].mean(axis=1) - pattern.centroids[inside])
     normal *= np.sign(outwards)[:, None]
     count = np.bincount(ends.ravel(), minlength=len(flat))
-    total = np.stack(
-        [np.bincount(ends.ravel(), np.repeat(normal[:, k], 2), minlength=len(flat)) for k in (0, 1)],
-        axis=1,
-    )
+    total = np.zeros_like(flat)
+    np.add.at(total, ends.ravel(), np.repeat(normal, 2, axis=0))
     at_seam = ~mesh.inner[sewn]
     moves = np.flatnonzero(np.where(at_seam, (count == 1) & mesh.slides[sewn], count == 2))
     size = np.linalg.norm(total[moves], axis=1)
@@ -86,7 +84,7 @@ def border_motion(
     return motion * _allowed(pattern, motion, largest)[sewn][:, None]
 
 
-def _slide(pattern: Pattern, mesh: MovingMesh, ends: np.ndarray, motion: Floats) -> None:
+def _slide(pattern: Pattern, mesh: MovingMesh, ends: Ints, motion: Floats) -> None:
     """Let the ends of borders slide along seams and along the borders of panels, in place."""
     flat, sewn, count = pattern.flat_points, pattern.sewn, len(pattern.points)
     point = np.flatnonzero(mesh.beside[:, 1] >= 0)

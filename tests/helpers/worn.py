@@ -12,7 +12,7 @@ RIBS = shapely.union_all(
     [
         shapely.box(0.027, 0.004, 0.032, 0.056),
         *[
-            shapely.Polygon([(0.008, y), (0.008, y + 0.005), (0.054, y + 0.011), (0.054, y + 0.006)])
+            shapely.Polygon([(8e-3, y), (8e-3, y + 5e-3), (54e-3, y + 11e-3), (54e-3, y + 6e-3)])
             for y in (0.006, 0.022, 0.038)
         ],
     ]

@@ -45,9 +45,7 @@ def test_first_order_is_exact_to_second_order(printed: Printed) -> None:
     coarse, fine = (
         tf.tolerances(
             *printed,
-            tf.ToleranceConfig(
-                width=width, modulus=size, thickness=size, pressure_change=size / 2
-            ),
+            tf.ToleranceConfig(width=width, modulus=size, thickness=size, pressure_change=size / 2),
         )
         for size, width in ((0.04, 4e-5), (0.02, None))
     )

@@ -18,7 +18,7 @@ def pattern() -> Pattern:
 
 
 def test_a_border_on_the_cut_stays(pattern: Pattern) -> None:
-    """A line of 2 mm across the panel gets wider by twice the way of its borders, and ends there."""
+    """A line of 2 mm across the panel gets wider by twice the way of its borders."""
     line = metres(shapely.box(9, 0, 11, 20))
     for offset in (-0.1, 0.1):
         (made,) = offset_print(pattern, [line], offset * MM, RESOLUTION)

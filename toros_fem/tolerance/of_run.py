@@ -113,13 +113,13 @@ def _scene(
         names = set(given)
         # A run of an older version may lack numbers that have come since.
         known = [k for k in KINDS.values() if names and names <= set(k.config.as_dict())]
-        kind = min(known, key=lambda k: len(k.config.as_dict()), default=None)
-        if kind is None:
+        if not known:
             raise OutputError(
                 f"{folder} does not say which scene it is of: {SCENE} is missing, and the inputs "
                 f"in {SUMMARY} are those of no kind. Design it by `toros design`, or call "
                 "toros_fem.tolerances from your own script."
             )
+        kind = min(known, key=lambda k: len(k.config.as_dict()))
         config, files = kind.config.updated(**given), {}
     if kind.cases is None or not isinstance(config, ActuatorConfig):
         raise OutputError(

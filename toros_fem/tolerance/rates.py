@@ -13,6 +13,7 @@ from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.design.shape_problem import METRIC_STEP
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.materials import Composite
+from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.tolerance.result import OBJECTIVE
 
@@ -72,7 +73,7 @@ class TangentRates:
             changed: The materials where that part is multiplied by a factor.
         """
         force = self._residual(changed(1 + STEP)) - self._residual(changed(1 - STEP))
-        return self._rate(force / (2 * STEP))
+        return self._rate(np.asarray(force / (2 * STEP)))
 
     def by_borders(self, less: MovedSkin, more: MovedSkin, step: float) -> Rate:
         """Return the derivatives by the way of the print's borders, per m.
@@ -82,8 +83,8 @@ class TangentRates:
             step: Way in m.
         """
         ends = [skin.unknowns_of_residual(self.density_of_all, self.load) for skin in (less, more)]
-        force = self.model.scatter(ends[1] - ends[0]) / (2 * step)
-        motion = self.problem.solver.solve_tangent(-force * self.model.free, self.equilibrium)
+        force = np.asarray(self.model.scatter(ends[1] - ends[0]) / (2 * step))
+        motion = self.problem.solver.solve_tangent(-force, self.equilibrium)
         along = self.model.gather(motion)
         values = [skin.values(s * step * along) for skin, s in ((less, -1), (more, 1))]
         rates = {key: (values[1][key] - values[0][key]) / (2 * step) for key in values[0]}
@@ -124,33 +125,31 @@ class MovedSkin:
     Attributes:
         problem: Its design problem.
         unknowns: Where the equilibrium's unknowns go with the mesh, by original index.
+
+    Args:
+        problem: The problem on the moved pattern.
+        nominal: The pattern before.
+        unknowns: Unknowns of the equilibrium there, as of `SkinModel.gather`.
+        carried: Way of all vertices with the deformed mesh, (n, 3), in m.
     """
 
     def __init__(
         self, problem: ShapeDesign, nominal: Pattern, unknowns: Floats, carried: Floats
     ) -> None:
-        """Take the parts.
-
-        Args:
-            problem: The problem on the moved pattern.
-            nominal: The pattern before.
-            unknowns: Unknowns of the equilibrium there, as of `SkinModel.gather`.
-            carried: Way of all vertices with the deformed mesh, (n, 3), in m.
-        """
         self.problem = problem
-        pattern, model = problem.skin.pattern, problem.solver.model
+        pattern, fixed = problem.skin.pattern, problem.solver.model.supports.fixed
         count = 3 * len(pattern.points)
-        places = unknowns[:count].reshape(-1, 3) + carried
+        places = unknowns[:count].reshape(-1, 3)
         # What is held stays where the supports of the moved skin have it.
-        fixed = model.supports.fixed
-        held = unknowns[:count].reshape(-1, 3) + pattern.points - nominal.points
-        self.unknowns = np.concatenate([np.where(fixed, held, places).ravel(), unknowns[count:]])
+        held = places + pattern.points - nominal.points
+        moved = np.where(fixed, held, places + carried)
+        self.unknowns = np.concatenate([moved.ravel(), unknowns[count:]])
 
     def state(self, change: Floats | float = 0.0) -> Floats:
         """Return the state of this rank, with a change of all unknowns added."""
         return self.problem.solver.model.scatter(self.unknowns + change)
 
-    def unknowns_of_residual(self, density: Floats, load: object) -> Floats:
+    def unknowns_of_residual(self, density: Floats, load: LoadCase) -> Floats:
         """Return the residual of all unknowns, by original index."""
         model, skin = self.problem.solver.model, self.problem.skin
         model.set_density(density[skin.owned_cells])

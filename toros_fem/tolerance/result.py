@@ -99,7 +99,8 @@ class Tolerances:
         failed = [v for v in self.variants if not v.values]
         if failed:
             return failed[0]
-        return max(self.variants, key=lambda v: abs(v.values[key] - self.nominal[key]), default=None)
+        nominal = self.nominal[key]
+        return max(self.variants, key=lambda v: abs(v.values[key] - nominal), default=None)
 
     def sentence(self, variant: Variant, metric: Metric) -> str:
         """Return what a variant does to a metric, such as "… costs 4° of the angle"."""
@@ -148,13 +149,13 @@ class Tolerances:
                 row["printed_area_change_mm2"] = {"polygons": 1e6 * polygons, "mesh": 1e6 * mesh}
         worst = {}
         for metric in self.metrics:
-            variant = self.worst(metric.key)
-            if variant is not None:
+            most = self.worst(metric.key)
+            if most is not None:
                 worst[metric.key] = {
-                    "quantity": variant.quantity,
-                    "change": variant.label,
-                    "value_change": self.change(variant, metric.key),
-                    "sentence": self.sentence(variant, metric),
+                    "quantity": most.quantity,
+                    "change": most.label,
+                    "value_change": self.change(most, metric.key),
+                    "sentence": self.sentence(most, metric),
                 }
         return {
             "pressure_pa": self.pressure,
@@ -186,9 +187,8 @@ def shown_change(metric: Metric, value: float | None) -> str:
 
 def text_table(found: Tolerances) -> str:
     """Return the table of all variants for a terminal, changes as simulated and to first order."""
-    head = ["", "", *(f"{m.name} ({UNITS.get(m.unit, ('', m.unit))[1].strip()})" for m in found.metrics)]
-    head += ["objective", "line, gap (mm)"]
-    rows = [head]
+    names = [f"{m.name} ({UNITS.get(m.unit, ('', m.unit))[1].strip()})" for m in found.metrics]
+    rows = [["", "", *names, "objective", "line, gap (mm)"]]
     for variant in found.variants:
         cells = [
             f"{shown_change(m, found.change(variant, m.key))} "
@@ -210,11 +210,12 @@ def text_table(found: Tolerances) -> str:
 def aligned(rows: Sequence[Sequence[str]]) -> str:
     """Return rows of cells as lines, the first two columns to the left and others to the right."""
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return "\n".join(
-        "  ".join(c.ljust(w) if k < 2 else c.rjust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True)))
-        .rstrip()
-        for row in rows
-    )
+    lines = []
+    for row in rows:
+        cells = [c.ljust(w) for c, w in zip(row[:2], widths[:2], strict=True)]
+        cells += [c.rjust(w) for c, w in zip(row[2:], widths[2:], strict=True)]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
 
 
 def _mm(width: float | None) -> float | None:

@@ -24,6 +24,7 @@ from toros_fem.fabrication.printability import (
     printed_cells,
 )
 from toros_fem.fabrication.regions import part_regions
+from toros_fem.fabrication.widths import LocalWidth
 from toros_fem.materials import Composite
 from toros_fem.meshes.border_motion import border_motion
 from toros_fem.meshes.pattern import Pattern
@@ -311,5 +312,5 @@ def _carried(pattern: Pattern, positions: Floats, motion: Floats) -> Floats:
     return np.asarray(total / np.bincount(corner, weight, minlength=count)[:, None])
 
 
-def _width(place: object) -> float | None:
-    return None if place is None else place.width  # type: ignore[attr-defined]
+def _width(place: LocalWidth | None) -> float | None:
+    return None if place is None else place.width

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem._types import Ints
 from toros_fem.fabrication.contours import panel_outline
 from toros_fem.fabrication.widths import fabric_of
 from toros_fem.meshes.pattern import Pattern
@@ -66,19 +65,17 @@ def broken_lines(
         "gap closes": "gaps close",
         "line touches another": "lines touch others",
     }
-    return [
-        f"{n} {text if n == 1 else plural[text]}." for text, n in events.items() if n
-    ]
+    return [f"{n} {text if n == 1 else plural[text]}." for text, n in events.items() if n]
 
 
 def _count(before: BaseGeometry, after: BaseGeometry, events: list[int]) -> None:
     """Add the numbers of pieces that vanish, that part and that merge."""
     one, two = (shapely.get_parts(shape) for shape in (before, after))
     one, two = (parts[shapely.area(parts) > 0] for parts in (one, two))
-    pairs: Ints = shapely.STRtree(two).query(one, predicate="intersects") if len(two) else None
-    if pairs is None or not len(one):
+    if not len(one) or not len(two):
         events[0] += len(one)
         return
+    pairs = shapely.STRtree(two).query(one, predicate="intersects")
     shares = shapely.area(shapely.intersection(one[pairs[0]], two[pairs[1]])) > 0
     here, there = pairs[:, shares]
     events[0] += len(set(range(len(one))) - set(here.tolist()))
