@@ -35,7 +35,7 @@ def test_files_and_manifest_agree(pattern: Pattern, tmp_path: Path) -> None:
     area = sum(region.area for region in regions)
     assert made["print"]["print_area_mm2"] == pytest.approx(1e6 * area)
     assert made["print"]["print_volume_mm3"] == pytest.approx(1e9 * area * 0.5e-3)
-    assert made["print"]["print_mass_g"] == pytest.approx(1e3 * area * 0.5e-3 * 1210)
+    assert made["print"]["print_mass_g"] == pytest.approx(1e3 * area * 0.5e-3 * 1220)
     for kind in ("beds", "sheets", "panels"):
         assert sum(part["print_area_mm2"] for part in made[kind]) == pytest.approx(1e6 * area)
     assert sum(panel["area_mm2"] for panel in made["panels"]) == pytest.approx(
@@ -49,6 +49,11 @@ def test_files_and_manifest_agree(pattern: Pattern, tmp_path: Path) -> None:
     notches = {panel["name"]: panel["notches"] for panel in made["panels"]}
     wall, base, tip = (len(seam["notches_mm"]) for seam in made["seams"])
     assert notches == {"wall": 2 * wall + base + tip, "base": base, "tip": tip}
+    front, back = made["bladder"]["sheets"]
+    assert front["cut_size_mm"] == pytest.approx(back["cut_size_mm"])
+    # Half the tube around, and along it with both caps, with welds and a tab.
+    size = np.array([np.pi * 10, 150 + 2 * 10]) + 2 * 6 + [0, 20]
+    assert front["cut_size_mm"] == pytest.approx(size, abs=2.5)
     assert made["pressure_pa"] == 5e3
     assert made["metrics"] == {"angle_deg": 88.25}
 

@@ -22,7 +22,7 @@ class ManufactureOptions(Config):
     """
 
     layer_height: float = quantity(0.4e-3, "height of the print above the fabric", "m", above=0)
-    print_density: float = quantity(1.21e3, "density of the print", "kg/m³", above=0)
+    print_density: float = quantity(1.22e3, "density of the print", "kg/m³", above=0)
     print_side: str = quantity(
         OUTSIDE, "face of the fabric that is printed, and seen on the drawings", choices=PRINT_SIDES
     )

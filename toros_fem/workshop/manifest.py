@@ -49,6 +49,7 @@ class MadeFile:
 
 def manifest(
     layout: Layout,
+    film: Layout | None,
     seams: Sequence[SewnSeam],
     order: Sequence[SewingStep],
     options: ManufactureOptions,
@@ -59,6 +60,7 @@ def manifest(
 
     Args:
         layout: Panels and their places.
+        film: Sheets of the bladder and their places; None without one.
         seams: All seams.
         order: The order in which they are sewn.
         options: Settings of the machine files.
@@ -107,6 +109,7 @@ def manifest(
             {"seam": step.seam, "kind": step.kind, "opening_mm": 1e3 * step.opening}
             for step in order
         ],
+        "bladder": _film(film),
         "print": _print(printed, options),
         "options": options.as_dict(),
         "materials": {name: inputs[name] for name in materials if name in inputs},
@@ -137,6 +140,21 @@ def _panel(one: PanelDrawing, options: ManufactureOptions) -> dict[str, Any]:
         "seams": sorted({seam.number for seam in one.seams}),
         "notches": len(one.notches),
         **_print(float(one.printed.area), options),
+    }
+
+
+def _film(film: Layout | None) -> dict[str, Any] | None:
+    if film is None:
+        return None
+    return {
+        "film_mm": _mm(film.sheet),
+        "sheets": [
+            {
+                "name": one.name,
+                "cut_size_mm": _mm(np.ptp(np.reshape(one.cut.bounds, (2, 2)), axis=0)),
+            }
+            for one in film.drawings
+        ],
     }
 
 

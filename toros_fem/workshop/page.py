@@ -155,12 +155,14 @@ def _insert(made: Mapping[str, Any], film: Layout | None) -> str:
         return "<p>No bladder goes in.</p>"
     weld = ""
     if film is not None:
+        wide, deep = made["bladder"]["film_mm"]
         weld = (
             "<p>Cut the sheets of film, lay them on each other, and weld them along the dashed "
             "lines, edges with the same number together. The end of the tab stays open for the "
             "tube.</p>"
             f'<figure class="to-cut">{sheet_picture(film.sheets[0], film.sheet, "bladder")}'
-            f"<figcaption>{_names(made, 'bladder')}</figcaption></figure>"
+            f"<figcaption>film of {wide:.0f} × {deep:.0f} mm. {_names(made, 'bladder')}"
+            "</figcaption></figure>"
         )
     return (
         f"{weld}<p>Turn the skin right side out. Fold the bladder, push it in through the opening "

@@ -94,7 +94,7 @@ def write_manufacture(
         files += [MadeFile(name, "bladder", text) for name in names]
     at_tab = tab_seam(pattern, options)
     order = sewing_order(pattern, seams, [] if at_tab is None else [at_tab])
-    made = manifest(places, seams, order, options, files, summary)
+    made = manifest(places, film, seams, order, options, files, summary)
     name = title or folder.resolve().parent.name
     replace_file(folder / PAGE, page(made, places, film, name).encode())
     write_json(folder / NAME, made)
