@@ -125,10 +125,11 @@ def _tube(pattern: Pattern, seams: Sequence[SewnSeam]) -> _Sheets | None:
         return None
     radii = [shapely.minimum_bounding_radius(panel_outline(pattern, cap)) for cap in caps]
     size = np.array([apart.mean() / 2, own[0].length + sum(radii)])
-    corners = np.array([[-0.5, 0], [0, 0], [0.5, 0], [0.5, 1], [-0.5, 1], [-0.5, 0]]) * size
+    # The weld begins at a corner, so that its double notch is not where the tab is.
+    corners = np.array([[0.5, 0], [0.5, 1], [-0.5, 1], [-0.5, 0], [0, 0], [0.5, 0]]) * size
     weld = SewnSeam(1, (0, 1), np.stack([corners, corners * [-1, 1]]), closed=True)
     box = shapely.Polygon(corners)
-    return _Sheets(["bladder front", "bladder back"], [box, box], [weld], (weld, size[0] / 2))
+    return _Sheets(["bladder front", "bladder back"], [box, box], [weld], (weld, float(weld.arc[4])))
 
 
 def _panels(
