@@ -40,6 +40,7 @@ from toros_fem.fabrication.as_printed import (
     connect_islands,
     remove_islands,
 )
+from toros_fem.fabrication.print_spread import PrintSpread, print_spread
 from toros_fem.objectives.metrics import UNITS, Measurement, Metric
 from toros_fem.output.reporter import DesignReporter
 from toros_fem.output.writer import write_results, write_together
@@ -212,7 +213,7 @@ def _written(
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
     if result.final.variants:
-        figures["robust"] = problem.robust_figures(result.final)
+        figures["robust"] = _robust_figures(problem, result, printed)
 
     def write(*, pictures: bool) -> dict[str, Any]:
         return write_results(
@@ -248,6 +249,17 @@ def _written(
         lambda: if_possible(lambda: write_manufacture(place, pattern, regions, summary=summary)),
     )
     return ActuatorResult(summary, result, printed, problem)
+
+
+def _robust_figures(
+    problem: ShapeDesign, result: DesignResult, printed: PrintedDesign
+) -> dict[str, Any]:
+    """Return figures of a robust design and of its print with other widths (collective)."""
+    figures = problem.robust_figures(result.final)
+    assert problem.robust is not None
+    found = print_spread(problem, printed, problem.robust.tolerance.offset)
+    both = (None, None) if found is None else found.metrics
+    return {**figures, "printed": dict(zip(("narrower", "wider"), both, strict=True))}
 
 
 def design_run(
@@ -464,6 +476,7 @@ class _Corrected:
     metrics: Mapping[str, float]
     result: DesignResult
     printed: PrintedDesign
+    spread: PrintSpread | None
 
 
 def _corrected(
@@ -479,7 +492,9 @@ def _corrected(
     """Ask the design for what its print misses, and return the best print (collective).
 
     The design is continued on the finest mesh with targets beyond those of the problem. Metrics
-    whose target no field holds only count for which print is best.
+    whose target no field holds only count for which print is best. A robust design is told how far
+    its prints are apart; of those that are close to the targets the one with the least spread is
+    best.
     """
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
@@ -491,16 +506,28 @@ def _corrected(
     def answer(asked: Mapping[str, float], of: DesignResult, made: PrintedDesign) -> _Corrected:
         found = made.evaluation
         metrics = {} if found is None else problem.metrics_of(found.equilibrium)
-        return _Corrected(asked, metrics, of, made)
+        spread = None
+        if robust is not None:
+            spread = print_spread(problem, made, robust.tolerance.offset)
+        return _Corrected(asked, metrics, of, made, spread)
 
     def clean(made: _Corrected) -> bool:
         before = made.printed.before
         return not (before.narrow_lines or before.narrow_gaps or before.free_islands)
 
+    def badness(made: _Corrected) -> tuple[float, float]:
+        error = largest_error(made.metrics, aims) + (not clean(made)) * UNCLEAN
+        if robust is None:
+            return error, 0.0
+        scales = {key: aim.scale for key, aim in aims.items()}
+        return max(error, CLOSE), np.inf if made.spread is None else made.spread.error(scales)
+
+    robust = problem.robust
     rounds = [answer({key: aim.target for key, aim in free.items()}, result, printed)]
     for _ in range(config.corrections):
         last = rounds[-1]
-        if not last.metrics or (largest_error(last.metrics, aims) < CLOSE and clean(last)):
+        good = robust is None and largest_error(last.metrics, aims) < CLOSE and clean(last)
+        if not last.metrics or good:
             break
         asked = asked_next(rounds, free)
         try:
@@ -509,8 +536,11 @@ def _corrected(
             break
         objective = case(comm, other).objective(problem.skin)
         reporter.expect(last.result.history[-1].iteration + config.level_iterations)
+        asking = problem.with_objective(objective)
+        if last.spread is not None:
+            asking = asking.with_printed_spread(last.spread.half, last.result.final)
         found = optimize(
-            problem.with_objective(objective),
+            asking,
             config.finer_options,
             callback=reporter,
             after=last.result,
@@ -523,7 +553,7 @@ def _corrected(
             found.final, shape=problem.objective.forward(found.final.equilibrium.positions)
         )
         rounds.append(answer(asked, replace(found, problem=problem, final=final), made))
-    best = min(rounds, key=lambda r: largest_error(r.metrics, aims) + (not clean(r)) * UNCLEAN)
+    best = min(rounds, key=badness)
     return best.result, best.printed
 
 

@@ -6,8 +6,11 @@ topology optimization", Struct. Multidiscip. Optim. 43, 2011.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Self
 
 import numpy as np
 
@@ -62,6 +65,9 @@ class Variants:
     tolerance, and x, the nominal shape, the spread is S = ½ T(x + h) + ½ T(x − h) − T(x). For a
     quadratic T this is ½ hᵀ(∂²T/∂x²)h: what the objective would be if the target was missed by h.
 
+    Triangles at the border are between fabric and print, and tell its motion roughly. Where the
+    difference of shapes of a print is known, what it has beyond that of the design is added to h.
+
     Args:
         tolerance: How far borders may be off.
         filter: The filter from ρ to ρ̃.
@@ -72,7 +78,6 @@ class Variants:
         tolerance: As given.
         offset: Offset of the borders of both patterns from the nominal ones, in m.
         thresholds: η of the eroded and of the dilated pattern.
-        solvers: Their solvers.
 
     Raises:
         ParameterError: The filter's radius is too small or too large for the tolerance.
@@ -89,7 +94,26 @@ class Variants:
         offset_thresholds(filter.name, tolerance.offset / filter.radius, eta)  # checks it
         self.offset = max(tolerance.offset, RESOLVED_OFFSET * filter.radius)
         self.thresholds = offset_thresholds(filter.name, self.offset / filter.radius, eta)
-        self.solvers = tuple(solver() for _ in self.thresholds)
+        self._solver = solver
+        self._missing: Floats | float = 0.0
+
+    @cached_property
+    def solvers(self) -> tuple[EquilibriumSolver, ...]:
+        """Solvers of both patterns (collective where they are made)."""
+        return tuple(self._solver() for _ in self.thresholds)
+
+    def corrected(self, printed: Floats, both: Sequence[EquilibriumResult]) -> Self:
+        """Return the same patterns with the difference of shapes of a print; solvers are shared.
+
+        Args:
+            printed: Half the way from the print with wider lines to that with narrower ones, at
+                owned nodes, (n, 3), in m.
+            both: Equilibria of the eroded and the dilated pattern of that design.
+        """
+        _ = self.solvers
+        other = copy.copy(self)
+        other._missing = printed - self._scale * _half_difference(both)
+        return other
 
     @property
     def _scale(self) -> float:
@@ -110,7 +134,7 @@ class Variants:
             nominal: Equilibrium of the nominal pattern.
             both: Those of the eroded and of the dilated pattern.
         """
-        x, h = nominal.positions, self._scale * half_difference(both)
+        x, h = nominal.positions, self._way(both)
         ends = objective.forward(x + h) + objective.forward(x - h)
         return ends / 2 - objective.forward(x)
 
@@ -118,13 +142,17 @@ class Variants:
         self, objective: Objective, nominal: EquilibriumResult, both: Sequence[EquilibriumResult]
     ) -> tuple[Floats, Floats, Floats]:
         """Return ∂S/∂x by the positions of the nominal, eroded, dilated pattern (collective)."""
-        x, h = nominal.positions, self._scale * half_difference(both)
+        x, h = nominal.positions, self._way(both)
         ahead, behind = objective.backward(x + h), objective.backward(x - h)
         across = self._scale * (ahead - behind) / 4
         return (ahead + behind) / 2 - objective.backward(x), across, -across
 
+    def _way(self, both: Sequence[EquilibriumResult]) -> Floats:
+        """Return h at owned nodes, (n, 3), in m."""
+        return np.asarray(self._scale * _half_difference(both) + self._missing)
 
-def half_difference(both: Sequence[EquilibriumResult]) -> Floats:
+
+def _half_difference(both: Sequence[EquilibriumResult]) -> Floats:
     """Return half the way from the second shape to the first at owned nodes, (n, 3), in m."""
     one, two = both
     return np.asarray((one.positions - two.positions) / 2)

@@ -171,6 +171,20 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         """Return the values of all metrics by key, equal on all ranks (collective)."""
         return self._metrics_at(response.positions)
 
+    def with_printed_spread(
+        self, printed: Floats, evaluation: Evaluation[EquilibriumResult]
+    ) -> Self:
+        """Return the same problem, which knows how far prints of a design are apart.
+
+        Args:
+            printed: As of `Variants.corrected`.
+            evaluation: The design of these prints.
+        """
+        other = copy.copy(self)
+        assert self.robust is not None
+        other.robust = self.robust.corrected(printed, evaluation.variants)
+        return other
+
     def robust_figures(self, evaluation: Evaluation[EquilibriumResult]) -> dict[str, Any]:
         """Return spread, thresholds and metrics of the eroded and dilated pattern (collective).
 
