@@ -31,11 +31,22 @@ def robust(tube: Skin, weight: float = 1e4) -> ShapeProblem:
     return dataclasses.replace(plain, robust=made)
 
 
-def test_gradient(tube: Skin) -> None:
-    """By densities and by the pressure, where the spread makes up most of T."""
+@pytest.mark.parametrize("told", [False, True])
+def test_gradient(tube: Skin, *, told: bool) -> None:
+    """By densities and by the pressure, where the spread makes up most of T.
+
+    Also where the spread of a print is known.
+    """
     problem, pattern = robust(tube, 1e5), tube.pattern
     along = pattern.points[pattern.triangles].mean(axis=1)[tube.owned_cells, 2]
     density = 0.5 + 0.3 * np.sin(2 * np.pi * along / 0.03)
+    if told:
+        before = problem.simulate(density)
+        printed = 0.3 * (before.equilibrium.positions - pattern.points[tube.owned_vertices])
+        problem = problem.with_printed_spread(printed, before)
+        x, forward = before.equilibrium.positions, problem.objective.forward
+        expected = (forward(x + printed) + forward(x - printed)) / 2 - forward(x)
+        assert problem.simulate(density).spread == pytest.approx(expected, rel=1e-6)
     here = problem.evaluate(density)
     assert here.spread is not None
     assert 1e5 * here.spread > here.shape
