@@ -72,12 +72,10 @@ def table_markdown(entries: Iterable[LibraryMaterial]) -> str:
             continue
         header = tuple("h" if title == "thickness" else title for title in HEADER)
         rows = [header, *(_row(entry) for entry in of_kind)]
-        for title, cells in (
-            ("c₁, c₂", [_bounds(entry) for entry in of_kind]),
-            ("knit", [_ratio(entry) for entry in of_kind]),
-        ):
-            if any(cells):  # a column that has something, before that of the stretches
-                rows = [(*r[:-2], c, *r[-2:]) for r, c in zip(rows, [title, *cells], strict=True)]
+        bounds = [_bounds(entry) for entry in of_kind]
+        if any(bounds):  # a column before that of the stretches
+            cells = ["c₁, c₂", *bounds]
+            rows = [(*r[:-2], c, *r[-2:]) for r, c in zip(rows, cells, strict=True)]
         table = [f"| {' | '.join(row)} |" for row in rows]
         lines += [f"**{TITLES[kind]}**", "", table[0], f"|{len(rows[0]) * '---|'}", *table[1:], ""]
         lines += [line for entry in of_kind for line in _markdown_source(entry)]
@@ -103,12 +101,10 @@ def _bounds(entry: LibraryMaterial) -> str:
     return "" if bounds == ["–", "–"] else ", ".join(bounds)
 
 
-def _ratio(entry: LibraryMaterial) -> str:
-    return "" if entry.knit_ratio is None else f"{entry.knit_ratio:g}"
-
-
 def _markdown_source(entry: LibraryMaterial) -> list[str]:
     text = f"`{entry.name}`, {entry.title}. {_sentence(entry.source)}"
+    if entry.knit_ratio is not None:
+        text += f" Modulus along the courses over that along the wales: {entry.knit_ratio:g}."
     if entry.note is not None:
         text += f" {_sentence(entry.note)}"
     text = text.replace(" %", "\u00a0%")  # a line that begins with % is a comment
