@@ -190,7 +190,7 @@ def narrow_discs(
     places = [
         (_largest_disc(dot, 0, resolution), at_cut)
         for dot, at_cut in dots
-        if dot.buffer(resolution - limit / 2).is_empty  # else a larger disc fits in
+        if dot.buffer(-resolution - limit / 2).is_empty  # else a larger disc fits in
     ]
     small = [(place.centre, at_cut) for place, at_cut in places if place.width < limit]
     at_cut = ~samples.free[thin.ends].all(axis=1)
