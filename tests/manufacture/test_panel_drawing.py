@@ -157,8 +157,8 @@ def test_moved_drawings_keep_their_lengths() -> None:
         assert -np.pi / 2 < one.angle < 1.6  # still upright
         assert one.height == other.height
     assert moved.footprint.area == pytest.approx(drawing.footprint.area, rel=1e-12)
-    for one, other in zip(moved.marks, drawing.marks, strict=True):
-        sizes = [LineString(line).length for line in (one, other)]
+    for lines in zip(moved.marks, drawing.marks, strict=True):
+        sizes = [LineString(line).length for line in lines]
         assert sizes[0] == pytest.approx(sizes[1], rel=1e-12)
     # Crosses stay upright: they are what is drawn at their centres.
     assert moved.footprint.contains(Polygon(moved.cut.exterior).buffer(-1e-9))

@@ -12,7 +12,7 @@ from toros_fem.meshes import moulded
 
 
 def points(array: np.ndarray) -> list[tuple[float, ...]]:
-    return [(x, y) for x, y in array.tolist()]
+    return [(float(x), float(y)) for x, y in array]
 
 
 @pytest.mark.parametrize("kind", KINDS)

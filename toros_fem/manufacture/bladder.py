@@ -129,7 +129,8 @@ def _tube(pattern: Pattern, seams: Sequence[SewnSeam]) -> _Sheets | None:
     corners = np.array([[0.5, 0], [0.5, 1], [-0.5, 1], [-0.5, 0], [0, 0], [0.5, 0]]) * size
     weld = SewnSeam(1, (0, 1), np.stack([corners, corners * [-1, 1]]), closed=True)
     box = shapely.Polygon(corners)
-    return _Sheets(["bladder front", "bladder back"], [box, box], [weld], (weld, float(weld.arc[4])))
+    names = ["bladder front", "bladder back"]
+    return _Sheets(names, [box, box], [weld], (weld, float(weld.arc[4])))
 
 
 def _panels(

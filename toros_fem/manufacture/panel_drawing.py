@@ -175,7 +175,7 @@ def drawing_of(
         rings = shapely.get_rings(shapely.get_parts(outline))
         border = [shapely.get_coordinates(ring) for ring in rings]
         cut = cut_outline(outline, border if options.allowance_at == ALL else lines, allowance)
-    found = [np.empty((0, 2, 2))]
+    found: list[Floats] = [np.empty((0, 2, 2))]
     if allowance is not None:
         found += [notches(*edge, cut, allowance, options.notch_distance) for edge in edges]
     cuts = np.concatenate(found)

@@ -6,6 +6,7 @@ import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import meshio
 import numpy as np
@@ -158,17 +159,16 @@ def write_3mf(path: Path | str, bodies: Sequence[PrintBody]) -> None:
     model.SetUnit(lib3mf.ModelUnit.MilliMeter)
     group = model.AddBaseMaterialGroup()
     known: dict[str, int] = {}
+    point: Any = ctypes.c_float * 3
+    corners: Any = ctypes.c_uint32 * 3
     for body in bodies:
         if body.material not in known:
             colour = wrapper.RGBAToColor(*COLOUR)
             known[body.material] = group.AddMaterial(body.material, colour)
         item = model.AddMeshObject()
         item.SetName(body.name)
-        corners = (1e3 * body.vertices).tolist()
-        vertices = [lib3mf.Position((ctypes.c_float * 3)(*corner)) for corner in corners]
-        triangles = [
-            lib3mf.Triangle((ctypes.c_uint32 * 3)(*corner)) for corner in body.triangles.tolist()
-        ]
+        vertices = [lib3mf.Position(point(*corner)) for corner in 1e3 * body.vertices]
+        triangles = [lib3mf.Triangle(corners(*ends.tolist())) for ends in body.triangles]
         item.SetGeometry(vertices, triangles)
         item.SetObjectLevelProperty(group.GetResourceID(), known[body.material])
         model.AddBuildItem(item, wrapper.GetIdentityTransform())

@@ -10,6 +10,8 @@ import numpy as np
 from toros_fem._types import Floats, Ints
 from toros_fem.meshes.pattern import Pattern
 
+Pair = tuple[int, int]
+
 
 @dataclass(frozen=True, eq=False)
 class SewnSeam:
@@ -102,16 +104,18 @@ def _chains(pattern: Pattern) -> list[Ints]:
 
     The first point of each pair runs counter-clockwise along its panel.
     """
-    seams = pattern.seams  # (s, side, end); the first side is counter-clockwise
-    ends = pattern.sewn[seams[:, 0]]
+    # Both ends of each sewn edge as pairs of flat points; the first side is counter-clockwise.
+    seams: list[list[Pair]] = [
+        [(int(one), int(two)) for one, two in edge.T] for edge in pattern.seams
+    ]
     at: dict[int, list[int]] = defaultdict(list)
-    for edge, (a, b) in enumerate(ends.tolist()):
-        at[a].append(edge)
-        at[b].append(edge)
-    free = set(pattern.free_edges.ravel().tolist())
+    for edge, ends in enumerate(seams):
+        for point, _ in ends:
+            at[int(pattern.sewn[point])].append(edge)
+    free = {int(vertex) for vertex in pattern.free_edges.ravel()}
     left = set(range(len(seams)))
 
-    def onward(edge: int, head: tuple[int, int]) -> tuple[int, tuple[int, int]] | None:
+    def onward(edge: int, head: Pair) -> tuple[int, Pair] | None:
         """Return the next edge of a seam, and its far end, as a pair of flat points."""
         vertex = int(pattern.sewn[head[0]])
         if vertex in free or len(at[vertex]) != 2:
@@ -119,11 +123,10 @@ def _chains(pattern: Pattern) -> list[Ints]:
         other = at[vertex][0] if at[vertex][1] == edge else at[vertex][1]
         if other not in left:
             return None
-        for end in (0, 1):
-            near, far = seams[other, :, end].tolist(), seams[other, :, 1 - end].tolist()
-            if near == list(head):
-                return other, (far[0], far[1])
-            if near == [head[1], head[0]]:
+        for near, far in (seams[other], seams[other][::-1]):
+            if near == head:
+                return other, far
+            if near == head[::-1]:
                 return other, (far[1], far[0])
         return None
 
@@ -132,7 +135,7 @@ def _chains(pattern: Pattern) -> list[Ints]:
         if start not in left:
             continue
         left.discard(start)
-        pairs = [tuple(seams[start, :, end].tolist()) for end in (0, 1)]
+        pairs = list(seams[start])
         for forward in (True, False):
             edge = start
             while (step := onward(edge, pairs[-1] if forward else pairs[0])) is not None:
