@@ -213,7 +213,7 @@ class _Study:
             notes = broken_lines(pattern, regions, made, resolution)
             polygons = sum(a.area - b.area for a, b in zip(made, regions, strict=True))
             mesh = float((problem.skin.pattern.areas - self.pattern.areas)[self.printed].sum())
-            mesh *= pattern.areas.sum() / self.pattern.areas.sum()
+            mesh *= float(pattern.areas.sum() / self.pattern.areas.sum())
             return printability(pattern, made, drawn.limits), notes, (polygons, mesh)
 
         made, notes, areas = on_first_rank(self.comm, measure)
