@@ -303,6 +303,27 @@ class Composite:
                     f"c2 = {c2} must be at least c1 = {c1} for wrinkling = "
                     f"{self.membrane.wrinkling!r}: a narrow bound on the sum would hold the width."
                 )
+        self._check_side()
+
+    def _check_side(self) -> None:
+        """Check side and offset of the print."""
+        if self.print_offset is not None:
+            require_positive(print_offset=self.print_offset)
+            _store_floats(self, "print_offset")
+        if self.print_side is None:
+            return
+        require_choice("print_side", self.print_side, PRINT_SIDES)
+        if self.bending is None:
+            raise ParameterError(
+                f"print_side = {self.print_side!r}, but bending = None: a print on one face acts "
+                "by bending the sheet. Give a Bending, or print_side = None."
+            )
+        if self.membrane.relaxed:
+            raise ParameterError(
+                f"print_side = {self.print_side!r} with wrinkling = {self.membrane.wrinkling!r}: a "
+                "tension field has no strain across its wrinkles that a print could bend by. Use "
+                "None for one of them."
+            )
 
     @property
     def fabric_bounds(self) -> tuple[float, float]:
@@ -340,28 +361,6 @@ class Composite:
             for c1, c2 in (self.fabric_bounds, self.reinforcement_bounds)
         )
         return fabric if self.shares_bounds else f"{fabric} of the fabric, {printed} of the print"
-
-        self._check_side()
-
-    def _check_side(self) -> None:
-        """Check side and offset of the print."""
-        if self.print_offset is not None:
-            require_positive(print_offset=self.print_offset)
-            _store_floats(self, "print_offset")
-        if self.print_side is None:
-            return
-        require_choice("print_side", self.print_side, PRINT_SIDES)
-        if self.bending is None:
-            raise ParameterError(
-                f"print_side = {self.print_side!r}, but bending = None: a print on one face acts "
-                "by bending the sheet. Give a Bending, or print_side = None."
-            )
-        if self.membrane.relaxed:
-            raise ParameterError(
-                f"print_side = {self.print_side!r} with wrinkling = {self.membrane.wrinkling!r}: a "
-                "tension field has no strain across its wrinkles that a print could bend by. Use "
-                "None for one of them."
-            )
 
     @property
     def eccentricity(self) -> float:

@@ -132,7 +132,7 @@ def test_printed_ring(comm: MPI.Comm, curvature: str) -> None:
     patterns = [
         cylinder(comm, z, 2 * RADIUS, edge, mesh="structured", caps=None) for edge in (4e-3, 2e-3)
     ]
-    for side, pressure in (("outside", 0.0), ("inside", 0.0), ("outside", 2e3)):
+    for side, pressure in (("outside", 0.0), ("inside", 2e3)):
         composite = replace(SIDED, bending=Bending(curvature), print_side=side)
         errors = []
         for pattern in patterns:
