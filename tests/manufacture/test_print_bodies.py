@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import shapely
 from helpers.panels import KINDS, pattern_of, striped
+from shapely import affinity
 from shapely.geometry import Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
@@ -71,6 +72,27 @@ def test_bodies_are_watertight_and_of_the_right_volume(name: str, tmp_path: Path
     )
     number = len(shapely.get_parts(region))
     assert mesh.body_count == number
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_bodies_of_random_polygons(seed: int) -> None:
+    """Slivers, dense corners, and many parts that touch at points, turned by any angle."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(5, 60))
+    if seed % 3 == 0:
+        low = rng.integers(0, 12, (count, 2)) * 2e-3
+        shapes = shapely.box(*low.T, *(low + 2e-3).T)
+    elif seed % 3 == 1:
+        shapes = shapely.polygons(rng.uniform(0, 0.03, (count, 3, 2)))
+    else:
+        shapes = shapely.buffer(shapely.points(rng.uniform(0, 0.03, (count, 2))), 2e-3, quad_segs=5)
+    region = affinity.rotate(shapely.union_all(shapes), rng.uniform(0, 90), origin=(0, 0))
+    if seed % 2:
+        region = shapely.box(-0.05, -0.05, 0.05, 0.05).difference(region)
+    vertices, triangles = print_body(region, HEIGHT)
+    mesh = trimesh.Trimesh((1e3 * vertices).astype(np.float32), triangles, process=True)
+    checked(mesh)
+    assert mesh.volume == pytest.approx(1e9 * region.area * HEIGHT, rel=1e-3)
 
 
 @pytest.mark.parametrize("kind", KINDS)

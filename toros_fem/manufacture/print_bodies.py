@@ -20,8 +20,8 @@ from toros_fem.manufacture.marks import cross_shapes
 from toros_fem.manufacture.options import ManufactureOptions
 from toros_fem.manufacture.panel_drawing import PanelDrawing
 
-# Corners lie on a grid of 1 µm: single precision in mm holds it, and slicers merge closer ones.
-GRID = 1e-6
+# Corners lie on a grid of 0.1 µm, which single precision in mm resolves on beds of 1 m.
+GRID = 1e-7
 # Half the width in m of the cut that separates parts which touch at a point.
 NICK = 5e-6
 # Width of the lines of a printed cross, over its size.
@@ -78,7 +78,7 @@ def print_bodies(
 def print_body(region: BaseGeometry, height: float, base: float = 0.0) -> tuple[Floats, Ints]:
     """Return the body over a region: vertices (n, 3) in m, and triangles (t, 3).
 
-    Corners are rounded to 1 µm. Parts that touch at a point only are separated by a cut of 10 µm,
+    Corners are rounded to 0.1 µm. Parts that touch at a point only are separated by a cut of 10 µm,
     since four faces would meet at the edge above it.
 
     Args:
@@ -116,7 +116,7 @@ def print_body(region: BaseGeometry, height: float, base: float = 0.0) -> tuple[
 
 
 def separated(region: BaseGeometry) -> BaseGeometry:
-    """Return a region with its corners on a grid of 1 µm, and no two borders that touch."""
+    """Return a region with its corners on a grid of 0.1 µm, and no two borders that touch."""
     shape = shapely.set_precision(region, GRID)
     while True:
         rings = shapely.get_rings(shapely.get_parts(shape))
