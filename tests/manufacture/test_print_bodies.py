@@ -1,9 +1,10 @@
 """Print bodies are closed, outward, and of the right volume, as an independent reader finds."""
 
-from pathlib import Path
+from pathlib import locale
 from typing import Any
 
 import numpy as np
+import Path
 import pytest
 import shapely
 from helpers.panels import KINDS, pattern_of, striped
@@ -106,7 +107,9 @@ def test_one_body_for_each_panel(kind: str, tmp_path: Path) -> None:
         for k, drawing in enumerate(panel_drawings(pattern, striped(pattern), options))
     ]
     bodies = print_bodies(drawings, options)
+    before = locale.setlocale(locale.LC_ALL)
     write_3mf(tmp_path / "print.3mf", bodies)
+    assert locale.setlocale(locale.LC_ALL) == before
     scene = trimesh.load(tmp_path / "print.3mf")
     assert scene.units == "millimeter"
     assert set(scene.geometry) == {

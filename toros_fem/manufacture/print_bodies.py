@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import locale
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -172,4 +173,9 @@ def write_3mf(path: Path | str, bodies: Sequence[PrintBody]) -> None:
         item.SetGeometry(vertices, triangles)
         item.SetObjectLevelProperty(group.GetResourceID(), known[body.material])
         model.AddBuildItem(item, wrapper.GetIdentityTransform())
-    model.QueryWriter("3mf").WriteToFile(str(path))
+    # lib3mf leaves the process in the locale "C", where text has no signs but those of ASCII.
+    before = locale.setlocale(locale.LC_ALL)
+    try:
+        model.QueryWriter("3mf").WriteToFile(str(path))
+    finally:
+        locale.setlocale(locale.LC_ALL, before)
