@@ -1,10 +1,10 @@
 """Print bodies are closed, outward, and of the right volume, as an independent reader finds."""
 
-from pathlib import locale
+import locale
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-import Path
 import pytest
 import shapely
 from helpers.panels import KINDS, pattern_of, striped
