@@ -13,8 +13,9 @@ from toros_fem.characterisation.fitting import NORMAL_MAD, FitOptions, Samples
 from toros_fem.materials import Knit, Material
 
 UNITS = {"young": "Pa", "mu": "Pa", "lam": "Pa"}
-# A mean residual beyond this part of the stress there, or of a tenth of the largest, is a misfit.
-MISFIT = 0.1
+# A mean residual beyond this part of the stress there is a misfit; smaller stresses than this part of
+# the largest count as such.
+MISFIT, FLOOR = 0.1, 0.3
 # Parts of the range of stretch that the misfit is looked at in.
 PARTS = 12
 # An interval of Poisson's ratio that is this wide tells nothing.
@@ -222,7 +223,7 @@ def trusted_stretch(samples: Samples, stress: Floats) -> float:
                 residual = (samples.stress - stress)[rows]
                 error = 3 * noise / np.sqrt(len(residual))
                 mean = max(abs(float(residual.mean())) - error, 0.0)
-                level = max(float(samples.stress[rows].mean()), 0.1 * largest)
+                level = max(float(samples.stress[rows].mean()), FLOOR * largest)
                 if mean > MISFIT * level:
                     worst = k
                     break
