@@ -3,10 +3,10 @@
     scripts/fenicsx python3 benchmarks/fit_recovery.py --quick
     scripts/fenicsx python3 benchmarks/fit_recovery.py --json benchmarks/fit_recovery.json
 
-Tests of known constants (E = 100 kPa, ν = 0.3, c₁ = 1.9, c₂ = 2.2) get noise, 2 % of the largest stress and
-0.01 of lateral stretch, and are fitted; each case is drawn a hundred times. The table counts in how many
-draws the interval of each constant holds the true value, in how many c₁ and c₂ are told apart from
-none ("identified"), and gives the median width of E's interval.
+Tests of known constants (E = 100 kPa, ν = 0.3, c₁ = 1.9, c₂ = 2.2) get noise, 2 % of the largest
+stress and 0.01 of lateral stretch, and are fitted; each case is drawn a hundred times. The table
+counts in how many draws the interval of each constant holds the true value, in how many c₁ and c₂
+are told apart from none ("identified"), and gives the median width of E's interval.
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Branches of load cycles, and tests that are none."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ def cycles(noise: float = 0.0) -> TensileTest:
     """Three cycles, each to a larger stretch; the stress holds the number of the branch."""
     rng = np.random.default_rng(0)
     ends = [1.0, 1.3, 1.05, 1.4, 1.1, 1.5, 1.0]
-    parts = [np.linspace(a, b, 40, endpoint=False) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    parts = [np.linspace(a, b, 40, endpoint=False) for a, b in pairwise(ends)]
     stretch = np.concatenate(parts) + noise * rng.standard_normal(240)
     return TensileTest(stretch, np.repeat(np.arange(6.0), 40), 1e-3, lateral=2 - stretch / 2)
 

@@ -71,9 +71,7 @@ def test_entry_of_a_library(comm: MPI.Comm, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_clamped_strip(
-    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_clamped_strip(comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The same forces from a strip whose clamps stiffen it are those of a softer material."""
     folder = shared(comm, tmp_path)
     path, young = jersey_file(comm, folder), []

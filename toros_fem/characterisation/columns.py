@@ -44,7 +44,9 @@ PER_WIDTH = {"N/m": 1.0, "N/mm": 1e3, "N/cm": 1e2, "kN/m": 1e3}
 UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
         **dict.fromkeys(("stretch", "strain", "lateral stretch", "lateral strain"), RATIOS),
-        **dict.fromkeys(("extension", "lateral width", "width", "thickness", "gauge length"), LENGTHS),
+        **dict.fromkeys(
+            ("extension", "lateral width", "width", "thickness", "gauge length"), LENGTHS
+        ),
         "force": FORCES,
         "stress": {**STRESSES, **PER_WIDTH},
     }

@@ -32,7 +32,6 @@ from toros_fem.characterisation.tensile_test import TensileTest
 from toros_fem.errors import MeasurementError, ParameterError
 from toros_fem.materials import Material
 
-
 # Rounds of fit and simulation of a clamped strip, and the change of its stress at which they end.
 MOST_ROUNDS, SAME = 8, 1e-3
 
@@ -86,7 +85,9 @@ def _fit_clamped(
     comm, scales = strip.comm, scales_of(samples)
     solution: Solution | None = None
     top = float(np.abs(samples.stress).max())
-    for number in range(1, MOST_ROUNDS + 1):
+    rounds = 0
+    while True:
+        rounds += 1
         estimator = Estimator(samples, scales, options.loss)
         starts = None if solution is None else [solution.theta]
         solution = on_first_rank(comm, partial(estimator.solve, starts))
@@ -96,15 +97,13 @@ def _fit_clamped(
         change = float(np.abs(estimator.curve(solution.theta)[0] - before).max())
         if change <= SAME * top:
             break
-    else:
-        raise MeasurementError(
-            f"after {MOST_ROUNDS} rounds fit and simulated strip still differ by "
-            f"{change / top:.1%} of the largest stress. Fit fewer data by up_to."
-        )
+        if rounds == MOST_ROUNDS:
+            raise MeasurementError(
+                f"after {MOST_ROUNDS} rounds fit and simulated strip still differ by "
+                f"{change / top:.1%} of the largest stress. Fit fewer data by up_to."
+            )
     found = solution
-    return on_first_rank(
-        comm, lambda: _result(tests, options, thickness, estimator, found, number)
-    )
+    return on_first_rank(comm, lambda: _result(tests, options, thickness, estimator, found, rounds))
 
 
 def _clamped(
@@ -165,9 +164,7 @@ def _result(
     )
 
 
-def _checked(
-    tests: Sequence[TensileTest], options: FitOptions | None
-) -> tuple[FitOptions, float]:
+def _checked(tests: Sequence[TensileTest], options: FitOptions | None) -> tuple[FitOptions, float]:
     options = FitOptions() if options is None else options
     require_kind("options", options, FitOptions, "FitOptions, or None")
     if not isinstance(tests, list | tuple) or not tests:
@@ -182,5 +179,3 @@ def _checked(
             "material: fit them apart."
         )
     return options, thickness
-
-

@@ -1,4 +1,4 @@
-"""Fit of eq. (1) to tensile tests: bounded, robust least squares with weights from the residuals."""
+"""Fit of eq. (1) to tensile tests: bounded, robust least squares, weighted by the residuals."""
 
 from __future__ import annotations
 
@@ -37,9 +37,7 @@ class FitOptions(Config):
     branch: str = quantity(
         "last-loading", "branch of the load cycles that is fitted", choices=BRANCHES
     )
-    up_to: float | None = quantity(
-        None, "largest stretch that is fitted; none takes all", above=1
-    )
+    up_to: float | None = quantity(None, "largest stretch that is fitted; none takes all", above=1)
     loss: str = quantity(
         "soft-l1", "loss of the residuals; the first two bound what an outlier counts",
         choices=LOSSES,
@@ -280,9 +278,7 @@ class Estimator:
         samples, measured = self.samples, self.samples.measured
         is_stress = samples.is_stress
         sigma = np.where(is_stress, 0.05 * float(np.abs(samples.stress).max()), 0.05)
-        tried = [
-            self.minimise(start, sigma, measured) for start in starts or self.scales.starts()
-        ]
+        tried = [self.minimise(start, sigma, measured) for start in starts or self.scales.starts()]
         theta, cost = min(tried, key=lambda found: found[1])
         for _ in range(ROUNDS):
             sigma = self._spread(measured - self.model(theta)[0], len(theta))

@@ -17,9 +17,9 @@ ENOUGH_TESTS = 3
 def hessian_draws(estimator: Estimator, solution: Solution, draws: int, seed: int) -> Floats:
     """Return parameters drawn from the normal distribution of an M-estimate, (draws, p).
 
-    Its covariance is s² (JᵀJ)⁻¹ with s² = Σψ²/(n − p)/(mean ψ′)² (Huber 1981), ψ the derivative of the
-    loss. Student's distribution takes the place of the normal one. What the data do not tell at all is
-    spread over its bounds. Residuals are taken to be independent.
+    Its covariance is s² (JᵀJ)⁻¹ with s² = Σψ²/(n − p)/(mean ψ′)² (Huber 1981), ψ the derivative of
+    the loss. Student's distribution takes the place of the normal one. What the data do not tell at
+    all is spread over its bounds. Residuals are taken to be independent.
     """
     theta, sigma = solution.theta, solution.sigma
     values, slopes = estimator.model(theta)
@@ -64,7 +64,7 @@ def bootstrap_draws(estimator: Estimator, solution: Solution, draws: int, seed: 
             drawn = values + _blocks(estimator, residuals, rng)
             found[k] = estimator.minimise(solution.theta, solution.sigma, drawn)[0]
     if whole:
-        # Few tests drawn again vary too little: by the factor (g − 1)/g, and as Student's, not normal.
+        # Few tests drawn again vary too little: by (g − 1)/g, and their mean is Student's.
         least = min(len(group) for group in groups)
         ratio = student.ppf(0.5 + CONFIDENCE / 2, least - 1) / norm.ppf(0.5 + CONFIDENCE / 2)
         wider = np.sqrt(least / (least - 1)) * ratio

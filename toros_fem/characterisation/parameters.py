@@ -1,9 +1,9 @@
 """Parameters of a fit, their bounds, and the coefficients of eq. (1) that follow from them.
 
-The parameters are ln(E h), ν, α = (x/(c₁−1))² and β = (z/(c₂−1))², where x and z are the largest strain
-along the pull and the largest sum of strains, and for a knit ln(ratio). α and β are small where
-the data do not reach a bound, so that a bound that they cannot tell is an interval that ends at the
-smallest α, not a number without meaning.
+The parameters are ln(E h), ν, α = (x/(c₁−1))² and β = (z/(c₂−1))², where x and z are the largest
+strain along the pull and the largest sum of strains, and for a knit ln(ratio). α and β are small
+where the data do not reach a bound, so that a bound that they cannot tell is an interval that ends
+at the smallest α, not a number without meaning.
 """
 
 from __future__ import annotations

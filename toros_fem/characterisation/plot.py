@@ -44,9 +44,7 @@ def plot_fit(path: Path, result: Fit) -> None:
                 label=f"{words}measured ({count})",
             )  # fmt: skip
             top.plot(stretch, fitted[rows], color=colour, lw=1.8, label=f"{words}eq. (1)")
-            bottom.plot(
-                stretch, (measured - fitted)[rows], ".", ms=4, color=colour, alpha=0.5
-            )
+            bottom.plot(stretch, (measured - fitted)[rows], ".", ms=4, color=colour, alpha=0.5)
         bottom.axhline(0.0, color="0.5", lw=0.8)
         top.set_ylabel(label)
         bottom.set_ylabel("measured − fitted")

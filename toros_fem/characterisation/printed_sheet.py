@@ -127,8 +127,8 @@ class PrintedSheet:
             stress = machine.forces(result)[1, self.axis] / machine.width
             lateral = machine.middle_stretch(positions)[1 - self.axis]
             parts = self._parts(state)
-            moved = self._clamp - solver.solve_tangent(pushed.at(state), result)
-            adjoints = moved / machine.width, -solver.solve_tangent(self._mean, result)
+            follow: Floats = self._clamp - solver.solve_tangent(pushed.at(state), result)
+            adjoints = follow / machine.width, -solver.solve_tangent(self._mean, result)
             rows.append(
                 [stress, lateral]
                 + [

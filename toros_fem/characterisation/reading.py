@@ -83,9 +83,9 @@ def read_tensile_tests(
 
     The columns are named in a header: stretch, strain or extension; force or stress; if measured
     lateral stretch, lateral strain or current width; specimen and direction where a file holds
-    several. Other columns are left out. Units stand in brackets, "force [N]". Lines "# width = 25 mm" before the header
-    hold for the whole file, as do lengths given here. The separator is a comma, a semicolon or a
-    tab; with the other two, numbers may have a decimal comma.
+    several. Other columns are left out. Units stand in brackets, "force [N]". Lines
+    "# width = 25 mm" before the header hold for the whole file, as do lengths given here. The
+    separator is a comma, a semicolon or a tab; with the last two, numbers may have a decimal comma.
 
     Args:
         paths: Files.
@@ -281,9 +281,10 @@ class _Table:
         for number, row in self._rows():
             if overridden:
                 row["direction"] = self.given.direction or ""
-            key = str(row.get("specimen") or named["specimen"]), str(
-                row.get("direction", named["direction"])
-            ).lower()
+            key = (
+                str(row.get("specimen") or named["specimen"]),
+                str(row.get("direction", named["direction"])).lower(),
+            )
             groups.setdefault(key, []).append((number, row))
         if not groups:
             raise self.fault(self.header_line, "the header has no rows of numbers after it.")

@@ -13,8 +13,8 @@ from toros_fem.characterisation.fitting import NORMAL_MAD, FitOptions, Samples
 from toros_fem.materials import Knit, Material
 
 UNITS = {"young": "Pa", "mu": "Pa", "lam": "Pa"}
-# A mean residual beyond this part of the stress there is a misfit; smaller stresses than this part of
-# the largest count as such.
+# A mean residual beyond this part of the stress there is a misfit; stresses count as this part of
+# the largest at least.
 MISFIT, FLOOR = 0.1, 0.3
 # Parts of the range of stretch that the misfit is looked at in.
 PARTS = 12

@@ -1,4 +1,4 @@
-"""The strip as it is really tested: its clamps hold the width, so that it is stiffer at its ends."""
+"""The strip as it is really tested: clamps hold its width, so that it is stiffer at its ends."""
 
 from __future__ import annotations
 

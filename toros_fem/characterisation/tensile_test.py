@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -65,9 +66,7 @@ class TensileTest:
     def taken(self, rows: Ints) -> TensileTest:
         """Return the test with some of its points, by their numbers."""
         lateral = None if self.lateral is None else self.lateral[rows]
-        return replace(
-            self, stretch=self.stretch[rows], stress=self.stress[rows], lateral=lateral
-        )
+        return replace(self, stretch=self.stretch[rows], stress=self.stress[rows], lateral=lateral)
 
     def branch(self, which: str) -> TensileTest:
         """Return the points of one branch of the load cycles.
@@ -120,7 +119,7 @@ def _branches(stretch: Floats) -> tuple[list[tuple[int, int]], list[tuple[int, i
     turns.append(best)
     rising: list[tuple[int, int]] = []
     falling: list[tuple[int, int]] = []
-    for begin, end in zip(turns[:-1], turns[1:], strict=True):
+    for begin, end in pairwise(turns):
         if end > begin:
             (rising if stretch[end] > stretch[begin] else falling).append((begin, end))
     return rising, falling

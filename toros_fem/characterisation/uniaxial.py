@@ -68,8 +68,8 @@ def lateral_strain(strain: Floats, c: Coefficients) -> Floats:
     """Return w = λ₂ − 1 at which the stress across the pull vanishes.
 
     2μ w/(1 − a w²) + k w + λ z/(1 − b z²) = 0 with z = x + w. The left side grows with w, is
-    negative at w = −x and positive at w = 0 or next to z = c₂ − 1. So the root is bracketed, however near
-    the bounds, and Newton's method halves the bracket where it would leave it.
+    negative at w = −x and positive at w = 0 or next to z = c₂ − 1. So the root is bracketed,
+    however near the bounds, and Newton's method halves the bracket where it would leave it.
 
     Args:
         strain: x = λ₁ − 1, (n,), from 0 to below c₁ − 1.
@@ -84,9 +84,7 @@ def lateral_strain(strain: Floats, c: Coefficients) -> Floats:
     for _ in range(MOST_STEPS):
         z = x + w
         value = 2 * c.mu * _barrier(w, c.a) + c.across * w + c.lam * _barrier(z, c.b)
-        slope = (
-            2 * c.mu * _barrier_slope(w, c.a) + c.across + c.lam * _barrier_slope(z, c.b)
-        )
+        slope = 2 * c.mu * _barrier_slope(w, c.a) + c.across + c.lam * _barrier_slope(z, c.b)
         high = np.where(value > 0, w, high)
         low = np.where(value > 0, low, w)
         step = w - value / slope

@@ -28,9 +28,7 @@ LENGTHS = ("thickness", "width", "gauge_length")
 
 
 def _options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "data", type=Path, nargs="+", metavar="DATA", help="CSV files of the tests"
-    )
+    parser.add_argument("data", type=Path, nargs="+", metavar="DATA", help="CSV files of the tests")
     parser.add_argument(
         "--output",
         type=Path,
@@ -119,7 +117,8 @@ def _given(options: argparse.Namespace) -> Given:
                 f"--unit {text!r} must be COLUMN=UNIT, with a column of {', '.join(UNITS)}."
             )
         units[column] = unit.strip()
-    return Given(**{name: _length(getattr(options, name)) for name in LENGTHS}, units=units)
+    thickness, width, gauge_length = (_length(getattr(options, name)) for name in LENGTHS)
+    return Given(thickness, width, gauge_length, units=units)
 
 
 def _length(text: str | None) -> float | None:

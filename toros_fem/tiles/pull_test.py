@@ -273,7 +273,7 @@ def _borders(pattern: Pattern, axis: int) -> tuple[Bools, Bools]:
 
 
 def _middle(pattern: Pattern, axis: int, gauge: float) -> tuple[Bools, Floats]:
-    """Return which triangles lie within the gauge, by centroids, and their flat edges, (m, 2, 2)."""
+    """Return which triangles lie within the gauge by centroids, and their flat edges, (m, 2, 2)."""
     place = pattern.centroids[:, axis] - pattern.flat_points[:, axis].min()
     length = np.ptp(pattern.flat_points[:, axis])
     middle = np.abs(place - length / 2) < gauge / 2
