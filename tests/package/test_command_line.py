@@ -1,6 +1,7 @@
 """The command line of scripts: options from fields, help, errors in one line."""
 
 import importlib
+import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -130,6 +131,7 @@ def test_files(script: Script) -> None:
     ],
 )
 def test_materials_by_name(
+    tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     words: str,
@@ -141,6 +143,7 @@ def test_materials_by_name(
         chosen.append(config)
         return {}
 
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", ["bend.py", "--coarse", *words.split()])
     code = run_from_command_line(
         MPI.COMM_SELF,
@@ -155,6 +158,8 @@ def test_materials_by_name(
         assert code == 2
         assert told in capsys.readouterr().err
         return
+    record = json.loads(Path("out/state/run.json").read_text(encoding="utf-8"))
+    assert record["inputs"]["materials"]["reinforcement"] == "tpu-85a"
     composite, library = chosen[0].composite, read_library()
     assert chosen[0].edge_length == coarse_tube(BendConfig()).edge_length
     assert composite.reinforcement == reinforced(composite.fabric, library["tpu-85a"].material)

@@ -138,6 +138,9 @@ def run_from_command_line(
             "config": chosen.as_dict(),
             "files": {name: None if path is None else str(path) for name, path in paths.items()},
         }
+        named = {role: given[role] for role in KIND_OF if role in given}
+        if named:
+            inputs["materials"] = named
         again = "the same command and --resume"
         with open_run(comm, folder, inputs, resume=resume, again=again):
             summary = run(comm, folder, chosen, verbose=verbose, **paths)
