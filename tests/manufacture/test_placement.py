@@ -89,6 +89,18 @@ def test_panels_apart_keep_their_places() -> None:
     assert len({place.offset for place in packed}) == 3
 
 
+def test_panels_of_a_plane_move_apart_for_their_allowances() -> None:
+    apart = {f"tile {k}": shapely.box(0.05 * k, 0, 0.05 * k + 0.04, 0.1) for k in range(4)}
+    wide = {name: shape.buffer(4.5e-3, join_style="mitre") for name, shape in apart.items()}
+    places = nest(wide, BED, gap=GAP, margin=MARGIN, grain=np.pi / 2)
+    check(wide, places, BED)
+    lefts = [place.region(wide[place.panel]).bounds[0] for place in places]
+    steps = np.diff(lefts)
+    assert steps == pytest.approx([steps[0]] * 3)
+    assert 0.049 + GAP - 3e-6 <= steps[0] <= 0.049 + GAP + 0.02 * 0.05
+    assert {place.offset[1] for place in places} == {places[0].offset[1]}
+
+
 def test_a_panel_as_large_as_the_sheet_fits() -> None:
     whole = {"wall": shapely.box(0, 0, 0.23, 0.19), "cap": shapely.Point(0, 0).buffer(0.01)}
     places = nest(whole, BED, gap=GAP, margin=MARGIN, grain=np.pi / 2)

@@ -115,6 +115,14 @@ def test_a_print_is_as_thick_as_it_was_designed() -> None:
     assert made_as(None) == made_as({}) == ManufactureOptions()
 
 
+def test_wales_of_a_knit_lie_along_the_sheet(pattern: Pattern, tmp_path: Path) -> None:
+    knit = {"inputs": {"knit_ratio": 2.0, "grain_angle": 90.0}}
+    options = made_as(knit).updated(bed_width=0.2, bed_depth=0.2)
+    assert made_as({"inputs": {**knit["inputs"], "knit_ratio": None}}).grain == 90
+    made = write_manufacture(tmp_path, pattern, regions_of(pattern), options)
+    assert {place["angle_deg"] % 180 for place in made["placements"]} == {90.0}
+
+
 def test_what_cannot_be_made_is_said_in_a_line(
     pattern: Pattern,
     tmp_path: Path,

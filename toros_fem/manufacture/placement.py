@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 import shapely
-from shapely.affinity import affine_transform
+from shapely.affinity import affine_transform, translate
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Floats
@@ -18,6 +18,8 @@ from toros_fem.errors import MissingPackageError, SheetError
 ROLL = np.pi / 2
 # Outlines are nested with corners left out, by at most this distance, in m.
 SIMPLIFIED = 0.05e-3
+# Panels of a flat plane move away from its middle by these shares of their distance to it.
+SPREADS = tuple(np.linspace(0.0, 0.5, 26))
 # Rounding of distances and sizes that is let pass, in m.
 ROUNDING = 1e-6
 MM = 1e3
@@ -69,7 +71,7 @@ def nest(
     """Return a place for each panel on as few sheets as are found; the same in every run.
 
     Panels that are apart in their flat plane and together fit on one sheet keep their places
-    there. Others are nested by u-nesting, whose first-fit by no-fit polygons has no random part.
+    there; they are moved apart where their allowances meet. Others are nested by u-nesting, whose first-fit by no-fit polygons has no random part.
 
     Args:
         outlines: Polygon in m to place for each panel, its seam allowance included.
@@ -150,15 +152,27 @@ def _kept(
     usable: Floats,
     gap: float,
 ) -> list[Placement]:
-    """Return the places of the flat plane on one sheet; none where they do not serve."""
-    if not _apart(list(outlines.values()), gap):
+    """Return the places of the flat plane on one sheet; none where they do not serve.
+
+    Panels that the plane has apart, but whose allowances meet, move away from the middle.
+    """
+    shapes = list(outlines.values())
+    centres = np.array([shapely.get_coordinates(shape.envelope.centroid)[0] for shape in shapes])
+    for spread in SPREADS:
+        moves = spread * (centres - centres.mean(axis=0))
+        moved = [translate(shape, *move) for shape, move in zip(shapes, moves, strict=True)]
+        if _apart(moved, gap):
+            break
+    else:
         return []
-    whole = shapely.GeometryCollection(list(outlines.values()))
+    whole = shapely.GeometryCollection(moved)
     for angle in next(iter(turns.values())):
         low, box = _box(whole, angle)
         common = all(any(np.isclose(angle, t) for t in allowed) for allowed in turns.values())
         if common and np.all(box <= usable + ROUNDING):
-            return [Placement(name, 0, angle, (-low[0], -low[1])) for name in outlines]
+            offsets = moves @ _turn(angle).T - low
+            pairs = zip(outlines, offsets.tolist(), strict=True)
+            return [Placement(name, 0, angle, (x, y)) for name, (x, y) in pairs]
     return []
 
 

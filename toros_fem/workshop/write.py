@@ -9,7 +9,7 @@ from typing import Any
 
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.errors import MissingPackageError, PatternError, SheetError
+from toros_fem.errors import TorosError
 from toros_fem.manufacture.bladder import bladder_drawings, tab_seam
 from toros_fem.manufacture.cut_files import write_cut_dxf, write_cut_svg
 from toros_fem.manufacture.options import ManufactureOptions
@@ -102,7 +102,9 @@ def write_manufacture(
 
 
 def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
-    """Return the settings that fit a run's summary: the thickness of its print, and its face.
+    """Return the settings that fit a run's summary: thickness and face of the print, grain.
+
+    The grain is that of the wales, across the courses of a knit.
 
     Args:
         summary: The run's summary; None takes the defaults.
@@ -110,6 +112,8 @@ def made_as(summary: Mapping[str, Any] | None) -> ManufactureOptions:
     inputs = (summary or {}).get("inputs") or {}
     thickness = inputs.get("reinforcement_thickness") or inputs.get("thickness")
     known = {"layer_height": thickness, "print_side": inputs.get("print_side")}
+    if inputs.get("knit_ratio") is not None:
+        known["grain"] = 90.0 + inputs["grain_angle"]
     return ManufactureOptions(**{name: value for name, value in known.items() if value is not None})
 
 
@@ -117,7 +121,7 @@ def if_possible(write: Callable[[], Any]) -> None:
     """Write machine files, or print in one line why there are none (one rank)."""
     try:
         write()
-    except (MissingPackageError, PatternError, SheetError) as missing:
+    except TorosError as missing:
         print(f"no machine files: {missing}", file=sys.stderr)
 
 
