@@ -32,6 +32,7 @@ from toros_fem.forms.membrane import (
     barrier_value,
     membrane_pairs,
     neo_hooke,
+    squared_difference,
 )
 from toros_fem.forms.periodic import placed
 from toros_fem.forms.pressure import enclosed_volume, pressure_blocks
@@ -178,9 +179,12 @@ def skin_forms(
     s, p = stretch_invariants(C)
     sheet = mixed("mu"), mixed("lam")
     state = None
+    # Bounds of their own may be narrow: then the strains need all their digits.
+    narrow = not all(isinstance(bound, ufl.Constant) for bound in bounds)
     if residual_stiffness is None:
         energy = barrier_value(C, *sheet, *bounds) * dx
-        stretching = barrier_membrane(s, p, *sheet, *bounds)
+        difference = squared_difference(C, s) if narrow else None
+        stretching = barrier_membrane(s, p, *sheet, *bounds, difference)
     else:
         state = tension_field(C, *sheet, *bounds)
         energy = relaxed_value(C, sheet, bounds, residual_stiffness) * dx
@@ -191,7 +195,9 @@ def skin_forms(
     nodes = [components(node) for node in patch]
     blocks = Blocks(len(nodes))
     if state is None:
-        pairs = membrane_pairs(nodes[:3], jacobian, sheet, bounds, bladder, geometric)
+        pairs = membrane_pairs(
+            nodes[:3], jacobian, sheet, bounds, bladder, geometric, narrow=narrow
+        )
     else:
         pairs = sum_of_pairs(
             membrane_pairs(

@@ -18,7 +18,9 @@ from toros_fem.forms.kinematics import (
 SMALL = 1e-2
 
 
-def barrier_membrane(s: Any, p: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any:
+def barrier_membrane(
+    s: Any, p: Any, mu: Any, lam: Any, c1: Any, c2: Any, difference: Any | None = None
+) -> Any:
     """Return the energy per flat area, eq. (1) of Montes Maestre et al. 2023.
 
     ψ = −μ a ln(1 − (λ₁−1)²/a) − μ a ln(1 − (λ₂−1)²/a) − (λ/2) b ln(1 − (λ₁+λ₂−2)²/b) with
@@ -37,15 +39,26 @@ def barrier_membrane(s: Any, p: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any
         mu, lam: Plane-stress Lamé parameters times thickness, in N/m.
         c1: Bound on a principal stretch: |λᵢ − 1| < c₁ − 1.
         c2: Bound on their sum: |λ₁ + λ₂ − 2| < c₂ − 1.
+        difference: (λ₁ − λ₂)², by `squared_difference`: with it the forces keep their digits where
+            the bounds are narrow. None forms the strains from s and p, which round at 1.
 
     Returns:
         Energy per flat area in J/m².
     """
     a, b = (c1 - 1) ** 2, (c2 - 1) ** 2
-    squares = s * s - 2 * p - 2 * s + 2  # (λ₁−1)² + (λ₂−1)²
-    product = p - s + 1  # (λ₁−1)(λ₂−1)
+    if difference is None:
+        squares = s * s - 2 * p - 2 * s + 2  # (λ₁−1)² + (λ₂−1)²
+        product = p - s + 1  # (λ₁−1)(λ₂−1)
+    else:
+        squares = ((s - 2) ** 2 + difference) / 2
+        product = ((s - 2) ** 2 - difference) / 4
     shear = -mu * a * ufl.ln(1 - squares / a + product**2 / a**2)
     return shear - lam / 2 * b * ufl.ln(1 - (s - 2) ** 2 / b)
+
+
+def squared_difference(C: Any, s: Any) -> Any:
+    """Return (λ₁ − λ₂)² from C and λ₁ + λ₂, without the cancellation of s² − 4p."""
+    return ((C[0, 0] - C[1, 1]) ** 2 + 4 * C[0, 1] ** 2) / (s * s)
 
 
 def barrier_value(C: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any:
@@ -64,7 +77,7 @@ def barrier_value(C: Any, mu: Any, lam: Any, c1: Any, c2: Any) -> Any:
     a, b = (c1 - 1) ** 2, (c2 - 1) ** 2
     s, _ = stretch_invariants(C)
     total = s - 2  # (λ₁−1) + (λ₂−1)
-    difference = ((C[0, 0] - C[1, 1]) ** 2 + 4 * C[0, 1] ** 2) / (s * s)  # (λ₁−λ₂)²
+    difference = squared_difference(C, s)
     squares = (total**2 + difference) / 2  # (λ₁−1)² + (λ₂−1)²
     product = (total**2 - difference) / 4  # (λ₁−1)(λ₂−1)
     shear = -mu * a * log1p((product / a) ** 2 - squares / a)
@@ -104,6 +117,8 @@ def membrane_pairs(
     bladder: Any | None,
     geometric: Any,
     density: Callable[[Any, Any], Any] | None = None,
+    *,
+    narrow: bool = False,
 ) -> EdgePairs:
     """Return the second variation of ψ(s, p), eq. (1), per flat area, by the edges e₁ and e₂.
 
@@ -119,10 +134,18 @@ def membrane_pairs(
         bladder: Shear modulus times thickness of `neo_hooke`; None for none.
         geometric: 1 for the whole, 0 for its part made positive, without rotations of stress.
         density: ψ(s, p) in the place of eq. (1); None for eq. (1).
+        narrow: Whether eq. (1) takes `squared_difference`, for narrow bounds.
     """
     gradient = deformation_gradient([ufl.as_vector(corner) for corner in corners], jacobian)
-    s, p = (ufl.variable(value) for value in stretch_invariants(right_cauchy_green(gradient)))
-    psi = barrier_membrane(s, p, *stiffness, *bounds) if density is None else density(s, p)
+    C = right_cauchy_green(gradient)
+    plain = stretch_invariants(C)
+    s, p = (ufl.variable(value) for value in plain)
+    difference = None
+    if narrow:
+        # A constant that restores the digits of s² − 4p, and leaves its derivatives.
+        lost = squared_difference(C, plain[0]) - (plain[0] * plain[0] - 4 * plain[1])
+        difference = s * s - 4 * p + lost
+    psi = density(s, p) if density else barrier_membrane(s, p, *stiffness, *bounds, difference)
     if bladder is not None:
         psi += neo_hooke(s, p, bladder)
     d_s, d_p = ufl.diff(psi, s), ufl.diff(psi, p)
