@@ -11,6 +11,8 @@ from mpi4py import MPI
 from toros_fem import errors
 from toros_fem._mpi import total
 from toros_fem.density.field import random_density
+from toros_fem.design.loop import optimize
+from toros_fem.design.options import DesignOptions, Stage
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.materials import Composite
 from toros_fem.mechanics.stretch_bounds import singular_values
@@ -60,6 +62,17 @@ def test_random_prints_inflate_within_their_bounds(solver: EquilibriumSolver) ->
     assert 1.049 < max(printed_most) < 1.051, "the bound must matter"
 
 
+def test_bounds_that_carry_the_load(tube: Skin) -> None:
+    """Ten times the stretch that the bound leaves: the forces keep their digits."""
+    narrow = Composite(reinforcement=replace(SOFT, c1=1.02, c2=1.04))
+    solver = EquilibriumSolver(tube, narrow, clamp(tube.pattern, ["base"]))
+    density = print_of(tube, 2)
+    found = solver.solve(density, 20e3)
+    assert found.residual <= solver.options.tolerance
+    assert found.stretch_use > 0.98
+    assert 1.015 < largest_stretch(solver, found.state, density > 0.999) < 1.021
+
+
 def test_a_start_outside_narrower_bounds_is_taken_inside(tube: Skin) -> None:
     """A trial too: a design step that prints stretched fabric costs no failed solve."""
     solver = EquilibriumSolver(tube, TIGHT, clamp(tube.pattern, ["base"]))
@@ -86,6 +99,14 @@ def test_failures_state_both_bounds(tube: Skin, solver: EquilibriumSolver) -> No
     failed = solver.solve(np.zeros(len(tube.owned_cells)), 1e9, trial=True, raise_on_failure=False)
     assert not failed.converged
     assert "(c1 = 1.9, c2 = 2.6 of the fabric, c1 = 1.05, c2 = 2.6 of the print)" in failed.reason
+
+
+def test_a_design_goes_on_as_densities_change(tube: Skin, solver: EquilibriumSolver) -> None:
+    result = optimize(make_problem(tube, solver), DesignOptions((Stage(4),)), seed=1)
+    values = [row.objective for row in result.history]
+    assert len(values) >= 4
+    assert values[-1] < 0.9 * values[0]
+    assert result.final.equilibrium.stretch_use < 1
 
 
 def test_taylor_of_the_whole_chain(tube: Skin, solver: EquilibriumSolver, comm: MPI.Comm) -> None:

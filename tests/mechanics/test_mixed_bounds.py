@@ -11,6 +11,7 @@ from helpers.models import (
     automatic_tangent,
     bent_tube,
     drawn,
+    line_design,
     pressurize,
     sheet_model,
     upper_rows,
@@ -22,6 +23,7 @@ from scipy.sparse import csr_matrix, triu
 from toros_fem._mpi import norm, total
 from toros_fem.materials import Composite, Membrane
 from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.relaxed_model import RelaxedModel
 from toros_fem.mechanics.stretch_bounds import MixedBounds
 from toros_fem.mechanics.supports import clamp
 from toros_fem.meshes import Skin
@@ -80,6 +82,31 @@ def test_sensitivity_to_the_density(model: SkinModel) -> None:
     assert rates == pytest.approx(2, abs=0.1)
     along = total(comm, model.density_variation(state, change) @ adjoint)
     assert along == pytest.approx(slope, rel=1e-10)
+
+
+def test_line_families_between_mixed_bounds(tube: Skin) -> None:
+    """The fabric between the lines has the bounds of its density; the gradient is theirs too."""
+    model = RelaxedModel(tube, TIGHT, clamp(tube.pattern, ["base"]), 2)
+    comm, state, adjoint = tube.comm, stretched(model), drawn(model, 1)
+    design = line_design(tube, 2, 3)
+    change = np.zeros_like(design)
+    change[:, :3] = np.random.default_rng(4).uniform(-1, 1, (len(tube.pattern.panel), 3))[
+        tube.owned_cells
+    ]
+
+    def work(step: float) -> float:
+        model.set_density(design + step * change)
+        return total(comm, float(model.residual(state) @ adjoint))
+
+    slope = total(comm, float((sensitivity_at(model, design, state, adjoint) * change).sum()))
+    assert taylor_rates(work, slope, 2e-3) == pytest.approx(2, abs=0.1)
+
+
+def sensitivity_at(
+    model: RelaxedModel, design: np.ndarray, state: np.ndarray, adjoint: np.ndarray
+) -> np.ndarray:
+    model.set_density(design)
+    return model.density_sensitivity(state, adjoint)
 
 
 def test_energy_is_that_of_the_mixed_bounds(comm: MPI.Comm) -> None:
