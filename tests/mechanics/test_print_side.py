@@ -70,7 +70,7 @@ def printed(
 
 
 @pytest.mark.parametrize("side", ["outside", "inside"])
-def test_pulled_strip_curls_towards_the_fabric(comm: MPI.Comm, side: str) -> None:
+def test_pulled_strip_curls_towards_the_print(comm: MPI.Comm, side: str) -> None:
     """Along N the curvature is N e/D about the print's middle, across −ν of it: a patch test."""
     pattern = rectangle(comm, LENGTH, WIDTH, 4e-3, "unstructured")
     points, border = pattern.points, pattern.free_edges
@@ -89,7 +89,7 @@ def test_pulled_strip_curls_towards_the_fabric(comm: MPI.Comm, side: str) -> Non
     table = np.column_stack([np.ones(len(x)), x, y, x * x / 2, x * y, y * y / 2])
     fit = np.linalg.lstsq(table, z, rcond=None)[0]
     expected = pull * OFFSET / (PRINT.young * PRINT.thickness**3 / 12)
-    # The normal is +z, and z'' < 0 bends the ends away from it.
+    # The normal is +z, and z'' > 0 lifts the ends.
     sign = 1 if side == "outside" else -1
     curvature = sign * expected * np.array([1, 0, -PRINT.poisson])
     assert fit[3:] == pytest.approx(curvature, abs=1e-5 * expected)
