@@ -10,7 +10,7 @@ from helpers.panels import CLOSED, KINDS, pattern_of, striped
 from mpi4py import MPI
 from shapely.geometry import LineString, Polygon
 
-from toros_fem.errors import PanelError
+from toros_fem.errors import PanelError, ParameterError
 from toros_fem.fabrication.contours import panel_outline
 from toros_fem.manufacture import ManufactureOptions, PanelDrawing, panel_drawings, sewn_seams
 from toros_fem.manufacture.marks import notch_arcs
@@ -188,3 +188,11 @@ def test_a_fully_printed_panel_is_marked_beside_its_print(comm: MPI.Comm) -> Non
         assert {"up", drawing.name} <= {label.text for label in drawing.labels}
         for label in drawing.labels:
             assert label.frame.intersection(drawing.printed).area < 1e-12
+
+
+def test_wrong_kinds() -> None:
+    pattern = pattern_of("finger")
+    with pytest.raises(ParameterError, match="options = 5 must be"):
+        panel_drawings(pattern, striped(pattern), 5)
+    with pytest.raises(ParameterError, match="pattern = 'finger' must be"):
+        panel_drawings("finger", [])

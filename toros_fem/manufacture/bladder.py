@@ -13,7 +13,7 @@ from toros_fem._types import Floats
 from toros_fem._validate import checked_floats
 from toros_fem.errors import PanelError
 from toros_fem.fabrication.contours import panel_outline
-from toros_fem.manufacture.options import ALL, ManufactureOptions
+from toros_fem.manufacture.options import ALL, ManufactureOptions, options_or_default
 from toros_fem.manufacture.panel_drawing import PanelDrawing, Seam, drawing_of
 from toros_fem.manufacture.seam_lines import SewnSeam, sewn_seams
 from toros_fem.meshes.pattern import Pattern
@@ -72,7 +72,7 @@ def bladder_drawings(
         PanelError: There is no such panel, or nothing is sewn to it.
         PatternError: The skin is moulded.
     """
-    options = options or ManufactureOptions()
+    options = options_or_default(options)
     seams = sewn_seams(pattern)
     if not seams:
         return []
@@ -104,7 +104,7 @@ def tab_seam(
     It is None for a tube, whose sheets of film have a weld of their own, where nothing is sewn, and
     without a tab. Arguments and errors are those of `bladder_drawings`.
     """
-    options = options or ManufactureOptions()
+    options = options_or_default(options)
     seams = sewn_seams(pattern)
     if not seams or options.connector_width is None or _tube(pattern, seams) is not None:
         return None

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from toros_fem._validate import require_kind
 from toros_fem.config import Config, quantity
 from toros_fem.materials import PRINT_SIDES
 
@@ -69,3 +70,15 @@ class ManufactureOptions(Config):
         if self.grain is None:
             return None
         return float(np.radians(180.0 - self.grain if self.print_side == INSIDE else self.grain))
+
+
+def options_or_default(options: ManufactureOptions | None) -> ManufactureOptions:
+    """Return settings, or the defaults for None.
+
+    Raises:
+        ParameterError: They are something else.
+    """
+    if options is None:
+        return ManufactureOptions()
+    require_kind("options", options, ManufactureOptions, "ManufactureOptions(…), or None")
+    return options

@@ -15,7 +15,7 @@ from toros_fem.errors import PanelError
 from toros_fem.fabrication.contours import panel_outline
 from toros_fem.manufacture.allowance import cut_outline
 from toros_fem.manufacture.marks import CLEAR, cross_shapes, crosses, grain_arrow, notches
-from toros_fem.manufacture.options import ALL, ManufactureOptions
+from toros_fem.manufacture.options import ALL, ManufactureOptions, options_or_default
 from toros_fem.manufacture.panel_labels import Label, edge_labels, panel_label, upright
 from toros_fem.manufacture.seam_lines import SewnSeam, sewn_seams
 from toros_fem.meshes.pattern import Pattern
@@ -127,16 +127,17 @@ def panel_drawings(
         options: Allowance and marks; None takes the defaults.
 
     Raises:
+        ParameterError: Pattern or options are something else.
         PanelError: The number of regions is not that of the panels.
         PatternError: The skin is moulded.
     """
-    options = options or ManufactureOptions()
+    options = options_or_default(options)
+    seams = sewn_seams(pattern)
     if len(regions) != len(pattern.panel_names):
         raise PanelError(
             f"there are {len(regions)} regions for {len(pattern.panel_names)} panels; give one for "
             "each panel, an empty polygon where nothing is printed."
         )
-    seams = sewn_seams(pattern)
     return [
         drawing_of(
             [(name,), (f"{options.print_side} up", "up")],

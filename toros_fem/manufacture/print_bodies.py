@@ -18,7 +18,7 @@ from toros_fem._types import Floats, Ints
 from toros_fem._validate import require_between, require_positive
 from toros_fem.errors import MissingPackageError, PatternError
 from toros_fem.manufacture.marks import cross_shapes
-from toros_fem.manufacture.options import ManufactureOptions
+from toros_fem.manufacture.options import ManufactureOptions, options_or_default
 from toros_fem.manufacture.panel_drawing import PanelDrawing
 
 # Corners lie on a grid of 0.1 µm, which single precision in mm resolves on beds of 1 m.
@@ -60,7 +60,7 @@ def print_bodies(
         drawings: Panels, at their places on the bed.
         options: Height of the print, and of its lower face; None takes the defaults.
     """
-    options = options or ManufactureOptions()
+    options = options_or_default(options)
     height, base = options.layer_height, options.fabric_offset or 0.0
     found = []
     for drawing in drawings:

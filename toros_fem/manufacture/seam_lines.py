@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toros_fem._types import Floats, Ints
+from toros_fem._validate import require_kind
 from toros_fem.meshes.pattern import Pattern
 
 Pair = tuple[int, int]
@@ -73,8 +74,10 @@ def sewn_seams(pattern: Pattern) -> list[SewnSeam]:
         pattern: A pattern of flat panels.
 
     Raises:
+        ParameterError: The pattern is something else.
         PatternError: The skin is moulded.
     """
+    require_kind("pattern", pattern, Pattern, "a Pattern, by meshes.cylinder for instance")
     pattern.require_flat_panels("a seam line")
     point_panel = np.zeros(len(pattern.flat_points), dtype=np.int64)
     point_panel[pattern.flat_triangles] = pattern.panel[:, None]
