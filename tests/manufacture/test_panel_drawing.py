@@ -193,6 +193,6 @@ def test_a_fully_printed_panel_is_marked_beside_its_print(comm: MPI.Comm) -> Non
 def test_wrong_kinds() -> None:
     pattern = pattern_of("finger")
     with pytest.raises(ParameterError, match="options = 5 must be"):
-        panel_drawings(pattern, striped(pattern), 5)
+        panel_drawings(pattern, striped(pattern), 5)  # type: ignore[arg-type]
     with pytest.raises(ParameterError, match="pattern = 'finger' must be"):
-        panel_drawings("finger", [])
+        panel_drawings("finger", [])  # type: ignore[arg-type]
