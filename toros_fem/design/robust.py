@@ -23,10 +23,7 @@ from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.objectives.shape import Objective
 
 # Factor on the spread where none is given.
-SPREAD_WEIGHT = 200.0
-# Least offset of the simulated borders over R. Between patterns that are closer, few triangles
-# change, and a design whose spread vanishes on these has one of more than half as printed.
-RESOLVED_OFFSET = 0.09
+SPREAD_WEIGHT = 100.0
 
 
 @dataclass(frozen=True)
@@ -60,10 +57,9 @@ class Variants:
     """Eroded and dilated pattern of a design, each with an equilibrium of its own.
 
     They come from the same filtered density ρ̃ by a higher and a lower threshold of the projection.
-    Their borders are off by the tolerance, or where the mesh does not resolve it by
-    RESOLVED_OFFSET filter radii. With h, half the difference of both shapes, scaled down to the
-    tolerance, and x, the nominal shape, the spread is S = ½ T(x + h) + ½ T(x − h) − T(x). For a
-    quadratic T this is ½ hᵀ(∂²T/∂x²)h: what the objective would be if the target was missed by h.
+    With h, half the difference of both shapes, and x, the nominal shape, their spread is
+    S = ½ T(x + h) + ½ T(x − h) − T(x). For a quadratic T this is ½ hᵀ(∂²T/∂x²)h: what the objective
+    would be if the target was missed by h.
 
     Triangles at the border are between fabric and print, and tell its motion roughly. Where the
     difference of shapes of a print is known, what it has beyond that of the design is added to h.
@@ -76,7 +72,6 @@ class Variants:
 
     Attributes:
         tolerance: As given.
-        offset: Offset of the borders of both patterns from the nominal ones, in m.
         thresholds: η of the eroded and of the dilated pattern.
 
     Raises:
@@ -91,9 +86,7 @@ class Variants:
         solver: Callable[[], EquilibriumSolver],
     ) -> None:
         self.tolerance = tolerance
-        offset_thresholds(filter.name, tolerance.offset / filter.radius, eta)  # checks it
-        self.offset = max(tolerance.offset, RESOLVED_OFFSET * filter.radius)
-        self.thresholds = offset_thresholds(filter.name, self.offset / filter.radius, eta)
+        self.thresholds = offset_thresholds(filter.name, tolerance.offset / filter.radius, eta)
         self._solver = solver
         self._missing: Floats | float = 0.0
 
@@ -112,13 +105,8 @@ class Variants:
         """
         _ = self.solvers
         other = copy.copy(self)
-        other._missing = printed - self._scale * _half_difference(both)
+        other._missing = printed - _half_difference(both)
         return other
-
-    @property
-    def _scale(self) -> float:
-        """The tolerance over the offset of the patterns."""
-        return self.tolerance.offset / self.offset
 
     def projections(self, nominal: Projection) -> tuple[Projection, ...]:
         """Return the projections of both patterns, as steep as the nominal one."""
@@ -144,12 +132,12 @@ class Variants:
         """Return ∂S/∂x by the positions of the nominal, eroded, dilated pattern (collective)."""
         x, h = nominal.positions, self._way(both)
         ahead, behind = objective.backward(x + h), objective.backward(x - h)
-        across = self._scale * (ahead - behind) / 4
+        across = (ahead - behind) / 4
         return (ahead + behind) / 2 - objective.backward(x), across, -across
 
     def _way(self, both: Sequence[EquilibriumResult]) -> Floats:
         """Return h at owned nodes, (n, 3), in m."""
-        return np.asarray(self._scale * _half_difference(both) + self._missing)
+        return np.asarray(_half_difference(both) + self._missing)
 
 
 def _half_difference(both: Sequence[EquilibriumResult]) -> Floats:

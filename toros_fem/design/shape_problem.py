@@ -197,7 +197,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         names = ("eroded", "dilated")
         return {
             "width_tolerance_m": robust.tolerance.width,
-            "pattern_offset_m": robust.offset,
+            "border_offset_m": robust.tolerance.offset,
             "spread": evaluation.spread,
             "spread_weight": robust.tolerance.weight,
             **{f"eta_{n}": eta for n, eta in zip(names, robust.thresholds, strict=True)},
