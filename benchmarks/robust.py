@@ -1,16 +1,17 @@
 """Robust designs of the bending tube: spread of the angle over print widths, and cost.
 
-    OMP_NUM_THREADS=1 scripts/fenicsx python3 benchmarks/robust.py --json benchmarks/robust.json
+    scripts/fenicsx python3 benchmarks/robust.py --output runs --json benchmarks/robust.json
     scripts/fenicsx python3 benchmarks/robust.py --from benchmarks/robust.json --docs
+    scripts/fenicsx python3 benchmarks/robust.py --output runs --picture docs/images/robust.png
 
 Designs the coarse bending tube of `demos/bend.py` plain and robust, one after the other, from the
 same starts. Each print is simulated again with its lines 0.1 mm narrower and wider: on a mesh that
 follows its borders, whose vertices move with them, of the design's edge length and of a finer one.
-Costs are factorisations, and seconds of the processor, in which other processes do not count.
+Costs are factorisations of tangents of the same size, which take nearly all of the time.
 
-The JSON file is written after each design. Designs that are in it already are not repeated; delete
-the file after a change of the code. `--docs` writes the table into docs/optimisation.md. A pair of
-designs takes about four minutes of one core.
+The JSON file is written after each design. Designs that are in it already, and runs that are in the
+output folder, are not repeated; delete them after a change of the code. `--docs` writes the table
+into docs/optimisation.md. A pair of designs takes about four minutes of one core.
 """
 
 from __future__ import annotations
@@ -23,6 +24,11 @@ import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import shapely
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as Path2D
 from mpi4py import MPI
 from page_tables import replaced
 
@@ -32,11 +38,13 @@ from toros_fem.actuators.problem import actuator_problem
 from toros_fem.actuators.run import design_actuator
 from toros_fem.actuators.tube import coarse_tube
 from toros_fem.design.robust import SPREAD_WEIGHT
-from toros_fem.fabrication.as_printed import PrintedDesign
+from toros_fem.fabrication.contours import panel_outline
 from toros_fem.fabrication.print_file import read_print_polygons
-from toros_fem.fabrication.print_spread import print_spread
-from toros_fem.fabrication.printed_lines import printed_lines
+from toros_fem.fabrication.regions import part_regions, regions_on
+from toros_fem.meshes import mirrored
 from toros_fem.scenes.bend import BendConfig, case
+from toros_fem.tolerance.settings import ToleranceConfig
+from toros_fem.tolerance.simulated import Drawn, simulated_tolerances
 
 PAGE = Path(__file__).parent.parent / "docs" / "optimisation.md"
 BEGIN, END = "<!-- table of benchmarks/robust.py -->", "<!-- end of the table -->"
@@ -48,25 +56,24 @@ Row = dict[str, Any]
 
 
 def designed(folder: Path, seed: int, weight: float | None) -> Row:
-    """Return figures of one design."""
-    comm = MPI.COMM_WORLD
-    changes = {"seed": seed, "estimate_error": False, "curve_pressure": None}
+    """Return figures of one design, from its folder if it is there."""
+    changes: Row = {"seed": seed, "estimate_error": False, "curve_pressure": None}
     if weight is not None:
         changes |= {"width_tolerance": WIDTH, "spread_weight": weight}
     config = coarse_tube(BendConfig()).updated(**changes)
-    begin = time.process_time()
-    made = design_actuator(comm, folder, case, config)
-    seconds = time.process_time() - begin
+    file = folder / "summary.json"
+    if not file.exists():
+        design_actuator(MPI.COMM_WORLD, folder, case, config)
+    made = json.loads(file.read_text(encoding="utf-8"))
     return {
         "seed": seed,
         "weight": weight,
-        "angle_deg": made.summary["angle_deg"],
-        "shape": made.result.final.shape,
-        "factorisations": made.summary["factorisations"],
-        "steps": made.summary["iterations"],
-        "cpu_seconds": seconds,
-        "smallest_width_mm": made.summary["manufacture"]["smallest_width_mm"],
-        "border_mm": made.summary["manufacture"]["border_mm"],
+        "angle_deg": made["angle_deg"],
+        "shape": made["design"]["shape"],
+        "factorisations": made["factorisations"],
+        "steps": made["iterations"],
+        "smallest_width_mm": made["manufacture"]["smallest_width_mm"],
+        "border_mm": made["manufacture"]["border_mm"],
         "coarse": spread_of(folder, config),
         "fine": spread_of(folder, config.updated(edge_length=FINE)),
     }
@@ -75,24 +82,36 @@ def designed(folder: Path, seed: int, weight: float | None) -> Row:
 def spread_of(folder: Path, config: BendConfig) -> Row | None:
     """Return the angles of a print with narrower and wider lines on the mesh of a configuration."""
     comm = MPI.COMM_WORLD
-    plain = config.updated(
-        width_tolerance=None, line_width=None, gap_width=None, constrained_iterations=0
+    plain = config.updated(width_tolerance=None, constrained_iterations=0)
+    made, stored = case(comm, plain), read_print_polygons(comm, folder)
+    whole = mirrored(made.pattern, made.symmetry).pattern
+    regions = part_regions(made.pattern, regions_on(stored.pattern, stored.regions, whole))
+    following = made.following(comm, regions)
+    drawn = Drawn(regions, (stored.pattern, stored.regions), stored.limits, None, plain.pressure)
+    found = simulated_tolerances(
+        actuator_problem(comm, following, plain),
+        lambda pattern: actuator_problem(comm, following.on(pattern), plain),
+        drawn,
+        ToleranceConfig(width=WIDTH, modulus=None, thickness=None, pressure_change=None),
+        begin=time.perf_counter(),
     )
-    problem = actuator_problem(comm, case(comm, plain), plain)
-    stored = read_print_polygons(comm, folder)
-    printed: PrintedDesign = printed_lines(problem, stored.pattern, stored.regions, stored.limits)
-    found = print_spread(problem, printed, WIDTH / 2)
-    if found is None:
+    angles = {v.change: v.values.get("angle_deg") for v in found.variants}
+    narrow, wide = angles[-WIDTH], angles[WIDTH]
+    if narrow is None or wide is None:
         return None
-    narrow, wide = (values["angle_deg"] for values in found.metrics)
-    return {"narrower_deg": narrow, "wider_deg": wide, "spread_deg": abs(narrow - wide)}
+    return {
+        "angle_deg": found.nominal["angle_deg"],
+        "narrower_deg": narrow,
+        "wider_deg": wide,
+        "spread_deg": abs(narrow - wide),
+    }
 
 
 def table(rows: list[Row]) -> str:
     """Return the table of all designs."""
     lines = [
-        "| seed | design | angle as printed | ± 0.1 mm, 2.85 mm mesh | ± 0.1 mm, 1.4 mm mesh | "
-        "factorisations | seconds of the processor |",
+        "| seed | design | angle as printed | spread, mesh of 2.85 mm | spread, mesh of 1.4 mm | "
+        "border of the print | factorisations |",
         "|---|---|---|---|---|---|---|",
     ]
     plain = {row["seed"]: row for row in rows if row["weight"] is None}
@@ -103,13 +122,36 @@ def table(rows: list[Row]) -> str:
             for mesh in ("coarse", "fine")
         ]
         name = "plain" if row["weight"] is None else f"robust, κ = {row['weight']:g}"
-        costs = [
-            f"{row[key]:.0f}" + (f" ({row[key] / base[key]:.1f} ×)" if row is not base else "")
-            for key in ("factorisations", "cpu_seconds")
-        ]
-        cells = [str(row["seed"]), name, f"{row['angle_deg']:.1f}°", *spreads, *costs]
+        cost = f"{row['factorisations']}"
+        if row is not base:
+            cost += f" ({row['factorisations'] / base['factorisations']:.1f} times)"
+        border = f"{row['border_mm']:.0f} mm"
+        cells = [str(row["seed"]), name, f"{row['angle_deg']:.1f}°", *spreads, border, cost]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def draw(file: Path, folders: dict[str, Path]) -> None:
+    """Draw the walls of prints below each other."""
+    figure = Figure(figsize=(9, 2.9 * len(folders)), layout="constrained")
+    for axes, (title, folder) in zip(
+        np.atleast_1d(figure.subplots(len(folders), sharex=True)), folders.items(), strict=True
+    ):
+        stored = read_print_polygons(MPI.COMM_WORLD, folder)
+        pattern, wall = stored.pattern, stored.pattern.panel_index("wall")
+        outline = panel_outline(pattern, wall)
+        for shape, colour in ((outline, "#eddbb7"), (stored.regions[wall], "#223253")):
+            for part in shapely.get_parts(shape):
+                rings = [part.exterior, *part.interiors]
+                path = Path2D.make_compound_path(
+                    *[Path2D(1e3 * shapely.get_coordinates(r)[:, ::-1], closed=True) for r in rings]
+                )
+                axes.add_patch(PathPatch(path, facecolor=colour, edgecolor="none"))
+        low, high = np.reshape(outline.bounds, (2, 2))[:, ::-1] * 1e3
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", ylabel="mm")
+        axes.set_title(title)
+    axes.set_xlabel("mm")
+    figure.savefig(file, dpi=110)
 
 
 def main() -> None:
@@ -123,6 +165,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="file of the rows, written after each")
     parser.add_argument("--from", dest="source", type=Path, help="rows to show instead")
     parser.add_argument("--docs", action="store_true", help="write the table into the page")
+    parser.add_argument("--picture", type=Path, help="picture of the first seed's prints")
     given = parser.parse_args()
     file = given.source or given.json
     rows: list[Row] = []
@@ -131,13 +174,18 @@ def main() -> None:
     done = {(row["seed"], row["weight"]) for row in rows}
     wanted = [(seed, weight) for seed in given.seeds for weight in (None, *given.weights)]
     with tempfile.TemporaryDirectory() as scratch:
-        for seed, weight in [] if given.source else wanted:
-            if (seed, weight) in done:
+        place = given.output or Path(scratch)
+        folders = {(s, w): place / f"{s}_{w or 'plain'}" for s, w in wanted}
+        for (seed, weight), folder in folders.items():
+            if given.source or (seed, weight) in done:
                 continue
-            folder = (given.output or Path(scratch)) / f"{seed}_{weight or 'plain'}"
             rows.append(designed(folder, seed, weight))
             if given.json:
                 given.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+        if given.picture:
+            shown = [(s, w) for s, w in wanted if s == given.seeds[0]]
+            titles = ["plain" if w is None else f"robust, κ = {w:g}" for _, w in shown]
+            draw(given.picture, dict(zip(titles, [folders[k] for k in shown], strict=True)))
     print(table(rows))
     if given.docs:
         page = PAGE.read_text(encoding="utf-8")
