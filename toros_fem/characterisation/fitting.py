@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from toros_fem._types import Floats, Ints
+from toros_fem._types import Bools, Floats, Ints
 from toros_fem.characterisation.parameters import Scales
 from toros_fem.characterisation.tensile_test import BRANCHES, FEWEST, TensileTest
 from toros_fem.characterisation.uniaxial import tension
@@ -88,8 +89,8 @@ class Samples:
         return np.flatnonzero(np.isfinite(self.lateral))
 
     @property
-    def is_stress(self) -> Ints:
-        """Whether each entry of `measured` is a stress, as truth values."""
+    def is_stress(self) -> Bools:
+        """Whether each entry of `measured` is a stress."""
         return np.arange(len(self.stress) + len(self.has_lateral)) < len(self.stress)
 
     @property
@@ -309,7 +310,7 @@ class Estimator:
         return sigma
 
 
-def influence(residuals: Floats, loss: str) -> tuple[Floats, Floats]:
+def influence(residuals: Any, loss: str) -> tuple[Floats, Floats]:
     """Return ψ and ψ′, the first two derivatives of a loss by residuals over their deviation."""
     z = (residuals / TUNING) ** 2
     if loss == "soft_l1":

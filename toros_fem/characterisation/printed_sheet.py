@@ -127,12 +127,13 @@ class PrintedSheet:
             stress = machine.forces(result)[1, self.axis] / machine.width
             lateral = machine.middle_stretch(positions)[1 - self.axis]
             parts = self._parts(state)
-            follow: Floats = self._clamp - solver.solve_tangent(pushed.at(state), result)
-            adjoints = follow / machine.width, -solver.solve_tangent(self._mean, result)
+            follow = self._clamp - solver.solve_tangent(pushed.at(state), result)
+            widening = solver.solve_tangent(self._mean, result)
+            adjoints = np.array([follow / machine.width, -widening])
             rows.append(
                 [stress, lateral]
                 + [
-                    dot(comm, adjoint, factor * part)
+                    dot(comm, adjoint, np.asarray(factor * part))
                     for adjoint in adjoints
                     for factor, part in zip(factors, parts, strict=True)
                 ]

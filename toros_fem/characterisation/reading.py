@@ -324,11 +324,13 @@ class _Table:
         elif "strain" in kinds:
             stretch = 1 + values("strain")
         else:
-            stretch = 1 + values("extension") / length("gauge length", "the extension needs it")
+            stretch = np.asarray(
+                1 + values("extension") / length("gauge length", "the extension needs it")
+            )
         self._check(numbers, stretch, "stretch")
         thickness = float(np.mean(length("thickness", "the modulus needs it")))
         if "force" in kinds:
-            stress = values("force") / length("width", "the force needs it")
+            stress = np.asarray(values("force") / length("width", "the force needs it"))
         else:
             per_width = next(c.per_width for c in self.columns if c.kind == "stress")
             stress = values("stress") * (1.0 if per_width else thickness)
@@ -338,7 +340,9 @@ class _Table:
         elif "lateral strain" in kinds:
             lateral = 1 + values("lateral strain")
         elif "lateral width" in kinds:
-            lateral = values("lateral width") / length("width", "the current width needs it")
+            lateral = np.asarray(
+                values("lateral width") / length("width", "the current width needs it")
+            )
         if lateral is not None:
             self._check(numbers, lateral, "lateral stretch")
         if not float(np.max(np.abs(stress))) > 0:

@@ -140,9 +140,10 @@ class FitResult(Fit):
 
     @property
     def material(self) -> Material:
-        """The sheet; of a knit the plain fabric under its courses."""
+        """The sheet with its bounds; of a knit the plain fabric under its courses."""
+        found = self.estimates
         return Material(
-            self.estimates["young"].value, self.estimates["poisson"].value, self.thickness
+            found["young"].value, found["poisson"].value, self.thickness, self.c1, self.c2
         )
 
     @property

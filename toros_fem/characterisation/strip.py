@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -88,11 +88,10 @@ class ClampedStrip:
         pattern = rectangle(self.comm, self.length, self.width, edge, "crossed")
         skin = sew(self.comm, pattern)
         grain = 0.0 if direction == "course" else np.pi / 2
+        sheet = replace(material, c1=c1, c2=c2)
         composite = Composite(
-            material,
-            material,
-            c1,
-            c2,
+            sheet,
+            sheet,
             bending=None,
             knit=Knit(knit_ratio, grain) if knit_ratio > 1 else None,
         )
