@@ -123,3 +123,21 @@ def test_too_many_levels() -> None:
         ActuatorConfig(levels=2)
     assert ActuatorConfig().level_count == 1
     assert TubeConfig(edge_length=8e-3).level_count == 1
+
+
+def test_a_tolerance_of_widths_is_for_densities() -> None:
+    """Not for line families and their prints, but for the densities that come last."""
+    assert TubeConfig().robust_against is None
+    given = TubeConfig(width_tolerance=1e-4, spread_weight=7.0).robust_against
+    assert given is not None
+    assert (given.width, given.offset, given.weight) == (1e-4, 5e-5, 7.0)
+    with pytest.raises(errors.ParameterError, match="Set density_iterations"):
+        TubeConfig(start="relaxed", width_tolerance=1e-4)
+    lines = TubeConfig(start="relaxed", width_tolerance=1e-4, density_iterations=5)
+    assert lines.of_relaxed.robust_against is None
+    assert lines.of_print.robust_against is None
+    assert lines.of_densities.robust_against is not None
+    plain, constrained = TubeConfig(width_tolerance=1e-4).options[0].stages
+    assert (plain.robust, constrained.robust) == (False, True)
+    (only,) = TubeConfig(width_tolerance=1e-4, constrained_iterations=0).options[0].stages
+    assert only.robust

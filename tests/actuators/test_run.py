@@ -258,6 +258,27 @@ def test_a_design_is_asked_for_what_its_print_misses(comm: MPI.Comm, tmp_path: P
 
 
 @pytest.mark.slow
+def test_a_robust_design_tells_its_spread(comm: MPI.Comm, tmp_path: Path) -> None:
+    """Of both patterns, and of the print; corrections go on although the angle is right."""
+    config = bend_demo.BendConfig(
+        length=0.06, edge_length=5e-3, filter_radius=8e-3, levels=1, angle=40.0, seed=1,
+        iterations=4, constrained_iterations=2, polish_iterations=0, level_iterations=2,
+        corrections=1, width_tolerance=4e-4, **DESIGN_ALONE,
+    )  # fmt: skip
+    made = design_actuator(comm, shared(comm, tmp_path), bend_demo.case, config)
+    found, rows = made.summary["robust"], made.result.history
+    assert found["border_offset_m"] == 2e-4
+    assert found["eta_dilated"] < 0.5 < found["eta_eroded"]
+    assert found["eroded"]["angle_deg"] != found["dilated"]["angle_deg"]
+    narrower, wider = (found["printed"][name]["angle_deg"] for name in ("narrower", "wider"))
+    assert 0 < abs(narrower - wider) < 10
+    assert made.problem.robust is not None
+    assert len(rows) >= 8
+    # More equilibria than of the stage that is plain.
+    assert min(r.factorisations for r in rows if r.stage > 0) > 2
+
+
+@pytest.mark.slow
 def test_a_metric_without_a_field_does_not_prevent_corrections(
     comm: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
