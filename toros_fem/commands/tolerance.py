@@ -35,18 +35,21 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     with triangle_limit(None):  # what was designed was allowed
         found = tolerances_of_run(comm, given.run, config)
     write_tolerances(comm, output, found)
-    drawn = ", ".join(f"{m.name} {shown(m, found.nominal[m.key])}" for m in found.metrics)
+    drawn, own = (
+        ", ".join(f"{m.name} {shown(m, values[m.key])}" for m in found.metrics if m.key in values)
+        for values in (found.nominal, found.own_mesh)
+    )
     notes = [f"{v.words}: {note}" for v in found.variants for note in v.notes]
     nominal, more = found.seconds
     lines = [
         f"As drawn: {drawn} at {found.pressure / 1e3:.2f} kPa, {found.triangles} triangles that "
-        "follow the print.",
+        f"follow the print; on the mesh of the design {own}.",
         "Changes as simulated [to first order]:",
         text_table(found),
         *notes,
         *found.worst_sentences,
-        f"{nominal:.1f} s as drawn, {more:.1f} s for {len(found.variants)} variants; see "
-        f"{output}/{FILES[2]}",
+        f"{nominal:.1f} s and {found.steps[0]} Newton steps as drawn, {more:.1f} s and "
+        f"{found.steps[1]} for {len(found.variants)} variants; see {output}/{FILES[2]}",
     ]
     return Answer("\n".join(lines), {"folder": output, "files": FILES, **found.summary()})
 

@@ -75,7 +75,8 @@ def tolerances_of_run(
         return actuator_problem(comm, following.on(pattern), mesh)
 
     pressure = summary["pressure_pa"]
-    drawn = Drawn(regions, (stored.pattern, stored.regions), stored.limits, near, pressure)
+    own = {m.key: summary[m.key] for m in case.metrics if summary.get(m.key) is not None}
+    drawn = Drawn(regions, (stored.pattern, stored.regions), stored.limits, near, pressure, own)
     return simulated_tolerances(
         actuator_problem(comm, following, mesh), remake, drawn, config, begin=begin
     )

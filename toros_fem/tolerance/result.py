@@ -71,6 +71,7 @@ class Tolerances:
     Attributes:
         metrics: Numbers that the design is judged by, the most important first.
         nominal: Objective and metrics by key as drawn, on the mesh that follows the print.
+        own_mesh: Metrics by key on the mesh of the design; empty if not known.
         smallest_width, smallest_gap: Thinnest line and gap of the print in m; None without any.
         pressure: Pressure in Pa.
         variants: All variants, by quantity and change.
@@ -81,6 +82,7 @@ class Tolerances:
 
     metrics: tuple[Metric, ...]
     nominal: Mapping[str, float]
+    own_mesh: Mapping[str, float]
     smallest_width: float | None
     smallest_gap: float | None
     pressure: float
@@ -160,6 +162,7 @@ class Tolerances:
         return {
             "pressure_pa": self.pressure,
             "nominal": dict(self.nominal),
+            "own_mesh": dict(self.own_mesh),
             "targets": {m.key: m.target for m in self.metrics},
             "smallest_width_mm": _mm(self.smallest_width),
             "smallest_gap_mm": _mm(self.smallest_gap),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from shapely.geometry.base import BaseGeometry
@@ -59,6 +59,7 @@ class Drawn:
         near: Pattern of the part and positions of all its vertices, (n, 3), in m, to start from;
             None starts from the assembled shape.
         pressure: In Pa, of all chambers or of each; None takes the problem's own.
+        own_mesh: Metrics by key on the mesh of the design, to compare with; empty if not known.
     """
 
     regions: Sequence[BaseGeometry]
@@ -66,6 +67,7 @@ class Drawn:
     limits: PrintLimits
     near: tuple[Pattern, Floats] | None
     pressure: Pressure | None
+    own_mesh: Mapping[str, float] = field(default_factory=dict)
 
 
 def tolerances(
@@ -101,6 +103,7 @@ def tolerances(
         printed.limits,
         (part, problem.shape_of(made.equilibrium)),
         made.equilibrium.pressures,
+        problem.metrics_of(made.equilibrium),
     )
     begin = time.perf_counter()
     following = problem.on(snapped(problem.comm, part, drawn.regions))
@@ -134,6 +137,7 @@ def simulated_tolerances(
     return Tolerances(
         metrics=problem.metrics,
         nominal=study.nominal,
+        own_mesh=drawn.own_mesh,
         smallest_width=_width(before.smallest_width),
         smallest_gap=_width(before.smallest_gap),
         pressure=study.evaluation.equilibrium.pressure,
