@@ -39,11 +39,17 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
         ", ".join(f"{m.name} {shown(m, values[m.key])}" for m in found.metrics if m.key in values)
         for values in (found.nominal, found.own_mesh)
     )
+    thinnest = [
+        f"{name} {1e3 * width:.2f} mm"
+        for name, width in (("line", found.smallest_width), ("gap", found.smallest_gap))
+        if width is not None
+    ]
     notes = [f"{v.words}: {note}" for v in found.variants for note in v.notes]
     nominal, more = found.seconds
     lines = [
         f"As drawn: {drawn} at {found.pressure / 1e3:.2f} kPa, {found.triangles} triangles that "
         f"follow the print; on the mesh of the design {own}.",
+        *([f"Thinnest {', '.join(thinnest)}."] if thinnest else []),
         "Changes as simulated [to first order]:",
         text_table(found),
         *notes,

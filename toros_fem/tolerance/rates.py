@@ -26,8 +26,8 @@ class Rate:
     """Derivatives by one quantity.
 
     Attributes:
-        motion: Derivative of the state, at owned unknowns; of a border's motion without the part
-            that goes with the mesh.
+        motion: Derivative of the state, at owned unknowns; of a border's motion that of places of
+            the sheet, without what goes along with the mesh.
         values: Derivatives of objective and metrics, by key.
     """
 
@@ -78,17 +78,14 @@ class TangentRates:
     def by_borders(self, less: MovedSkin, more: MovedSkin, step: float) -> Rate:
         """Return the derivatives by the way of the print's borders, per m.
 
+        They are those of places of the sheet: what goes along with the mesh is left out.
+
         Args:
             less, more: The skin with its borders moved by −step and by step.
             step: Way in m.
         """
-        ends = [skin.unknowns_of_residual(self.density_of_all, self.load) for skin in (less, more)]
-        force = np.asarray(self.model.scatter(ends[1] - ends[0]) / (2 * step))
-        motion = self.problem.solver.solve_tangent(-force, self.equilibrium)
-        along = self.model.gather(motion)
-        values = [skin.values(s * step * along) for skin, s in ((less, -1), (more, 1))]
-        rates = {key: (values[1][key] - values[0][key]) / (2 * step) for key in values[0]}
-        return Rate(motion, rates)
+        ends = [skin.residual(self.density_of_all, self.load) for skin in (less, more)]
+        return self._rate(np.asarray(self.model.scatter(ends[1] - ends[0]) / (2 * step)))
 
     @property
     def density_of_all(self) -> Floats:
@@ -129,37 +126,61 @@ class MovedSkin:
     Args:
         problem: The problem on the moved pattern.
         nominal: The pattern before.
-        unknowns: Unknowns of the equilibrium there, as of `SkinModel.gather`.
-        carried: Way of all vertices with the deformed mesh, (n, 3), in m.
+        motion: Way of the flat points, (m, 2), in m.
+        unknowns: Unknowns of the equilibrium before, as of `SkinModel.gather`.
     """
 
     def __init__(
-        self, problem: ShapeDesign, nominal: Pattern, unknowns: Floats, carried: Floats
+        self, problem: ShapeDesign, nominal: Pattern, motion: Floats, unknowns: Floats
     ) -> None:
-        self.problem = problem
-        pattern, fixed = problem.skin.pattern, problem.solver.model.supports.fixed
-        count = 3 * len(pattern.points)
+        self.problem, self._nominal, self._motion = problem, nominal, motion
+        count = 3 * len(nominal.points)
         places = unknowns[:count].reshape(-1, 3)
-        # What is held stays where the supports of the moved skin have it.
-        held = places + pattern.points - nominal.points
-        moved = np.where(fixed, held, places + carried)
+        moved = places + self._carried(nominal, places)
         self.unknowns = np.concatenate([moved.ravel(), unknowns[count:]])
 
     def state(self, change: Floats | float = 0.0) -> Floats:
         """Return the state of this rank, with a change of all unknowns added."""
         return self.problem.solver.model.scatter(self.unknowns + change)
 
-    def unknowns_of_residual(self, density: Floats, load: LoadCase) -> Floats:
-        """Return the residual of all unknowns, by original index."""
+    def residual(self, density: Floats, load: LoadCase) -> Floats:
+        """Return the residual of all unknowns, by original index.
+
+        Args:
+            density: Density of all triangles, (t,).
+            load: The load case.
+        """
         model, skin = self.problem.solver.model, self.problem.skin
         model.set_density(density[skin.owned_cells])
         model.set_load(load)
         return model.gather(model.residual(self.state()))
 
-    def values(self, change: Floats | float = 0.0) -> dict[str, float]:
-        """Return objective and metrics, by key."""
-        model = self.problem.solver.model
-        return values_at(self.problem, model.positions(self.state(change)))
+    def before(self, owned: Floats) -> Floats:
+        """Return where the vertices' places before the move are in a shape, (n, 3), in m.
+
+        Metrics and objectives sort vertices by their places; so these stay the same ones.
+
+        Args:
+            owned: Positions of the owned nodes.
+        """
+        skin = self.problem.skin
+        positions = skin.gather_vertices(owned)
+        return np.asarray(positions - self._carried(skin.pattern, positions))
+
+    def _carried(self, pattern: Pattern, positions: Floats) -> Floats:
+        """Return the way of all vertices with the deformed mesh, (n, 3)."""
+        a, b, c = np.moveaxis(pattern.corners, 1, 0)
+        flat = np.stack([b - a, c - a], axis=2)
+        a, b, c = np.moveaxis(positions[pattern.triangles], 1, 0)
+        gradient = np.stack([b - a, c - a], axis=2) @ np.linalg.inv(flat)
+        each = np.einsum("tij,tkj->tki", gradient, self._motion[pattern.flat_triangles])
+        total, areas = np.zeros_like(positions), np.zeros(len(positions))
+        np.add.at(total, pattern.triangles, pattern.areas[:, None, None] * each)
+        np.add.at(areas, pattern.triangles, pattern.areas[:, None])
+        # What is held stays where the supports have it.
+        held = self.problem.skin.pattern.points - self._nominal.points
+        fixed = self.problem.solver.model.supports.fixed
+        return np.where(fixed, held, total / areas[:, None])
 
 
 def values_at(problem: ShapeDesign, owned: Floats) -> dict[str, float]:

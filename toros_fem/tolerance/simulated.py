@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._mpi import on_first_rank, require_alike
@@ -192,13 +191,11 @@ class _Study:
             self.comm, lambda: border_motion(pattern, drawn.regions, self.printed, width)
         )
         unknowns = self.problem.solver.model.gather(self.equilibrium.state)
-        count = len(pattern.points)
-        carried = _carried(pattern, unknowns[: 3 * count].reshape(-1, 3), motion)
 
         def moved(offset: float) -> MovedSkin:
             flat = pattern.flat_points + offset * motion
             other = on_first_rank(self.comm, lambda: with_flat_points(pattern, flat))
-            return MovedSkin(self.remake(other), pattern, unknowns, offset * carried)
+            return MovedSkin(self.remake(other), pattern, offset * motion, unknowns)
 
         # A line is wider by twice the way of its borders.
         step = BORDER_STEP * width / 2
@@ -223,9 +220,11 @@ class _Study:
         made, notes, areas = on_first_rank(self.comm, measure)
         along = offset * self.problem.solver.model.gather(rate.motion)
         density = self.problem.skin.gather_cells(self.density)[problem.skin.owned_cells]
+        own = self.problem.skin.owned_vertices
         variant = self._solved(
-            "print width", change, offset, rate, problem, problem.solver, density,
+            "print width", change, offset, rate, problem.solver, density,
             [skin.state(along), skin.state()], self.equilibrium.pressures,
+            lambda found: skin.before(found.positions)[own],
         )  # fmt: skip
         return replace(
             variant,
@@ -247,7 +246,7 @@ class _Study:
         for change in (-size, size):
             solver = other_solver(self.problem, changed(1 + change))
             yield self._solved(
-                name, change, change, rate, self.problem, solver, self.density,
+                name, change, change, rate, solver, self.density,
                 self._starts(change, rate), self.equilibrium.pressures,
             )  # fmt: skip
 
@@ -256,7 +255,7 @@ class _Study:
         for change in (-size, size):
             pressures = [(1 + change) * p for p in self.equilibrium.pressures]
             yield self._solved(
-                "pressure", change, change, rate, self.problem, self.problem.solver, self.density,
+                "pressure", change, change, rate, self.problem.solver, self.density,
                 self._starts(change, rate), pressures,
             )  # fmt: skip
 
@@ -270,13 +269,24 @@ class _Study:
         change: float,
         way: float,
         rate: Rate,
-        problem: ShapeDesign,
         solver: EquilibriumSolver,
         density: Floats,
         starts: Sequence[Floats],
         pressures: Sequence[float],
+        places: Callable[[EquilibriumResult], Floats] = lambda found: found.positions,
     ) -> Variant:
-        """Return a variant, from the first of the starts that is within the stretch bounds."""
+        """Return a variant, from the first of the starts that is within the stretch bounds.
+
+        Args:
+            quantity, change: What is off, and by how much.
+            way: The same in the unit of the rate.
+            rate: Derivatives.
+            solver: Solver of the variant.
+            density: Density of its owned triangles.
+            starts: States to start from.
+            pressures: In Pa, of each chamber.
+            places: Returns positions of the owned nodes of the drawn skin.
+        """
         predicted = {key: value + way * rate.values[key] for key, value in self.nominal.items()}
         model = solver.model
         inside = [s for s in starts if model.bounds.worst(model.corners(s)) < 1]
@@ -284,7 +294,7 @@ class _Study:
             found = solver.solve(
                 density,
                 pressures,
-                force=problem.force,
+                force=self.problem.force,
                 start=inside[0] if inside else None,
             )
         except EquilibriumError as caught:  # raised by all ranks or by none
@@ -293,27 +303,11 @@ class _Study:
         return Variant(
             quantity,
             change,
-            values_at(problem, found.positions),
+            values_at(self.problem, places(found)),
             predicted,
             (sentences,) if sentences else (),
             found.steps,
         )
-
-
-def _carried(pattern: Pattern, positions: Floats, motion: Floats) -> Floats:
-    """Return the way of all vertices with the deformed mesh, (n, 3), for one of flat points."""
-    a, b, c = np.moveaxis(pattern.corners, 1, 0)
-    flat = np.stack([b - a, c - a], axis=2)
-    a, b, c = np.moveaxis(positions[pattern.triangles], 1, 0)
-    gradient = np.stack([b - a, c - a], axis=2) @ np.linalg.inv(flat)
-    each = np.einsum("tij,tkj->tki", gradient, motion[pattern.flat_triangles])
-    corner, weight = pattern.triangles.ravel(), np.repeat(pattern.areas, 3)
-    count = len(pattern.points)
-    total = np.stack(
-        [np.bincount(corner, weight * each[..., k].ravel(), minlength=count) for k in range(3)],
-        axis=1,
-    )
-    return np.asarray(total / np.bincount(corner, weight, minlength=count)[:, None])
 
 
 def _width(place: LocalWidth | None) -> float | None:
