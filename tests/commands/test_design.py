@@ -27,6 +27,7 @@ def test_design_leaves_its_files_and_its_scene(designed: Designed) -> None:
     _, folder = designed
     names = {path.name for path in folder.iterdir()}
     assert {"summary.json", "history.csv", "pattern.svg", "print.npz", "scene.toml"} <= names
+    assert (folder / "manufacture" / "make_it.html").is_file()
     inputs = summary_of(folder)["inputs"]
     assert inputs["angle"] == 45.0
     assert inputs["filter_radius"] == 8e-3
