@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
+from scipy.signal import lfilter
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from toros_fem._types import Floats
+from toros_fem._types import Floats, Ints
 from toros_fem.characterisation.fitting import Estimator, Solution, influence
 
 CONFIDENCE = 0.95
-# From this number on whole tests are drawn, else blocks of residuals.
+# From this number on whole tests are drawn, else residuals.
 ENOUGH_TESTS = 3
+# Points before a drawn curve begins, which forget its start.
+WARM_UP = 100
+LARGEST_CORRELATION = 0.95
+# Parameters of a curve that lower the correlation of its residuals.
+BIAS = 3.0
 
 
 def hessian_draws(estimator: Estimator, solution: Solution, draws: int, seed: int) -> Floats:
@@ -41,7 +49,7 @@ def bootstrap_draws(estimator: Estimator, solution: Solution, draws: int, seed: 
     """Return parameters fitted to data drawn again, (draws, p).
 
     Of three tests of each direction and more, whole tests are drawn: their differences are what
-    is uncertain. Else residuals are drawn in blocks, along the stretch, since neighbours are alike.
+    is uncertain. Else residuals are drawn, with the correlation that neighbours have.
     """
     rng = np.random.default_rng(seed)
     samples, measured = estimator.samples, estimator.samples.measured
@@ -61,7 +69,7 @@ def bootstrap_draws(estimator: Estimator, solution: Solution, draws: int, seed: 
                     weight[rows[test]] += 1
             found[k] = estimator.minimise(solution.theta, solution.sigma, measured, weight)[0]
         else:
-            drawn = values + _blocks(estimator, residuals, rng)
+            drawn = values + _drawn(estimator, residuals, rng)
             found[k] = estimator.minimise(solution.theta, solution.sigma, drawn)[0]
     if whole:
         # Few tests drawn again vary too little: by (g − 1)/g, and their mean is Student's.
@@ -83,32 +91,44 @@ def _shrinkage(jacobian: Floats) -> Floats:
     return np.asarray(np.sqrt(np.maximum(1 - np.sum(kept**2, axis=1), 0.1)))
 
 
-def _blocks(estimator: Estimator, residuals: Floats, rng: np.random.Generator) -> Floats:
-    """Return residuals drawn in blocks of neighbours, within each test and kind of value."""
+def _drawn(estimator: Estimator, residuals: Floats, rng: np.random.Generator) -> Floats:
+    """Return residuals drawn again along each curve, with the correlation of neighbours.
+
+    Each is rₖ = ρ rₖ₋₁ + eₖ; the eₖ are drawn, of each test and kind of value apart.
+    """
     out = np.empty_like(residuals)
-    is_stress = estimator.samples.is_stress
-    for rows in estimator.samples.rows_of_tests:
-        for own in (rows[is_stress[rows]], rows[~is_stress[rows]]):
-            if not len(own):
-                continue
-            size = block_length(residuals[own])
-            starts = rng.integers(0, len(own), -(-len(own) // size))
-            order = (starts[:, None] + np.arange(size)).ravel()[: len(own)] % len(own)
-            out[own] = (residuals[own] - residuals[own].mean())[order]
+    for curves in _curves(estimator):
+        rho = correlation([residuals[rows] for rows in curves])
+        for rows in curves:
+            own = residuals[rows] - residuals[rows].mean()
+            parts = np.append(np.sqrt(1 - rho**2) * own[0], own[1:] - rho * own[:-1])
+            drawn = rng.choice(parts, WARM_UP + len(rows))
+            out[rows] = lfilter([1.0], [1.0, -rho], drawn)[WARM_UP:]
     return out
 
 
-def block_length(residuals: Floats) -> int:
-    """Return a length of blocks for residuals: as far as neighbours are correlated.
+def _curves(estimator: Estimator) -> list[list[Ints]]:
+    """Return the rows of each curve in the order of the stretch: those of stress, and the others."""
+    samples = estimator.samples
+    strain = np.concatenate([samples.strain, samples.strain[samples.has_lateral]])
+    kinds = samples.is_stress, ~samples.is_stress
+    sorted_rows = [rows[np.argsort(strain[rows], kind="stable")] for rows in samples.rows_of_tests]
+    return [[rows[kind[rows]] for rows in sorted_rows if kind[rows].any()] for kind in kinds]
 
-    It is the first lag at which the autocorrelation is within its own noise, 2/√n.
+
+def correlation(curves: Sequence[Floats]) -> float:
+    """Return the correlation ρ of neighbouring residuals; 0 where it is within its own noise.
+
+    What a fit has taken out of residuals lowers it, by about 3 (1 + 2ρ)/n for each curve of n points
+    and two of its constants (after Marriott & Pope 1954); this is put back.
     """
-    n = len(residuals)
-    r = residuals - residuals.mean()
-    variance = float(r @ r)
-    if variance == 0:
-        return 1
-    for lag in range(1, max(n // 4, 1)):
-        if float(r[lag:] @ r[:-lag]) / variance < 2 / np.sqrt(n):
-            return lag
-    return max(n // 4, 1)
+    own = [curve - curve.mean() for curve in curves]
+    square = sum(float(one @ one) for one in own)
+    number = sum(len(one) for one in own)
+    if not own or square <= 0:
+        return 0.0
+    found = sum(float(one[1:] @ one[:-1]) for one in own) / square
+    if found < 2 / np.sqrt(number):
+        return 0.0
+    n = number / len(own)
+    return float(np.clip((found + BIAS / n) / (1 - 2 * BIAS / n), 0.0, LARGEST_CORRELATION))

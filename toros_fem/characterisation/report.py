@@ -20,7 +20,7 @@ TITLES = {
     "lam": "Lamé parameter λ",
     "c1": "bound c₁ on a stretch",
     "c2": "bound c₂ on their sum",
-    "knit_ratio": "ratio course : wale",
+    "knit_ratio": "ratio of the directions",
     "fabric": "E of the fabric",
     "reinforcement": "E of the reinforcement",
 }
