@@ -87,7 +87,8 @@ def _seam_count(made: Mapping[str, Any]) -> str:
 def _bed(made: Mapping[str, Any], layout: Layout, k: int) -> str:
     bed = made["beds"][k]
     wide, deep = bed["size_mm"]
-    files = _names(made, "print", "bed", k + 1) or "nothing is printed here"
+    files = _names(made, "print", "bed", k + 1)
+    told = f"{bed['print_mass_g']:.2f} g of print. {files}" if files else "Nothing is printed here."
     sheet, corner = layout.bed_on_sheet(k)
     where = f"sheet {sheet + 1}"
     if layout.grid != (1, 1):
@@ -97,7 +98,7 @@ def _bed(made: Mapping[str, Any], layout: Layout, k: int) -> str:
     return (
         f'<figure class="on-bed">{sheet_picture(layout.beds[k], layout.bed, f"bed {k + 1}")}'
         f"<figcaption><b>bed {k + 1}</b>, {wide:g} × {deep:g} mm, {where}: "
-        f"{escape(', '.join(bed['panels']))}. {bed['print_mass_g']:.2f} g of print. {files}"
+        f"{escape(', '.join(bed['panels']))}. {told}"
         "</figcaption></figure>"
     )
 
