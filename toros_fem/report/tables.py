@@ -134,7 +134,7 @@ def tolerances(run: Run) -> str:
 
 
 def _signed(value: float | None) -> str:
-    return NONE if value is None else f"{value:+.2g}".replace("-", "−")
+    return NONE if value is None else f"{value:+.3g}".replace("-", "−")
 
 
 def warnings(run: Run) -> list[str]:
