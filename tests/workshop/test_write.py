@@ -98,6 +98,19 @@ def test_several_beds_lie_on_a_larger_sheet(pattern: Pattern, tmp_path: Path) ->
     assert "cut_2.dxf" not in names
 
 
+def test_copies_are_placed_like_panels_of_their_own(pattern: Pattern, tmp_path: Path) -> None:
+    regions = regions_of(pattern)
+    made = write_manufacture(tmp_path, pattern, regions, SMALL.updated(copies=3))
+    names = [place["panel"] for place in made["placements"]]
+    assert names == [n + c for c in ("", " (2)", " (3)") for n in pattern.panel_names]
+    area = 3 * sum(region.area for region in regions)
+    assert made["print"]["print_area_mm2"] == pytest.approx(1e6 * area)
+    assert len(made["seams"]) == len(made["sewing"]) == 3
+    assert sum(len(sheet["panels"]) for sheet in made["sheets"]) == 9
+    for one, other in zip(read_regions(tmp_path, pattern), regions, strict=True):
+        assert one.symmetric_difference(other).area < 1e-4 * other.area
+
+
 def test_files_of_an_earlier_call_go(pattern: Pattern, tmp_path: Path) -> None:
     write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
     (tmp_path / "cut_by_me.svg").write_text("mine")

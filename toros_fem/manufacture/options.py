@@ -55,6 +55,7 @@ class ManufactureOptions(Config):
     sheet_margin: float = quantity(
         10e-3, "border of a sheet and of the bed that stays free", "m", at_least=0
     )
+    copies: int = quantity(1, "number of skins to make, such as fingers", at_least=1)
     panel_gap: float = quantity(5e-3, "least distance of two panels on a sheet", "m", at_least=0)
     weld_allowance: float = quantity(
         6e-3, "film of the bladder beyond the panels, for its weld", "m", above=0

@@ -71,7 +71,8 @@ def nest(
     """Return a place for each panel on as few sheets as are found; the same in every run.
 
     Panels that are apart in their flat plane and together fit on one sheet keep their places
-    there; they are moved apart where their allowances meet. Others are nested by u-nesting, whose first-fit by no-fit polygons has no random part.
+    there; they are moved apart where their allowances meet. Others are nested by u-nesting, whose
+    first-fit by no-fit polygons has no random part.
 
     Args:
         outlines: Polygon in m to place for each panel, its seam allowance included.

@@ -36,6 +36,7 @@ def page(made: Mapping[str, Any], layout: Layout, film: Layout | None, title: st
     parts = {
         "title": escape(title),
         "version": escape(f"toros_fem {made['versions']['toros_fem']}"),
+        "face": escape(made["options"]["print_side"]),
         "needs": _pairs(_needs(made)),
         "beds": "".join(_bed(made, layout, k) for k in range(len(layout.beds))),
         "sheets": "".join(_sheet(made, layout, k) for k in range(len(layout.sheets))),
@@ -63,6 +64,8 @@ def _needs(made: Mapping[str, Any]) -> list[tuple[str, str]]:
         ),
         ("seams", _seam_count(made)),
     ]
+    if options["copies"] > 1:
+        found.insert(0, ("to make", f"{options['copies']} skins, which are all sewn alike"))
     materials = made["materials"]
     if "fabric_young" in materials and "thickness" in materials:
         thick = materials["thickness"]

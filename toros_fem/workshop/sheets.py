@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from shapely.geometry.base import BaseGeometry
@@ -62,13 +62,20 @@ class Layout:
 
 
 def layout(drawings: Sequence[PanelDrawing], options: ManufactureOptions | None = None) -> Layout:
-    """Return the places of panels on beds and sheets; arguments and errors as of `nest`.
+    """Return the places of panels on beds and sheets; errors as of `nest`.
+
+    Copies of a panel follow after all panels, with a number after their name.
 
     Args:
         drawings: The panels in their own coordinates.
-        options: Sizes of bed and sheet, gap, margin and grain; None takes the defaults.
+        options: Sizes of bed and sheet, gap, margin, grain and copies; None takes the defaults.
     """
     options = options or ManufactureOptions()
+    drawings = [
+        one if copy == 1 else replace(one, name=f"{one.name} ({copy})")
+        for copy in range(1, options.copies + 1)
+        for one in drawings
+    ]
     bed = options.bed_width, options.bed_depth
     sheet = options.sheet_width or bed[0], options.sheet_depth or bed[1]
     used = min(bed[0], sheet[0]), min(bed[1], sheet[1])
