@@ -51,7 +51,7 @@ def strip(
         direction: "course" or "wale" of a knit.
         name: Name of the specimen.
     """
-    stretch = np.linspace(1 + 0.025 * (top - 1), top, POINTS)
+    stretch = np.asarray(np.linspace(1 + 0.025 * (top - 1), top, POINTS), dtype=np.float64)
     stress, across = uniaxial_curve(
         SHEET, C1, C2, stretch,
         knit_ratio=RATIO if direction else 1.0, direction=direction or "wale",

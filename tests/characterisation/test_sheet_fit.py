@@ -30,7 +30,7 @@ def simulated(comm: MPI.Comm) -> TensileTest:
     tile = small_tile(comm)
     sheet = tile_sheet(tile.tile(comm), "x", ALONG, ACROSS)
     skin = sew(comm, sheet.pattern)
-    strains = np.linspace(0.01, 0.12, 8)
+    strains: np.ndarray = np.linspace(0.01, 0.12, 8)
     test = pull(
         skin,
         scaled(tile.composite, FACTORS),
@@ -47,6 +47,7 @@ def simulated(comm: MPI.Comm) -> TensileTest:
 def test_both_moduli_of_one_test(comm: MPI.Comm) -> None:
     tile, test = small_tile(comm), simulated(comm)
     rng = np.random.default_rng(4)
+    assert test.lateral is not None
     noisy = replace(
         test,
         stress=test.stress * (1 + 0.005 * rng.standard_normal(8)),
@@ -66,7 +67,7 @@ def test_both_moduli_of_one_test(comm: MPI.Comm) -> None:
 
 def test_wrong_values(comm: MPI.Comm) -> None:
     tile = small_tile(comm)
-    stretch = np.linspace(1.01, 1.1, 6)
+    stretch: np.ndarray = np.linspace(1.01, 1.1, 6)
     other = TensileTest(stretch, stretch, 5e-4, None, "a", "wale")
     with pytest.raises(MeasurementError, match="pulled along 'wale'"):
         fit_printed_sheet(comm, [other], tile, ALONG, ACROSS)

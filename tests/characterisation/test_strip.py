@@ -16,7 +16,7 @@ OPTIONS = FitOptions(intervals="hessian")
 def test_a_clamped_strip_is_fitted_by_its_simulation(comm: MPI.Comm) -> None:
     """Data simulated on a short strip; taken for a free one, its E is 4 % too large or more."""
     strip = ClampedStrip(comm, 0.05, 0.05, edges=4)
-    strain = np.linspace(0.02, 0.6, 30)
+    strain: np.ndarray = np.linspace(0.02, 0.6, 30)
     free, lateral = uniaxial_curve(JERSEY, C1, C2, 1 + strain)
     factor, shift = strip.correction(JERSEY, C1, C2, strain)
     assert (factor > 1.02).all()

@@ -38,7 +38,7 @@ def test_branches(noise: float, which: str, number: int, ends: tuple[float, floa
 def test_all_and_one_pull() -> None:
     test = cycles()
     assert test.branch("all") is test
-    stretch = np.linspace(1, 1.5, 20)
+    stretch: np.ndarray = np.linspace(1, 1.5, 20)
     pull = TensileTest(stretch, stretch, 1e-3)
     assert np.array_equal(pull.branch("last-loading").stretch, stretch)
     with pytest.raises(MeasurementError, match="no branch of unloading"):

@@ -65,7 +65,7 @@ def test_entry_of_a_library(comm: MPI.Comm, tmp_path: Path) -> None:
     assert found.material.young == pytest.approx(JERSEY.young, rel=0.1)
     assert found.c1 is not None
     assert 1.8 < found.c1 < 2.0
-    assert found.stretch_range == (1.0, pytest.approx(1.8))
+    assert found.stretch_range == pytest.approx((1.0, 1.8))
     assert (found.trust, found.source, found.kind) == ("measured", "three strips", "fabric")
     assert "R² of the stress 0.99" in str(found.note)
 
@@ -93,7 +93,8 @@ def test_moduli_of_a_printed_sheet(
     """Data of the sheet's own moduli, which are found again."""
     folder = shared(comm, tmp_path)
     tile = remesh(comm, cross_tile(comm), 2e-3)
-    path, strains = folder / "sheet.csv", np.linspace(0.02, 0.1, 5)
+    path = folder / "sheet.csv"
+    strains: np.ndarray = np.linspace(0.02, 0.1, 5)
     sheet = tile_sheet(tile.tile(comm), "x", 2, 1)
     skin = sew(comm, sheet.pattern)
     density = tile.printed.astype(float)[sheet.cell][skin.owned_cells]

@@ -108,7 +108,7 @@ def _drawn(estimator: Estimator, residuals: Floats, rng: np.random.Generator) ->
 
 
 def _curves(estimator: Estimator) -> list[list[Ints]]:
-    """Return the rows of each curve in the order of the stretch: those of stress, and the others."""
+    """Return the rows of each curve, sorted by the stretch: those of stress, and the others."""
     samples = estimator.samples
     strain = np.concatenate([samples.strain, samples.strain[samples.has_lateral]])
     kinds = samples.is_stress, ~samples.is_stress
@@ -119,7 +119,7 @@ def _curves(estimator: Estimator) -> list[list[Ints]]:
 def correlation(curves: Sequence[Floats]) -> float:
     """Return the correlation ρ of neighbouring residuals; 0 where it is within its own noise.
 
-    What a fit has taken out of residuals lowers it, by about 3 (1 + 2ρ)/n for each curve of n points
+    What a fit takes out of residuals lowers it, by about 3 (1 + 2ρ)/n for each curve of n points
     and two of its constants (after Marriott & Pope 1954); this is put back.
     """
     own = [curve - curve.mean() for curve in curves]
