@@ -87,6 +87,7 @@ class _Pairs(NamedTuple):
 
 NO_PAIRS = _Pairs(np.empty((0, 2), np.int64), np.empty(0), np.empty(0), np.empty((0, 2)))
 
+
 def measure_widths(
     region: BaseGeometry,
     outline: BaseGeometry,
