@@ -95,7 +95,8 @@ class Bend:
         """Return the first order by 0.1 mm, of plain and of printed triangles on the border."""
         problem = self.problem(self.case.following(COMM, self.drawn))
         pattern = problem.skin.pattern
-        made = problem.simulate_binary(printed_cells(pattern, self.drawn))
+        owned = problem.skin.owned_cells
+        made = problem.simulate_binary(printed_cells(pattern, self.drawn)[owned])
         printed = problem.skin.gather_cells(made.projected) > 0.5
         edges = edges_of(pattern.flat_triangles)
         sides = edges.sides[edges.inner]
@@ -106,7 +107,7 @@ class Bend:
         for kind in (False, True):
             cell = sides[printed[sides] == kind]
             won = np.bincount(cell, length * 0.5e-4, minlength=len(printed))
-            changes.append((won / pattern.areas)[problem.skin.owned_cells])
+            changes.append((won / pattern.areas)[owned])
         plain, inside = problem.metric_derivatives(made, changes)[ANGLE]
         return {"plain": float(plain), "printed": float(inside)}
 
