@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -155,8 +156,8 @@ def main(words: Sequence[str] | None = None) -> None:
         made = Bend(stored, divide)
         ways: dict[str, Callable[[], object]] = {
             "border": made.by_border,
-            "centroid": lambda made=made: made.by_triangles(binary),
-            "covered": lambda made=made: made.by_triangles(covered),
+            "centroid": partial(made.by_triangles, binary),
+            "covered": partial(made.by_triangles, covered),
             "anew": made.anew,
             "density": made.by_density,
         }
