@@ -53,16 +53,14 @@ def test_both_moduli_of_one_test(comm: MPI.Comm) -> None:
         stress=test.stress * (1 + 0.005 * rng.standard_normal(8)),
         lateral=test.lateral + 0.0005 * rng.standard_normal(8),
     )
-    for one, accuracy in ((test, 0.005), (noisy, 0.1)):
-        found = fit_printed_sheet(comm, [one], tile, ALONG, ACROSS)
-        for name, factor in zip(("fabric", "reinforcement"), FACTORS, strict=True):
-            expected = factor * getattr(tile.composite, name).young
-            assert found.estimates[name].value == pytest.approx(expected, rel=accuracy)
-            assert getattr(found.composite, name).young == found.estimates[name].value
-        assert found.r2_stress > 0.995
-    assert found.estimates["fabric"].high > found.estimates["fabric"].low
+    found = fit_printed_sheet(comm, [noisy], tile, ALONG, ACROSS)
     for name, factor in zip(("fabric", "reinforcement"), FACTORS, strict=True):
-        assert factor * getattr(tile.composite, name).young in found.estimates[name]
+        expected = factor * getattr(tile.composite, name).young
+        assert expected in found.estimates[name]
+        assert found.estimates[name].value == pytest.approx(expected, rel=0.1)
+        assert found.estimates[name].low > 0.7 * expected
+        assert getattr(found.composite, name).young == found.estimates[name].value
+    assert found.r2_stress > 0.995
 
 
 def test_wrong_values(comm: MPI.Comm) -> None:

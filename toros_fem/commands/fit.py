@@ -91,7 +91,7 @@ def _options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         default=None,
         metavar="FILE",
-        help="file of materials, made if missing, in which NAME is added or replaced",
+        help="file of materials, made if missing, in which NAME is added or replaced; default none",
     )
     group.add_argument(
         "--kind", choices=("fabric", "print"), default="fabric", help="what it is; default fabric"
