@@ -526,10 +526,10 @@ def _corrected(
     rounds = [answer({key: aim.target for key, aim in free.items()}, result, printed)]
     for _ in range(config.corrections):
         last = rounds[-1]
-        good = robust is None and largest_error(last.metrics, aims) < CLOSE and clean(last)
-        if not last.metrics or good:
+        close = largest_error(last.metrics, aims) < CLOSE and clean(last)
+        if not last.metrics or (close and robust is None):
             break
-        asked = asked_next(rounds, free)
+        asked = dict(last.asked) if close else asked_next(rounds, free)
         try:
             other = finest.asked(asked)
         except ParameterError:  # beyond what the targets' fields allow
