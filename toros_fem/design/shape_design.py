@@ -171,7 +171,7 @@ class ShapeDesign(ShapeProblem):
             places = pattern.points.shape
             force = checked_floats("force", force, f"finite and of shape {places}, in N", places)
         composite = Composite() if composite is None else composite
-        parts = {"chambers": chambers, "weight": weight}
+        parts: dict[str, Any] = {"chambers": chambers, "weight": weight}
         solver = EquilibriumSolver(skin, composite, supports, options, log, **parts)
         density_filter = make_filter(filter, skin, filter_radius, whole=whole)
         perimeter = None

@@ -408,7 +408,8 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         ):
             by_projected, more = self._adjoint(solver, variant, robust.tolerance.weight * slope)
             by_filtered += step.backward(e.filtered, by_projected * self.designed)
-            by_pressure = None if more is None else by_pressure + more
+            if by_pressure is not None and more is not None:
+                by_pressure = by_pressure + more
         seconds = e.seconds["adjoint"] + time.perf_counter() - begin
         return replace(
             e,

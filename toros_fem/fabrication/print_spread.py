@@ -64,6 +64,10 @@ def print_spread(problem: ShapeDesign, printed: PrintedDesign, offset: float) ->
     cells = on_first_rank(comm, lambda: printed_cells(pattern, regions))
     motion = on_first_rank(comm, lambda: border_motion(pattern, regions, cells, offset))
 
+    def moved(way: float) -> Pattern:
+        flat = pattern.flat_points + way * motion
+        return on_first_rank(comm, lambda: with_flat_points(pattern, flat))
+
     def solved(
         on: Pattern, near: Floats, pressures: Sequence[float]
     ) -> tuple[Floats, dict[str, float]]:
@@ -78,9 +82,7 @@ def print_spread(problem: ShapeDesign, printed: PrintedDesign, offset: float) ->
     try:
         near, _ = solved(pattern, problem.shape_of(made.equilibrium), pressures)
         for way in (-offset, offset):
-            moved = pattern.flat_points + way * motion
-            on = on_first_rank(comm, lambda flat=moved: with_flat_points(pattern, flat))
-            shape, values = solved(on, near, pressures)
+            shape, values = solved(moved(way), near, pressures)
             shapes.append(shape)
             metrics.append(values)
     except NoEquilibriumError:  # raised by all ranks or by none
