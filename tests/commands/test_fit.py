@@ -104,9 +104,10 @@ def test_moduli_of_a_printed_sheet(
         lateral = 1 - test.curve.contraction * strains
         columns = zip(strains, test.curve.stress, lateral, strict=True)
         rows = "".join(f"{e},{1e-3 * p},{w}\n" for e, p, w in columns)
-        path.write_text(f"# direction = x\nstrain,stress [N/mm],lateral stretch\n{rows}")
+        path.write_text(f"strain,stress [N/mm],lateral stretch\n{rows}")
     comm.barrier()
     words = ["fit", str(path), "--tile", str(folder), "--along", "2", "--across", "1"]
+    words += ["--direction", "x"]
     assert run(comm, [*words, "--output", str(folder / "fit"), "--json"]) == 0
     found = capsys.readouterr().out
     if comm.rank == 0:

@@ -52,7 +52,7 @@ def _options(parser: argparse.ArgumentParser) -> None:
         "--direction",
         default=None,
         metavar="NAME",
-        help="fit the tests along this direction alone; default all",
+        help="fit the tests along this direction alone, and those of none; default all",
     )
     group.add_argument(
         "--unit",
@@ -139,7 +139,8 @@ def _read(
     tests = read_tensile_tests(options.data, given)
     if options.direction is not None:
         wanted = options.direction.lower()
-        chosen = [test for test in tests if test.direction == wanted]
+        named = [replace(one, direction=one.direction or wanted) for one in tests]
+        chosen = [test for test in named if test.direction == wanted]
         if not chosen:
             known = ", ".join(sorted({repr(test.direction) for test in tests}))
             raise UsageError(f"--direction {wanted!r}: the tests have the directions {known}.")
