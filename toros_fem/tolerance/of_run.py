@@ -59,6 +59,7 @@ def tolerances_of_run(
     make, found = kind.cases(comm, whole_config, **files)
     laid = found.start == "relaxed"
     mesh = found.of_print if laid else found.at_level(found.level_count - 1)
+    mesh = mesh.updated(width_tolerance=None)  # a print has no eroded and dilated densities
     case = make(comm, mesh)
     part = case.pattern
     stored = read_print_polygons(comm, folder)
