@@ -32,6 +32,8 @@ ACROSS = ("lateral stretch", "lateral strain", "lateral width")
 WORDS = ("specimen", "direction")
 # What may stand once for a whole file, in a line "# width = 25 mm".
 CONSTANTS = ("width", "thickness", "gauge length", "specimen", "direction")
+# How these look, for messages.
+EXAMPLES = MappingProxyType({"width": "25 mm", "thickness": "0.5 mm", "gauge length": "100 mm"})
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254}
 RATIOS = {"": 1.0, "1": 1.0, "-": 1.0, "%": 1e-2, "mm/mm": 1.0, "m/m": 1.0}

@@ -17,6 +17,7 @@ from toros_fem.characterisation.columns import (
     ACROSS,
     ALONG,
     CONSTANTS,
+    EXAMPLES,
     LENGTHS,
     LOADS,
     PER_WIDTH,
@@ -175,7 +176,8 @@ class _Table:
         if match is None or match[2] not in LENGTHS:
             raise self.fault(
                 number,
-                f"{kind} = {shown(text)} must be a length with its unit, as in '{kind} = 25 mm'.",
+                f"{kind} = {shown(text)} must be a length with its unit, as in "
+                f"'{kind} = {EXAMPLES[kind]}'.",
                 kind,
             )
         value = self._number(number, kind, match[1]) * LENGTHS[match[2]]
@@ -314,8 +316,8 @@ class _Table:
                 return found
             if kind not in self.constants:
                 raise self.fault(
-                    first, f"the {kind} is not known, but {why}: write a line '# {kind} = 25 mm', "
-                    f"or give --{option}.", kind,
+                    first, f"the {kind} is not known, but {why}: write a line '# {kind} = "
+                    f"{EXAMPLES[kind]}', or give --{option}.", kind,
                 )  # fmt: skip
             return float(self.constants[kind])
 

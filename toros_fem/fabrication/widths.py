@@ -273,7 +273,7 @@ def _close(samples: _Samples, limit: float) -> Bools:
     pairs = cKDTree(samples.points[chosen]).query_pairs(limit + 2 * stretch, output_type="ndarray")
     p, q = chosen[pairs].T
     far = samples.path(p, q) > FACING / 2 * limit - 2 * stretch
-    close = np.zeros(len(chosen), dtype=bool)
+    close: Bools = np.zeros(len(chosen), dtype=bool)
     close[pairs[far]] = True
     # The discs of the outermost pairs are known from samples beyond them.
     reach = int(np.ceil(1 / STRETCH))
