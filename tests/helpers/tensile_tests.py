@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from toros_fem._types import Floats
 from toros_fem.characterisation import TensileTest, uniaxial_curve
 from toros_fem.materials import Material
 
@@ -32,7 +31,7 @@ def synthetic(
     specimen: str = "1",
 ) -> TensileTest:
     """A test of the jersey, with noise as a part of the largest stress, and half of it in λ₂."""
-    stretch: Floats = np.linspace(1 + 0.025 * (top - 1), top, points)
+    stretch = np.linspace(1 + 0.025 * (top - 1), top, points, dtype=np.float64)
     fibres = direction or "wale"
     stress, across = uniaxial_curve(
         JERSEY, C1, C2, stretch, knit_ratio=knit_ratio, direction=fibres
