@@ -4,8 +4,8 @@
     scripts/fenicsx python3 benchmarks/robust.py --from benchmarks/robust.json --docs
     scripts/fenicsx python3 benchmarks/robust.py --output runs --picture docs/images/robust.png
 
-Designs the coarse bending tube of `demos/bend.py` plain and robust, one after the other, from the
-same starts. Each print is simulated again with its lines 0.1 mm narrower and wider: on a mesh that
+Designs the bending tube of `demos/bend.py` plain and robust, one after the other, from the same
+starts: the coarse one, or with `--default` the one of the default mesh. Each print is simulated again with its lines 0.1 mm narrower and wider: on a mesh that
 follows its borders, whose vertices move with them, of the design's edge length and of a finer one.
 Costs are factorisations of tangents of the same size, which take nearly all of the time.
 
@@ -49,23 +49,24 @@ from toros_fem.tolerance.simulated import Drawn, simulated_tolerances
 PAGE = Path(__file__).parent.parent / "docs" / "optimisation.md"
 BEGIN, END = "<!-- table of benchmarks/robust.py -->", "<!-- end of the table -->"
 WIDTH = 1e-4
-# Edge length of the finer mesh that prints are simulated on, in m.
-FINE = 1.4e-3
+# Edge lengths of the meshes that prints are simulated on, in m.
+COARSE, FINE = 2.85e-3, 1.4e-3
 
 Row = dict[str, Any]
 
 
-def designed(folder: Path, seed: int, weight: float | None) -> Row:
+def designed(folder: Path, seed: int, weight: float | None, *, coarse: bool) -> Row:
     """Return figures of one design, from its folder if it is there."""
     changes: Row = {"seed": seed, "estimate_error": False, "curve_pressure": None}
     if weight is not None:
         changes |= {"width_tolerance": WIDTH, "spread_weight": weight}
-    config = coarse_tube(BendConfig()).updated(**changes)
+    config = (coarse_tube(BendConfig()) if coarse else BendConfig()).updated(**changes)
     file = folder / "summary.json"
     if not file.exists():
         design_actuator(MPI.COMM_WORLD, folder, case, config)
     made = json.loads(file.read_text(encoding="utf-8"))
     return {
+        "mesh": "coarse" if coarse else "default",
         "seed": seed,
         "weight": weight,
         "angle_deg": made["angle_deg"],
@@ -74,7 +75,7 @@ def designed(folder: Path, seed: int, weight: float | None) -> Row:
         "steps": made["iterations"],
         "smallest_width_mm": made["manufacture"]["smallest_width_mm"],
         "border_mm": made["manufacture"]["border_mm"],
-        "coarse": spread_of(folder, config),
+        "coarse": spread_of(folder, config.updated(edge_length=COARSE)),
         "fine": spread_of(folder, config.updated(edge_length=FINE)),
     }
 
@@ -110,13 +111,13 @@ def spread_of(folder: Path, config: BendConfig) -> Row | None:
 def table(rows: list[Row]) -> str:
     """Return the table of all designs."""
     lines = [
-        "| seed | design | angle as printed | spread, mesh of 2.85 mm | spread, mesh of 1.4 mm | "
+        "| design mesh | seed | design | angle as printed | spread, mesh of 2.85 mm | spread, mesh of 1.4 mm | "
         "border of the print | factorisations |",
-        "|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|",
     ]
-    plain = {row["seed"]: row for row in rows if row["weight"] is None}
+    plain = {(row["mesh"], row["seed"]): row for row in rows if row["weight"] is None}
     for row in rows:
-        base = plain.get(row["seed"], row)
+        base = plain.get((row["mesh"], row["seed"]), row)
         spreads = [
             "no equilibrium" if row[mesh] is None else f"{row[mesh]['spread_deg']:.2f}°"
             for mesh in ("coarse", "fine")
@@ -126,7 +127,15 @@ def table(rows: list[Row]) -> str:
         if row is not base:
             cost += f" ({row['factorisations'] / base['factorisations']:.1f} times)"
         border = f"{row['border_mm']:.0f} mm"
-        cells = [str(row["seed"]), name, f"{row['angle_deg']:.1f}°", *spreads, border, cost]
+        cells = [
+            row["mesh"],
+            str(row["seed"]),
+            name,
+            f"{row['angle_deg']:.1f}°",
+            *spreads,
+            border,
+            cost,
+        ]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
@@ -161,6 +170,7 @@ def main() -> None:
     )
     parser.add_argument("--seeds", type=int, nargs="+", default=[2, 3])
     parser.add_argument("--weights", type=float, nargs="+", default=[SPREAD_WEIGHT])
+    parser.add_argument("--default", action="store_true", help="the default mesh, not the coarse")
     parser.add_argument("--output", type=Path, help="folder of the runs; none keeps none")
     parser.add_argument("--json", type=Path, help="file of the rows, written after each")
     parser.add_argument("--from", dest="source", type=Path, help="rows to show instead")
@@ -171,7 +181,8 @@ def main() -> None:
     rows: list[Row] = []
     if file is not None and file.exists():
         rows = json.loads(file.read_text(encoding="utf-8"))
-    done = {(row["seed"], row["weight"]) for row in rows}
+    mesh = "default" if given.default else "coarse"
+    done = {(row["seed"], row["weight"]) for row in rows if row["mesh"] == mesh}
     wanted = [(seed, weight) for seed in given.seeds for weight in (None, *given.weights)]
     with tempfile.TemporaryDirectory() as scratch:
         place = given.output or Path(scratch)
@@ -179,7 +190,7 @@ def main() -> None:
         for (seed, weight), folder in folders.items():
             if given.source or (seed, weight) in done:
                 continue
-            rows.append(designed(folder, seed, weight))
+            rows.append(designed(folder, seed, weight, coarse=not given.default))
             if given.json:
                 given.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
         if given.picture:
