@@ -5,9 +5,10 @@
     scripts/fenicsx python3 benchmarks/robust.py --output runs --picture docs/images/robust.png
 
 Designs the bending tube of `demos/bend.py` plain and robust, one after the other, from the same
-starts: the coarse one, or with `--default` the one of the default mesh. Each print is simulated again with its lines 0.1 mm narrower and wider: on a mesh that
-follows its borders, whose vertices move with them, of the design's edge length and of a finer one.
-Costs are factorisations of tangents of the same size, which take nearly all of the time.
+starts: the coarse one, or with `--default` the one of the default mesh. Each print is simulated
+again with its lines 0.1 mm narrower and wider: on a coarse and a finer mesh that follow its borders,
+whose vertices move with them. Costs are factorisations of tangents of the same size, without the
+simulations of prints in the corrections.
 
 The JSON file is written after each design. Designs that are in it already, and runs that are in the
 output folder, are not repeated; delete them after a change of the code. `--docs` writes the table
@@ -111,8 +112,8 @@ def spread_of(folder: Path, config: BendConfig) -> Row | None:
 def table(rows: list[Row]) -> str:
     """Return the table of all designs."""
     lines = [
-        "| design mesh | seed | design | angle as printed | spread, mesh of 2.85 mm | spread, mesh of 1.4 mm | "
-        "border of the print | factorisations |",
+        "| design mesh | seed | design | angle as printed | spread, mesh of 2.85 mm | "
+        "spread, mesh of 1.4 mm | border of the print | factorisations |",
         "|---|---|---|---|---|---|---|---|",
     ]
     plain = {(row["mesh"], row["seed"]): row for row in rows if row["weight"] is None}
