@@ -6,9 +6,9 @@
 
 Designs the bending tube of `demos/bend.py` plain and robust, one after the other, from the same
 starts: the coarse one, or with `--default` the one of the default mesh. Each print is simulated
-again with its lines 0.1 mm narrower and wider: on a coarse and a finer mesh that follow its borders,
-whose vertices move with them. Costs are factorisations of tangents of the same size, without the
-simulations of prints in the corrections.
+again with its lines 0.1 mm narrower and wider: on a coarse and a finer mesh that follow its
+borders, whose vertices move with them. Costs are factorisations of tangents of the same size,
+without the simulations of prints in the corrections.
 
 The JSON file is written after each design. Designs that are in it already, and runs that are in the
 output folder, are not repeated; delete them after a change of the code. `--docs` writes the table
