@@ -79,10 +79,11 @@ def print_spread(problem: ShapeDesign, printed: PrintedDesign, offset: float) ->
 
     pressures = made.equilibrium.pressures
     shapes, metrics = [], []
+    near = problem.shape_of(made.equilibrium)
     try:
-        near, _ = solved(pattern, problem.shape_of(made.equilibrium), pressures)
         for way in (-offset, offset):
             shape, values = solved(moved(way), near, pressures)
+            near = shape
             shapes.append(shape)
             metrics.append(values)
     except NoEquilibriumError:  # raised by all ranks or by none
