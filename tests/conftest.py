@@ -24,6 +24,14 @@ def pytest_configure(config: pytest.Config) -> None:
         config.get_terminal_writer()._file = io.StringIO()
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    if MPI.COMM_WORLD.size > 1:
+        alone = pytest.mark.skip(reason="has no communicator: every rank does the same")
+        for item in items:
+            if item.get_closest_marker("one_rank"):
+                item.add_marker(alone)
+
+
 def pytest_collection_finish() -> None:
     """Take modules and tests out of what the garbage collector looks at after each file."""
     gc.collect()
@@ -60,11 +68,13 @@ def comm() -> MPI.Comm:
     return MPI.COMM_WORLD
 
 
-@pytest.fixture
-def without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(scope="module")
+def without_pictures() -> Generator[None]:
     """Runs draw nothing, as where matplotlib is missing: pictures are most of a short run."""
-    for path in (ROOT / "toros_fem" / "output").glob("*_plot.py"):
-        monkeypatch.setitem(sys.modules, f"toros_fem.output.{path.stem}", None)
+    with pytest.MonkeyPatch.context() as patch:
+        for path in (ROOT / "toros_fem" / "output").glob("*_plot.py"):
+            patch.setitem(sys.modules, f"toros_fem.output.{path.stem}", None)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -29,6 +29,8 @@ from toros_fem.fabrication.regions import regions_on
 from toros_fem.lines.widths import width_changes
 from toros_fem.scenes import twist
 
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
 TINY = twist.TwistConfig().updated(
     start="relaxed",
     length=0.06,

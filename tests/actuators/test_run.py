@@ -25,6 +25,8 @@ from toros_fem.objectives.metrics import Metric
 from toros_fem.output.reporter import DesignReporter
 from toros_fem.scenes import bend as bend_demo
 
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
 SHORT = TubeConfig(
     length=0.08,
     edge_length=4.5e-3,

@@ -11,6 +11,8 @@ from toros_fem import FitOptions, fit_material, read_tensile_tests
 from toros_fem.characterisation import Given, TensileTest
 from toros_fem.errors import MeasurementError, ParameterError
 
+pytestmark = pytest.mark.one_rank
+
 BY_HESSIAN = FitOptions(intervals="hessian")
 
 

@@ -16,6 +16,8 @@ from toros_fem.characterisation.uniaxial import (
 from toros_fem.errors import ParameterError
 from toros_fem.materials import Composite, Knit, Material
 
+pytestmark = pytest.mark.one_rank
+
 
 def test_closed_form_table() -> None:
     rows = [r for r in table("gent_uniaxial") if r["mat"] == "A" and float(r["stretch"]) >= 1]

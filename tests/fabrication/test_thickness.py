@@ -14,6 +14,8 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.fabrication.thickness import thickened
 from toros_fem.fabrication.widths import measure_widths
 
+pytestmark = pytest.mark.one_rank
+
 LIMIT, HOLE = 0.6, 0.5
 PANEL = box(-15, -10, 15, 10)
 

@@ -11,6 +11,8 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.fabrication.widths import Widths, measure_widths
 
+pytestmark = pytest.mark.one_rank
+
 RESOLUTION = 0.03
 PANEL = box(-20, -20, 20, 20)
 

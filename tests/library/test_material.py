@@ -8,6 +8,8 @@ from toros_fem.errors import ParameterError
 from toros_fem.library import LibraryMaterial
 from toros_fem.materials import Bladder, Material
 
+pytestmark = pytest.mark.one_rank
+
 FABRIC: dict[str, Any] = {
     "name": "my-jersey", "kind": "fabric", "title": "my jersey", "young": 1e5, "poisson": 0.3,
     "thickness": 5e-4, "stretch_range": (1, 1.5), "source": "own test", "trust": "measured",

@@ -8,6 +8,8 @@ import pytest
 from toros_fem.library import print_offset, read_library, reinforced
 from toros_fem.materials import Material
 
+pytestmark = pytest.mark.one_rank
+
 
 def laminate(layers: list[Material]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A, B and D − B A⁻¹ B of layers upon each other, by quadrature over the thickness.

@@ -9,6 +9,8 @@ from toros_fem.errors import LibraryError, OutputError
 from toros_fem.library import read_library, write_material
 from toros_fem.library.writing import material_text
 
+pytestmark = pytest.mark.one_rank
+
 SHIPPED = read_library()
 
 

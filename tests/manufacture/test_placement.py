@@ -14,6 +14,8 @@ from shapely.affinity import rotate, translate
 from toros_fem.errors import SheetError
 from toros_fem.manufacture.placement import Placement, nest
 
+pytestmark = pytest.mark.one_rank
+
 GAP, MARGIN = 4e-3, 10e-3
 BED = (0.25, 0.21)
 

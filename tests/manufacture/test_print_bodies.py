@@ -23,6 +23,8 @@ from toros_fem.manufacture import (
     write_stl,
 )
 
+pytestmark = pytest.mark.one_rank
+
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
 HEIGHT, BASE = 0.4e-3, 0.3e-3
 SPOTS = np.random.default_rng(3)

@@ -4,11 +4,14 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pytest
 import shapely
 from helpers.scenes import square
 
 from toros_fem.lines.field import LineField
 from toros_fem.output.line_plot import plot_line_field
+
+pytestmark = pytest.mark.one_rank
 
 
 def test_families_and_their_print(tmp_path: Path) -> None:

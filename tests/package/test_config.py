@@ -12,6 +12,8 @@ import pytest
 from toros_fem.config import Config, entries, quantity
 from toros_fem.errors import ParameterError
 
+pytestmark = pytest.mark.one_rank
+
 
 @dataclass(frozen=True)
 class Sample(Config):

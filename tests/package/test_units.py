@@ -6,6 +6,8 @@ import pytest
 from toros_fem.errors import ParameterError
 from toros_fem.units import DIMENSIONS, read_quantity, write_quantity
 
+pytestmark = pytest.mark.one_rank
+
 
 @pytest.mark.parametrize(
     ("text", "unit", "value"),

@@ -9,6 +9,8 @@ import pytest
 from toros_fem.errors import OutputError, ParameterError
 from toros_fem.report import write_animation
 
+pytestmark = pytest.mark.one_rank
+
 image = pytest.importorskip("PIL.Image")
 
 

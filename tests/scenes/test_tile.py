@@ -21,8 +21,7 @@ SMALL = demo.TargetTileConfig(
     trial_iterations=2,
     draft_iterations=2,
     finish_iterations=2,
-    corrections=1,
-    correction_iterations=2,
+    corrections=0,
 )
 
 
@@ -35,7 +34,7 @@ def test_demo(comm: MPI.Comm, tmp_path: Path) -> None:
     assert written["ranks"] == comm.size
     assert written["printed"] == summary["printed"]
     assert len(summary["trials"]) == 2
-    assert len(summary["corrections_percent"]) in (1, 2)
+    assert len(summary["corrections_percent"]) == 1
     assert summary["worst_percent"] == pytest.approx(min(summary["corrections_percent"]))
     target = np.array(summary["target"]["stiffness_n_per_m"])
     assert target == pytest.approx([2000, 1000, 500, 400])
