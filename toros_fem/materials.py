@@ -105,6 +105,17 @@ class Material:
         """E h in N/m."""
         return self.young * self.thickness
 
+    def course_stiffness(self, ratio: float) -> float:
+        """Return the stiffness k in N/m of courses that give the moduli along and across a ratio.
+
+        A sheet of modulus E, Poisson's ratio ν and thickness h with fibres m E h has the moduli
+        (1 + m) E along them and E / (1 − ν² m/(1 + m)) across; their ratio is 1 + m (1 − ν²).
+
+        Args:
+            ratio: Modulus along the courses over that along the wales, as of `Knit`.
+        """
+        return (ratio - 1) / (1 - self.poisson**2) * self.membrane_stiffness
+
 
 CURVATURES = ("average", "quadratic", "midedge")
 SEAMS = ("continuous", "hinged")
@@ -386,14 +397,10 @@ class Composite:
 
     @property
     def course_stiffness(self) -> float:
-        """Stiffness k in N/m that courses add to the plain fabric; 0 for an isotropic one.
-
-        A sheet of modulus E, Poisson's ratio ν and thickness h with fibres m E h has the moduli
-        (1 + m) E along them and E / (1 − ν² m/(1 + m)) across; their ratio is 1 + m (1 − ν²).
-        """
+        """Stiffness k in N/m that courses add to the plain fabric; 0 for an isotropic one."""
         if self.knit is None:
             return 0.0
-        return (self.knit.ratio - 1) / (1 - self.fabric.poisson**2) * self.fabric.membrane_stiffness
+        return self.fabric.course_stiffness(self.knit.ratio)
 
     @property
     def moduli(self) -> tuple[float, float]:

@@ -135,9 +135,8 @@ def design_actuator(
     problems = (actuator_problem(comm, case(comm, c), c, verbose=verbose) for c in levels)
     with reporter:
         result, printed = _printed_design(problems, options, config, reporter, best, journal)
-        result, printed = _corrected(
-            comm, case, levels[-1], config, result, printed, reporter, journal
-        )
+        best_print = _corrected(comm, case, levels[-1], config, result, printed, reporter, journal)
+    result, printed = best_print.result, best_print.printed
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
     figures: dict[str, Any] = {
@@ -149,6 +148,7 @@ def design_actuator(
             str(seed): value if np.isfinite(value) else None
             for seed, value in best.objectives.items()
         }
+    figures.update(_robust_figures(best_print))
     return _written(output, result, printed, config, figures, reporter, measured)
 
 
@@ -171,22 +171,19 @@ def _from_lines(
         if config.density_iterations:
             reporter.expect(found.best.relaxed.history[-1].iteration + config.density_iterations)
             better = _densities(comm, case, config, found, reporter, verbose, journal)
-    result, printed = better or (found.result(), found.best.printed)
-    problem = result.problem
-    assert isinstance(problem, ShapeDesign)
     figures: dict[str, Any] = {"seed": config.seed, "start": "random", **found.figures()}
     figures["densities_kept"] = better is not None
+    relaxed = found.best.relaxed
     if better is not None:
-        return _written(
-            output, result, printed, config, figures, reporter, measured, found.best.relaxed
-        )
+        result, printed = better.result, better.printed
+        figures.update(_robust_figures(better))
+        return _written(output, result, printed, config, figures, reporter, measured, relaxed)
+    result, printed = found.result(), found.best.printed
 
     def estimate() -> dict[str, Any]:
         return _error_of_lines(comm, case, config, found)
 
-    return _written(
-        output, result, printed, config, figures, reporter, measured, found.best.relaxed, estimate
-    )
+    return _written(output, result, printed, config, figures, reporter, measured, relaxed, estimate)
 
 
 def _written(
@@ -212,8 +209,6 @@ def _written(
     """
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
-    if result.final.variants:
-        figures["robust"] = _robust_figures(problem, result, printed)
 
     def write(*, pictures: bool) -> dict[str, Any]:
         return write_results(
@@ -249,17 +244,6 @@ def _written(
         lambda: if_possible(lambda: write_manufacture(place, pattern, regions, summary=summary)),
     )
     return ActuatorResult(summary, result, printed, problem)
-
-
-def _robust_figures(
-    problem: ShapeDesign, result: DesignResult, printed: PrintedDesign
-) -> dict[str, Any]:
-    """Return figures of a robust design and of its print with other widths (collective)."""
-    figures = problem.robust_figures(result.final)
-    assert problem.robust is not None
-    found = print_spread(problem, printed, problem.robust.tolerance.offset)
-    both = (None, None) if found is None else found.metrics
-    return {**figures, "printed": dict(zip(("narrower", "wider"), both, strict=True))}
 
 
 def design_run(
@@ -449,7 +433,7 @@ def _densities(
     reporter: DesignReporter,
     verbose: bool,
     journal: Journal | None,
-) -> tuple[DesignResult, PrintedDesign] | None:
+) -> _Corrected | None:
     """Design and correct densities from lines; None if the print is not better (collective)."""
     designed = densities_last(comm, config, found, reporter, verbose=verbose, journal=journal)
     if designed is None:
@@ -458,14 +442,11 @@ def _densities(
     def following(comm: MPI.Comm, other: C) -> ActuatorCase:
         return case(comm, other).following(comm, found.regions)
 
-    result, printed = _corrected(
-        comm, following, config.of_densities, config, *designed, reporter, journal
-    )
-    if printed.evaluation is None:
+    made = _corrected(comm, following, config.of_densities, config, *designed, reporter, journal)
+    if made.printed.evaluation is None:
         return None
-    metrics = result.problem.metrics_of(printed.evaluation.equilibrium)
-    better = largest_error(metrics, aims_of(found.problem.metrics)) < found.best.error
-    return (result, printed) if better else None
+    better = largest_error(made.metrics, aims_of(found.problem.metrics)) < found.best.error
+    return made if better else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -479,6 +460,18 @@ class _Corrected:
     spread: PrintSpread | None
 
 
+def _robust_figures(made: _Corrected) -> dict[str, Any]:
+    """Return figures of a robust design and of its print with other widths; none of another."""
+    problem = made.result.problem
+    assert isinstance(problem, ShapeDesign)
+    figures = problem.robust_figures(made.result.final)
+    if not figures:
+        return {}
+    both = (None, None) if made.spread is None else made.spread.metrics
+    printed = dict(zip(("narrower", "wider"), both, strict=True))
+    return {"robust": {**figures, "printed": printed}}
+
+
 def _corrected(
     comm: MPI.Comm,
     case: CaseMaker[C],
@@ -488,7 +481,7 @@ def _corrected(
     printed: PrintedDesign,
     reporter: DesignReporter,
     journal: Journal | None,
-) -> tuple[DesignResult, PrintedDesign]:
+) -> _Corrected:
     """Ask the design for what its print misses, and return the best print (collective).
 
     The design is continued on the finest mesh with targets beyond those of the problem. Metrics
@@ -500,8 +493,6 @@ def _corrected(
     assert isinstance(problem, ShapeDesign)
     aims = aims_of(problem.metrics)
     free = {key: aim for key, aim in aims.items() if key in config.TARGETS}
-    if not free:
-        return result, printed
 
     def answer(asked: Mapping[str, float], of: DesignResult, made: PrintedDesign) -> _Corrected:
         found = made.evaluation
@@ -524,7 +515,7 @@ def _corrected(
 
     robust = problem.robust
     rounds = [answer({key: aim.target for key, aim in free.items()}, result, printed)]
-    for _ in range(config.corrections):
+    for _ in range(config.corrections if free else 0):
         last = rounds[-1]
         close = largest_error(last.metrics, aims) < CLOSE and clean(last)
         if not last.metrics or (close and robust is None):
@@ -553,8 +544,7 @@ def _corrected(
             found.final, shape=problem.objective.forward(found.final.equilibrium.positions)
         )
         rounds.append(answer(asked, replace(found, problem=problem, final=final), made))
-    best = min(rounds, key=badness)
-    return best.result, best.printed
+    return min(rounds, key=badness)
 
 
 def _without_free_islands(

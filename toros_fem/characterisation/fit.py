@@ -24,8 +24,6 @@ from toros_fem.characterisation.parameters import Scales
 from toros_fem.characterisation.result import (
     FitResult,
     estimates_of,
-    r_squared,
-    trusted_stretch,
 )
 from toros_fem.characterisation.strip import ClampedStrip
 from toros_fem.characterisation.tensile_test import TensileTest
@@ -141,7 +139,6 @@ def _result(
     number = options.draws if options.intervals == "bootstrap" else max(options.draws, 4000)
     drawn = drawn_by(estimator, solution, number, options.seed)
     stress, lateral = estimator.curve(solution.theta)
-    seen = samples.has_lateral
     return FitResult(
         estimates=estimates_of(
             scales.values(solution.theta, thickness),
@@ -149,10 +146,6 @@ def _result(
             scales.ranges(),
             CONFIDENCE,
         ),
-        r2_stress=r_squared(samples.stress, stress),
-        r2_lateral=r_squared(samples.lateral[seen], lateral[seen]) if len(seen) else None,
-        measured_to=1 + float(samples.strain.max()),
-        trusted_to=trusted_stretch(samples, stress),
         samples=samples,
         stress=stress,
         lateral=lateral,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -50,9 +51,6 @@ class Fit:
 
     Attributes:
         estimates: Constants by name.
-        r2_stress, r2_lateral: Coefficients of determination; None of what was not measured.
-        measured_to: Largest stretch that was fitted.
-        trusted_to: Largest stretch up to which the mean residuals are within 10 %.
         samples: The points that were fitted.
         stress, lateral: The model's values at these points, (n,) each.
         specimens: Names of the specimens.
@@ -60,15 +58,32 @@ class Fit:
     """
 
     estimates: Mapping[str, Estimate]
-    r2_stress: float
-    r2_lateral: float | None
-    measured_to: float
-    trusted_to: float
     samples: Samples
     stress: Floats
     lateral: Floats
     specimens: tuple[str, ...]
     options: FitOptions
+
+    @property
+    def r2_stress(self) -> float:
+        """Coefficient of determination of the stress."""
+        return r_squared(self.samples.stress, self.stress)
+
+    @property
+    def r2_lateral(self) -> float | None:
+        """Coefficient of determination of the lateral stretch; None if it was not measured."""
+        seen = self.samples.has_lateral
+        return r_squared(self.samples.lateral[seen], self.lateral[seen]) if len(seen) else None
+
+    @property
+    def measured_to(self) -> float:
+        """Largest stretch that was fitted."""
+        return 1 + float(self.samples.strain.max())
+
+    @cached_property
+    def trusted_to(self) -> float:
+        """Largest stretch up to which the mean residuals are within 10 %."""
+        return trusted_stretch(self.samples, self.stress)
 
     @property
     def remarks(self) -> list[str]:

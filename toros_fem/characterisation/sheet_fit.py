@@ -25,7 +25,7 @@ from toros_fem.characterisation.fitting import (
 )
 from toros_fem.characterisation.intervals import CONFIDENCE
 from toros_fem.characterisation.printed_sheet import PrintedSheet, scaled
-from toros_fem.characterisation.result import Estimate, Fit, r_squared, trusted_stretch
+from toros_fem.characterisation.result import Estimate, Fit
 from toros_fem.characterisation.tensile_test import TensileTest
 from toros_fem.errors import MeasurementError
 from toros_fem.materials import Composite
@@ -117,7 +117,6 @@ def fit_printed_sheet(
     half, identified = _half_widths((measured - values) / sigma, slopes, sigma, options, bound)
     composite = scaled(printed_tile.composite, np.exp(theta))
     stress, lateral = model.curve(theta)
-    seen = samples.has_lateral
     return SheetFit(
         estimates={
             name: Estimate(
@@ -129,10 +128,6 @@ def fit_printed_sheet(
             )
             for name, width, known in zip(NAMES, half, identified, strict=True)
         },
-        r2_stress=r_squared(samples.stress, stress),
-        r2_lateral=r_squared(samples.lateral[seen], lateral[seen]) if len(seen) else None,
-        measured_to=1 + float(samples.strain.max()),
-        trusted_to=trusted_stretch(samples, stress),
         samples=samples,
         stress=stress,
         lateral=lateral,

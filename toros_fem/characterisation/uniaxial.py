@@ -160,7 +160,7 @@ def uniaxial_curve(
             f"c1 = {c1:.6g}."
         )
     h = material.thickness
-    k = (knit_ratio - 1) / (1 - material.poisson**2) * material.membrane_stiffness
+    k = material.course_stiffness(knit_ratio)
     course = direction == "course"
     found = tension(
         values - 1,

@@ -200,6 +200,20 @@ def add_options(parser: argparse.ArgumentParser, config: Config) -> None:
         _add_option(group, config, name)
 
 
+def given_config(given: argparse.Namespace, config: C) -> C:
+    """Return a configuration with the values of the options that were given.
+
+    Args:
+        given: Parsed options, of `add_options`.
+        config: All other values.
+
+    Raises:
+        ParameterError: A value is out of its bounds.
+    """
+    names = config.kinds()
+    return config.updated(**{name: v for name, v in vars(given).items() if name in names})
+
+
 def _defined_by(name: str, bases: list[type[Config]]) -> type[Config]:
     """Return the class that defines a field first; classes derived from it come before it."""
     return [base for base in bases if name in base.__dataclass_fields__][-1]

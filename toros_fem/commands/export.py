@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from toros_fem._mpi import on_first_rank
 from toros_fem.command_line.command import Answer, Command
-from toros_fem.command_line.scripts import add_options
+from toros_fem.command_line.scripts import add_options, given_config
 from toros_fem.errors import OutputError
 from toros_fem.fabrication.print_file import read_print_polygons
 from toros_fem.fabrication.printability import printability, printed_cells
@@ -45,9 +45,7 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     summary = _summary(comm, run)
     # What is simulated is the part of a symmetric skin; its triangles are the first of the whole.
     part = read_pattern(comm, run / NAME) if _exists(comm, run / NAME) else stored.pattern
-    names = ManufactureOptions.__dataclass_fields__
-    changes = {name: value for name, value in vars(given).items() if name in names}
-    options = made_as(summary).updated(**changes)
+    options = given_config(given, made_as(summary))
     output = given.output or run / FOLDER
     made = printability(stored.pattern, stored.regions, stored.limits)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from toros_fem.command_line.command import Answer, Command
-from toros_fem.command_line.scripts import add_options
+from toros_fem.command_line.scripts import add_options, given_config
 from toros_fem.meshes.triangle_limit import triangle_limit
 from toros_fem.tolerance.of_run import tolerances_of_run
 from toros_fem.tolerance.result import shown, text_table
@@ -29,8 +29,7 @@ def _options(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
-    names = ToleranceConfig().as_dict()
-    config = ToleranceConfig(**{k: v for k, v in vars(given).items() if k in names})
+    config = given_config(given, ToleranceConfig())
     output = given.output or given.run
     with triangle_limit(None):  # what was designed was allowed
         found = tolerances_of_run(comm, given.run, config)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import shapely
 from mpi4py import MPI
 
 from toros_fem.command_line.command import Answer, Command
-from toros_fem.command_line.scripts import add_options
+from toros_fem.command_line.scripts import add_options, given_config
 from toros_fem.config import Config, quantity
 from toros_fem.fabrication.svg import write_svg
 from toros_fem.meshes.chart import METHODS
@@ -150,10 +150,7 @@ def _options(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
-    values = vars(given)
-    config = UnwrapConfig(
-        **{f.name: values[f.name] for f in fields(UnwrapConfig) if f.name in values}
-    )
+    config = given_config(given, UnwrapConfig())
     output = given.output or Path(given.mesh.stem)
     surface = read_surface(comm, given.mesh, config.scale, config.component)
     summary = unwrap_surface(comm, output, surface, config, file=given.mesh, verbose=given.verbose)
