@@ -19,6 +19,7 @@ ROOMS = [
     ["library"],
     ["meshes", "forms"],
     ["density", "objectives", "mma", "lines"],
+    ["contact"],
     ["mechanics"],
     ["equilibrium"],
     ["analysis", "design"],

@@ -1,0 +1,6 @@
+"""Contact of a skin with itself, the ground and bodies, by barriers and friction (IPC)."""
+
+from toros_fem.contact.bodies import RigidBody
+from toros_fem.contact.settings import Contact, Ground
+
+__all__ = ["Contact", "Ground", "RigidBody"]
