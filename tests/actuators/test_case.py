@@ -8,7 +8,7 @@ import shapely
 from helpers.symmetry import rests
 from mpi4py import MPI
 
-from toros_fem.actuators.case import ActuatorCase, Contact
+from toros_fem.actuators.case import ActuatorCase, Touching
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.legs import rest_on_body
 from toros_fem.actuators.problem import actuator_problem
@@ -112,8 +112,8 @@ def test_objective_is_the_sum_of_the_terms_given(tube: Skin) -> None:
     for changes, expected in [
         ({}, ["shape"]),
         ({"cross_sections": sections}, ["sections"]),
-        ({"contact": Contact(body, touching, 2.0)}, ["gap"]),
-        ({"contact": Contact(body, touching, 2.0), "weights": weights}, ["gap", "weighted"]),
+        ({"touching": Touching(body, touching, 2.0)}, ["gap"]),
+        ({"touching": Touching(body, touching, 2.0), "weights": weights}, ["gap", "weighted"]),
         ({"cross_sections": sections, "weights": weights}, ["sections", "weighted"]),
     ]:
         case = dataclasses.replace(plain, **changes)  # type: ignore[arg-type]

@@ -59,9 +59,9 @@ def test_edge_of_the_box_is_where_the_finger_has_turned(angle: float) -> None:
 
 def test_touching_strip_and_backbone(comm: MPI.Comm) -> None:
     case = demo.case(comm, SMALL)
-    assert case.contact is not None
+    assert case.touching is not None
     assert case.passive is not None
-    x, y, _ = case.pattern.points[case.contact.weights > 0].T
+    x, y, _ = case.pattern.points[case.touching.weights > 0].T
     assert np.all(x > SMALL.bend_start)
     assert np.all(np.abs(y) < SMALL.finger_width / 6)
     top = case.pattern.cells_of("top")

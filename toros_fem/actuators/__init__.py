@@ -1,6 +1,6 @@
 """The tubes, walkers and grippers of the paper, designed under pressure."""
 
-from toros_fem.actuators.case import ActuatorCase, Contact
+from toros_fem.actuators.case import ActuatorCase, Touching
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.actuators.gait import Gait
 from toros_fem.actuators.pressure_curve import PressureCurve, trace_pressure_curve
@@ -17,10 +17,10 @@ __all__ = [
     "ActuatorCase",
     "ActuatorConfig",
     "ActuatorResult",
-    "Contact",
     "CrossSectionTubeConfig",
     "Gait",
     "PressureCurve",
+    "Touching",
     "TubeConfig",
     "actuator_problem",
     "cross_section_case",

@@ -10,6 +10,7 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Floats
+from toros_fem.contact.settings import Contact
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.mirror import mirrored
@@ -32,8 +33,8 @@ from toros_fem.objectives.shape import (
 
 
 @dataclass(frozen=True, eq=False)
-class Contact:
-    """A body that some vertices of the skin should touch.
+class Touching:
+    """A body that some vertices of the skin should touch, a term of the objective.
 
     Attributes:
         body: The body.
@@ -64,10 +65,11 @@ class ActuatorCase:
         symmetry: Axes of the planes that the pattern is cut at, as of `meshes.mirrored`: pictures
             and prints show the whole.
         objective_of_whole: Whether the objective is that of the whole skin. `weights`,
-            `relative`, `cross_sections` and the weights of `contact` then have an entry for each
+            `relative`, `cross_sections` and the weights of `touching` then have an entry for each
             vertex of `mirrored(pattern, symmetry)`.
         chambers: Pressure chambers; None for one.
-        contact: A body to touch; None for none.
+        touching: A body to touch, in the objective; None for none.
+        contact: What the skin cannot pass through; None for nothing.
         aligned: Whether a rigid motion of the whole skin costs nothing.
     """
 
@@ -83,6 +85,7 @@ class ActuatorCase:
     symmetry: tuple[int, ...] = ()
     objective_of_whole: bool = False
     chambers: Chambers | None = None
+    touching: Touching | None = None
     contact: Contact | None = None
     aligned: bool = False
 
@@ -122,9 +125,9 @@ class ActuatorCase:
         terms: list[Objective] = []
         if self.cross_sections is not None:
             terms.append(CrossSectionObjective(nodes, target, self.cross_sections))
-        if self.contact is not None:
-            c = self.contact
-            terms.append(GapObjective(nodes, c.body, c.weights, c.factor))
+        if self.touching is not None:
+            t = self.touching
+            terms.append(GapObjective(nodes, t.body, t.weights, t.factor))
         if not terms or self.weights is not None or self.relative is not None:
             terms.append(ShapeObjective(nodes, target, self.weights, self.relative))
         found = terms[0] if len(terms) == 1 else SumObjective(*terms)

@@ -1,6 +1,7 @@
 """Contact of a skin with itself, the ground and bodies, by barriers and friction (IPC)."""
 
 from toros_fem.contact.bodies import RigidBody
+from toros_fem.contact.config import ContactConfig
 from toros_fem.contact.settings import Contact, Ground
 
-__all__ = ["Contact", "Ground", "RigidBody"]
+__all__ = ["Contact", "ContactConfig", "Ground", "RigidBody"]

@@ -15,6 +15,7 @@ TITLES: Mapping[str, str] = MappingProxyType(
         "skin": "Sizes and mesh",
         "material": "Fabric, print and bladder",
         "pressure": "Pressure",
+        "contact": "Contact and friction",
         "pull": "Pull test",
         "objective": "What counts in the objective",
         "design": "Steps, filter and start of the design",
@@ -24,7 +25,7 @@ TITLES: Mapping[str, str] = MappingProxyType(
     }
 )
 # Tables that a new file shows with their values; those of the others are shown as comments.
-SHOWN = ("target", "object", "skin", "material", "pressure", "pull")
+SHOWN = ("target", "object", "skin", "material", "pressure", "contact", "pull")
 
 _FIELDS: Mapping[str, str] = MappingProxyType(
     {
@@ -40,6 +41,7 @@ _FIELDS: Mapping[str, str] = MappingProxyType(
         "bending seams wrinkling print_side print_offset bladder_young bladder_thickness "
         "knit_ratio grain_angle",
         "pressure": "pressure design_pressure pressure_min pressure_max highest_pressure",
+        "contact": "friction contact_distance",
         "pull": "direction along across strain strain_steps margin",
         "objective": "counted metrics tip_weight orientation_length cross_sections axial_weight "
         "centreline_weight contact_weight",

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from toros_fem.actuators.case import ActuatorCase, Contact
+from toros_fem.actuators.case import ActuatorCase, Touching
 from toros_fem.actuators.config import ActuatorConfig, TipWeights
 from toros_fem.actuators.gripper import write_grasp
 from toros_fem.actuators.legs import leg_cross_sections, tip_angle_metric
@@ -248,7 +248,7 @@ def case(comm: MPI.Comm, config: GripperConfig) -> ActuatorCase:
             config.centreline_weight,
             config.orientation_length,
         ),
-        contact=Contact(config.body, touching, config.contact_weight),
+        touching=Touching(config.body, touching, config.contact_weight),
         # The outer panel is to stretch; without this hint the start is the same in and out.
         start=np.where(inner, 0.65, 0.35),
         symmetry=(1,),

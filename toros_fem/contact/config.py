@@ -1,0 +1,23 @@
+"""Configurations of scenes whose skin touches something."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from toros_fem.config import Config, quantity
+
+
+@dataclass(frozen=True)
+class ContactConfig(Config):
+    """Friction and distance of contact; SI units."""
+
+    friction: float | None = quantity(
+        None, "coefficient of Coulomb's friction of all faces; none for none", above=0
+    )
+    contact_distance: float | None = quantity(
+        None,
+        "distance of two faces from which on contact acts; none takes a quarter of the fabric's "
+        "thickness",
+        "m",
+        above=0,
+    )
