@@ -2,6 +2,7 @@
 
 from toros_fem.design.config import DesignConfig
 from toros_fem.design.levels import optimize_levels, refinements
+from toros_fem.design.load_path import LoadPath, LoadStep, PathGradient
 from toros_fem.design.loop import DesignResult, optimize
 from toros_fem.design.options import DesignOptions, Iteration, Stage
 from toros_fem.design.problem import DesignProblem, Evaluation
@@ -16,6 +17,9 @@ __all__ = [
     "DesignResult",
     "Evaluation",
     "Iteration",
+    "LoadPath",
+    "LoadStep",
+    "PathGradient",
     "ShapeDesign",
     "ShapeProblem",
     "Stage",

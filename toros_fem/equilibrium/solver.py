@@ -365,6 +365,27 @@ class EquilibriumSolver:
         self._factorised_at = result
         return result
 
+    def revisit(self, at: EquilibriumResult, density: Floats, load: LoadCase) -> None:
+        """Factorise the tangent at an earlier equilibrium again (collective).
+
+        Args:
+            at: An equilibrium of this solver.
+            density, load: Those it was solved for.
+
+        Raises:
+            ParameterError: Its tangent is not positive definite: it belongs to another density or
+                load.
+        """
+        self._factorised_at = None
+        self.model.set_density(self.model.check(density))
+        self.model.set_load(load)
+        if not self._snes.newton.stable(at.state):
+            raise ParameterError(
+                "the state is no stable equilibrium of this density and load; give those that it "
+                "was solved for."
+            )
+        self._factorised_at = at
+
     def forget_last(self) -> None:
         """Forget the last equilibrium: its model has been used for something else since."""
         self._factorised_at = None
