@@ -2,6 +2,7 @@
 
 from toros_fem.contact.bodies import RigidBody
 from toros_fem.contact.config import ContactConfig
+from toros_fem.contact.pads import Pads
 from toros_fem.contact.settings import Contact, Ground
 
-__all__ = ["Contact", "ContactConfig", "Ground", "RigidBody"]
+__all__ = ["Contact", "ContactConfig", "Ground", "Pads", "RigidBody"]

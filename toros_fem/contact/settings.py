@@ -15,6 +15,7 @@ from toros_fem._validate import (
     require_positive,
 )
 from toros_fem.contact.bodies import RigidBody
+from toros_fem.contact.pads import Pads
 from toros_fem.errors import ParameterError
 from toros_fem.materials import Composite
 
@@ -61,6 +62,7 @@ class Contact:
         bodies: Rigid bodies: held, moved with the load, or free with a mass.
         self_contact: Whether the skin's layers touch each other.
         friction: Coefficient μ of Coulomb's friction, of all faces; None for none.
+        pads: Vertices that slide on the ground by coefficients of their own; None for none.
         thickness: In m, which the sheet takes up between its faces; None takes the fabric's.
         distance: In m, from which on contact acts; None takes a quarter of the thickness.
         stiffness: In Pa, the scale of the contact pressure: it is reached where the distance has
@@ -77,6 +79,7 @@ class Contact:
     bodies: Sequence[RigidBody] = ()
     self_contact: bool = True
     friction: float | None = None
+    pads: Pads | None = None
     thickness: float | None = None
     distance: float | None = None
     stiffness: float | None = None
@@ -108,6 +111,9 @@ class Contact:
             for name in ("friction", "thickness", "distance", "stiffness", "slip")
         }
         require_positive(**{k: v for k, v in numbers.items() if v is not None})
+        require_kind("pads", self.pads, (Pads, type(None)), "Pads, or None")
+        if self.pads is not None and not self.ground:
+            raise ParameterError("pads slide on the ground: give a ground, or leave them out.")
         gravity = checked_floats("gravity", self.gravity, "a finite vector, in m/s²", (3,))
         object.__setattr__(self, "gravity", tuple(float(v) for v in gravity))
         if not (self.ground or self.bodies or self.self_contact):
