@@ -25,6 +25,8 @@ from toros_fem.characterisation.fitting import FitOptions
 from toros_fem.characterisation.reading import read_tensile_tests
 from toros_fem.characterisation.result import FitResult
 from toros_fem.characterisation.tensile_test import TensileTest
+from toros_fem.contact.bodies import RigidBody
+from toros_fem.contact.solids import rigid_box, rigid_cylinder, rigid_mesh, rigid_sphere
 from toros_fem.density.field import random_density
 from toros_fem.density.filters import make_filter
 from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
@@ -122,6 +124,7 @@ __all__ = [
     "Projection",
     "RelaxedOptions",
     "RelaxedResult",
+    "RigidBody",
     "ShapeDesign",
     "ShapeObjective",
     "ShapeProblem",
@@ -163,6 +166,10 @@ __all__ = [
     "random_density",
     "read_tensile_tests",
     "refinements",
+    "rigid_box",
+    "rigid_cylinder",
+    "rigid_mesh",
+    "rigid_sphere",
     "sew",
     "shortening",
     "spread_force",

@@ -4,5 +4,16 @@ from toros_fem.contact.bodies import RigidBody
 from toros_fem.contact.config import ContactConfig
 from toros_fem.contact.pads import Pads
 from toros_fem.contact.settings import Contact, Ground
+from toros_fem.contact.solids import rigid_box, rigid_cylinder, rigid_mesh, rigid_sphere
 
-__all__ = ["Contact", "ContactConfig", "Ground", "Pads", "RigidBody"]
+__all__ = [
+    "Contact",
+    "ContactConfig",
+    "Ground",
+    "Pads",
+    "RigidBody",
+    "rigid_box",
+    "rigid_cylinder",
+    "rigid_mesh",
+    "rigid_sphere",
+]
