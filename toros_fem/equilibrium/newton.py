@@ -11,8 +11,8 @@ from petsc4py import PETSc
 
 from toros_fem._mpi import dot, largest, norm
 from toros_fem._types import Floats
-from toros_fem.equilibrium.conjugate_gradients import conjugate_gradients
 from toros_fem.equilibrium.continuation import Attempt
+from toros_fem.equilibrium.krylov import conjugate_gradients
 from toros_fem.equilibrium.linear_solver import TangentFactor
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.model import SkinModel

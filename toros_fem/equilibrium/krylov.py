@@ -1,4 +1,4 @@
-"""Conjugate gradients with the factors of a neighbouring tangent as preconditioner."""
+"""Krylov methods with the factors of a neighbouring tangent as preconditioner."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._mpi import sum_over_ranks
+from toros_fem._mpi import norm, sum_over_ranks
 from toros_fem._types import Floats
 
 
@@ -74,3 +74,52 @@ def conjugate_gradients(
         p *= rz / before
         p += z
     return CGResult(x, float(np.sqrt(rr / first)), count, True)
+
+
+def gmres(
+    comm: MPI.Comm,
+    multiply: Callable[[Floats], Floats],
+    precondition: Callable[[Floats], Floats],
+    rhs: Floats,
+    tolerance: float,
+    max_iterations: int,
+) -> tuple[Floats, float]:
+    """Solve J x = rhs for a matrix J without symmetry by GMRES (collective).
+
+    Preconditioned from the right, so that the residual is the true one (Saad & Schultz 1986; Saad
+    2003, section 9.3.2). All directions are kept: a good preconditioner needs few.
+
+    Args:
+        comm: Communicator over which the vectors are distributed.
+        multiply: Product with J.
+        precondition: Product with the inverse of a matrix near J.
+        rhs: Right-hand side, owned unknowns.
+        tolerance: Norm of the residual over that of `rhs` at which it ends.
+        max_iterations: Largest number of iterations, each with one product and one solve.
+
+    Returns:
+        The solution, and the norm of its residual over that of `rhs`.
+    """
+    size = norm(comm, rhs)
+    if not size > 0:
+        return np.zeros_like(rhs), 0.0
+    basis, hessenberg = [rhs / size], np.zeros((max_iterations + 1, max_iterations))
+    directions: list[Floats] = []
+    weights, left = np.zeros(0), 1.0
+    for count in range(max_iterations):
+        directions.append(precondition(basis[-1]))
+        new, known = multiply(directions[-1]), np.array(basis)
+        for _ in range(2):  # once more, against rounding
+            parts = sum_over_ranks(comm, known @ new)
+            hessenberg[: count + 1, count] += parts
+            new = new - parts @ known
+        length = norm(comm, new)
+        hessenberg[count + 1, count] = length
+        goal = np.eye(count + 2)[0] * size
+        square = hessenberg[: count + 2, : count + 1]
+        weights = np.linalg.lstsq(square, goal, rcond=None)[0]
+        left = float(np.linalg.norm(goal - square @ weights)) / size
+        if left <= tolerance or not length > 1e-14 * np.abs(hessenberg[: count + 1, count]).max():
+            break
+        basis.append(new / length)
+    return np.asarray(weights @ np.array(directions)), left

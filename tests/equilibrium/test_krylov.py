@@ -1,11 +1,11 @@
-"""Conjugate gradients with a neighbouring tangent's factors, on one and on several ranks."""
+"""Krylov methods with a neighbouring tangent's factors, on one and on several ranks."""
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from toros_fem._mpi import norm
-from toros_fem.equilibrium.conjugate_gradients import CGResult, conjugate_gradients
+from toros_fem.equilibrium.krylov import CGResult, conjugate_gradients, gmres
 from toros_fem.equilibrium.linear_solver import TangentFactor
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.load_case import LoadCase
@@ -75,3 +75,23 @@ def test_negative_curvature_is_told(
     assert not found.positive
     assert found.iterations == 1
     assert not found.solution.any()
+
+
+def test_gmres_solves_without_symmetry(
+    tube_solver: EquilibriumSolver, factor: TangentFactor, comm: MPI.Comm
+) -> None:
+    model = tube_solver.model
+    rhs = model.volume_gradient(model.assembled)
+    sign = np.where(model.skin.owned_vertices % 2, 0.1, -0.1)
+
+    def multiply(x: np.ndarray) -> np.ndarray:
+        product = factor.multiply(x)
+        turned = np.roll(model.positions(product), 1, axis=1) * sign[:, None]
+        model.positions(product)[:] += turned
+        return product * model.free
+
+    solution, left = gmres(comm, multiply, factor.solve, rhs, 1e-10, 60)
+    assert left <= 1e-10
+    assert norm(comm, rhs - multiply(solution)) <= 2e-10 * norm(comm, rhs)
+    assert gmres(comm, multiply, factor.solve, rhs, 1e-10, 3)[1] > 1e-10
+    assert not gmres(comm, multiply, factor.solve, 0 * rhs, 1e-10, 3)[0].any()
