@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+import ufl
+from dolfinx import fem, la
 from mpi4py import MPI
 
 from toros_fem._mpi import total
@@ -12,11 +14,12 @@ from toros_fem.mechanics.supports import clamp
 from toros_fem.meshes import Skin
 
 
-def patch_of(skin: Skin, curvature: str | None, *, lattice: bool = False) -> Patch:
+def patch_of(skin: Skin, curvature: str | None, *, lattice: bool = False, bodies: int = 0) -> Patch:
     if curvature is None:
-        return make_patch(skin, None, rotations=False, lattice=lattice)
+        return make_patch(skin, None, rotations=False, lattice=lattice, bodies=bodies)
     hinges = find_hinges(skin, Bending(curvature), clamp(skin.pattern, ["base"]), 0.3)
-    return make_patch(skin, hinges, rotations=curvature == "midedge", lattice=lattice)
+    rotations = curvature == "midedge"
+    return make_patch(skin, hinges, rotations=rotations, lattice=lattice, bodies=bodies)
 
 
 @pytest.mark.parametrize("curvature", [None, *CURVATURES])
@@ -54,3 +57,32 @@ def test_triangles_see_their_corners_and_flaps(tube: Skin, comm: MPI.Comm) -> No
         for i in range(3):
             edge = frozenset((corners[(i + 1) % 3], corners[(i + 2) % 3]))
             assert across[edge] == {corners[i], flaps[i]}
+
+
+@pytest.mark.parametrize("curvature", [None, "midedge"])
+@pytest.mark.parametrize("lattice", [False, True])
+def test_unknowns_of_bodies(tube: Skin, curvature: str | None, lattice: bool) -> None:
+    """The first rank owns them, all know them, and no triangle sees them."""
+    comm = tube.comm
+    plain = patch_of(tube, curvature, lattice=lattice)
+    patch = patch_of(tube, curvature, lattice=lattice, bodies=2)
+    index_map = patch.space.dofmap.index_map
+    assert index_map.size_global == plain.space.dofmap.index_map.size_global + 12
+    assert patch.body_dofs.shape == (2, 6)
+    assert plain.body_dofs.shape == (0, 6)
+    assert not np.isin(patch.space.dofmap.list, patch.body_dofs).any()
+    assert np.isin(patch.space.dofmap.list, patch.lattice_dofs).any() == lattice
+    assert (patch.body_dofs < index_map.size_local).all() == (comm.rank == 0)
+    known = index_map.local_to_global(patch.body_dofs.ravel())
+    assert np.array_equal(known, comm.bcast(known, root=0))
+
+    state = fem.Function(patch.space)
+    if comm.rank == 0:
+        state.x.array[patch.body_dofs] = np.arange(12.0).reshape(2, 6)
+    state.x.scatter_forward()
+    assert np.array_equal(state.x.array[patch.body_dofs], np.arange(12.0).reshape(2, 6))
+    # Forms see the skin alone: what they assemble is zero there.
+    form = fem.form(ufl.dot(state, ufl.TestFunction(patch.space)) * ufl.dx)
+    assembled = fem.assemble_vector(form)
+    assembled.scatter_reverse(la.InsertMode.add)
+    assert not assembled.array[patch.body_dofs].any()

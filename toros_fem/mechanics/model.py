@@ -232,7 +232,7 @@ class SkinModel:
         """Return all unknowns of a state on every rank, in an order that no partition changes.
 
         It is that of the pattern: positions of the vertices, rotations of the edges, columns of
-        the mean deformation gradient.
+        the mean deformation gradient, motions of free bodies.
         """
         skin, begin = self.skin, self._patch.position_count
         parts: list[Floats] = [skin.gather_vertices(self.positions(state)).ravel()]
@@ -241,8 +241,9 @@ class SkinModel:
             owned = edges[self._patch.rotation_dofs < self.size_local]
             rotations = state[begin : begin + len(owned)]
             parts.append(gather_by_index(skin.comm, owned, rotations, count))
-        if self._patch.lattice_dofs.size:
-            parts.append(skin.comm.bcast(state[self.size_local - 6 :], root=0))
+        shared = self._patch.shared_dofs
+        if len(shared):
+            parts.append(skin.comm.bcast(state[shared] if skin.comm.rank == 0 else None, root=0))
         return np.concatenate(parts)
 
     def scatter(self, unknowns: Floats) -> Floats:
@@ -253,7 +254,8 @@ class SkinModel:
         """
         skin, places = self.skin, 3 * len(self.skin.pattern.points)
         edges, count = pattern_edges(skin) if len(self._patch.rotation_dofs) else (None, 0)
-        expected = places + count + self._patch.lattice_dofs.size
+        shared = self._patch.shared_dofs
+        expected = places + count + len(shared)
         if unknowns.shape != (expected,):
             raise ParameterError(
                 f"the unknowns have shape {unknowns.shape}; this skin has ({expected},)."
@@ -265,8 +267,8 @@ class SkinModel:
             owned = edges[self._patch.rotation_dofs < self.size_local]
             begin = self._patch.position_count
             state[begin : begin + len(owned)] = unknowns[places:][owned]
-        if self._patch.lattice_dofs.size and skin.comm.rank == 0:
-            state[-6:] = unknowns[-6:]
+        if skin.comm.rank == 0:
+            state[shared] = unknowns[places + count :]
         return state
 
     def set_load(self, load: LoadCase) -> None:

@@ -9,6 +9,7 @@ import basix.ufl
 import numpy as np
 import numpy.typing as npt
 from dolfinx import cpp, fem
+from mpi4py import MPI
 
 from toros_fem import _compat
 from toros_fem._types import Ints, LocalInts
@@ -22,7 +23,9 @@ class Patch:
     """Unknowns of a skin, and the function space by which its triangles see them.
 
     The unknowns a rank owns are the positions of its nodes, x, y, z of each, then the rotations
-    of its edges, if there are any; ghosts follow in the same order.
+    of its edges, if there are any. The first rank also owns those of no place on the skin: the
+    columns of a mean deformation gradient, and the motions of rigid bodies. Ghosts follow in the
+    same order.
 
     Attributes:
         space: On a triangle, the positions of its corners, of its flaps, and one vector of its
@@ -32,6 +35,8 @@ class Patch:
         rotation_dofs: Local unknown of each local edge; empty without rotations.
         lattice_dofs: Local unknowns of F̄n and F̄t, (2, 3), known on every rank and owned by the
             first; empty for a skin that does not repeat.
+        body_dofs: Local unknowns of k free rigid bodies, (k, 6), known on every rank and owned by
+            the first: translation, then rotation. No triangle sees them.
     """
 
     space: fem.FunctionSpace
@@ -39,10 +44,16 @@ class Patch:
     position_dofs: LocalInts
     rotation_dofs: LocalInts
     lattice_dofs: LocalInts
+    body_dofs: LocalInts
+
+    @property
+    def shared_dofs(self) -> LocalInts:
+        """Local unknowns that the first rank owns and every rank knows."""
+        return np.concatenate([self.lattice_dofs.ravel(), self.body_dofs.ravel()])
 
 
 def make_patch(
-    skin: Skin, hinges: Hinges | None, *, rotations: bool, lattice: bool = False
+    skin: Skin, hinges: Hinges | None, *, rotations: bool, lattice: bool = False, bodies: int = 0
 ) -> Patch:
     """Return the patch of a skin (collective).
 
@@ -55,6 +66,7 @@ def make_patch(
         hinges: Hinges of the triangles; None for a skin without bending: corners alone.
         rotations: Whether each edge has a rotation, the same on all ranks.
         lattice: Whether all triangles see the two columns of a mean deformation gradient.
+        bodies: Number of free rigid bodies.
     """
     nodes = skin.position_space.dofmap.index_map
     parts: list[tuple[Any, int]] = [(nodes, 3)]
@@ -62,10 +74,9 @@ def make_patch(
         skin.mesh.topology.create_entities(1)
         parts.append((skin.mesh.topology.index_map(1), 1))
     if lattice:
-        first = skin.comm.rank == 0
-        ghosts: npt.NDArray[np.int64] = np.arange(0 if first else 2, dtype=np.int64)
-        owners: LocalInts = np.zeros(len(ghosts), dtype=np.int32)
-        parts.append((_compat.index_map(skin.comm, 2 if first else 0, ghosts, owners), 3))
+        parts.append((_on_first_rank(skin.comm, 2), 3))
+    if bodies:
+        parts.append((_on_first_rank(skin.comm, bodies), 6))
     index_map, numbers = concatenated_index_map(skin.comm, parts)
     seen = skin.position_space.dofmap.list
     if hinges is not None:
@@ -74,8 +85,9 @@ def make_patch(
     if rotations:
         facets = skin.mesh.topology.connectivity(2, 1).array.reshape(-1, 3)
         dofs = np.hstack([dofs, numbers[1][facets]])
-    if lattice:
-        dofs = np.hstack([dofs, np.tile(numbers[-1], (len(dofs), 1))])
+    none: LocalInts = np.zeros(0, dtype=np.int32)
+    columns = numbers[2 if rotations else 1] if lattice else none
+    dofs = np.hstack([dofs, np.tile(columns, (len(dofs), 1))])
     element = basix.ufl.mixed_element(
         [basix.ufl.element("DG", "triangle", 0, shape=(3,))] * (dofs.shape[1] // 3)
     )
@@ -91,9 +103,18 @@ def make_patch(
         space=_compat.function_space(skin.mesh, element, dofmap, plain),
         position_count=3 * nodes.size_local,
         position_dofs=numbers[0].reshape(-1, 3),
-        rotation_dofs=numbers[1] if rotations else np.zeros(0, dtype=np.int32),
-        lattice_dofs=(numbers[-1] if lattice else np.zeros(0, dtype=np.int32)).reshape(-1, 3),
+        rotation_dofs=numbers[1] if rotations else none,
+        lattice_dofs=columns.reshape(-1, 3),
+        body_dofs=(numbers[-1] if bodies else none).reshape(-1, 6),
     )
+
+
+def _on_first_rank(comm: MPI.Comm, count: int) -> Any:
+    """Return an index map of entries that the first rank owns and all others have as ghosts."""
+    first = comm.rank == 0
+    ghosts: npt.NDArray[np.int64] = np.arange(0 if first else count, dtype=np.int64)
+    owners: LocalInts = np.zeros(len(ghosts), dtype=np.int32)
+    return _compat.index_map(comm, count if first else 0, ghosts, owners)
 
 
 def pattern_edges(skin: Skin) -> tuple[Ints, int]:
