@@ -1,97 +1,111 @@
-"""Pads that slide one way: the law of friction, its derivatives, and what a path carries."""
+"""Pads that slide one way: their law of friction, its derivatives, and what a step leaves."""
+
+from collections.abc import Callable
 
 import numpy as np
 import pytest
+from helpers.scenes import taylor_rates
 
-from toros_fem import errors
 from toros_fem.contact import Contact, Ground, Pads
-from toros_fem.contact.pads import SlidingLaw
+from toros_fem.contact.friction import Coulomb
+from toros_fem.contact.pads import OneWay
+from toros_fem.errors import ParameterError
 
 pytestmark = pytest.mark.one_rank
 
-LAW = Pads(np.ones(1, dtype=bool), forward=0.2, backward=0.8).law(1e-4)
+ONE = np.ones(1, dtype=bool)
+LAW = Pads(ONE, (1.0, 0.4, 0.2), forward=0.2, backward=0.8).law(1e-4)
+RNG = np.random.default_rng(0)
+UP = np.array([0.1, 0.2, 1.0]) / np.linalg.norm([0.1, 0.2, 1.0])
+NORMAL = RNG.uniform(0.5, 2.0, (40, 1)) * UP
+# Half of them stick, half slide.
+MOTION = RNG.standard_normal((40, 3)) * 1e-4 * np.repeat([0.3, 8.0], 20)[:, None]
 
-
-def slidings() -> np.ndarray:
-    """Slidings in m inside and outside of the slip, in all directions."""
-    drawn = np.random.default_rng(3).standard_normal((40, 2))
-    return drawn * np.repeat([2e-5, 4e-4], 20)[:, None]
+Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def test_friction_along_against_and_across() -> None:
-    """Full friction: μ times the normal force, by the direction of sliding."""
-    far = 5e-3 * np.array([[1.0, 0], [-1, 0], [0, 1], [0, -1]])
-    assert LAW.gradient(far) == pytest.approx(
-        np.array([[0.2, 0], [-0.8, 0], [0, 0.8], [0, -0.8]]), abs=1e-12
+    law = Pads(ONE, (2.0, 0.0, 0.0), forward=0.2, backward=0.8).law(1e-4)
+    far = 5e-3 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
+    found = law.force(np.tile([0.0, 0.0, 3.0], (4, 1)), far)
+    assert found / 3 == pytest.approx(
+        np.array([[0.2, 0, 0], [-0.8, 0, 0], [0, 0.8, 0], [0, -0.8, 0]]), abs=1e-12
     )
 
 
-def test_friction_dissipates_what_the_gauge_says() -> None:
-    """The work of full friction is μ g: the potential is of degree one in the sliding."""
-    far = 50 * slidings()[20:]
-    work = (LAW.gradient(far) * far).sum(axis=1)
-    assert work == pytest.approx(0.8 * LAW.gauge(far))
-    assert LAW.potential(far) == pytest.approx(work)
+@pytest.mark.parametrize(
+    ("function", "derivative"),
+    [
+        (LAW.energy, LAW.force),
+        (LAW.force, LAW.stiffness),
+        (LAW.elastic, LAW.elastic_by_motion),
+    ],
+)
+def test_derivatives_by_the_motion(function: Function, derivative: Function) -> None:
+    along = RNG.standard_normal(MOTION.shape) * 1e-5
+    slopes = np.einsum("i...j,ij->i...", derivative(NORMAL, MOTION), along)
+    weights = RNG.standard_normal(slopes.shape)
+    # The stiffness jumps where the motion along the easy direction changes its sign.
+    easy = np.array(LAW.direction) - UP * (UP @ LAW.direction)
+    weights[np.abs(MOTION @ easy) < 0.1 * np.abs(along @ easy)] = 0
+
+    def value(step: float) -> float:
+        return float((weights * function(NORMAL, MOTION + step * along)).sum())
+
+    assert taylor_rates(value, float((weights * slopes).sum()), 0.1) == pytest.approx(2, abs=0.02)
+
+
+def test_force_by_the_normal_force() -> None:
+    more = 1e-3 * RNG.standard_normal((40, 1)) * UP
+    change = LAW.force(NORMAL + more, MOTION) - LAW.force(NORMAL, MOTION)
+    predicted = np.einsum("ijk,ik->ij", LAW.force_by_normal(NORMAL, MOTION), more)
+    assert change == pytest.approx(predicted, rel=1e-6, abs=1e-13)
+    assert not LAW.elastic_by_normal(NORMAL, MOTION).any()
 
 
 def test_equal_coefficients_are_coulombs() -> None:
-    law = SlidingLaw(0.5, 1.0, 1e-4)
-    friction = law.gradient(30 * slidings())
-    sliding = np.linalg.norm(30 * slidings(), axis=1) > 1e-4
-    assert np.linalg.norm(friction, axis=1)[sliding] == pytest.approx(0.5)
+    one, other = OneWay(0.5, 1.0, (1.0, 0.0, 0.0), 1e-4), Coulomb(0.5, 1e-4)
+    for name in (
+        "energy", "force", "stiffness", "elastic", "elastic_by_motion",
+    ):  # fmt: skip
+        mine, theirs = (getattr(law, name)(NORMAL, MOTION) for law in (one, other))
+        assert mine == pytest.approx(theirs, rel=1e-9, abs=1e-12 * np.abs(theirs).max())
 
 
-def test_derivatives() -> None:
-    """Taylor remainders of second order, of the potential and of the gradient."""
-    at = slidings()
-    # A difference across s = 0 would see the jump of the second derivative.
-    at = at[np.abs(at[:, 0]) > 2e-6]
-    way = np.random.default_rng(4).standard_normal(at.shape)
-    value, slope, turn = LAW.potential(at), LAW.gradient(at), LAW.hessian(at)
-    steps = 1e-6 * 0.5 ** np.arange(4)
-    first, second = [], []
-    for h in steps:
-        moved = at + h * way
-        first.append(np.abs(LAW.potential(moved) - value - h * (slope * way).sum(axis=1)).sum())
-        change = h * np.einsum("nij,nj->ni", turn, way)
-        second.append(np.abs(LAW.gradient(moved) - slope - change).sum())
-    for remainders in (first, second):
-        rates = np.log2(np.array(remainders[:-1]) / remainders[1:])
-        assert rates[-1] == pytest.approx(2.0, abs=0.02)
+def test_energy_is_convex() -> None:
+    """Between any two motions, also across the change of direction."""
+    one, two = MOTION, MOTION[::-1]
+    same = NORMAL[:1] * np.ones((40, 1))
+    middle = LAW.energy(same, (one + two) / 2)
+    assert (middle <= (LAW.energy(same, one) + LAW.energy(same, two)) / 2 * (1 + 1e-12)).all()
+    for matrix in LAW.stiffness(NORMAL, MOTION):
+        assert np.allclose(matrix, matrix.T)
+        assert np.linalg.eigvalsh(matrix).min() > -1e-9 * np.abs(matrix).max()
 
 
-def test_potential_is_convex() -> None:
-    """Between any two slidings, also across the change of direction."""
-    one, two = slidings(), slidings()[::-1]
-    middle = LAW.potential((one + two) / 2)
-    assert (middle <= (LAW.potential(one) + LAW.potential(two)) / 2 + 1e-18).all()
-    assert np.linalg.eigvalsh(LAW.hessian(one)).min() > -1e-9 / LAW.slip
+def test_elastic_slip_keeps_the_force() -> None:
+    kept = LAW.elastic(NORMAL, MOTION)
+    assert LAW.force(NORMAL, kept) == pytest.approx(LAW.force(NORMAL, MOTION), abs=1e-12)
+    assert np.linalg.norm(kept, axis=1).max() <= LAW.slip / LAW.ratio * (1 + 1e-12)
 
 
-def test_nothing_slides() -> None:
-    zero = np.zeros((1, 2))
-    assert not LAW.gradient(zero).any()
-    assert LAW.hessian(zero)[0] == pytest.approx(np.diag([1.6e4, 1.6e4]))
-
-
-def test_elastic_part_keeps_the_force() -> None:
-    """The part that a path carries has the friction of the whole sliding."""
-    at = slidings()
-    kept = LAW.elastic(at)
-    assert LAW.gradient(kept) == pytest.approx(LAW.gradient(at), abs=1e-12)
-    assert LAW.gauge(kept).max() <= LAW.slip * (1 + 1e-12)
-    holds = LAW.gauge(at) < LAW.slip
-    assert holds.any()
-    assert kept[holds] == pytest.approx(at[holds], abs=0)
+def test_no_motion_and_no_normal_force_are_regular() -> None:
+    nothing = np.zeros((1, 3))
+    for normal, motion in ((NORMAL[:1], nothing), (nothing, MOTION[:1]), (nothing, nothing)):
+        for name in ("energy", "force", "elastic"):
+            assert not getattr(LAW, name)(normal, motion).any()
+        for name in ("stiffness", "force_by_normal", "elastic_by_motion"):
+            assert np.isfinite(getattr(LAW, name)(normal, motion)).all()
+    assert np.linalg.norm(LAW.stiffness(NORMAL[:1], nothing)) > 0
 
 
 def test_bad_pads() -> None:
     some = np.array([True, False])
-    with pytest.raises(errors.ParameterError, match="forward = 0.9 must be at most"):
+    with pytest.raises(ParameterError, match=r"forward = 0.9 must be at most"):
         Pads(some, forward=0.9)
-    with pytest.raises(errors.ParameterError, match="True for one"):
+    with pytest.raises(ParameterError, match="True for one"):
         Pads(~some & some)
-    with pytest.raises(errors.ParameterError, match="direction"):
+    with pytest.raises(ParameterError, match="direction"):
         Pads(some, (0.0, 0.0, 0.0))
     assert Pads(some, (0.0, 3.0, 0.0)).direction == (0.0, 1.0, 0.0)
 
@@ -99,5 +113,5 @@ def test_bad_pads() -> None:
 def test_pads_need_a_ground() -> None:
     some = np.array([True, False])
     assert Contact(ground=Ground(), pads=Pads(some)).pads is not None
-    with pytest.raises(errors.ParameterError, match="pads slide on the ground"):
+    with pytest.raises(ParameterError, match="pads slide on the ground"):
         Contact(pads=Pads(some))
