@@ -1,0 +1,114 @@
+"""Bodies of a contact as it sees them: their vertices, moved by given poses or by unknowns."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import block_array, csr_array
+
+from toros_fem._types import Floats, Ints
+from toros_fem.contact.motion import placed, pose_curvature, pose_jacobian, shortest
+from toros_fem.contact.settings import Contact
+
+
+class FreeBodies:
+    """The surfaces of all bodies, and the motion of those with a mass.
+
+    The surfaces are moved inwards by half the sheet's thickness, since distances are those of
+    its middle surface. A free body has six unknowns, all in m: its translation, and its rotation
+    vector times its radius. They count from where it was made.
+
+    Attributes:
+        count: Number k of free bodies.
+        free: Their numbers among all bodies, (k,).
+        triangles: Triangles of all bodies, (m, 3), by their vertices from 0 on.
+
+    Args:
+        contact: The contact.
+        thickness: Of the sheet, in m.
+
+    Raises:
+        ParameterError: A body is too thin or too sharp for half the thickness.
+    """
+
+    def __init__(self, contact: Contact, thickness: float) -> None:
+        bodies = contact.bodies
+        self.free: Ints = np.array(contact.free_bodies, dtype=np.int64)
+        self.count = len(self.free)
+        self._centres = [body.centre for body in bodies]
+        self._points = [body.inset(thickness / 2) for body in bodies]
+        ahead = np.cumsum([0] + [len(points) for points in self._points])
+        self._begin = ahead[:-1]
+        self.triangles: Ints = np.concatenate(
+            [np.zeros((0, 3), dtype=np.int64)]
+            + [body.triangles + begin for body, begin in zip(bodies, ahead, strict=False)]
+        )
+        radii = [bodies[k].radius for k in self.free]
+        # Of each unknown in m, its pose in m and rad.
+        self._scale = np.array([[1.0] * 3 + [1 / radius] * 3 for radius in radii]).reshape(-1, 6)
+        masses = np.array([bodies[k].mass or 0.0 for k in self.free])
+        self.weight: Floats = np.zeros((self.count, 6))
+        self.weight[:, :3] = masses[:, None] * contact.gravity
+
+    def poses(self, unknowns: Floats, held: Floats) -> Floats:
+        """Return the poses of all bodies, (n, 6) in m and rad.
+
+        Args:
+            unknowns: Of the free bodies in m, (k, 6).
+            held: Poses of all bodies, (n, 6); those of free bodies are not used.
+        """
+        poses = held.copy()
+        poses[self.free] = unknowns * self._scale
+        return poses
+
+    def unknowns(self, poses: Floats) -> Floats:
+        """Return the unknowns of the free bodies in m, (k, 6), with the shortest rotations.
+
+        Args:
+            poses: Of all bodies, (n, 6) in m and rad.
+        """
+        free = poses[self.free]
+        free[:, 3:] = [shortest(vector) for vector in free[:, 3:]]
+        return np.asarray(free / self._scale)
+
+    def vertices(self, poses: Floats) -> Floats:
+        """Return the vertices of all bodies, (v, 3) in m.
+
+        Args:
+            poses: Of all bodies, (n, 6) in m and rad.
+        """
+        places = [
+            placed(points, centre, pose)
+            for points, centre, pose in zip(self._points, self._centres, poses, strict=True)
+        ]
+        return np.concatenate([np.zeros((0, 3)), *places])
+
+    def jacobian(self, poses: Floats) -> csr_array:
+        """Return the derivative of `vertices` by the unknowns, (3 v, 6 k).
+
+        Args:
+            poses: Of all bodies, (n, 6) in m and rad.
+        """
+        size = 3 * sum(len(points) for points in self._points)
+        blocks = []
+        for number, scale in zip(self.free, self._scale, strict=True):
+            points, begin = self._points[number], 3 * self._begin[number]
+            dense = pose_jacobian(points, self._centres[number], poses[number]) * scale
+            rows = np.repeat(begin + np.arange(len(dense)), 6)
+            columns = np.tile(np.arange(6), len(dense))
+            blocks.append(csr_array((dense.ravel(), (rows, columns)), shape=(size, 6)))
+        return csr_array(block_array([blocks]) if blocks else (size, 0))
+
+    def curvature(self, poses: Floats, forces: Floats) -> Floats:
+        """Return the second derivative of Σ forces · `vertices` by the unknowns, (k, 6, 6) in N/m.
+
+        Args:
+            poses: Of all bodies, (n, 6) in m and rad.
+            forces: On all vertices in N, (v, 3), held constant.
+        """
+        blocks = np.zeros((self.count, 6, 6))
+        for block, number, scale in zip(blocks, self.free, self._scale, strict=True):
+            points, begin = self._points[number], self._begin[number]
+            own = forces[begin : begin + len(points)]
+            block[:] = pose_curvature(points, self._centres[number], poses[number], own)
+            block *= scale * scale[:, None]
+        return blocks
