@@ -1,0 +1,224 @@
+"""Friction of a skin on ground and bodies: anchors, lagged normal forces, adjoint parts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem._types import Floats
+from toros_fem.contact.friction import Coulomb
+from toros_fem.contact.motion import placed, pose_curvature, pose_jacobian, rotation
+from toros_fem.contact.settings import Contact, ContactSizes
+
+
+@dataclass(frozen=True, eq=False)
+class Sliding:
+    """What friction hands from one step of a path to the next.
+
+    Attributes:
+        anchors: Point in m at which each vertex sticks to each half-space and each body, in this
+            order, (sides, n, 3); on a body where that was made, so that they move with it. Where a
+            vertex touches nothing it is its own position.
+    """
+
+    anchors: Floats
+
+
+class SlidingFriction:
+    """Friction of all vertices on all half-spaces and bodies, the sides of their contact.
+
+    Friction has a potential where normal forces and tangent planes are held (Li et al. 2020,
+    section 5). They are those of `lag`, repeated until they are those of the state itself. On a
+    body u is measured from the anchor as the body carries it, so that nothing slides where skin
+    and body turn together.
+
+    All arrays are those of all n vertices. Poses are those of all bodies, (bodies, 6).
+
+    Attributes:
+        law: Coulomb's law.
+        sliding: Anchors at the begin of the step.
+        normals: Normal force in N on each vertex from each side, (sides, n, 3), as of `lag`.
+
+    Args:
+        contact: The contact; it has friction.
+        sizes: Its sizes.
+    """
+
+    def __init__(self, contact: Contact, sizes: ContactSizes) -> None:
+        assert contact.friction is not None
+        self.law = Coulomb(contact.friction, sizes.slip)
+        self._grounds = len(contact.grounds)
+        self._centres = [body.centre for body in contact.bodies]
+        self.sliding = Sliding(np.zeros((self.sides, 0, 3)))
+        self.normals: Floats = np.zeros((self.sides, 0, 3))
+
+    @property
+    def sides(self) -> int:
+        """Number of half-spaces and bodies."""
+        return self._grounds + len(self._centres)
+
+    def at_rest(self, points: Floats, poses: Floats | None) -> Sliding:
+        """Return the anchors of vertices that stick where they are.
+
+        Args:
+            points: Positions in m, (n, 3).
+            poses: Poses of the bodies.
+        """
+        return Sliding(
+            self._brought_back(np.broadcast_to(points, (self.sides, *points.shape)), poses)
+        )
+
+    def begin(self, sliding: Sliding) -> None:
+        """Begin a step from the anchors of the last one, without any normal force."""
+        self.sliding, self.normals = sliding, np.zeros_like(sliding.anchors)
+
+    def lag(self, normals: Floats) -> None:
+        """Take over the normal forces of a state.
+
+        Args:
+            normals: On each vertex from each side in N, (sides, n, 3).
+        """
+        self.normals = normals
+
+    def energy(self, points: Floats, poses: Floats | None) -> float:
+        """Return the potential in J of the lagged normal forces."""
+        active, motion = self._motion(points, poses)
+        return float(self.law.energy(self.normals[active], motion).sum())
+
+    def force(self, points: Floats, poses: Floats | None) -> Floats:
+        """Return the gradient in N of `energy` by the position on each side, (sides, n, 3)."""
+        active, motion = self._motion(points, poses)
+        return self._spread(active, self.law.force(self.normals[active], motion))
+
+    def stiffness(self, points: Floats, poses: Floats | None) -> Floats:
+        """Return the second derivative in N/m of `energy` on each side, (sides, n, 3, 3)."""
+        active, motion = self._motion(points, poses)
+        return self._spread(active, self.law.stiffness(self.normals[active], motion))
+
+    def pose_force(self, body: int, force: Floats, poses: Floats) -> Floats:
+        """Return the gradient of `energy` by a body's pose, (6,), in N and N m.
+
+        Args:
+            body: Number of the body.
+            force: As of `force`.
+            poses: Poses of the bodies.
+        """
+        side, anchors = self._grounds + body, self._anchors(body)
+        jacobian = pose_jacobian(anchors, self._centres[body], poses[body])
+        return np.asarray(-(force[side].ravel() @ jacobian))
+
+    def pose_stiffness(
+        self, body: int, force: Floats, stiffness: Floats, poses: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return the second derivatives by positions and a body's pose, and by the pose twice.
+
+        Args:
+            body: Number of the body.
+            force, stiffness: As of `force` and `stiffness`.
+            poses: Poses of the bodies.
+
+        Returns:
+            Arrays (n, 3, 6) and (6, 6).
+        """
+        side, anchors, centre = self._grounds + body, self._anchors(body), self._centres[body]
+        jacobian = pose_jacobian(anchors, centre, poses[body]).reshape(-1, 3, 6)
+        mixed = np.asarray(-stiffness[side] @ jacobian)
+        twice = -np.einsum("nia,nib->ab", jacobian, mixed)
+        return mixed, twice - pose_curvature(anchors, centre, poses[body], force[side])
+
+    def end(self, points: Floats, poses: Floats | None) -> Sliding:
+        """Return the anchors at the end of the step: each at the elastic slip from its vertex.
+
+        The normal forces must be those of the state itself.
+        """
+        active, motion = self._motion(points, poses)
+        slip = self._spread(active, self.law.elastic(self.normals[active], motion))
+        return Sliding(self._brought_back(points - slip, poses))
+
+    def force_backward(
+        self, points: Floats, poses: Floats | None, adjoint: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return the derivatives of Σ adjoint · `force` by normal forces and by anchors.
+
+        Args:
+            points, poses: The state.
+            adjoint: Numbers for each vertex, (n, 3).
+
+        Returns:
+            Both (sides, n, 3).
+        """
+        active, motion = self._motion(points, poses)
+        normals, given = self.normals[active], np.broadcast_to(adjoint, self.normals.shape)[active]
+        by_normal = np.einsum("nij,ni->nj", self.law.force_by_normal(normals, motion), given)
+        by_motion = np.einsum("nij,ni->nj", self.law.stiffness(normals, motion), given)
+        return (
+            self._spread(active, by_normal),
+            -self._turned_back(self._spread(active, by_motion), poses),
+        )
+
+    def end_backward(
+        self, points: Floats, poses: Floats | None, slope: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Return the derivatives of Σ slope · `end` by positions, normal forces and anchors.
+
+        Args:
+            points, poses: The state.
+            slope: Numbers for each anchor, (sides, n, 3).
+
+        Returns:
+            Arrays (n, 3), (sides, n, 3) and (sides, n, 3).
+        """
+        active, motion = self._motion(points, poses)
+        slope = self._turned(slope, poses)
+        normals, given = self.normals[active], slope[active]
+        by_motion = np.einsum("nij,ni->nj", self.law.elastic_by_motion(normals, motion), given)
+        by_normal = np.einsum("nij,ni->nj", self.law.elastic_by_normal(normals, motion), given)
+        followed = self._spread(active, by_motion)
+        return (
+            (slope - followed).sum(axis=0),
+            -self._spread(active, by_normal),
+            self._turned_back(followed, poses),
+        )
+
+    def _motion(self, points: Floats, poses: Floats | None) -> tuple[Floats, Floats]:
+        """Return which vertices touch which side, (sides, n), and the motion of these."""
+        active = self.normals.any(axis=2)
+        return active, (points - self._carried(poses))[active]
+
+    def _spread(self, active: Floats, values: Floats) -> Floats:
+        out: Floats = np.zeros((*active.shape, *values.shape[1:]))
+        out[active] = values
+        return out
+
+    def _anchors(self, body: int) -> Floats:
+        return np.asarray(self.sliding.anchors[self._grounds + body])
+
+    def _carried(self, poses: Floats | None) -> Floats:
+        """Return the anchors where the bodies are now, (sides, n, 3)."""
+        out = self.sliding.anchors.copy()
+        for k, centre in enumerate(self._centres):
+            assert poses is not None
+            out[self._grounds + k] = placed(out[self._grounds + k], centre, poses[k])
+        return out
+
+    def _brought_back(self, points: Floats, poses: Floats | None) -> Floats:
+        """Return where points on bodies, (sides, n, 3), were when these were made."""
+        out = np.array(points)
+        for k, centre in enumerate(self._centres):
+            assert poses is not None
+            arms = out[self._grounds + k] - (centre + poses[k, :3])
+            out[self._grounds + k] = arms @ rotation(poses[k, 3:]) + centre
+        return out
+
+    def _turned(self, vectors: Floats, poses: Floats | None, *, back: bool = False) -> Floats:
+        """Return vectors on bodies, (sides, n, 3), turned with them, or back."""
+        out = vectors.copy()
+        for k in range(len(self._centres)):
+            assert poses is not None
+            turn = rotation(poses[k, 3:])
+            out[self._grounds + k] = out[self._grounds + k] @ (turn if back else turn.T)
+        return out
+
+    def _turned_back(self, vectors: Floats, poses: Floats | None) -> Floats:
+        return self._turned(vectors, poses, back=True)
