@@ -8,6 +8,7 @@ from helpers.scenes import taylor_rates
 
 from toros_fem.contact import Contact, Ground
 from toros_fem.contact.motion import placed
+from toros_fem.contact.pads import Pads
 from toros_fem.contact.sliding import Sliding, SlidingFriction
 from toros_fem.contact.solids import rigid_box
 from toros_fem.materials import Composite
@@ -119,3 +120,17 @@ def test_a_step_ends_at_the_elastic_slip(friction: SlidingFriction) -> None:
     assert again == pytest.approx(friction.sliding.anchors, abs=1e-12)
     free = ~NORMALS[0].any(axis=1)
     assert again[0, free] == pytest.approx(POINTS[free], abs=0)
+
+
+def test_pads_slide_one_way_on_the_ground_alone() -> None:
+    pads = Pads(np.arange(COUNT) % 2 == 0, (1.0, 0.0, 0.0), forward=0.1, backward=0.5)
+    box = rigid_box("box", (0.02, 0.03, 0.01))
+    contact = Contact(Ground(), [box], friction=0.5, slip=SLIP, pads=pads)
+    friction = SlidingFriction(contact, contact.sizes(Composite()))
+    for sign, easy in ((1.0, 0.1), (-1.0, 0.5)):
+        friction.begin(friction.at_rest(POINTS, POSES))
+        friction.lag(np.broadcast_to([0.0, 0.0, 1.0], NORMALS.shape))
+        force = friction.force(POINTS + [sign * 2e-3, 0.0, 0.0], POSES) @ [sign, 0.0, 0.0]
+        assert force[0, ::2] == pytest.approx(easy)
+        assert force[0, 1::2] == pytest.approx(0.5)
+        assert force[1] == pytest.approx(0.5)

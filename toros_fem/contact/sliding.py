@@ -36,7 +36,7 @@ class SlidingFriction:
     All arrays are those of all n vertices. Poses are those of all bodies, (bodies, 6).
 
     Attributes:
-        law: Coulomb's law.
+        law: Coulomb's law, of all but pads on the ground.
         sliding: Anchors at the begin of the step.
         normals: Normal force in N on each vertex from each side, (sides, n, 3), as of `lag`.
 
@@ -48,7 +48,7 @@ class SlidingFriction:
     def __init__(self, contact: Contact, sizes: ContactSizes) -> None:
         assert contact.friction is not None
         self.law = Coulomb(contact.friction, sizes.slip)
-        self._grounds = len(contact.grounds)
+        self._grounds, self._pads = len(contact.grounds), contact.pads
         self._centres = [body.centre for body in contact.bodies]
         self.sliding = Sliding(np.zeros((self.sides, 0, 3)))
         self.normals: Floats = np.zeros((self.sides, 0, 3))
@@ -83,18 +83,15 @@ class SlidingFriction:
 
     def energy(self, points: Floats, poses: Floats | None) -> float:
         """Return the potential in J of the lagged normal forces."""
-        active, motion = self._motion(points, poses)
-        return float(self.law.energy(self.normals[active], motion).sum())
+        return float(self._of_law("energy", points, poses).sum())
 
     def force(self, points: Floats, poses: Floats | None) -> Floats:
         """Return the gradient in N of `energy` by the position on each side, (sides, n, 3)."""
-        active, motion = self._motion(points, poses)
-        return self._spread(active, self.law.force(self.normals[active], motion))
+        return self._of_law("force", points, poses)
 
     def stiffness(self, points: Floats, poses: Floats | None) -> Floats:
         """Return the second derivative in N/m of `energy` on each side, (sides, n, 3, 3)."""
-        active, motion = self._motion(points, poses)
-        return self._spread(active, self.law.stiffness(self.normals[active], motion))
+        return self._of_law("stiffness", points, poses)
 
     def pose_force(self, body: int, force: Floats, poses: Floats) -> Floats:
         """Return the gradient of `energy` by a body's pose, (6,), in N and N m.
@@ -132,8 +129,7 @@ class SlidingFriction:
 
         The normal forces must be those of the state itself.
         """
-        active, motion = self._motion(points, poses)
-        slip = self._spread(active, self.law.elastic(self.normals[active], motion))
+        slip = self._of_law("elastic", points, poses)
         return Sliding(self._brought_back(points - slip, poses))
 
     def force_backward(
@@ -148,13 +144,11 @@ class SlidingFriction:
         Returns:
             Both (sides, n, 3).
         """
-        active, motion = self._motion(points, poses)
-        normals, given = self.normals[active], np.broadcast_to(adjoint, self.normals.shape)[active]
-        by_normal = np.einsum("nij,ni->nj", self.law.force_by_normal(normals, motion), given)
-        by_motion = np.einsum("nij,ni->nj", self.law.stiffness(normals, motion), given)
+        by_normal = self._of_law("force_by_normal", points, poses)
+        by_motion = self._of_law("stiffness", points, poses)
         return (
-            self._spread(active, by_normal),
-            -self._turned_back(self._spread(active, by_motion), poses),
+            np.einsum("snij,ni->snj", by_normal, adjoint),
+            -self._turned_back(np.einsum("snij,ni->snj", by_motion, adjoint), poses),
         )
 
     def end_backward(
@@ -169,24 +163,26 @@ class SlidingFriction:
         Returns:
             Arrays (n, 3), (sides, n, 3) and (sides, n, 3).
         """
-        active, motion = self._motion(points, poses)
         slope = self._turned(slope, poses)
-        normals, given = self.normals[active], slope[active]
-        by_motion = np.einsum("nij,ni->nj", self.law.elastic_by_motion(normals, motion), given)
-        by_normal = np.einsum("nij,ni->nj", self.law.elastic_by_normal(normals, motion), given)
-        followed = self._spread(active, by_motion)
+        by_motion = self._of_law("elastic_by_motion", points, poses)
+        by_normal = self._of_law("elastic_by_normal", points, poses)
+        followed = np.einsum("snij,sni->snj", by_motion, slope)
         return (
             (slope - followed).sum(axis=0),
-            -self._spread(active, by_normal),
+            -np.einsum("snij,sni->snj", by_normal, slope),
             self._turned_back(followed, poses),
         )
 
-    def _motion(self, points: Floats, poses: Floats | None) -> tuple[Floats, Floats]:
-        """Return which vertices touch which side, (sides, n), and the motion of these."""
+    def _of_law(self, quantity: str, points: Floats, poses: Floats | None) -> Floats:
+        """Return a quantity of the law at all vertices on all sides, zero without normal force."""
         active = self.normals.any(axis=2)
-        return active, (points - self._carried(poses))[active]
-
-    def _spread(self, active: Floats, values: Floats) -> Floats:
+        normals, motion = self.normals[active], (points - self._carried(poses))[active]
+        values = getattr(self.law, quantity)(normals, motion)
+        if self._pads is not None:
+            side, vertex = np.nonzero(active)
+            rows = (side < self._grounds) & self._pads.vertices[vertex]
+            pads = self._pads.law(self.law.slip)
+            values[rows] = getattr(pads, quantity)(normals[rows], motion[rows])
         out: Floats = np.zeros((*active.shape, *values.shape[1:]))
         out[active] = values
         return out
