@@ -9,6 +9,9 @@ from helpers.scenes import taylor_rates
 from toros_fem.contact import Contact, Ground, Pads
 from toros_fem.contact.friction import Coulomb
 from toros_fem.contact.pads import OneWay
+from toros_fem.contact.settings import ContactSizes
+from toros_fem.contact.sliding import Sliding, SlidingFriction
+from toros_fem.contact.solids import rigid_box
 from toros_fem.errors import ParameterError
 
 pytestmark = pytest.mark.one_rank
@@ -110,8 +113,25 @@ def test_bad_pads() -> None:
     assert Pads(some, (0.0, 3.0, 0.0)).direction == (0.0, 1.0, 0.0)
 
 
-def test_pads_need_a_ground() -> None:
+def test_pads_need_ground_and_friction() -> None:
     some = np.array([True, False])
-    assert Contact(ground=Ground(), pads=Pads(some)).pads is not None
+    assert Contact(ground=Ground(), friction=0.5, pads=Pads(some)).pads is not None
     with pytest.raises(ParameterError, match="pads slide on the ground"):
-        Contact(pads=Pads(some))
+        Contact(friction=0.5, pads=Pads(some))
+    with pytest.raises(ParameterError, match="all other faces have friction"):
+        Contact(ground=Ground(), pads=Pads(some))
+
+
+def test_vertices_with_pads_and_without() -> None:
+    """On the ground pads have their law; other vertices, and other sides, have Coulomb's."""
+    body = rigid_box("box", (0.1, 0.1, 0.1), (0.0, 0.0, 0.0))
+    pads = Pads(np.array([True, False]), forward=0.2, backward=0.8)
+    contact = Contact(ground=Ground(), bodies=[body], friction=0.5, pads=pads)
+    friction = SlidingFriction(contact, ContactSizes(1e-3, 1e-4, 1e5, 1e-5))
+    points, poses = np.zeros((2, 3)), np.zeros((1, 6))
+    friction.begin(Sliding(np.zeros((2, 2, 3))))
+    friction.lag(np.tile([0.0, 0.0, 2.0], (2, 2, 1)))
+    ahead = friction.force(points + [1e-3, 0, 0], poses)[:, :, 0] / 2
+    back = friction.force(points - [1e-3, 0, 0], poses)[:, :, 0] / 2
+    assert ahead == pytest.approx(np.array([[0.2, 0.5], [0.5, 0.5]]))
+    assert back == pytest.approx(-np.array([[0.8, 0.5], [0.5, 0.5]]))

@@ -112,8 +112,11 @@ class Contact:
         }
         require_positive(**{k: v for k, v in numbers.items() if v is not None})
         require_kind("pads", self.pads, (Pads, type(None)), "Pads, or None")
-        if self.pads is not None and not self.ground:
-            raise ParameterError("pads slide on the ground: give a ground, or leave them out.")
+        if self.pads is not None and (not self.ground or self.friction is None):
+            raise ParameterError(
+                "pads slide on the ground, and all other faces have friction: give ground and "
+                "friction, or leave the pads out."
+            )
         gravity = checked_floats("gravity", self.gravity, "a finite vector, in m/s²", (3,))
         object.__setattr__(self, "gravity", tuple(float(v) for v in gravity))
         if not (self.ground or self.bodies or self.self_contact):
