@@ -1,0 +1,121 @@
+"""Flat skins that are opened: layers apart, without intersections, in their planes."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem.contact.opening import opened, skin_mesh
+from toros_fem.contact.settings import ContactSizes
+from toros_fem.contact.start_check import check_start
+from toros_fem.meshes import Pattern, cylinder, finger, rectangle, two_panels, walker
+from toros_fem.meshes.pattern import Panel
+from toros_fem.meshes.sheet import circle
+
+pytestmark = pytest.mark.one_rank
+
+ipctk = pytest.importorskip("ipctk")
+
+SIZES = ContactSizes(5e-4, 1.25e-4, 1e5, 1e-4)
+COMM = MPI.COMM_SELF
+SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
+
+SKINS: dict[str, Callable[[float], Pattern]] = {
+    "finger": lambda edge: finger(COMM, edge),
+    "half a finger": lambda edge: finger(COMM, edge, planes=(1,)),
+    "walker": lambda edge: walker(COMM, edge),
+    "a quarter of a walker": lambda edge: walker(COMM, edge, planes=(0, 1)),
+    "discs": lambda edge: two_panels(COMM, circle(40, 0.015), edge),
+    "pillow": lambda edge: two_panels(COMM, SQUARE, edge),
+    "wedge": lambda edge: two_panels(COMM, np.array([[0, 0], [0.04, 0], [0.04, 0.008]]), edge),
+    "strip": lambda edge: two_panels(COMM, SQUARE * [1, 0.1], edge),
+}
+
+
+def largest_stretch(pattern: Pattern, positions: np.ndarray) -> float:
+    def sides(corners: np.ndarray) -> np.ndarray:
+        return np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
+
+    gradient = sides(positions[pattern.triangles]) @ np.linalg.inv(sides(pattern.corners))
+    return float(np.linalg.svd(gradient, compute_uv=False).max())
+
+
+def crosses(pattern: Pattern, positions: np.ndarray) -> bool:
+    """Whether any edge crosses a triangle, neighbours in the sheet included."""
+    mesh = skin_mesh(pattern, SIZES)
+    mesh.can_collide = ipctk.CollisionFilter()
+    return bool(ipctk.has_intersections(mesh, np.asfortranarray(positions)))
+
+
+CASES = [(name, edge) for name in SKINS for edge in (3.2e-3, 1.8e-3)]
+CASES += [("half a finger", 1.2e-3), ("discs", 8e-4), ("pillow", 1.2e-3), ("wedge", 7e-4)]
+CASES += [("strip", 6e-4)]
+
+
+@pytest.mark.parametrize(("name", "edge"), CASES)
+def test_flat_skins_are_opened(name: str, edge: float) -> None:
+    """Seams and symmetry planes stay where they are; nothing moves by more than 2 mm."""
+    pattern = SKINS[name](edge)
+    positions = opened(pattern, SIZES)
+    found = check_start(skin_mesh(pattern, SIZES), positions, SIZES.thickness)
+    assert found.admissible
+    assert not crosses(pattern, positions)
+    assert largest_stretch(pattern, positions) < 1.3
+    assert np.abs(positions - pattern.points).max() < 2e-3
+    inner = pattern.edges.ends[pattern.edges.inner]
+    ends = inner[np.any(pattern.flat_sides[:, 0] != pattern.flat_sides[:, 1], axis=1)]
+    np.testing.assert_array_equal(positions[ends], pattern.points[ends])
+    for axis in (0, 1):
+        across = np.abs(pattern.points[pattern.free_edges][:, :, axis]).max(axis=1) < 1e-9
+        border = np.unique(pattern.free_edges[across])
+        np.testing.assert_allclose(positions[border, axis], 0, atol=2e-5)
+
+
+def test_vertices_stay_exactly_in_symmetry_planes() -> None:
+    pattern = walker(COMM, 3.2e-3, planes=(0, 1))
+    plane = np.abs(pattern.points) < 1e-9
+    plane[:, 2] = False
+    positions = opened(pattern, SIZES, plane)
+    np.testing.assert_array_equal(positions[plane], pattern.points[plane])
+    assert plane.any()
+    assert check_start(skin_mesh(pattern, SIZES), positions, 5e-4).admissible
+
+
+@pytest.mark.parametrize("pattern", [cylinder(COMM, 0.05, 0.02, 2e-3), rectangle(COMM, 1, 1, 0.2)])
+def test_skins_whose_layers_are_apart_stay(pattern: Pattern) -> None:
+    np.testing.assert_array_equal(opened(pattern, SIZES), pattern.points)
+
+
+def test_layers_of_other_meshes_are_opened() -> None:
+    """The edges of the lower layer cross those of the upper; corner triangles stay flat."""
+    flat = rectangle(COMM, 0.05, 0.05, 5e-3).flat_points - 0.025
+    triangles = rectangle(COMM, 0.05, 0.05, 5e-3).flat_triangles
+    above = np.column_stack([flat, np.zeros(len(flat))])
+    panels = [
+        Panel("top", flat, triangles, above),
+        Panel("bottom", flat, triangles, above * [-1, 1, 1]),
+    ]
+    pattern = Pattern.from_panels(panels, 1e-6)
+    positions = opened(pattern, SIZES)
+    assert check_start(skin_mesh(pattern, SIZES), positions, SIZES.thickness).admissible
+    assert not crosses(pattern, positions)
+
+
+def facing_alike() -> Pattern:
+    """Two squares that lie in one plane and both face up, so that none is known to be above."""
+    sheet = rectangle(COMM, 0.02, 0.02, 5e-3)
+    flat, triangles = sheet.flat_points, sheet.flat_triangles
+    shifted = sheet.points + [2e-3, 1e-3, 0]
+    return Pattern.from_panels(
+        [Panel("one", flat, triangles, sheet.points), Panel("two", flat, triangles, shifted)],
+        tolerance=1e-6,
+    )
+
+
+def test_what_cannot_be_opened_is_named() -> None:
+    with pytest.raises(errors.ParameterError, match=r"cannot be moved apart.* 'one' and 'two'"):
+        opened(facing_alike(), SIZES)
+    with pytest.raises(errors.ParameterError, match=r"most_stretch = 1.01 .* at least 1.077"):
+        opened(finger(COMM, 3.2e-3), SIZES, most_stretch=1.01)
