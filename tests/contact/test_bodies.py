@@ -115,8 +115,19 @@ def test_inset_of_a_mesh_with_hollows() -> None:
 
 def test_bodies_too_thin_for_their_inset() -> None:
     card = rigid_box("card", (0.05, 0.05, 3e-4), edge_length=0.01)
-    with pytest.raises(errors.ParameterError, match=r"triangles of rigid body 'card' turn over"):
+    with pytest.raises(errors.ParameterError, match=r"'card' is no body any more: .* turn over"):
         card.inset(DEPTH)
     card.inset(0.7 * DEPTH)
     with pytest.raises(errors.ParameterError, match="depth = -1 must be"):
         card.inset(-1)
+
+
+def test_bodies_whose_walls_would_cross() -> None:
+    """A ring with a thick rim and a thin web: no triangle turns over, but the web's sides cross."""
+    turn = 2 * np.pi * np.arange(24) / 24
+    height = np.sin(turn) * (1.5e-4 + 6e-3 * np.cos(turn) ** 2)
+    points = surfaces.turned(0.03 + 0.01 * np.cos(turn), height, 16)
+    body = RigidBody("dish", points, surfaces.rings(24, 16, closed=True))
+    with pytest.raises(errors.ParameterError, match="'dish' is no body any more: two of its walls"):
+        body.inset(DEPTH)
+    body.inset(DEPTH / 2)

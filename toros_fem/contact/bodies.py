@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NoReturn
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from toros_fem._validate import (
     require_positive,
     whole_numbers,
 )
+from toros_fem.contact.library import ipctk
 from toros_fem.contact.motion import placed
 from toros_fem.errors import ParameterError, PatternError, SurfaceError
 from toros_fem.meshes.surface import Surface, volume
@@ -102,7 +104,9 @@ class RigidBody:
             depth: In m.
 
         Raises:
-            ParameterError: A triangle would turn over: the body is too thin or too sharp there.
+            ParameterError: A triangle would turn over, or two walls would cross: the body is too
+                thin or too sharp there.
+            MissingPackageError: ipctk is not installed.
         """
         require_between(0, math.inf, depth=depth)
         points, triangles = self.points, self.triangles
@@ -120,14 +124,25 @@ class RigidBody:
         inner = points - depth * np.einsum("nij,nj->ni", axes, steps)
         over = np.einsum("ij,ij->i", normals(inner, triangles), normal) <= 0
         if over.any():
-            worst = int(np.argmax(over))
-            raise ParameterError(
-                f"depth = {depth:g} m: moved inwards by it, {over.sum()} triangles of rigid body "
-                f"{self.name!r} turn over, the first at {points[triangles[worst]].mean(axis=0)} m. "
-                "The body is thinner or sharper there than a sheet can feel: give it no walls, "
-                "edges or roundings finer than twice the depth, or a thinner sheet."
-            )
+            place = points[triangles[np.argmax(over)]].mean(axis=0)
+            self._refuse(depth, f"{over.sum()} triangles turn over, the first at {place} m")
+        if depth > 0 and self._crosses(inner) and not self._crosses(points):
+            self._refuse(depth, "two of its walls cross")
         return np.asarray(inner)
+
+    def _crosses(self, points: Floats) -> bool:
+        """Return whether the surface crosses itself where its vertices are at given points."""
+        library = ipctk()
+        points, faces = np.asfortranarray(points), np.asfortranarray(self.triangles, dtype=np.int32)
+        mesh = library.CollisionMesh(points, library.edges(faces), faces)
+        return bool(library.has_intersections(mesh, points))
+
+    def _refuse(self, depth: float, what: str) -> NoReturn:
+        raise ParameterError(
+            f"depth = {depth:g} m: moved inwards by it, rigid body {self.name!r} is no body any "
+            f"more: {what}. It is thinner or sharper there than the sheet can feel: give it no "
+            "walls, edges or roundings finer than twice the depth, or a thinner sheet."
+        )
 
 
 def _closed(points: Floats, triangles: Ints) -> Surface:
