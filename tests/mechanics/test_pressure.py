@@ -52,8 +52,8 @@ def test_gradients_of_chambers_add_up(grid: Skin) -> None:
 
 def test_the_wall_is_in_the_tangent_of_its_border_alone(grid: Skin) -> None:
     two, one = model_of(grid, parts(grid, LENGTH / 2)), model_of(grid, None)
-    assert one.wall_pairs.shape == (2, 0)
-    rows, columns = two.wall_pairs
+    assert one.further_pairs.shape == (2, 0)
+    rows, columns = two.further_pairs
     assert np.all(rows <= columns)
     border = int(grid.comm.allreduce(len(np.unique(rows))))
     assert border == 3 * round(2 * np.pi * RADIUS / 5e-3)

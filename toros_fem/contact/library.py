@@ -1,4 +1,4 @@
-"""The IPC Toolkit, imported where a scene has contact."""
+"""The IPC Toolkit, imported by the first scene that has contact."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from toros_fem.errors import MissingPackageError
 
 
 def ipctk() -> Any:
-    """Return the module `ipctk`.
+    """Return the module `ipctk`, which then works on one thread: its sums keep their order.
 
     Raises:
         MissingPackageError: It is not installed.
@@ -17,7 +17,9 @@ def ipctk() -> Any:
         import ipctk as module
     except ImportError as error:
         raise MissingPackageError(
-            "contact needs the IPC Toolkit; install it with pip install toros_fem[contact]."
+            "contact needs the IPC Toolkit; install it with pip install 'toros_fem[contact]', or "
+            "leave the contact out."
         ) from error
-    module.set_num_threads(1)  # sums in one order: the same result in every run
+    module.set_num_threads(1)
+    module.set_logger_level(module.LoggerLevel.error)
     return module

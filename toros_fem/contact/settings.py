@@ -136,6 +136,11 @@ class Contact:
         """Numbers of the bodies with a mass, which move freely."""
         return tuple(k for k, body in enumerate(self.bodies) if body.mass is not None)
 
+    @property
+    def holds(self) -> bool:
+        """Whether it may keep the skin from moving as a whole: it rubs on ground or body."""
+        return self.friction is not None and bool(self.ground or self.bodies)
+
     def sizes(self, composite: Composite) -> ContactSizes:
         """Return thickness, distance, stiffness and slip, each as given or as the sheet has it."""
         fabric = composite.fabric

@@ -57,12 +57,10 @@ class TangentFactor:
         self.periodic = self._tangent.periodic
         self.count = 0
         self.scale: Floats = np.zeros(model.size_local)
-        self._exact, self._material, self._data = (
-            np.zeros(len(self._tangent.columns)) for _ in range(3)
-        )
-        self.values: Floats = self._exact
+        self._make_entries()
         self._state, self._has_material = model.assembled, False
         self._factors: CondensedFactor | PetscFactor = self._choose()
+        self._outgrown = False
         self.ordering = getattr(self._factors, "ordering", None)
 
         size = (model.size_local, model.space.dofmap.index_map.size_global)
@@ -75,6 +73,12 @@ class TangentFactor:
         pc = self.ksp.getPC()
         pc.setType(PETSc.PC.Type.PYTHON)
         pc.setPythonContext(_Preconditioner(self))
+
+    def _make_entries(self) -> None:
+        self._exact, self._material, self._data = (
+            np.zeros(len(self._tangent.columns)) for _ in range(3)
+        )
+        self.values: Floats = self._exact
 
     def _choose(self) -> CondensedFactor | PetscFactor:
         comm, pattern = self._model.skin.comm, (self._tangent.indptr, self._tangent.columns)
@@ -107,6 +111,10 @@ class TangentFactor:
 
     def assemble(self, state: Floats) -> None:
         """Assemble the tangent at a state; the factors stay those of the last `factorise`."""
+        if self._model.grow_pairs(state):
+            self._tangent = UpperTangent(self._model, self._tangent.blocks)
+            self._make_entries()
+            self._outgrown = True
         self._tangent.assemble(state, self._exact)
         self._state, self._has_material = state, False
         # One value per vertex: a flat membrane has no stiffness across its plane.
@@ -137,7 +145,13 @@ class TangentFactor:
         """Factorise the matrix of `fill`; return whether it is positive definite, on all ranks."""
         self.fill(shift, diagonal)
         self.count += 1
+        self._analyse()
         return self._factors.factorise(self.values)
+
+    def _analyse(self) -> None:
+        """Analyse the pattern anew where contact has changed it since."""
+        if self._outgrown:
+            self._factors, self._outgrown = self._choose(), False
 
     def multiply(self, x: Floats) -> Floats:
         """Return K x with the last assembled K, without shift, zero at fixed components."""
@@ -158,6 +172,7 @@ class TangentFactor:
     def factorise_filled(self) -> None:
         """Factorise the matrix of `fill`, which only MUMPS does where it is indefinite."""
         self.count += 1
+        self._analyse()
         if not self._factors.factorise(self.values) and self.package != "mumps":
             raise TorosError(
                 "CHOLMOD stops at an indefinite tangent, and this type of SNES has no shifts. Take "

@@ -437,10 +437,8 @@ class RegularisedNewton:
         return 0.01 * self.model.skin.pattern.size * mode
 
     def _cap(self, state: Floats, direction: Floats) -> float:
-        """Return the fraction of a step that the stretch bounds allow."""
-        corners = self.model.corners(state)
-        fraction = self.options.fraction_to_barrier
-        return self.model.bounds.largest_step(corners, self.model.corners(direction), fraction)
+        """Return the fraction of a step that stretch bounds and contact allow."""
+        return self.model.largest_step(state, direction, self.options.fraction_to_barrier)
 
     def _modified_step(self, point: _Point, rounding: float, *, first: bool) -> _Point | None:
         """Return the point after a step with the old factors; None if it gains too little."""
@@ -463,7 +461,11 @@ class RegularisedNewton:
         for _ in range(CORRECTIONS):
             if new.size <= RELAXED * old.size:
                 break
-            state = new.state - self.factor.solve(new.residual - (1 - fraction) * old.residual)
+            change = -self.factor.solve(new.residual - (1 - fraction) * old.residual)
+            # Contact may lie between two states whose energies tell nothing of it.
+            if self.model.contact is not None and self._cap(new.state, change) < 1:
+                break
+            state = new.state + change
             energy = self.model.energy(state)
             if not energy < new.energy:
                 break

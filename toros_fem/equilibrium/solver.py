@@ -19,6 +19,7 @@ from toros_fem._validate import (
     require_flag,
     require_kind,
 )
+from toros_fem.contact.settings import Contact, poses_of
 from toros_fem.equilibrium.continuation import Attempt, ContinuationResult, run_continuation
 from toros_fem.equilibrium.diagnostics import Condition, condition_of, failure, success
 from toros_fem.equilibrium.newton import NewtonStep
@@ -72,6 +73,10 @@ class EquilibriumResult:
         stretch_use: Largest fraction of the stretch bounds that a triangle uses, < 1.
         residual: Norm of the first variation over the applied load.
         condition: Whether it snapped, is near a limit point, blown up or folded.
+        smallest_distance: Smallest distance in m between faces of skin, bodies and ground,
+            positive; at most the distance from which on contact acts. None without contact.
+        poses: Poses of all bodies, a row of six for each: translation in m, rotation vector in
+            rad. None without bodies.
         steps: Number of Newton steps, each with the tangent at its state.
         modified_steps: Number of modified Newton steps, with an older tangent.
         factorisations: Number of factorisations of the tangent, retries with a shift included.
@@ -91,6 +96,8 @@ class EquilibriumResult:
     stretch_use: float
     residual: float
     condition: Condition
+    smallest_distance: float | None
+    poses: tuple[tuple[float, ...], ...] | None
     steps: int
     modified_steps: int
     factorisations: int
@@ -160,6 +167,7 @@ class EquilibriumSolver:
         families: Number of line families of relaxed designs, which then take the place of
             densities (`RelaxedModel`); None for none.
         crossing: Factor of their bonded crossings, as for `RelaxedModel`.
+        contact: What the skin touches: itself, the ground, bodies; None for nothing.
     """
 
     def __init__(
@@ -174,19 +182,25 @@ class EquilibriumSolver:
         weight: Weight | None = None,
         families: int | None = None,
         crossing: float = CROSSING,
+        contact: Contact | None = None,
     ) -> None:
         require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
         given = {"composite": composite, "supports": supports, "options": options}
         more = {"chambers": chambers, "weight": weight, "families": families, "crossing": crossing}
-        require_alike(skin.comm, **given, **more)
+        require_kind("contact", contact, (Contact, type(None)), "a Contact, or None for none")
+        require_alike(skin.comm, **given, **more, contact=contact)
         require_between(0.0, np.inf, crossing=crossing)
         _require_kinds(composite, supports, options, log, chambers, weight)
         _warn_of_odd_sheets(skin, composite)
-        self.skin, self.log = skin, log
+        self.skin, self.log, self.contact = skin, log, contact
         self.model: SkinModel
         if families is None:
-            self.model = SkinModel(skin, composite, supports, chambers, weight)
+            self.model = SkinModel(skin, composite, supports, chambers, weight, contact)
         else:
+            if contact is not None:
+                raise ParameterError(
+                    "relaxed designs know no contact; leave contact out, or families."
+                )
             self.model = RelaxedModel(
                 skin, composite, supports, families, chambers, weight, crossing
             )
@@ -205,6 +219,7 @@ class EquilibriumSolver:
         force: Floats | None = None,
         displacement: Floats | None = None,
         weight_fraction: float = 1.0,
+        poses: Floats | None = None,
         start: Floats | None = None,
         raise_on_failure: bool = True,
         trial: bool = False,
@@ -222,6 +237,8 @@ class EquilibriumSolver:
             displacement: Displacement of the fixed components in m, (n, 3); None takes that of the
                 supports.
             weight_fraction: Fraction of the skin's own weight that acts, if it has one.
+            poses: Poses of the contact's bodies, (k, 6): translation in m and rotation vector in
+                rad from where they were made, not read for free bodies. None leaves them there.
             start: Owned unknowns to start from, for example those of a neighbouring equilibrium;
                 or positions of the owned nodes, (n, 3), for example of a solver with another
                 bending term. Fixed components are moved to their prescribed positions. None starts
@@ -251,6 +268,8 @@ class EquilibriumSolver:
             force=force,
             displacement=displacement,
             weight_fraction=0.0 if model.weight is None else weight_fraction,
+            poses=poses_of(self.contact, poses),
+            bodies_fraction=0.0 if self.contact is None else 1.0,
         )
         density = model.check(density)
         state = self._start(start)
@@ -466,6 +485,13 @@ class EquilibriumSolver:
                 found = _Known(request, result, origin, attempts.definite)
             self._known = [*kept, found]
         return result
+
+    def _poses(self, state: Floats) -> tuple[tuple[float, ...], ...] | None:
+        contact = self.model.contact
+        if contact is None or not contact.contact.bodies:
+            return None
+        motions = self.skin.comm.bcast(self.model.motions(state), root=0)
+        return tuple(tuple(map(float, pose)) for pose in contact.poses_at(motions))
 
     def _same_design(self, one: Floats, two: Floats) -> bool:
         return largest(self.skin.comm, float(np.abs(one - two).max(initial=0.0))) == 0
@@ -716,6 +742,8 @@ class EquilibriumSolver:
             stretch_use=model.bounds.worst(model.corners(state)),
             residual=residual,
             condition=condition,
+            smallest_distance=model.gap(state),
+            poses=self._poses(state),
             steps=attempts.steps,
             modified_steps=attempts.modified_steps,
             factorisations=attempts.factorisations,

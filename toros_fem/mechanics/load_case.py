@@ -25,15 +25,20 @@ class LoadCase:
             for all assembled vertices, (n, 3); None leaves them there.
         weight_fraction: Fraction of the skin's own weight that acts; the skin's `Weight` says
             how heavy it is.
+        poses: Poses of rigid bodies, (k, 6): translation in m and rotation vector in rad from
+            where they were made; None leaves them there.
+        bodies_fraction: Fraction of the weight of free bodies that acts.
     """
 
     pressures: Floats
     force: Floats | None = None
     displacement: Floats | None = None
     weight_fraction: float = 0.0
+    poses: Floats | None = None
+    bodies_fraction: float = 0.0
 
     def __bool__(self) -> bool:
-        dead = self.force is not None or self.weight_fraction > 0
+        dead = self.force is not None or self.weight_fraction > 0 or self.bodies_fraction > 0
         return self.largest > 0 or dead or self.displacement is not None
 
     def __str__(self) -> str:
@@ -63,11 +68,14 @@ class LoadCase:
     def towards(self, other: LoadCase, fraction: float) -> LoadCase:
         """Return the load case that lies a fraction of the way towards another one."""
         mine, theirs = self.weight_fraction, other.weight_fraction
+        heavy, heavier = self.bodies_fraction, other.bodies_fraction
         return LoadCase(
             self.pressures + fraction * (other.pressures - self.pressures),
             _between(self.force, other.force, fraction),
             _between(self.displacement, other.displacement, fraction),
             mine + fraction * (theirs - mine),
+            _between(self.poses, other.poses, fraction),
+            heavy + fraction * (heavier - heavy),
         )
 
 
@@ -88,6 +96,8 @@ def make_load_case(
     force: Floats | None = None,
     displacement: Floats | None = None,
     weight_fraction: float = 0.0,
+    poses: Floats | None = None,
+    bodies_fraction: float = 0.0,
 ) -> LoadCase:
     """Return a load case that fits a skin; all arguments are the same on every rank.
 
@@ -100,6 +110,8 @@ def make_load_case(
         displacement: Displacement of the fixed components in m, (n, 3); None takes that of the
             supports.
         weight_fraction: Fraction of the skin's own weight that acts.
+        poses: Poses of rigid bodies, as `contact.poses_of` returns them.
+        bodies_fraction: Fraction of the weight of free bodies that acts.
 
     Raises:
         ParameterError: A pressure is negative or not finite, or an array does not fit.
@@ -132,7 +144,12 @@ def make_load_case(
                 "only, or simulate the whole skin."
             )
     return LoadCase(
-        np.full(chambers, values), _copy(force), _copy(displacement), float(weight_fraction)
+        np.full(chambers, values),
+        _copy(force),
+        _copy(displacement),
+        float(weight_fraction),
+        _copy(poses),
+        float(bodies_fraction),
     )
 
 

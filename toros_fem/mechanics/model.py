@@ -12,6 +12,8 @@ from dolfinx import fem, la
 
 from toros_fem._mpi import dot, gather_by_index, total
 from toros_fem._types import Bools, Floats, Ints, LocalInts
+from toros_fem.contact.settings import Contact
+from toros_fem.contact.skin_contact import SkinContact
 from toros_fem.density.field import check_density
 from toros_fem.errors import ParameterError
 from toros_fem.forms.energy import SkinForms, skin_forms
@@ -73,6 +75,7 @@ class SkinModel:
         supports: Fixed components and directions.
         chambers: Pressure chambers; None for one.
         weight: The skin's own weight; None for none.
+        contact: What the skin touches; None for nothing.
 
     Raises:
         ParameterError: The supports leave a rigid motion, or are made for another pattern; or the
@@ -86,10 +89,12 @@ class SkinModel:
         supports: Supports,
         chambers: Chambers | None = None,
         weight: Weight | None = None,
+        contact: Contact | None = None,
     ) -> None:
-        supports.require_no_rigid_motion(skin.pattern, bends=composite.bending is not None)
+        if contact is None or not contact.holds:
+            supports.require_no_rigid_motion(skin.pattern, bends=composite.bending is not None)
         closed = supports.close(skin.pattern)
-        self._set_up(skin, composite, supports, chambers, weight, closed=closed)
+        self._set_up(skin, composite, supports, chambers, weight, closed=closed, contact=contact)
 
     def _set_up(
         self,
@@ -102,6 +107,7 @@ class SkinModel:
         closed: bool,
         lattice_shifts: Sequence[Any] | None = None,
         lines: Lines | None = None,
+        contact: Contact | None = None,
     ) -> None:
         """Make space and forms.
 
@@ -111,6 +117,7 @@ class SkinModel:
             lattice_shifts: Coefficients of `forms.periodic.placed`; None for a skin that does not
                 repeat.
             lines: Coefficients of line families; None for a skin without.
+            contact: As for the class.
         """
         self.skin, self.composite, self.supports = skin, composite, supports
         self.chambers, self.weight, self.closed = chambers, weight, closed
@@ -124,7 +131,11 @@ class SkinModel:
             )
             rotations = composite.bending.curvature == "midedge"
         self._patch = make_patch(
-            skin, self._hinges, rotations=rotations, lattice=lattice_shifts is not None
+            skin,
+            self._hinges,
+            rotations=rotations,
+            lattice=lattice_shifts is not None,
+            bodies=0 if contact is None else len(contact.free_bodies),
         )
         self.space = self._patch.space
         self.q = fem.Function(self.space, name="state")
@@ -198,6 +209,17 @@ class SkinModel:
 
         self._dofs = self.space.dofmap.list[:owned, :size].reshape(owned, size // 3, 3)
         self._areas = skin.pattern.areas[skin.owned_cells]
+        self.contact: SkinContact | None = None
+        if contact is not None:
+            self.contact = SkinContact(
+                skin,
+                contact,
+                contact.sizes(composite),
+                supports.fixed,
+                numbers,
+                index_map.local_to_global(self._patch.body_dofs.ravel()).reshape(-1, 6),
+                index_map.size_global,
+            )
 
     def _stretch_limits(self) -> tuple[Any, Any]:
         """c₁ and c₂ as the forms take them."""
@@ -289,6 +311,8 @@ class SkinModel:
             self.positions(self._force)[:] = load.force[self.skin.owned_vertices]
         if self.weight is not None:
             self._gravity.value[:] = load.weight_fraction * np.asarray(self.weight.gravity)
+        if self.contact is not None:
+            self.contact.poses[:] = 0.0 if load.poses is None else load.poses
 
     def check(self, density: Floats) -> Floats:
         """Return owned densities as an array, with one result on all ranks.
@@ -392,7 +416,11 @@ class SkinModel:
         loaded = self.load.force is not None
         work = self._force @ (state - self.assembled) if loaded else 0.0
         whole = total(self.skin.comm, fem.assemble_scalar(self._energy) - work)
-        return whole - self._pressure.wall_volume(self.positions(state), self.load.pressures)
+        whole -= self._pressure.wall_volume(self.positions(state), self.load.pressures)
+        if self.contact is not None:
+            fraction = self.load.bodies_fraction
+            whole += self.contact.energy(self.positions(state), self.motions(state), fraction)
+        return whole
 
     def residual(self, state: Floats) -> Floats:
         """Return the first variation of E in N, zero at fixed components."""
@@ -407,7 +435,50 @@ class SkinModel:
         out = assembled(self._residual, self._buffer) - self._force
         nodes = self.positions(state)
         self.positions(out)[:] -= self._pressure.wall_gradient(nodes, self.load.pressures)
+        if self.contact is not None:
+            fraction = self.load.bodies_fraction
+            by_nodes, by_bodies = self.contact.gradient(nodes, self.motions(state), fraction)
+            self.positions(out)[:] += by_nodes
+            if self.skin.comm.rank == 0:
+                out[self._patch.body_dofs.ravel()] += by_bodies.ravel()
         return np.asarray(out)
+
+    def motions(self, state: Floats) -> Floats:
+        """Return the unknowns of the free bodies in m, (f, 6); zero on all ranks but the first."""
+        dofs = self._patch.body_dofs
+        return state[dofs] if self.skin.comm.rank == 0 else np.zeros(dofs.shape)
+
+    def largest_step(self, state: Floats, direction: Floats, fraction: float) -> float:
+        """Return a factor ≤ 1 on a step that keeps to the stretch bounds and meets nothing.
+
+        Args:
+            state: Owned unknowns of a feasible state.
+            direction: Their change by the full step.
+            fraction: Fraction of the distance to the stretch bounds that may be used up.
+        """
+        corners = self.corners(state)
+        factor = self.bounds.largest_step(corners, self.corners(direction), fraction)
+        if self.contact is None:
+            return factor
+        return self.contact.largest_step(
+            self.positions(state),
+            self.motions(state),
+            self.positions(direction),
+            self.motions(direction),
+            factor,
+        )
+
+    def gap(self, state: Floats) -> float | None:
+        """Return the smallest distance of faces in m, as of `SkinContact.gap`; None without."""
+        if self.contact is None:
+            return None
+        return self.contact.gap(self.positions(state), self.motions(state))
+
+    def grow_pairs(self, state: Floats) -> bool:
+        """Let `further_pairs` cover what is in contact; return whether they had to change."""
+        if self.contact is None:
+            return False
+        return self.contact.grow(self.positions(state), self.motions(state))
 
     def volume_gradient(self, state: Floats, chamber: int | None = None) -> Floats:
         """Return the first variation of a chamber's volume in m², zero at fixed components.
@@ -479,7 +550,7 @@ class SkinModel:
         Args:
             state: Owned unknowns.
             out: Its first entries receive them, a row of 45, 171 or 231 for each owned triangle;
-                those of `wall_pairs` follow.
+                those of `further_pairs` follow.
             geometric: 1 for the tangent, 0 for its material part, which has no pressure.
         """
         self.set_state(state)
@@ -489,11 +560,17 @@ class SkinModel:
         fem.assemble_vector(out, self._tangent)
         walls = self._pressure.wall_tangent(self.positions(state))
         out[cells : cells + len(walls)] = geometric * walls
+        if self.contact is not None:
+            cells += len(walls)
+            nodes, motions = self.positions(state), self.motions(state)
+            touching = self.contact.tangent(nodes, motions, definite=geometric == 0)
+            out[cells : cells + len(touching)] = touching
 
     @property
-    def wall_pairs(self) -> Ints:
-        """Global rows and columns, (2, p), of the entries of the walls between chambers."""
-        return self._pressure.pairs
+    def further_pairs(self) -> Ints:
+        """Global rows and columns, (2, p), of entries of walls between chambers and of contact."""
+        walls = self._pressure.pairs
+        return walls if self.contact is None else np.hstack([walls, self.contact.pairs])
 
     def density_variation(self, state: Floats, change: Floats) -> Floats:
         """Return the derivative of the residual along a change of ρ̄ at owned triangles, in N.

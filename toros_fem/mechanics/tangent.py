@@ -16,27 +16,30 @@ class UpperTangent:
     """Second variation of E in N/m, entries (i, j) with i ≤ j of the rows this rank owns.
 
     The tangent is symmetric, so its lower half is neither computed nor kept. Each triangle gives
-    the upper triangle of its element matrix. The map from these numbers to the entries never
-    changes, so that assembly is one sum and, on several ranks, one exchange. Fixed rows
-    and columns are those of the identity.
+    the upper triangle of its element matrix. The map from these numbers to the entries is made
+    once, for the model's further pairs of that time, so that assembly is one sum and, on several
+    ranks, one exchange. Fixed rows and columns are those of the identity.
 
     Attributes:
         indptr, columns: Compressed rows: columns are global, sorted, the diagonal comes first.
         periodic: The rows of F̄; None for a skin that does not repeat.
+        blocks: Pairs of blocks of the triangles.
 
     Args:
         model: The skin's model.
+        blocks: Its pairs of blocks, which outlive the further pairs; None finds them.
     """
 
-    def __init__(self, model: SkinModel) -> None:
+    def __init__(self, model: SkinModel, blocks: BlockPairs | None = None) -> None:
         self._model = model
         comm = model.skin.comm
         index_map = model.space.dofmap.index_map
         size = index_map.size_global
         starts = np.array(comm.allgather(index_map.local_range[0]) + [size], dtype=np.int64)
         self.periodic = PeriodicTangent(model) if isinstance(model, PeriodicModel) else None
-        blocks = BlockPairs(model)
-        walls = model.wall_pairs[0] * size + model.wall_pairs[1]
+        self.blocks = blocks = blocks or BlockPairs(model)
+        further_pairs = model.further_pairs
+        walls = further_pairs[0] * size + further_pairs[1]
         fixed = index_map.local_to_global(np.flatnonzero(~model.free).astype(np.int32))
         further = [walls, fixed * (size + 1)]
         if self.periodic is not None:

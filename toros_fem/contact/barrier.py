@@ -1,0 +1,213 @@
+"""Barriers between surfaces: pairs in contact, their energy and derivatives, free steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from toros_fem._types import Floats, Ints
+from toros_fem.contact.library import ipctk
+from toros_fem.contact.settings import ContactSizes, Ground
+
+# Pairs are looked for within a margin, over the reach of contact: they hold until a vertex has
+# moved that far.
+MARGIN = 0.25
+# Part of the way to a contact that a step may go.
+APPROACH = 0.9
+
+
+class Barrier:
+    """Barrier between triangulated surfaces, and between their vertices and half-spaces.
+
+    The energy of a pair at the distance d of its faces is its area times κ δ̂ b(d/δ̂), b the
+    clamped logarithm of incremental potential contact in its form with units (Li et al. 2020,
+    eq. 6; Li et al. 2023). It belongs to one process: `SkinContact` shares it.
+
+    Args:
+        rest: Vertices in m, (n, 3), by whose edges nearly parallel pairs are smoothed.
+        triangles: Triangles of all surfaces, (m, 3).
+        areas: Area of each triangle in m², (m,): that of its flat panel.
+        grounds: Half-spaces, already moved to where middle surfaces must stay out.
+        grounded: Vertices that half-spaces keep out, (g,).
+        sizes: Numbers of the contact.
+        may_touch: Filter of pairs of vertices, of the toolkit's own kind; None takes all.
+    """
+
+    def __init__(
+        self,
+        rest: Floats,
+        triangles: Ints,
+        areas: Floats,
+        grounds: Sequence[Ground],
+        grounded: Ints,
+        sizes: ContactSizes,
+        may_touch: Any = None,
+    ) -> None:
+        ipc = ipctk()
+        self._ipc, self._sizes = ipc, sizes
+        faces = np.asfortranarray(triangles, dtype=np.int32)
+        corners = np.asfortranarray(rest)
+        self._mesh = ipc.CollisionMesh(corners, ipc.edges(faces), faces)
+        by_vertex = np.bincount(triangles.ravel(), np.repeat(areas / 3, 3), len(rest))
+        self._mesh.vertex_areas = by_vertex
+        edges = np.asarray(self._mesh.faces_to_edges)
+        self._mesh.edge_areas = np.bincount(
+            edges.ravel(), np.repeat(areas / 3, 3), self._mesh.num_edges
+        )
+        if may_touch is not None:
+            self._mesh.can_collide = may_touch
+        self._pairs, self._wide = self._pair_set(), self._pair_set()
+        self._potential = ipc.BarrierPotential(sizes.distance, sizes.stiffness, True)
+        self._margin = MARGIN * sizes.reach
+        wide = sizes.distance + 2 * self._margin
+        self._wide_distance = wide
+        self._wide_potential = ipc.BarrierPotential(wide, sizes.stiffness, True)
+        self._ccd = ipc.AdditiveCCD(conservative_rescaling=APPROACH)
+        self._candidates = ipc.Candidates()
+        self._listed_at: Floats | None = None
+        self._at: Floats | None = None
+
+        # The toolkit keeps no thickness from planes: they have a mesh of bare vertices.
+        self._grounds, self._grounded = grounds, grounded
+        self._points = None
+        if grounds:
+            self._points = ipc.CollisionMesh(np.asfortranarray(rest[grounded]))
+            self._points.vertex_areas = by_vertex[grounded]
+            alike = np.zeros(len(grounded), dtype=np.int32)
+            self._points.can_collide = ipc.make_vertex_patches_filter(alike)
+            self._points.planes = [
+                ipc.Hyperplane(np.array(g.normal), np.array(g.point)) for g in grounds
+            ]
+        self._standing, self._wide_standing = self._pair_set(), self._pair_set()
+        self._places = (3 * grounded[:, None] + np.arange(3)).ravel()
+
+    def _pair_set(self) -> Any:
+        pairs = self._ipc.NormalCollisions()
+        pairs.use_area_weighting = True
+        return pairs
+
+    def place(self, x: Floats) -> None:
+        """Find the pairs in contact at vertices x, (n, 3) in m."""
+        if self._at is not None and np.array_equal(self._at, x):
+            return
+        self._at = x.copy()
+        if self._listed_at is None or np.abs(x - self._listed_at).max() > self._margin / 2:
+            self._listed_at = self._at
+            self._candidates.build(self._mesh, x, self._sizes.reach / 2 + self._margin)
+        thickness, distance = self._sizes.thickness, self._sizes.distance
+        self._pairs.build(self._candidates, self._mesh, x, distance, thickness)
+        if self._points is not None:
+            self._standing.build(self._points, x[self._grounded], distance, 0.0)
+
+    def gap(self, x: Floats) -> float:
+        """Return the smallest distance of faces in m, at most that from which on contact acts.
+
+        It is zero or less where surfaces are too near to each other.
+        """
+        self.place(x)
+        least = self._sizes.distance
+        if len(self._pairs):
+            square = self._pairs.compute_minimum_distance(self._mesh, x)
+            least = min(least, float(np.sqrt(square)) - self._sizes.thickness)
+        return min(least, *(float(h.min(initial=np.inf)) for h in self._heights(x)), np.inf)
+
+    def _heights(self, x: Floats) -> list[Floats]:
+        """Return the heights of the vertices above each half-space in m."""
+        at = x[self._grounded]
+        return [(at - np.array(g.point)) @ np.array(g.normal) for g in self._grounds]
+
+    @property
+    def count(self) -> int:
+        """Number of pairs in contact."""
+        return len(self._pairs) + (len(self._standing) if self._points is not None else 0)
+
+    def energy(self, x: Floats) -> float:
+        """Return the energy in J; infinite where surfaces are too near to each other."""
+        if not self.gap(x) > 0:
+            return np.inf
+        found = float(self._potential(self._pairs, self._mesh, x)) if len(self._pairs) else 0.0
+        if self._points is not None and len(self._standing):
+            found += float(self._potential(self._standing, self._points, x[self._grounded]))
+        return found
+
+    def gradient(self, x: Floats) -> Floats:
+        """Return the first variation of the energy in N, (n, 3)."""
+        self.place(x)
+        out: Floats = np.zeros(x.size)
+        if len(self._pairs):
+            out += self._potential.gradient(self._pairs, self._mesh, x)
+        out = out.reshape(-1, 3)
+        if self._points is not None and len(self._standing):
+            at = x[self._grounded]
+            part = self._potential.gradient(self._standing, self._points, at)
+            out[self._grounded] += part.reshape(-1, 3)
+        return out
+
+    def hessian(self, x: Floats, *, definite: bool = False) -> csc_matrix:
+        """Return the second variation in N/m, (3 n, 3 n).
+
+        Args:
+            x: Vertices in m, (n, 3).
+            definite: Whether to make that of each pair positive semidefinite.
+        """
+        self.place(x)
+        method = self._ipc.PSDProjectionMethod
+        projection = method.CLAMP if definite else method.NONE
+        return self._sum(self._potential, self._pairs, self._standing, x, projection)
+
+    def near(self, x: Floats) -> csc_matrix:
+        """Return a matrix with an entry wherever `hessian` has one within the margin."""
+        self.place(x)
+        thickness, distance = self._sizes.thickness, self._wide_distance
+        self._wide.build(self._candidates, self._mesh, x, distance, thickness)
+        if self._points is not None:
+            self._wide_standing.build(self._points, x[self._grounded], distance, 0.0)
+        none = self._ipc.PSDProjectionMethod.NONE
+        return self._sum(self._wide_potential, self._wide, self._wide_standing, x, none)
+
+    def _sum(
+        self, potential: Any, pairs: Any, standing: Any, x: Floats, projection: Any
+    ) -> csc_matrix:
+        out = csc_matrix((x.size, x.size))
+        if len(pairs):
+            out = potential.hessian(pairs, self._mesh, x, projection)
+        if self._points is not None and len(standing):
+            part = potential.hessian(standing, self._points, x[self._grounded], projection).tocoo()
+            places = self._places[part.row], self._places[part.col]
+            out = out + csc_matrix((part.data, places), shape=out.shape)
+        return out
+
+    def largest_step(self, x: Floats, step: Floats) -> float:
+        """Return a factor ≤ 1 on a step of the vertices, so that nothing meets on the way.
+
+        Of the way to the first contact it leaves the part that `APPROACH` does not allow.
+
+        Args:
+            x: Vertices in m, (n, 3), apart from each other.
+            step: Their straight motion in m, (n, 3).
+        """
+        self.place(x)
+        factor = 1.0
+        for height, ground in zip(self._heights(x), self._grounds, strict=True):
+            sinking = -(step[self._grounded] @ np.array(ground.normal))
+            down = sinking > 0
+            factor = min(factor, float((APPROACH * height[down] / sinking[down]).min(initial=1.0)))
+        candidates = self._candidates
+        if np.abs(x + factor * step - self._listed_at).max() > self._margin / 2:
+            candidates = self._ipc.Candidates()
+            candidates.build(self._mesh, x, x + factor * step, 0.51 * self._sizes.thickness)
+        if not len(candidates):
+            return factor
+        return factor * float(
+            candidates.compute_collision_free_stepsize(
+                self._mesh, x, x + factor * step, self._sizes.thickness, self._ccd
+            )
+        )
+
+    def crossed(self, x: Floats) -> bool:
+        """Return whether surfaces intersect, by a test of its own."""
+        below = any((height <= 0).any() for height in self._heights(x))
+        return below or bool(self._ipc.has_intersections(self._mesh, x))
