@@ -96,11 +96,20 @@ class Barrier:
         self._at = x.copy()
         if self._listed_at is None or np.abs(x - self._listed_at).max() > self._margin / 2:
             self._listed_at = self._at
+            self._candidates = self._ipc.Candidates()
             self._candidates.build(self._mesh, x, self._sizes.reach / 2 + self._margin)
         thickness, distance = self._sizes.thickness, self._sizes.distance
         self._pairs.build(self._candidates, self._mesh, x, distance, thickness)
-        if self._points is not None:
-            self._standing.build(self._points, x[self._grounded], distance, 0.0)
+        self._stand(self._standing, x, distance)
+
+    def _stand(self, standing: Any, x: Floats, distance: float) -> None:
+        """Find the vertices that are nearer to a half-space than a distance."""
+        if self._points is None:
+            return
+        # The toolkit's own search inflates each vertex by half the distance, and planes by nothing.
+        candidates, at = self._ipc.Candidates(), x[self._grounded]
+        candidates.build(self._points, at, 1.01 * distance)
+        standing.build(candidates, self._points, at, distance, 0.0)
 
     def gap(self, x: Floats) -> float:
         """Return the smallest distance of faces in m, at most that from which on contact acts.
@@ -163,8 +172,7 @@ class Barrier:
         self.place(x)
         thickness, distance = self._sizes.thickness, self._wide_distance
         self._wide.build(self._candidates, self._mesh, x, distance, thickness)
-        if self._points is not None:
-            self._wide_standing.build(self._points, x[self._grounded], distance, 0.0)
+        self._stand(self._wide_standing, x, distance)
         none = self._ipc.PSDProjectionMethod.NONE
         return self._sum(self._wide_potential, self._wide, self._wide_standing, x, none)
 
