@@ -229,15 +229,29 @@ class SkinContact:
             definite: Whether to return a positive semidefinite part.
         """
         x, poses = self._at(nodes, motions)
+        found = self._only_first(lambda: self._entries(x, poses, definite=definite))
+        return np.zeros(0) if found is None else found
+
+    def convexity_gap(self, nodes: Floats, motions: Floats) -> Floats | None:
+        """Return the positive semidefinite `tangent` less the exact one; None if nothing touches.
+
+        Args:
+            nodes, motions: As of `energy`.
+        """
+        x, poses = self._at(nodes, motions)
 
         def entries() -> Floats:
-            keys, values = self._upper(self._second(x, poses, definite=definite))
-            out: Floats = np.zeros(len(self._keys))
-            np.add.at(out, np.searchsorted(self._keys, keys), values)
-            return out
+            definite = self._entries(x, poses, definite=True)
+            return np.asarray(definite - self._entries(x, poses, definite=False))
 
+        if not self.count:
+            return None
         found = self._only_first(entries)
         return np.zeros(0) if found is None else found
+
+    def _entries(self, x: Floats, poses: Floats, *, definite: bool) -> Floats:
+        keys, values = self._upper(self._second(x, poses, definite=definite))
+        return np.bincount(np.searchsorted(self._keys, keys), values, len(self._keys))
 
     def _second(self, x: Floats, poses: Floats, *, definite: bool) -> csc_matrix:
         matrix = self._reduce(self._barrier.hessian(x, definite=definite), poses)

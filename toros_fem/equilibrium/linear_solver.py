@@ -30,7 +30,8 @@ class TangentFactor:
     stress bends or turns a triangle, without the pressure. For modes that no strain resists, M
     contains the fraction LEAST of the mean diagonal of each vertex. τ is a pure number. A τ of
     about 1 makes K + τ M positive definite in most states, whatever the contrast, but there is no
-    bound: assembled tubes of 146 to 250 thousand unknowns need 10.
+    bound: assembled tubes of 146 to 250 thousand unknowns need 10. Where contact is indefinite, τ
+    also takes a positive semidefinite part of it in its place.
 
     CHOLMOD factorises, in one part for each rank, or for each thread where there is one rank
     (`CondensedFactor`). MUMPS does where CHOLMOD is missing, where the parts meet at too many
@@ -75,9 +76,10 @@ class TangentFactor:
         pc.setPythonContext(_Preconditioner(self))
 
     def _make_entries(self) -> None:
-        self._exact, self._material, self._data = (
-            np.zeros(len(self._tangent.columns)) for _ in range(3)
+        self._exact, self._material, self._data, self._convexity = (
+            np.zeros(len(self._tangent.columns)) for _ in range(4)
         )
+        self._touches = False
         self.values: Floats = self._exact
 
     def _choose(self) -> CondensedFactor | PetscFactor:
@@ -124,16 +126,22 @@ class TangentFactor:
         self.scale = diagonal * self._model.free
 
     def fill(self, shift: float = 0.0, diagonal: float = 0.0) -> None:
-        """Form K + shift · M + diagonal · D, D the mean diagonal of a vertex."""
+        """Form K + shift · M + diagonal · D, D the mean diagonal of a vertex.
+
+        With a shift, the contact's part of K is a positive semidefinite one: less is left for M.
+        """
         self.values = self._exact
         if shift:
             if not self._has_material:
                 self._tangent.assemble(self._state, self._material, geometric=0.0)
                 self._material[self._tangent.diagonal] += LEAST * self.scale
                 self._has_material = True
+                self._touches = self._tangent.convexity_gap(self._state, self._convexity)
             self.values = self._data
             np.multiply(self._material, shift, out=self.values)
             self.values += self._exact
+            if self._touches:
+                self.values += self._convexity
         if diagonal:
             if not shift:
                 self._data[:] = self._exact

@@ -566,6 +566,16 @@ class SkinModel:
             touching = self.contact.tangent(nodes, motions, definite=geometric == 0)
             out[cells : cells + len(touching)] = touching
 
+    def convexity_gap(self, state: Floats) -> Floats | None:
+        """Return what makes the contact's part of the tangent positive semidefinite, in N/m.
+
+        Returns:
+            Entries at the last of `further_pairs`; None where nothing is in contact.
+        """
+        if self.contact is None:
+            return None
+        return self.contact.convexity_gap(self.positions(state), self.motions(state))
+
     @property
     def further_pairs(self) -> Ints:
         """Global rows and columns, (2, p), of entries of walls between chambers and of contact."""

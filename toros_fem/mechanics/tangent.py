@@ -45,6 +45,7 @@ class UpperTangent:
         if self.periodic is not None:
             further.append(self.periodic.keys)
         keys = np.concatenate(further)
+        self._last = blocks.count + len(walls)  # of the further numbers
         self._own = blocks.count + len(walls) + len(fixed)
 
         entry, place = _with(blocks.keys, keys)
@@ -119,6 +120,30 @@ class UpperTangent:
         if self.periodic is not None:
             self._entries[self._own :] = self.periodic.values(self._entries)
         self._entries[self._twice] *= 2
+        self._add_up(out)
+
+    def convexity_gap(self, state: Floats, out: Floats) -> bool:
+        """Assemble what makes the contact's part positive semidefinite (collective).
+
+        Args:
+            state: Owned unknowns.
+            out: Receives the entries, in the order of `columns`, if there are any.
+
+        Returns:
+            Whether anything is in contact.
+        """
+        gap = self._model.convexity_gap(state)
+        if gap is None:
+            return False
+        kept = self._entries.copy()
+        self._entries[:] = 0
+        self._entries[self._last - len(gap) : self._last] = gap
+        self._add_up(out)
+        self._entries[:] = kept
+        return True
+
+    def _add_up(self, out: Floats) -> None:
+        """Sum the entries into `out`, those of other ranks included (collective)."""
         comm: MPI.Comm = self._model.skin.comm
         sums = (self._sum @ np.ones(1))[:-1]
         out[:] = sums[: len(out)]
