@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from scipy.sparse import block_diag, csc_matrix, identity
@@ -12,6 +12,7 @@ from toros_fem._mpi import largest, on_first_rank
 from toros_fem._types import Bools, Floats, Ints
 from toros_fem.contact.barrier import Barrier
 from toros_fem.contact.motion import placed, pose_curvature, pose_jacobian
+from toros_fem.contact.neighbours import collision_filter
 from toros_fem.contact.settings import Contact, ContactSizes, Ground
 from toros_fem.meshes.skin import Skin
 
@@ -44,7 +45,6 @@ class SkinContact:
         numbers: Global unknowns of the owned nodes, (k, 3).
         body_numbers: Global unknowns of the free bodies, (f, 6).
         size: Number of all unknowns.
-        may_touch: Filter of pairs of vertices of skin and bodies; None takes all.
     """
 
     def __init__(
@@ -56,7 +56,6 @@ class SkinContact:
         numbers: Ints,
         body_numbers: Ints,
         size: int,
-        may_touch: Callable[[], Any] | None = None,
     ) -> None:
         self._skin, self._comm, self._size = skin, skin.comm, size
         self.contact, self.sizes = contact, sizes
@@ -69,7 +68,7 @@ class SkinContact:
         self._surfaces = [body.inset(sizes.thickness / 2) for body in contact.bodies]
         self.pairs: Ints = np.zeros((2, 0), dtype=np.int64)
         self._keys: Ints = np.zeros(0, dtype=np.int64)
-        made = self._only_first(lambda: self._make_barrier(may_touch))
+        made = self._only_first(lambda: self._make_barrier(fixed.all(axis=1)))
         if made is not None:
             self._barrier = made
 
@@ -79,7 +78,7 @@ class SkinContact:
         on_first_rank(self._comm, lambda: kept.append(action()))
         return kept[0] if kept else None
 
-    def _make_barrier(self, may_touch: Callable[[], Any] | None) -> Barrier:
+    def _make_barrier(self, prescribed: Bools) -> Barrier:
         pattern, contact = self._skin.pattern, self.contact
         points, triangles = [pattern.points], [pattern.triangles]
         areas, count = [pattern.areas], len(pattern.points)
@@ -105,7 +104,14 @@ class SkinContact:
             grounds,
             np.concatenate(grounded),
             self.sizes,
-            None if may_touch is None else may_touch(),
+            collision_filter(
+                pattern,
+                self.sizes,
+                prescribed=prescribed,
+                bodies=[len(surface) for surface in self._surfaces],
+                free_bodies=self._free,
+                self_contact=contact.self_contact,
+            ),
         )
 
     def poses_at(self, motions: Floats) -> Floats:
