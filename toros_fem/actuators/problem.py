@@ -49,6 +49,7 @@ def actuator_problem(
         start=case.start,
         symmetry=case.symmetry,
         chambers=case.chambers,
+        contact=case.contact,
         width_tolerance=config.robust_against,
         log=print_step(comm) if verbose else None,
     )

@@ -117,7 +117,13 @@ def estimate_error(
     chambers = chambers and chambers.refined(finer)
     options = replace(solver.options, tolerance=max(solver.options.tolerance, TOLERANCE))
     fine = EquilibriumSolver(
-        fine_skin, composite, fixed, options, chambers=chambers, weight=solver.model.weight
+        fine_skin,
+        composite,
+        fixed,
+        options,
+        chambers=chambers,
+        weight=solver.model.weight,
+        contact=solver.contact,
     )
     fine_density = whole[finer.cell][fine_skin.owned_cells]
     fine_force = None if force is None else force(finer.pattern)

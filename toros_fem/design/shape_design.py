@@ -19,6 +19,7 @@ from toros_fem._validate import (
     require_kind,
     require_names,
 )
+from toros_fem.contact.settings import Contact
 from toros_fem.density.filters import make_filter
 from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.density.perimeter import SHARPNESS, Perimeter
@@ -80,6 +81,7 @@ class ShapeDesign(ShapeProblem):
             pictures and prints see the whole skin.
         chambers: Pressure chambers; None for one.
         weight: The skin's own weight; None leaves it out.
+        contact: What the skin cannot pass through; None for nothing.
         force: Dead forces in N on all assembled vertices, (n, 3).
         width_tolerance: How far the widths of printed lines may be off, for a design whose shape
             changes little by it; None leaves this out.
@@ -118,6 +120,7 @@ class ShapeDesign(ShapeProblem):
         symmetry: Sequence[int] = (),
         chambers: Chambers | None = None,
         weight: Weight | None = None,
+        contact: Contact | None = None,
         force: Floats | None = None,
         width_tolerance: WidthTolerance | None = None,
         options: NewtonOptions | None = None,
@@ -145,6 +148,7 @@ class ShapeDesign(ShapeProblem):
             "symmetry": symmetry,
             "chambers": chambers,
             "weight": weight,
+            "contact": contact,
             "force": force,
             "width_tolerance": width_tolerance,
             "options": options,
@@ -171,7 +175,7 @@ class ShapeDesign(ShapeProblem):
             places = pattern.points.shape
             force = checked_floats("force", force, f"finite and of shape {places}, in N", places)
         composite = Composite() if composite is None else composite
-        parts: dict[str, Any] = {"chambers": chambers, "weight": weight}
+        parts: dict[str, Any] = {"chambers": chambers, "weight": weight, "contact": contact}
         solver = EquilibriumSolver(skin, composite, supports, options, log, **parts)
         density_filter = make_filter(filter, skin, filter_radius, whole=whole)
         perimeter = None

@@ -187,6 +187,7 @@ def relaxed_problem(
         design.solver.log,
         chambers=model.chambers,
         weight=model.weight,
+        contact=design.solver.contact,
         families=families.count,
         crossing=crossing,
     )

@@ -100,7 +100,12 @@ def simulate_actuator(
     skin = sew(comm, made.pattern)
     log = print_step(comm) if verbose else None
     solver = EquilibriumSolver(
-        skin, config.composite, made.supports, log=log, chambers=made.chambers
+        skin,
+        config.composite,
+        made.supports,
+        log=log,
+        chambers=made.chambers,
+        contact=made.contact,
     )
     own = density[skin.owned_cells]
     pressures = np.linspace(0.0, config.pressure, config.curve_steps + 1)[1:]

@@ -201,4 +201,5 @@ def other_solver(problem: ShapeDesign, composite: Composite) -> EquilibriumSolve
         solver.options,
         chambers=model.chambers,
         weight=model.weight,
+        contact=solver.contact,
     )
