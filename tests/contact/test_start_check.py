@@ -5,7 +5,7 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.contact.opening import skin_mesh
-from toros_fem.contact.settings import ContactSizes
+from toros_fem.contact.settings import ContactSizes, Ground
 from toros_fem.contact.start_check import check_start
 from toros_fem.meshes import Pattern, rectangle
 from toros_fem.meshes.pattern import Panel
@@ -65,15 +65,17 @@ def test_surfaces_that_cross_are_found() -> None:
     assert "surfaces cross" in found.sentence(pattern, positions)
 
 
-@pytest.mark.parametrize("height", [4e-4, -2e-4, -1.0])
+@pytest.mark.parametrize("height", [0.0, -2e-4, -1.0])
 def test_vertices_near_or_in_the_ground_are_found(height: float) -> None:
     pattern = two_sheets()
-    mesh = skin_mesh(pattern, SIZES)
-    mesh.planes = [ipctk.Hyperplane(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -1e-3]))]
+    mesh, ground = skin_mesh(pattern, SIZES), Ground((0.0, 0.0, -5e-4))
     positions = pattern.points.copy()
-    assert check_start(mesh, positions, SIZES.thickness).admissible
-    positions[3, 2] = height - 1e-3
-    found = check_start(mesh, positions, SIZES.thickness)
+    assert check_start(mesh, positions, SIZES.thickness, grounds=[ground]).admissible
+    positions[3, 2] = height - 5e-4
+    found = check_start(mesh, positions, SIZES.thickness, grounds=[ground])
     assert found.vertices == (3,)
-    assert found.distance == pytest.approx(height - 5e-4)
+    assert found.distance == pytest.approx(height)
     assert "'low' and the ground" in found.sentence(pattern, positions)
+    others = np.delete(np.arange(len(positions)), 3)
+    found = check_start(mesh, positions, 1e-6, grounds=[ground], grounded=others)
+    assert not found.ground

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from toros_fem._types import Floats
-from toros_fem.contact.library import ipctk
+from toros_fem._types import Floats, Ints
+from toros_fem.contact.library import toolkit
+from toros_fem.contact.settings import Ground
 from toros_fem.meshes.pattern import Pattern
 
 # Relative size of a distance's rounding.
@@ -60,26 +61,36 @@ class StartCheck:
 
 
 def check_start(
-    mesh: Any, positions: Floats, thickness: float, *, distance: float = 0.0
+    mesh: Any,
+    positions: Floats,
+    thickness: float,
+    *,
+    distance: float = 0.0,
+    grounds: Sequence[Ground] = (),
+    grounded: Ints | None = None,
 ) -> StartCheck:
     """Return whether contact can act on given positions, and the worst place where it cannot.
 
     Args:
-        mesh: `ipctk.CollisionMesh`, with its filter and its planes.
+        mesh: `ipctk.CollisionMesh`, with its filter.
         positions: Of all its vertices in m, (n, 3).
         thickness: Distance of middle surfaces in m that they must exceed.
         distance: Distance of faces in m up to which the smallest is found.
+        grounds: Half-spaces, already moved to where middle surfaces must stay out.
+        grounded: Vertices that half-spaces keep out, (g,); None for all.
 
     Raises:
         MissingPackageError: ipctk is not installed.
     """
-    library = ipctk()
+    library = toolkit()
     positions = np.asfortranarray(positions, dtype=np.float64)
-    for plane in mesh.planes:  # the library's distance from a plane has no sign
-        height = (positions - plane.origin()) @ plane.normal()
+    kept_out = np.arange(len(positions)) if grounded is None else grounded
+    for ground in grounds:
+        height = (positions[kept_out] - np.array(ground.point)) @ np.array(ground.normal)
         lowest = int(np.argmin(height))
-        if height[lowest] <= thickness:
-            return StartCheck(False, height[lowest] - thickness, (lowest,), ground=True)
+        if height[lowest] <= 0:
+            at = (int(kept_out[lowest]),)
+            return StartCheck(False, float(height[lowest]), at, ground=True)
     # Without a least distance nothing is left out, however near it is.
     near = library.NormalCollisions()
     near.build(mesh, positions, thickness * (1 + ROUNDING) + distance)
@@ -100,7 +111,7 @@ def check_start(
 
 def _crossing(mesh: Any, positions: Floats) -> tuple[int, ...]:
     """Return vertices of an edge and a triangle that cross."""
-    library = ipctk()
+    library = toolkit()
     phase = library.LBVH()
     phase.can_vertices_collide = mesh.can_collide
     phase.build(positions, mesh.edges, mesh.faces)
