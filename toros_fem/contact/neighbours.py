@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from toros_fem._types import Bools, Floats, Ints
-from toros_fem.contact.library import toolkit
+from toros_fem.contact.library import ipctk
 from toros_fem.contact.settings import ContactSizes
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import following
@@ -48,7 +48,7 @@ def collision_filter(
     Raises:
         MissingPackageError: ipctk is not installed.
     """
-    library = toolkit()
+    library = ipctk()
     count = len(pattern.points)
     held = count + len(bodies)
     body = np.full(len(bodies), held)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from toros_fem._types import Bools, Floats
-from toros_fem.contact.library import toolkit
+from toros_fem.contact.library import ipctk
 from toros_fem.contact.neighbours import collision_filter
 from toros_fem.contact.settings import ContactSizes
 from toros_fem.contact.start_check import check_start
@@ -96,7 +96,7 @@ def opened(
 
 def skin_mesh(pattern: Pattern, sizes: ContactSizes) -> Any:
     """Return the `ipctk.CollisionMesh` of a skin alone, without its neighbours in the sheet."""
-    library = toolkit()
+    library = ipctk()
     triangles = np.asfortranarray(pattern.triangles, dtype=np.int32)
     ends = np.asfortranarray(pattern.edges.ends, dtype=np.int32)
     mesh = library.CollisionMesh(np.asfortranarray(pattern.points), ends, triangles)

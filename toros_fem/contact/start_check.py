@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from toros_fem._types import Floats, Ints
-from toros_fem.contact.library import toolkit
+from toros_fem.contact.library import ipctk
 from toros_fem.contact.settings import Ground
 from toros_fem.meshes.pattern import Pattern
 
@@ -82,7 +82,7 @@ def check_start(
     Raises:
         MissingPackageError: ipctk is not installed.
     """
-    library = toolkit()
+    library = ipctk()
     positions = np.asfortranarray(positions, dtype=np.float64)
     kept_out = np.arange(len(positions)) if grounded is None else grounded
     for ground in grounds:
@@ -111,7 +111,7 @@ def check_start(
 
 def _crossing(mesh: Any, positions: Floats) -> tuple[int, ...]:
     """Return vertices of an edge and a triangle that cross."""
-    library = toolkit()
+    library = ipctk()
     phase = library.LBVH()
     phase.can_vertices_collide = mesh.can_collide
     phase.build(positions, mesh.edges, mesh.faces)
