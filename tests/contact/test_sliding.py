@@ -94,7 +94,7 @@ def test_backward_through_force_and_anchors(friction: SlidingFriction) -> None:
     anchors = friction.sliding.anchors
     move = along(POINTS.shape, 1e-5)
     pushed, shifted = along(NORMALS.shape, 0.05) * (NORMALS != 0), along(anchors.shape, 1e-5)
-    adjoint, slopes = along(POINTS.shape, 1.0), along(anchors.shape, 1.0)
+    adjoint, slopes = along(anchors.shape, 1.0), along(anchors.shape, 1.0)
 
     def at(s: float) -> SlidingFriction:
         friction.begin(Sliding(anchors + s * shifted))

@@ -51,13 +51,13 @@ def _continue(
     """Find the equilibrium at a pressure by continuation from another one."""
     begin = np.asarray(before.pressures)
     change = np.broadcast_to(pressure, begin.shape) - begin
-    last = before
+    last = reached = before
 
-    def attempt(state: Floats, fraction: float) -> Attempt:
-        nonlocal last
+    def attempt(_: Floats, fraction: float) -> Attempt:
+        nonlocal last, reached
         level = (begin + fraction * change).tolist()
         last = solver.solve(
-            density, level, force=force, start=state, raise_on_failure=False, trial=True
+            density, level, force=force, start=reached, raise_on_failure=False, trial=True
         )
         steps = last.steps
         if last.converged:
@@ -66,6 +66,8 @@ def _continue(
             except EquilibriumError as error:  # raised by all ranks or by none
                 last = error.result
             steps += last.steps
+        if last.converged:
+            reached = last
         return Attempt(last.state, 1 if last.converged else -1, steps)
 
     done = run_continuation(

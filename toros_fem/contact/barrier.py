@@ -19,6 +19,42 @@ MARGIN = 0.25
 APPROACH = 0.9
 
 
+class Side:
+    """A part of the pairs in contact at one state: those with one half-space or one surface.
+
+    Args:
+        potential, mesh, pairs: The toolkit's potential, its mesh, and its pairs.
+        vertices: Vertices of the mesh among all, (m,).
+        x: All vertices in m, (n, 3).
+    """
+
+    def __init__(self, potential: Any, mesh: Any, pairs: Any, vertices: Ints, x: Floats) -> None:
+        self._potential, self._mesh, self._pairs = potential, mesh, pairs
+        self._vertices, self._at, self._count = vertices, np.asfortranarray(x[vertices]), len(x)
+        self._hessian: Any = None
+
+    def push(self) -> Floats:
+        """Return the force in N by which the barrier pushes at all vertices, (n, 3)."""
+        out: Floats = np.zeros((self._count, 3))
+        if len(self._pairs):
+            gradient = self._potential.gradient(self._pairs, self._mesh, self._at)
+            out[self._vertices] = -gradient.reshape(-1, 3)
+        return out
+
+    def push_change(self, motion: Floats) -> Floats:
+        """Return the change of `push` in N by a small motion of all vertices, (n, 3) in m.
+
+        It is its own transpose.
+        """
+        out: Floats = np.zeros((self._count, 3))
+        if len(self._pairs):
+            if self._hessian is None:
+                self._hessian = self._potential.hessian(self._pairs, self._mesh, self._at)
+            own = motion[self._vertices].ravel()
+            out[self._vertices] = -(self._hessian @ own).reshape(-1, 3)
+        return out
+
+
 class Barrier:
     """Barrier between triangulated surfaces, and between their vertices and half-spaces.
 
@@ -53,6 +89,7 @@ class Barrier:
         self._mesh = ipc.CollisionMesh(corners, ipc.edges(faces), faces)
         by_vertex = np.bincount(triangles.ravel(), np.repeat(areas / 3, 3), len(rest))
         self._mesh.vertex_areas = by_vertex
+        self._edges, self._faces = self._mesh.edges, self._mesh.faces
         edges = np.asarray(self._mesh.faces_to_edges)
         self._mesh.edge_areas = np.bincount(
             edges.ravel(), np.repeat(areas / 3, 3), self._mesh.num_edges
@@ -175,6 +212,43 @@ class Barrier:
         self._stand(self._wide_standing, x, distance)
         none = self._ipc.PSDProjectionMethod.NONE
         return self._sum(self._wide_potential, self._wide, self._wide_standing, x, none)
+
+    def sides(self, x: Floats, owners: Ints) -> list[Side]:
+        """Return the contact of the first surface with each half-space, then each other surface.
+
+        Args:
+            x: Vertices in m, (n, 3).
+            owners: Surface of each vertex, (n,), counted from 0.
+        """
+        self.place(x)
+        by_ground: list[list[Any]] = [[] for _ in self._grounds]
+        if self._points is not None and len(self._standing):
+            normals = np.array([g.normal for g in self._grounds])
+            offsets = np.einsum("ij,ij->i", normals, [g.point for g in self._grounds])
+            for pair in self._standing.pv_collisions:
+                plane = pair.plane
+                off = np.abs(normals - plane.normal()).sum(axis=1)
+                off += np.abs(offsets + plane.offset()) / self._sizes.distance
+                by_ground[int(off.argmin())].append(pair)
+        sides = []
+        for pairs in by_ground:
+            part = self._pair_set()
+            part.pv_collisions = pairs
+            sides.append(Side(self._potential, self._points, part, self._grounded, x))
+        count = int(owners.max(initial=0))
+        everything = np.arange(len(x))
+        parts = [self._pair_set() for _ in range(count)]
+        kinds = ("vv_collisions", "ev_collisions", "ee_collisions", "fv_collisions")
+        for kind in kinds if count else ():
+            chosen: list[list[Any]] = [[] for _ in range(count)]
+            for pair in getattr(self._pairs, kind):
+                met = owners[[v for v in pair.vertex_ids(self._edges, self._faces) if v >= 0]]
+                if met.min() == 0 and met.max() > 0:
+                    chosen[met.max() - 1].append(pair)
+            for part, pairs in zip(parts, chosen, strict=True):
+                setattr(part, kind, pairs)
+        sides += [Side(self._potential, self._mesh, part, everything, x) for part in parts]
+        return sides
 
     def _sum(
         self, potential: Any, pairs: Any, standing: Any, x: Floats, projection: Any

@@ -10,10 +10,11 @@ from scipy.sparse import block_diag, csc_matrix, identity
 
 from toros_fem._mpi import largest, on_first_rank
 from toros_fem._types import Bools, Floats, Ints
-from toros_fem.contact.barrier import Barrier
+from toros_fem.contact.barrier import Barrier, Side
 from toros_fem.contact.motion import placed, pose_curvature, pose_jacobian
 from toros_fem.contact.neighbours import collision_filter
 from toros_fem.contact.settings import Contact, ContactSizes, Ground
+from toros_fem.contact.sliding import Sliding, SlidingFriction
 from toros_fem.meshes.skin import Skin
 
 T = TypeVar("T")
@@ -68,6 +69,14 @@ class SkinContact:
         self._surfaces = [body.inset(sizes.thickness / 2) for body in contact.bodies]
         self.pairs: Ints = np.zeros((2, 0), dtype=np.int64)
         self._keys: Ints = np.zeros(0, dtype=np.int64)
+        self._sides: list[Side] = []
+        self.friction: SlidingFriction | None = None
+        if contact.friction is not None:
+            self.friction = SlidingFriction(contact, sizes)
+        self._owners: Ints = np.repeat(
+            np.arange(1 + len(self._surfaces)),
+            [len(skin.pattern.points), *(len(surface) for surface in self._surfaces)],
+        )
         made = self._only_first(lambda: self._make_barrier(fixed.all(axis=1)))
         if made is not None:
             self._barrier = made
@@ -144,9 +153,10 @@ class SkinContact:
         return np.outer(np.array(masses, dtype=np.float64), self.contact.gravity) * fraction
 
     def energy(self, nodes: Floats, motions: Floats, weight_fraction: float) -> float:
-        """Return barrier energy less the work of the bodies' weight, in J.
+        """Return barrier energy less the work of the bodies' weight, in J, and with friction.
 
-        It is infinite where surfaces are too near to each other.
+        Friction has the normal forces of the last `lag_friction`. The energy is infinite where
+        surfaces are too near to each other.
 
         Args:
             nodes: Positions of the owned nodes in m, (n, 3).
@@ -154,7 +164,14 @@ class SkinContact:
             weight_fraction: Fraction of their weight that acts.
         """
         x, poses = self._at(nodes, motions)
-        barrier = on_first_rank(self._comm, lambda: self._barrier.energy(x))
+
+        def on_first() -> float:
+            found = self._barrier.energy(x)
+            if self.friction is not None and np.isfinite(found):
+                found += self.friction.energy(self._of_skin(x), poses)
+            return found
+
+        barrier = on_first_rank(self._comm, on_first)
         work = (self._weights(weight_fraction) * poses[list(self._free), :3]).sum()
         return barrier - float(work)
 
@@ -176,15 +193,52 @@ class SkinContact:
         Args:
             nodes, motions, weight_fraction: As of `energy`.
         """
-        whole = self.forces(nodes, motions)
-        count = len(self._skin.pattern.points)
+        x, poses = self._at(nodes, motions)
+
+        def on_first() -> tuple[Floats, Floats]:
+            whole = self._barrier.gradient(x)
+            skin, bodies = self._to_unknowns(whole, poses)
+            if self.friction is not None:
+                force = self.friction.force(self._of_skin(x), poses)
+                skin = skin + force.sum(axis=0)
+                bodies += self._pose_forces(force, poses)
+            return skin, bodies
+
+        skin, bodies = on_first_rank(self._comm, on_first)
+        bodies[:, :3] -= self._weights(weight_fraction)
+        return skin[self._skin.owned_vertices], bodies
+
+    def _of_skin(self, whole: Floats) -> Floats:
+        return whole[: len(self._skin.pattern.points)]
+
+    def _to_unknowns(self, whole: Floats, poses: Floats) -> tuple[Floats, Floats]:
+        """Return forces on all vertices as those on the skin, (n, 3), and on free bodies."""
         bodies: Floats = np.zeros((len(self._free), 6))
-        if len(bodies):
-            _, poses = self._at(nodes, motions)
-            for row, (k, part) in enumerate(self._split(whole)):
-                bodies[row] = part.ravel() @ self._jacobian(k, poses[k])
-            bodies[:, :3] -= self._weights(weight_fraction)
-        return whole[:count][self._skin.owned_vertices], bodies
+        for row, (k, part) in enumerate(self._split(whole)):
+            bodies[row] = part.ravel() @ self._jacobian(k, poses[k])
+        return self._of_skin(whole), bodies
+
+    def _to_vertices(self, skin: Floats, bodies: Floats, poses: Floats) -> Floats:
+        """Return motions of the skin, (n, 3), and of free bodies' unknowns as of all vertices."""
+        parts, row = [skin], 0
+        for k, surface in enumerate(self._surfaces):
+            moved = np.zeros_like(surface)
+            if k in self._free:
+                moved = (self._jacobian(k, poses[k]) @ bodies[row]).reshape(-1, 3)
+                row += 1
+            parts.append(moved)
+        return np.concatenate(parts)
+
+    def _pose_forces(self, force: Floats, poses: Floats) -> Floats:
+        """Return the forces of friction on the unknowns of free bodies, (f, 6)."""
+        assert self.friction is not None
+        rows = [self.friction.pose_force(k, force, poses) for k in self._free]
+        return np.reshape(rows, (-1, 6)) * self._scale
+
+    @property
+    def _scale(self) -> Floats:
+        """Pose in m and rad by each unknown of the free bodies in m, (f, 6)."""
+        return np.repeat(np.stack([np.ones_like(self._radius), 1 / self._radius], 1), 3, axis=1)
 
     def forces(self, nodes: Floats, motions: Floats) -> Floats:
         """Return the gradient of the barrier in N at all vertices of skin and bodies, (v, 3)."""
@@ -270,7 +324,168 @@ class SkinContact:
                 bend = pose_curvature(self._surfaces[k], body.centre, poses[k], force)
                 blocks.append(csc_matrix(bend * np.outer(scale, scale)))
             matrix = matrix + block_diag(blocks, format="csc")
+        if self.friction is not None:
+            matrix = matrix + self._friction_tangent(x, poses, definite=definite)
         return matrix
+
+    def _friction_tangent(self, x: Floats, poses: Floats, *, definite: bool) -> csc_matrix:
+        assert self.friction is not None
+        skin = self._of_skin(x)
+        stiffness = self.friction.stiffness(skin, poses)
+        first = 3 * np.arange(len(skin))[:, None, None]
+        row, column = (first + axis for axis in np.indices((3, 3)))
+        values = [stiffness.sum(axis=0).ravel()]
+        rows, columns = [row.ravel()], [column.ravel()]
+        force = self.friction.force(skin, poses)
+        for place, k in enumerate(self._free):
+            mixed, twice = self.friction.pose_stiffness(
+                k, force, stiffness, poses, definite=definite
+            )
+            scale, begin = self._scale[place], 3 * len(skin) + 6 * place
+            touching = np.flatnonzero(mixed.any(axis=(1, 2)))
+            row = 3 * touching[:, None, None] + np.arange(3)[:, None]
+            row, column = np.broadcast_arrays(row, begin + np.arange(6))
+            values += 2 * [(mixed[touching] * scale).ravel()]
+            rows += [row.ravel(), column.ravel()]
+            columns += [column.ravel(), row.ravel()]
+            row, column = begin + np.indices((6, 6))
+            values.append((twice * np.outer(scale, scale)).ravel())
+            rows.append(row.ravel())
+            columns.append(column.ravel())
+        size = 3 * len(skin) + 6 * len(self._free)
+        places = np.concatenate(rows), np.concatenate(columns)
+        return csc_matrix((np.concatenate(values), places), shape=(size, size))
+
+    def begin_step(self, sliding: Sliding | None, poses: Floats | None) -> None:
+        """Begin a step of a path, where the vertices stick.
+
+        Args:
+            sliding: End of the step before; None for a skin at rest at its assembled positions.
+            poses: Poses of the bodies at the begin, (k, 6); None where they were made.
+        """
+        if self.friction is None:
+            return
+        if sliding is None:
+            begin = np.zeros_like(self.poses) if poses is None else poses.copy()
+            begin[list(self._free)] = 0.0
+            sliding = self.friction.at_rest(self._skin.pattern.points, begin)
+        self.friction.begin(sliding)
+        self._sides = []
+
+    def lag_friction(self, nodes: Floats, motions: Floats) -> None:
+        """Let friction have the normal forces and tangent planes of a state."""
+        if self.friction is None:
+            return
+        x, _ = self._at(nodes, motions)
+
+        def on_first() -> None:
+            assert self.friction is not None
+            self._sides = self._barrier.sides(x, self._owners)
+            self.friction.lag(np.array([self._of_skin(side.push()) for side in self._sides]))
+
+        on_first_rank(self._comm, on_first)
+
+    def end_step(self, nodes: Floats, motions: Floats) -> Sliding | None:
+        """Return where the vertices stick at the end of a step; None without friction."""
+        if self.friction is None:
+            return None
+        x, poses = self._at(nodes, motions)
+        friction = self.friction
+        return on_first_rank(self._comm, lambda: friction.end(self._of_skin(x), poses))
+
+    def coupling(
+        self, nodes: Floats, motions: Floats, step: Floats, turn: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return the change of friction by that of the normal forces: the part without symmetry.
+
+        Args:
+            nodes, motions: State of the last `lag_friction`.
+            step, turn: Its change.
+
+        Returns:
+            Forces as of `gradient`.
+        """
+        x, poses = self._at(nodes, motions)
+        whole, turn = self._skin.gather_vertices(step), self._comm.bcast(turn, root=0)
+
+        def on_first() -> tuple[Floats, Floats]:
+            assert self.friction is not None
+            moved = self._to_vertices(whole, turn, poses)
+            change = np.array([self._of_skin(s.push_change(moved)) for s in self._sides])
+            force = self.friction.force_change(self._of_skin(x), poses, change)
+            return force.sum(axis=0), self._pose_forces(force, poses)
+
+        skin, bodies = on_first_rank(self._comm, on_first)
+        return skin[self._skin.owned_vertices], bodies
+
+    def coupling_transposed(
+        self, nodes: Floats, motions: Floats, adjoint: Floats, turn: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return the product with the transpose of `coupling`; the arguments are alike."""
+        x, poses = self._at(nodes, motions)
+        whole, turn = self._skin.gather_vertices(adjoint), self._comm.bcast(turn, root=0)
+
+        def on_first() -> tuple[Floats, Floats]:
+            assert self.friction is not None
+            given = self._on_sides(whole, turn, poses)
+            by_normal, _ = self.friction.force_backward(self._of_skin(x), poses, given)
+            return self._to_unknowns(self._pushed_back(by_normal), poses)
+
+        skin, bodies = on_first_rank(self._comm, on_first)
+        return skin[self._skin.owned_vertices], bodies
+
+    def _on_sides(self, skin: Floats, turn: Floats, poses: Floats) -> Floats:
+        """Return how far each vertex moves along each side, (sides, n, 3)."""
+        assert self.friction is not None
+        poses_change = np.zeros_like(poses)
+        poses_change[list(self._free)] = turn * self._scale
+        return skin - self.friction.carried_change(poses, poses_change)
+
+    def _pushed_back(self, by_normal: Floats) -> Floats:
+        """Return derivatives by normal forces, (sides, n, 3), as such by all vertices."""
+        whole = np.zeros((len(self._owners), 3))
+        for side, part in zip(self._sides, by_normal, strict=True):
+            given = np.zeros_like(whole)
+            given[: len(part)] = part
+            whole += side.push_change(given)
+        return whole
+
+    def begin_step_backward(self, nodes: Floats, motions: Floats, adjoint: Floats) -> Floats:
+        """Return Σ adjoint · d(force)/d(anchors at the begin), (sides, n, 3), on all ranks.
+
+        Args:
+            nodes, motions: State of the last `lag_friction`.
+            adjoint: At the owned nodes, (n, 3).
+        """
+        x, poses = self._at(nodes, motions)
+        whole = self._skin.gather_vertices(adjoint)
+
+        def on_first() -> Floats:
+            assert self.friction is not None
+            given = np.broadcast_to(whole, self.friction.normals.shape)
+            return self.friction.force_backward(self._of_skin(x), poses, given)[1]
+
+        return on_first_rank(self._comm, on_first)
+
+    def end_step_backward(
+        self, nodes: Floats, motions: Floats, slope: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return Σ slope · d(anchors at the end) by the owned nodes, (n, 3), and by the begin.
+
+        Args:
+            nodes, motions: State of the last `lag_friction`.
+            slope: Numbers for each anchor, (sides, n, 3), equal on all ranks.
+        """
+        x, poses = self._at(nodes, motions)
+
+        def on_first() -> tuple[Floats, Floats]:
+            assert self.friction is not None
+            skin = self._of_skin(x)
+            by_point, by_normal, by_anchor = self.friction.end_backward(skin, poses, slope)
+            return by_point + self._of_skin(self._pushed_back(by_normal)), by_anchor
+
+        skin, by_anchor = on_first_rank(self._comm, on_first)
+        return skin[self._skin.owned_vertices], by_anchor
 
     def grow(self, nodes: Floats, motions: Floats) -> bool:
         """Let `pairs` cover all that is in contact; return whether they had to change."""

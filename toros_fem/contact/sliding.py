@@ -106,7 +106,13 @@ class SlidingFriction:
         return np.asarray(-(force[side].ravel() @ jacobian))
 
     def pose_stiffness(
-        self, body: int, force: Floats, stiffness: Floats, poses: Floats
+        self,
+        body: int,
+        force: Floats,
+        stiffness: Floats,
+        poses: Floats,
+        *,
+        definite: bool = False,
     ) -> tuple[Floats, Floats]:
         """Return the second derivatives by positions and a body's pose, and by the pose twice.
 
@@ -114,6 +120,7 @@ class SlidingFriction:
             body: Number of the body.
             force, stiffness: As of `force` and `stiffness`.
             poses: Poses of the bodies.
+            definite: Whether to leave out what may not be positive semidefinite.
 
         Returns:
             Arrays (n, 3, 6) and (6, 6).
@@ -122,7 +129,9 @@ class SlidingFriction:
         jacobian = pose_jacobian(anchors, centre, poses[body]).reshape(-1, 3, 6)
         mixed = np.asarray(-stiffness[side] @ jacobian)
         twice = -np.einsum("nia,nib->ab", jacobian, mixed)
-        return mixed, twice - pose_curvature(anchors, centre, poses[body], force[side])
+        if not definite:
+            twice -= pose_curvature(anchors, centre, poses[body], force[side])
+        return mixed, twice
 
     def end(self, points: Floats, poses: Floats | None) -> Sliding:
         """Return the anchors at the end of the step: each at the elastic slip from its vertex.
@@ -132,6 +141,11 @@ class SlidingFriction:
         slip = self._of_law("elastic", points, poses)
         return Sliding(self._brought_back(points - slip, poses))
 
+    def force_change(self, points: Floats, poses: Floats | None, change: Floats) -> Floats:
+        """Return the change of `force` in N by one of the normal forces, both (sides, n, 3)."""
+        by_normal = self._of_law("force_by_normal", points, poses)
+        return np.einsum("snij,snj->sni", by_normal, change)
+
     def force_backward(
         self, points: Floats, poses: Floats | None, adjoint: Floats
     ) -> tuple[Floats, Floats]:
@@ -139,7 +153,7 @@ class SlidingFriction:
 
         Args:
             points, poses: The state.
-            adjoint: Numbers for each vertex, (n, 3).
+            adjoint: Numbers for each vertex on each side, (sides, n, 3).
 
         Returns:
             Both (sides, n, 3).
@@ -147,8 +161,8 @@ class SlidingFriction:
         by_normal = self._of_law("force_by_normal", points, poses)
         by_motion = self._of_law("stiffness", points, poses)
         return (
-            np.einsum("snij,ni->snj", by_normal, adjoint),
-            -self._turned_back(np.einsum("snij,ni->snj", by_motion, adjoint), poses),
+            np.einsum("snij,sni->snj", by_normal, adjoint),
+            -self._turned_back(np.einsum("snij,sni->snj", by_motion, adjoint), poses),
         )
 
     def end_backward(
@@ -196,6 +210,18 @@ class SlidingFriction:
         for k, centre in enumerate(self._centres):
             assert poses is not None
             out[self._grounds + k] = placed(out[self._grounds + k], centre, poses[k])
+        return out
+
+    def carried_change(self, poses: Floats, change: Floats) -> Floats:
+        """Return how far anchors move by a small change of the poses, (sides, n, 3) in m.
+
+        Args:
+            poses, change: Poses of the bodies and their change.
+        """
+        out = np.zeros_like(self.sliding.anchors)
+        for k, centre in enumerate(self._centres):
+            jacobian = pose_jacobian(self._anchors(k), centre, poses[k])
+            out[self._grounds + k] = (jacobian @ change[k]).reshape(-1, 3)
         return out
 
     def _brought_back(self, points: Floats, poses: Floats | None) -> Floats:

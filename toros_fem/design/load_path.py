@@ -121,6 +121,7 @@ class LoadPath:
                     displacement=step.displacement,
                     weight_fraction=step.weight_fraction,
                     start=start if near is None else near[number].state,
+                    sliding=found[-1].sliding if found else None,
                 )
             )
         return tuple(found)
@@ -150,20 +151,29 @@ class LoadPath:
         solver, model = self.solver, self.solver.model
         by_density = np.zeros(len(density))
         by_pressure = np.zeros((len(self.steps), len(model.load.pressures)))
+        pressures = np.array([e.pressures for e in equilibria])
+        carried: Floats | None = None  # dT by the anchors that a step hands to the next
         for number in reversed(range(len(self.steps))):
             at, slope = equilibria[number], slopes[number]
-            if slope is None:
+            if slope is None and carried is None:
                 continue
             rhs = np.zeros_like(at.state)
-            model.positions(rhs)[:] = slope
-            solver.revisit(
-                at, density, self._load(number, np.array([e.pressures for e in equilibria]))
-            )
-            adjoint = solver.solve_tangent(rhs, at)
+            if slope is not None:
+                model.positions(rhs)[:] = slope
+            begin = equilibria[number - 1].sliding if number else None
+            solver.revisit(at, density, self._load(number, pressures), begin)
+            through: Floats | None = None
+            if carried is not None:
+                by_state, through = model.end_step_backward(at.state, carried)
+                rhs += by_state
+            adjoint = solver.solve_tangent(rhs, at, adjoint=True)
             by_density -= model.density_sensitivity(at.state, adjoint)
             for k in range(by_pressure.shape[1]):
                 change = model.volume_gradient(at.state, k)
                 by_pressure[number, k] = dot(solver.skin.comm, adjoint, change)
+            if model.slides:
+                carried = -model.begin_step_backward(at.state, adjoint)
+                carried += 0.0 if through is None else through
         return PathGradient(by_density, by_pressure)
 
     def _load(self, number: int, pressures: Floats | None) -> LoadCase:

@@ -440,7 +440,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         model = solver.model
         rhs = np.zeros_like(equilibrium.state)
         model.positions(rhs)[:] = by_position
-        adjoint = solver.solve_tangent(rhs, equilibrium)
+        adjoint = solver.solve_tangent(rhs, equilibrium, adjoint=True)
         by_projected = -model.density_sensitivity(equilibrium.state, adjoint)
         designed = [k for k, bounds in enumerate(self.pressure_ranges) if bounds is not None]
         if not designed:
@@ -466,7 +466,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         for j, direction in enumerate(motion.directions):
             rhs = np.zeros_like(near.state)
             model.positions(rhs)[:] = direction
-            adjoint = self.solver.solve_tangent(rhs, near)
+            adjoint = self.solver.solve_tangent(rhs, near, adjoint=True)
             rows[j] = -model.density_sensitivity(near.state, adjoint)
             for k, v in zip(designed, by_pressure, strict=True):
                 row_pressures[j, k] = dot(self.skin.comm, adjoint, v)

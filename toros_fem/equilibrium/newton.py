@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from toros_fem._mpi import dot, largest, norm
 from toros_fem._types import Floats
 from toros_fem.equilibrium.continuation import Attempt
-from toros_fem.equilibrium.krylov import conjugate_gradients
+from toros_fem.equilibrium.krylov import conjugate_gradients, gmres
 from toros_fem.equilibrium.linear_solver import TangentFactor
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.model import SkinModel
@@ -39,6 +39,9 @@ MODIFIED_GAIN = 0.2
 # residual after CG_COST √n iterations: a factorisation of n unknowns costs some 0.05 √n solves.
 INEXACT = 1e-2
 CG_COST = 0.03
+# With friction, steps with the whole derivative begin at the residual COUPLED over the load. GMRES
+# leaves the fraction COUPLED_LEFT, and the step at most COUPLED_RATE of the residual.
+COUPLED, COUPLED_LEFT, COUPLED_RATE, COUPLED_ITERATIONS = 1e-2, 1e-3, 0.3, 60
 # A start outside the bounds of its density comes inside in rounds, each solved for up to this
 # residual over the load.
 APPROACHED, ROUNDS = 0.1, 60
@@ -234,6 +237,7 @@ class RegularisedNewton:
     ) -> tuple[_Point, int]:
         outcomes = PETSc.SNES.ConvergedReason
         model = self.model
+        model.lag_friction(start)
         point = self._at(start, model.energy(start))
         if not np.isfinite(point.energy):
             return point, int(outcomes.DIVERGED_FUNCTION_DOMAIN)
@@ -256,9 +260,16 @@ class RegularisedNewton:
                 modified = self._modified_step(point, rounding, first=predict)
                 predict, rate = False, np.inf
                 if modified is not None:
+                    modified = self._lagged(modified)
                     rate = modified.size / point.size
                     self._record(point, residual, 1.0, modified=True)
                     point = modified
+                    continue
+            if not done and model.slides and residual <= COUPLED and self._has_factors:
+                coupled = self._coupled_step(point)
+                if coupled is not None:
+                    self._record(point, residual, 1.0, modified=True)
+                    point = coupled
                     continue
             if steps == max_steps:
                 return point, int(outcomes.DIVERGED_MAX_IT)
@@ -293,6 +304,7 @@ class RegularisedNewton:
                 self._has_factors = False  # only the exact direction tells rounding
             if not done:
                 new = self._correct(point, new, fraction)
+            new = self._lagged(new)
             # Newton's residual falls quadratically; that of a modified step by twice this factor.
             rate = 2 * new.size / point.size if full else np.inf
             point = new
@@ -455,6 +467,37 @@ class RegularisedNewton:
             return None
         new = self._at(trial, energy)
         return new if first or new.size <= MODIFIED_RATE * point.size else None
+
+    def _lagged(self, point: _Point) -> _Point:
+        """Return the point with friction by the normal forces of its own state."""
+        if not self.model.slides:
+            return point
+        self.model.lag_friction(point.state)
+        return self._at(point.state, self.model.energy(point.state))
+
+    def _coupled_step(self, point: _Point) -> _Point | None:
+        """Return the point after a step with the derivative of friction by normal forces too.
+
+        It is not symmetric: GMRES solves, with the last factors. None if it gains too little.
+        """
+        self._assemble(point.state)
+        direction, left = gmres(
+            self.comm,
+            lambda x: self.factor.multiply(x) + self.model.friction_coupling(point.state, x),
+            self.factor.solve,
+            -point.residual,
+            COUPLED_LEFT,
+            COUPLED_ITERATIONS,
+        )
+        if not (left <= 10 * COUPLED_LEFT and self._cap(point.state, direction) == 1):
+            return None
+        trial = point.state + direction
+        self.model.lag_friction(trial)
+        new = self._at(trial, self.model.energy(trial))
+        if np.isfinite(new.energy) and new.size <= COUPLED_RATE * point.size:
+            return new
+        self.model.lag_friction(point.state)
+        return None
 
     def _correct(self, old: _Point, new: _Point, fraction: float) -> _Point:
         """Solve for the residual beyond its linear prediction: the second-order correction."""

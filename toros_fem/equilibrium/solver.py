@@ -20,8 +20,10 @@ from toros_fem._validate import (
     require_kind,
 )
 from toros_fem.contact.settings import Contact, poses_of
+from toros_fem.contact.sliding import Sliding
 from toros_fem.equilibrium.continuation import Attempt, ContinuationResult, run_continuation
 from toros_fem.equilibrium.diagnostics import Condition, condition_of, failure, success
+from toros_fem.equilibrium.krylov import gmres
 from toros_fem.equilibrium.newton import NewtonStep
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.path import PathPoint, critical_load, find_jump, leads_back
@@ -50,6 +52,9 @@ FLAT, OPENING, LOWERED = 0.2, 0.4, 1.7
 LARGER = 10.0
 # Fraction of the skin's size by which two states may differ and be the same.
 SAME = 1e-6
+# GMRES with friction: residual over the right-hand side at which it ends, that is enough, and
+# largest number of iterations.
+LINEAR_TOLERANCE, LINEAR_ALLOWED, LINEAR_ITERATIONS = 1e-11, 1e-8, 200
 # Thickness over the skin's size from which a unit is in doubt.
 THICK = 0.1
 
@@ -81,6 +86,8 @@ class EquilibriumResult:
         modified_steps: Number of modified Newton steps, with an older tangent.
         factorisations: Number of factorisations of the tangent, retries with a shift included.
         history: One row for each step of either kind, and one that ends each solve.
+        sliding: Where the skin sticks to ground and bodies, for the next step of a path; None
+            without friction.
     """
 
     converged: bool
@@ -102,10 +109,13 @@ class EquilibriumResult:
     modified_steps: int
     factorisations: int
     history: tuple[NewtonStep, ...]
+    sliding: Sliding | None = None
 
 
 # What is saved of a result beside its state.
-SAVED = tuple(f.name for f in fields(EquilibriumResult) if f.name not in ("state", "positions"))
+SAVED = tuple(
+    f.name for f in fields(EquilibriumResult) if f.name not in ("state", "positions", "sliding")
+)
 
 
 class EquilibriumError(NoEquilibriumError):
@@ -132,10 +142,11 @@ class EquilibriumError(NoEquilibriumError):
 
 @dataclass(frozen=True, eq=False)
 class _Request:
-    """Density and load of a solve."""
+    """Density and load of a solve, and anchors of friction at its begin."""
 
     density: Floats
     load: LoadCase
+    begin: Sliding | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +231,8 @@ class EquilibriumSolver:
         displacement: Floats | None = None,
         weight_fraction: float = 1.0,
         poses: Floats | None = None,
-        start: Floats | None = None,
+        start: Floats | EquilibriumResult | None = None,
+        sliding: Sliding | None = None,
         raise_on_failure: bool = True,
         trial: bool = False,
     ) -> EquilibriumResult:
@@ -242,7 +254,11 @@ class EquilibriumSolver:
             start: Owned unknowns to start from, for example those of a neighbouring equilibrium;
                 or positions of the owned nodes, (n, 3), for example of a solver with another
                 bending term. Fixed components are moved to their prescribed positions. None starts
-                from the assembled positions.
+                from the assembled positions. An earlier result of this solver is the step before
+                this one on a path: friction goes on from it.
+            sliding: Where the skin sticks at the begin of the step, of an earlier result; None
+                takes that of a result given as `start`, else the skin begins at rest at the
+                assembled positions, wherever the iteration starts.
             raise_on_failure: Whether to raise if no equilibrium is found, or to return the last
                 good state with `converged` False.
             trial: Whether the result may be rejected: the full load is tried once, with few steps
@@ -272,10 +288,12 @@ class EquilibriumSolver:
             bodies_fraction=0.0 if self.contact is None else 1.0,
         )
         density = model.check(density)
+        if isinstance(start, EquilibriumResult):
+            sliding, start = start.sliding if sliding is None else sliding, start.state
         state = self._start(start)
         known = next((k for k in self._known if start is k.result.state), None)
         result = self._solve(
-            _Request(density.copy(), load),
+            _Request(density.copy(), load, sliding),
             state,
             known,
             cold=start is None,
@@ -332,6 +350,8 @@ class EquilibriumSolver:
         numbers["condition"] = asdict(at.condition)
         numbers["history"] = [asdict(row) for row in at.history]
         numbers["first_shift"] = self._snes.newton.first_shift
+        begin = next(k.request.begin for k in self._known if k.result is at)
+        numbers["begin"] = None if begin is None else begin.anchors.tolist()
         return self.model.gather(at.state), numbers
 
     def restore(
@@ -366,30 +386,48 @@ class EquilibriumSolver:
         )
         model.check(density)
         state = model.scatter(unknowns)
+        anchors = numbers["begin"]
+        begin = None if anchors is None else Sliding(np.array(anchors))
         self._factorised_at = None
         model.set_density(density)
         model.set_load(load)
+        model.begin_step(begin, load)
+        model.lag_friction(state)
         if not newton.stable(state):  # another machine may round otherwise
-            return self.solve(density, numbers["pressures"], force=force, start=state)
+            return self.solve(
+                density, numbers["pressures"], force=force, start=state, sliding=begin
+            )
         newton.first_shift = numbers["first_shift"]
         state.setflags(write=False)
         given: dict[str, Any] = {key: value for key, value in numbers.items() if key in SAVED}
         given |= {key: tuple(numbers[key]) for key in ("pressures", "volumes")}
         given["condition"] = Condition(**numbers["condition"])
         given["history"] = tuple(NewtonStep(**row) for row in numbers["history"])
-        result = EquilibriumResult(**given, state=state, positions=model.positions(state))
+        result = EquilibriumResult(
+            **given,
+            state=state,
+            positions=model.positions(state),
+            sliding=model.end_step(state),
+        )
         point = PathPoint(density.copy(), load, state)
-        known = _Known(_Request(point.density, load), result, point)
+        known = _Known(_Request(point.density, load, begin), result, point)
         self._known = [*self._known[-1:], known]
         self._factorised_at = result
         return result
 
-    def revisit(self, at: EquilibriumResult, density: Floats, load: LoadCase) -> None:
+    def revisit(
+        self,
+        at: EquilibriumResult,
+        density: Floats,
+        load: LoadCase,
+        begin: Sliding | None = None,
+    ) -> None:
         """Factorise the tangent at an earlier equilibrium again (collective).
 
         Args:
             at: An equilibrium of this solver.
             density, load: Those it was solved for.
+            begin: `sliding` of its solve.
 
         Raises:
             ParameterError: Its tangent is not positive definite: it belongs to another density or
@@ -398,6 +436,8 @@ class EquilibriumSolver:
         self._factorised_at = None
         self.model.set_density(self.model.check(density))
         self.model.set_load(load)
+        self.model.begin_step(begin, load)
+        self.model.lag_friction(at.state)
         if not self._snes.newton.stable(at.state):
             raise ParameterError(
                 "the state is no stable equilibrium of this density and load; give those that it "
@@ -414,21 +454,42 @@ class EquilibriumSolver:
         """What factorises the tangent, on which ranks or threads."""
         return self._factor.describe()
 
-    def solve_tangent(self, rhs: Floats, at: EquilibriumResult) -> Floats:
+    def solve_tangent(self, rhs: Floats, at: EquilibriumResult, *, adjoint: bool = False) -> Floats:
         """Solve K y = rhs with the tangent at an equilibrium, zero at fixed components.
 
         This is the adjoint solve of eq. (19). K is written by hand and tested against
-        `ufl.derivative` of the residual; it is symmetric, so that no transposed solve is needed.
+        `ufl.derivative` of the residual; without friction it is symmetric. With friction GMRES
+        solves, with the factors of the symmetric part.
 
         Args:
             rhs: Owned unknowns.
             at: The last equilibrium of this solver: its tangent is still factorised.
+            adjoint: Whether to solve with the transpose, which differs with friction: normal forces
+                change it, and it does not change them.
 
         Raises:
             ParameterError: The solver has been used for another solve since.
+            NoEquilibriumError: With friction: the iteration does not converge.
         """
         self._require_last(at)
-        return self._factor.solve(rhs * self.model.free)
+        rhs, model, factor = rhs * self.model.free, self.model, self._factor
+        if not model.slides:
+            return factor.solve(rhs)
+        solution, left = gmres(
+            self.skin.comm,
+            lambda x: factor.multiply(x) + model.friction_coupling(at.state, x, transposed=adjoint),
+            factor.solve,
+            rhs,
+            LINEAR_TOLERANCE,
+            LINEAR_ITERATIONS,
+        )
+        if left > LINEAR_ALLOWED:
+            raise NoEquilibriumError(
+                f"the linear solve with friction leaves {left:.1g} of its right-hand side after "
+                f"{LINEAR_ITERATIONS} iterations: the equilibrium is near to slipping as a whole. "
+                "Shorten the step of the path, or lower the friction."
+            )
+        return solution
 
     def reactions(self, at: EquilibriumResult) -> Floats:
         """Return the forces in N by which the supports pull at all vertices (collective).
@@ -457,11 +518,14 @@ class EquilibriumSolver:
     ) -> EquilibriumResult:
         """Solve for a request from a state, if `direct` without continuation (collective)."""
         self._factorised_at = None
+        self.model.begin_step(request.begin, request.load)
         attempts = Attempts(self._snes, near=near is not None)
         end = self._continue(attempts, state, request, near, cold=cold, trial=trial, direct=direct)
         origin = None if near is None else near.origin
         # Between two designs there is no path that a skin takes.
         if origin is not None and not self._same_design(origin.density, request.density):
+            origin = None
+        if self.model.slides:  # a path with friction is made of its steps
             origin = None
         snapped = critical = None
         if end.load_factor == 1.0 and not trial:
@@ -748,6 +812,7 @@ class EquilibriumSolver:
             modified_steps=attempts.modified_steps,
             factorisations=attempts.factorisations,
             history=tuple(attempts.history),
+            sliding=model.end_step(state),
         )
 
 

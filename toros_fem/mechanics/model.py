@@ -14,6 +14,7 @@ from toros_fem._mpi import dot, gather_by_index, total
 from toros_fem._types import Bools, Floats, Ints, LocalInts
 from toros_fem.contact.settings import Contact
 from toros_fem.contact.skin_contact import SkinContact
+from toros_fem.contact.sliding import Sliding
 from toros_fem.density.field import check_density
 from toros_fem.errors import ParameterError
 from toros_fem.forms.energy import SkinForms, skin_forms
@@ -473,6 +474,77 @@ class SkinModel:
         if self.contact is None:
             return None
         return self.contact.gap(self.positions(state), self.motions(state))
+
+    @property
+    def slides(self) -> bool:
+        """Whether there is friction, by which the residual has no potential."""
+        return self.contact is not None and self.contact.friction is not None
+
+    def begin_step(self, sliding: Sliding | None, load: LoadCase) -> None:
+        """Begin a step of a path with friction; without friction nothing is done.
+
+        Args:
+            sliding: End of the step before; None for a skin at rest at its assembled positions.
+            load: Load of the step.
+        """
+        if self.contact is not None:
+            self.contact.begin_step(sliding, load.poses)
+
+    def lag_friction(self, state: Floats) -> None:
+        """Let friction have the normal forces of a state; energy and residual are by these."""
+        if self.contact is not None:
+            self.contact.lag_friction(self.positions(state), self.motions(state))
+
+    def end_step(self, state: Floats) -> Sliding | None:
+        """Return where the skin sticks at the end of a step; None without friction."""
+        self.lag_friction(state)
+        if self.contact is None:
+            return None
+        return self.contact.end_step(self.positions(state), self.motions(state))
+
+    def friction_coupling(
+        self, state: Floats, change: Floats, *, transposed: bool = False
+    ) -> Floats:
+        """Return the derivative of friction by its normal forces times a change of the state.
+
+        It is the part of the residual's derivative that the tangent leaves out, in N.
+
+        Args:
+            state: State of the last `lag_friction`.
+            change: Owned unknowns.
+            transposed: Whether to multiply by the transpose.
+        """
+        assert self.contact is not None
+        product = self.contact.coupling_transposed if transposed else self.contact.coupling
+        change = change * self.free
+        nodes, motions = product(
+            self.positions(state),
+            self.motions(state),
+            self.positions(change),
+            self.motions(change),
+        )
+        return self._joined(nodes, motions) * self.free
+
+    def begin_step_backward(self, state: Floats, adjoint: Floats) -> Floats:
+        """Return the derivative of Σ adjoint · residual by the anchors at the begin of a step."""
+        assert self.contact is not None
+        nodes, motions = self.positions(state), self.motions(state)
+        return self.contact.begin_step_backward(nodes, motions, self.positions(adjoint))
+
+    def end_step_backward(self, state: Floats, slope: Floats) -> tuple[Floats, Floats]:
+        """Return the derivatives of Σ slope · anchors at the end, by state and by the begin."""
+        assert self.contact is not None
+        nodes, motions = self.positions(state), self.motions(state)
+        by_nodes, by_begin = self.contact.end_step_backward(nodes, motions, slope)
+        return self._joined(by_nodes, np.zeros((len(self._patch.body_dofs), 6))), by_begin
+
+    def _joined(self, nodes: Floats, motions: Floats) -> Floats:
+        """Return a state's array of numbers at the owned nodes and at the free bodies."""
+        out = np.zeros(self.size_local)
+        self.positions(out)[:] = nodes
+        if self.skin.comm.rank == 0:
+            out[self._patch.body_dofs.ravel()] = motions.ravel()
+        return out
 
     def grow_pairs(self, state: Floats) -> bool:
         """Let `further_pairs` cover what is in contact; return whether they had to change."""

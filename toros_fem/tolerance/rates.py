@@ -56,7 +56,7 @@ class TangentRates:
         self.load = self.model.load
         gradient = np.zeros_like(equilibrium.state)
         self.model.positions(gradient)[:] = problem.objective.backward(equilibrium.positions)
-        self._adjoint = problem.solver.solve_tangent(gradient, equilibrium)
+        self._adjoint = problem.solver.solve_tangent(gradient, equilibrium, adjoint=True)
 
     def by_pressure(self) -> Rate:
         """Return the derivatives by the pressure, over the pressure."""
