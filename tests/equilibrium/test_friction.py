@@ -38,8 +38,8 @@ class Dragged:
         edge = clamp_where(pattern, lambda x: x[:, 0] < 1e-9)
         self.skin = sew(comm, pattern)
         self.solver = EquilibriumSolver(self.skin, Composite(), edge, contact=contact())
-        self.density = np.zeros(len(self.skin.owned_cells))
-        self.force = np.tile([0.0, 0.0, -0.1], (len(points), 1))
+        self.density = np.ones(len(self.skin.owned_cells))
+        self.force = np.tile([0.0, 0.0, -0.005], (len(points), 1))
 
     def __call__(self, ahead: float, before: EquilibriumResult | None = None) -> EquilibriumResult:
         displacement = np.tile([-ahead, 0.0, 0.0], (len(self.force), 1))
