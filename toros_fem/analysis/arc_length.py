@@ -222,6 +222,8 @@ class _ArcLength:
             stretch_use=model.bounds.worst(model.corners(point.state)),
             residual=point.residual,
             condition=condition_of(model, point.state, snapped=None, critical=None),
+            smallest_distance=model.gap(point.state),
+            poses=None,
             steps=point.steps,
             modified_steps=0,
             factorisations=self._factorisations - self._counted,
