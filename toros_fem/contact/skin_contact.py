@@ -6,12 +6,12 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-from scipy.sparse import block_diag, csc_matrix, identity
+from scipy.sparse import block_diag, coo_array, csc_matrix, identity
 
 from toros_fem._mpi import largest, on_first_rank
 from toros_fem._types import Bools, Floats, Ints
 from toros_fem.contact.barrier import Barrier, Side
-from toros_fem.contact.motion import placed, pose_curvature, pose_jacobian
+from toros_fem.contact.free_bodies import FreeBodies
 from toros_fem.contact.neighbours import collision_filter
 from toros_fem.contact.settings import Contact, ContactSizes, Ground
 from toros_fem.contact.sliding import Sliding, SlidingFriction
@@ -20,9 +20,12 @@ from toros_fem.meshes.skin import Skin
 T = TypeVar("T")
 # Entries of the tangent are kept until they are this many times those that are needed.
 STALE = 2.0
+# Stiffness of free bodies over that of the sheet, E t, for motions that nothing resists.
+NEUTRAL = 1e-8
 # Largest motion of a step over the size of the skin: the space that longer ones sweep is full of
 # pairs. Largest rotation of a body in rad: its vertices move straight in the search for pairs.
-FARTHEST, LARGEST_TURN = 0.1, 0.2
+# Factor on a step that must be searched again.
+FARTHEST, LARGEST_TURN, AGAIN = 0.1, 0.2, 0.9
 
 
 class SkinContact:
@@ -34,7 +37,6 @@ class SkinContact:
 
     Attributes:
         contact, sizes: As given.
-        bodies: Number of bodies with unknowns.
         pairs: Global rows and columns, (2, p), of the entries of `tangent`, on the first rank.
         poses: Poses of all bodies, (k, 6), of those without unknowns as the load has them.
 
@@ -60,22 +62,22 @@ class SkinContact:
     ) -> None:
         self._skin, self._comm, self._size = skin, skin.comm, size
         self.contact, self.sizes = contact, sizes
-        self._free = contact.free_bodies
+        self._bodies = FreeBodies(contact, sizes.thickness)
+        self._neutral = NEUTRAL * sizes.stiffness * sizes.thickness
         self.poses: Floats = np.zeros((len(contact.bodies), 6))
-        self._radius = np.array([contact.bodies[k].radius for k in self._free])
         whole = skin.gather_vertices(numbers.astype(np.float64)).astype(np.int64)
         whole[fixed] = -1
         self._number = np.append(whole.ravel(), body_numbers.ravel())
-        self._surfaces = [body.inset(sizes.thickness / 2) for body in contact.bodies]
-        self.pairs: Ints = np.zeros((2, 0), dtype=np.int64)
-        self._keys: Ints = np.zeros(0, dtype=np.int64)
+        # Free bodies have their entries in the tangent, whatever they touch.
+        blocks = np.ones((self._bodies.count * (skin.comm.rank == 0), 6, 6))
+        self._body_keys, _ = self._upper(_diagonal_blocks(whole.size, blocks))
+        self._cover(self._body_keys)
         self._sides: list[Side] = []
         self.friction: SlidingFriction | None = None
         if contact.friction is not None:
             self.friction = SlidingFriction(contact, sizes)
         self._owners: Ints = np.repeat(
-            np.arange(1 + len(self._surfaces)),
-            [len(skin.pattern.points), *(len(surface) for surface in self._surfaces)],
+            np.arange(1 + len(contact.bodies)), [len(skin.pattern.points), *self._bodies.counts]
         )
         made = self._only_first(lambda: self._make_barrier(fixed.all(axis=1)))
         if made is not None:
@@ -89,36 +91,25 @@ class SkinContact:
 
     def _make_barrier(self, prescribed: Bools) -> Barrier:
         pattern, contact = self._skin.pattern, self.contact
-        points, triangles = [pattern.points], [pattern.triangles]
-        areas, count = [pattern.areas], len(pattern.points)
-        grounded = [np.arange(count)]
-        for k, (body, surface) in enumerate(zip(contact.bodies, self._surfaces, strict=True)):
-            corners = body.points[body.triangles]
-            sides = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-            points.append(surface)
-            triangles.append(body.triangles + count)
-            areas.append(np.linalg.norm(np.cross(*sides), axis=1) / 2)
-            if k in self._free:
-                grounded.append(np.arange(count, count + len(surface)))
-            count += len(surface)
+        bodies, count = self._bodies, len(pattern.points)
         half = self.sizes.thickness / 2
         grounds = [
             Ground(tuple(np.add(g.point, half * np.array(g.normal))), g.normal)
             for g in contact.grounds
         ]
         return Barrier(
-            np.concatenate(points),
-            np.concatenate(triangles),
-            np.concatenate(areas),
+            np.concatenate([pattern.points, bodies.vertices(np.zeros_like(self.poses))]),
+            np.concatenate([pattern.triangles, bodies.triangles + count]),
+            np.concatenate([pattern.areas, bodies.areas]),
             grounds,
-            np.concatenate(grounded),
+            np.append(np.arange(count), count + bodies.moving),
             self.sizes,
             collision_filter(
                 pattern,
                 self.sizes,
                 prescribed=prescribed,
-                bodies=[len(surface) for surface in self._surfaces],
-                free_bodies=self._free,
+                bodies=bodies.counts,
+                free_bodies=contact.free_bodies,
                 self_contact=contact.self_contact,
             ),
         )
@@ -127,30 +118,16 @@ class SkinContact:
         """Return the poses of all bodies, (k, 6), in m and rad.
 
         Args:
-            motions: Unknowns of the free bodies, (f, 6): translation, and rotation vector times
-                the body's radius, in m.
+            motions: Unknowns of the free bodies in m, (f, 6), as of `FreeBodies`.
         """
-        poses = self.poses.copy()
-        for k, motion, radius in zip(self._free, motions, self._radius, strict=True):
-            poses[k] = np.append(motion[:3], motion[3:] / radius)
-        return poses
+        return self._bodies.poses(motions, self.poses)
 
     def _at(self, nodes: Floats, motions: Floats) -> tuple[Floats, Floats]:
         """Return all vertices of skin and bodies on every rank, and the poses (collective)."""
         skin = self._skin.gather_vertices(nodes)
         poses = self.poses_at(self._comm.bcast(motions, root=0))
-        return self._join(skin, poses), poses
-
-    def _join(self, skin: Floats, poses: Floats) -> Floats:
-        parts = [skin]
-        for body, surface, pose in zip(self.contact.bodies, self._surfaces, poses, strict=True):
-            parts.append(placed(surface, body.centre, pose))
-        return np.asfortranarray(np.concatenate(parts))
-
-    def _weights(self, fraction: float) -> Floats:
-        """Return the weight of each free body, (f, 3), in N."""
-        masses = [self.contact.bodies[k].mass for k in self._free]
-        return np.outer(np.array(masses, dtype=np.float64), self.contact.gravity) * fraction
+        everything = np.concatenate([skin, self._bodies.vertices(poses)])
+        return np.asfortranarray(everything), poses
 
     def energy(self, nodes: Floats, motions: Floats, weight_fraction: float) -> float:
         """Return barrier energy less the work of the bodies' weight, in J, and with friction.
@@ -172,8 +149,7 @@ class SkinContact:
             return found
 
         barrier = on_first_rank(self._comm, on_first)
-        work = (self._weights(weight_fraction) * poses[list(self._free), :3]).sum()
-        return barrier - float(work)
+        return barrier - weight_fraction * self._bodies.work(poses)
 
     def gap(self, nodes: Floats, motions: Floats) -> float:
         """Return the smallest distance of faces in m, at most that from which on contact acts."""
@@ -205,7 +181,7 @@ class SkinContact:
             return skin, bodies
 
         skin, bodies = on_first_rank(self._comm, on_first)
-        bodies[:, :3] -= self._weights(weight_fraction)
+        bodies -= weight_fraction * self._bodies.weight
         return skin[self._skin.owned_vertices], bodies
 
     def _of_skin(self, whole: Floats) -> Floats:
@@ -213,65 +189,32 @@ class SkinContact:
 
     def _to_unknowns(self, whole: Floats, poses: Floats) -> tuple[Floats, Floats]:
         """Return forces on all vertices as those on the skin, (n, 3), and on free bodies."""
-        bodies: Floats = np.zeros((len(self._free), 6))
-        for row, (k, part) in enumerate(self._split(whole)):
-            bodies[row] = part.ravel() @ self._jacobian(k, poses[k])
-        return self._of_skin(whole), bodies
+        return self._of_skin(whole), self._bodies.reduced(
+            poses, whole[len(self._skin.pattern.points) :]
+        )
 
     def _to_vertices(self, skin: Floats, bodies: Floats, poses: Floats) -> Floats:
         """Return motions of the skin, (n, 3), and of free bodies' unknowns as of all vertices."""
-        parts, row = [skin], 0
-        for k, surface in enumerate(self._surfaces):
-            moved = np.zeros_like(surface)
-            if k in self._free:
-                moved = (self._jacobian(k, poses[k]) @ bodies[row]).reshape(-1, 3)
-                row += 1
-            parts.append(moved)
-        return np.concatenate(parts)
+        moved = self._bodies.jacobian(poses) @ bodies.ravel()
+        return np.concatenate([skin, moved.reshape(-1, 3)])
 
     def _pose_forces(self, force: Floats, poses: Floats) -> Floats:
         """Return the forces of friction on the unknowns of free bodies, (f, 6)."""
         assert self.friction is not None
-        rows = [self.friction.pose_force(k, force, poses) for k in self._free]
-        return np.reshape(rows, (-1, 6)) * self._scale
-
-    @property
-    def _scale(self) -> Floats:
-        """Pose in m and rad by each unknown of the free bodies in m, (f, 6)."""
-        return np.repeat(np.stack([np.ones_like(self._radius), 1 / self._radius], 1), 3, axis=1)
+        rows = [self.friction.pose_force(k, force, poses) for k in self._bodies.free]
+        return np.reshape(rows, (-1, 6)) * self._bodies.scale
 
     def forces(self, nodes: Floats, motions: Floats) -> Floats:
         """Return the gradient of the barrier in N at all vertices of skin and bodies, (v, 3)."""
         x, _ = self._at(nodes, motions)
         return on_first_rank(self._comm, lambda: self._barrier.gradient(x))
 
-    def _split(self, whole: Floats) -> list[tuple[int, Floats]]:
-        """Return number and rows of each free body."""
-        begin, found = len(self._skin.pattern.points), []
-        for k, surface in enumerate(self._surfaces):
-            if k in self._free:
-                found.append((k, whole[begin : begin + len(surface)]))
-            begin += len(surface)
-        return found
-
-    def _jacobian(self, k: int, pose: Floats) -> Floats:
-        """Return the derivative of a body's vertices by its unknowns, (3 n, 6)."""
-        body = self.contact.bodies[k]
-        jacobian = pose_jacobian(self._surfaces[k], body.centre, pose)
-        jacobian[:, 3:] /= body.radius
-        return jacobian
-
     def _reduce(self, matrix: csc_matrix, poses: Floats) -> csc_matrix:
         """Return a matrix of all vertices as one of the unknowns of skin and free bodies."""
         count = 3 * len(self._skin.pattern.points)
-        if not self._free:
+        if not self._bodies.count:
             return matrix[:count, :count]
-        parts = [identity(count, format="csc")]
-        for k, surface in enumerate(self._surfaces):
-            shape = (3 * len(surface), 0)
-            free = k in self._free
-            parts.append(csc_matrix(self._jacobian(k, poses[k]) if free else np.zeros(shape)))
-        by = block_diag(parts, format="csc")
+        by = block_diag([identity(count), self._bodies.jacobian(poses)], format="csc")
         return (by.T @ matrix @ by).tocsc()
 
     def _upper(self, matrix: csc_matrix) -> tuple[Ints, Floats]:
@@ -314,16 +257,14 @@ class SkinContact:
         return np.bincount(np.searchsorted(self._keys, keys), values, len(self._keys))
 
     def _second(self, x: Floats, poses: Floats, *, definite: bool) -> csc_matrix:
+        """Return the second variation, with a little stiffness of the free bodies."""
         matrix = self._reduce(self._barrier.hessian(x, definite=definite), poses)
-        if self._free and not definite:
-            count, whole = 3 * len(self._skin.pattern.points), self._barrier.gradient(x)
-            blocks = [csc_matrix((count, count))]
-            for k, force in self._split(whole):
-                body, scale = self.contact.bodies[k], np.ones(6)
-                scale[3:] /= body.radius
-                bend = pose_curvature(self._surfaces[k], body.centre, poses[k], force)
-                blocks.append(csc_matrix(bend * np.outer(scale, scale)))
-            matrix = matrix + block_diag(blocks, format="csc")
+        if self._bodies.count:
+            count = len(self._skin.pattern.points)
+            blocks = np.broadcast_to(self._neutral * np.eye(6), (self._bodies.count, 6, 6))
+            if not definite:
+                blocks = blocks + self._bodies.curvature(poses, self._barrier.gradient(x)[count:])
+            matrix = (matrix + _diagonal_blocks(3 * count, blocks)).tocsc()
         if self.friction is not None:
             matrix = matrix + self._friction_tangent(x, poses, definite=definite)
         return matrix
@@ -337,11 +278,11 @@ class SkinContact:
         values = [stiffness.sum(axis=0).ravel()]
         rows, columns = [row.ravel()], [column.ravel()]
         force = self.friction.force(skin, poses)
-        for place, k in enumerate(self._free):
+        for place, k in enumerate(self._bodies.free):
             mixed, twice = self.friction.pose_stiffness(
                 k, force, stiffness, poses, definite=definite
             )
-            scale, begin = self._scale[place], 3 * len(skin) + 6 * place
+            scale, begin = self._bodies.scale[place], 3 * len(skin) + 6 * place
             touching = np.flatnonzero(mixed.any(axis=(1, 2)))
             row = 3 * touching[:, None, None] + np.arange(3)[:, None]
             row, column = np.broadcast_arrays(row, begin + np.arange(6))
@@ -352,7 +293,7 @@ class SkinContact:
             values.append((twice * np.outer(scale, scale)).ravel())
             rows.append(row.ravel())
             columns.append(column.ravel())
-        size = 3 * len(skin) + 6 * len(self._free)
+        size = 3 * len(skin) + 6 * self._bodies.count
         places = np.concatenate(rows), np.concatenate(columns)
         return csc_matrix((np.concatenate(values), places), shape=(size, size))
 
@@ -367,7 +308,7 @@ class SkinContact:
             return
         if sliding is None:
             begin = np.zeros_like(self.poses) if poses is None else poses.copy()
-            begin[list(self._free)] = 0.0
+            begin[self._bodies.free] = 0.0
             sliding = self.friction.at_rest(self._skin.pattern.points, begin)
         self.friction.begin(sliding)
         self._sides = []
@@ -438,7 +379,7 @@ class SkinContact:
         """Return how far each vertex moves along each side, (sides, n, 3)."""
         assert self.friction is not None
         poses_change = np.zeros_like(poses)
-        poses_change[list(self._free)] = turn * self._scale
+        poses_change[self._bodies.free] = turn * self._bodies.scale
         return skin - self.friction.carried_change(poses, poses_change)
 
     def _pushed_back(self, by_normal: Floats) -> Floats:
@@ -487,6 +428,11 @@ class SkinContact:
         skin, by_anchor = on_first_rank(self._comm, on_first)
         return skin[self._skin.owned_vertices], by_anchor
 
+    def _cover(self, keys: Ints) -> None:
+        """Let `pairs` be those of the given keys."""
+        self._keys = np.unique(keys)
+        self.pairs = np.stack(np.divmod(self._keys, self._size))
+
     def grow(self, nodes: Floats, motions: Floats) -> bool:
         """Let `pairs` cover all that is in contact; return whether they had to change."""
         x, poses = self._at(nodes, motions)
@@ -498,10 +444,9 @@ class SkinContact:
             if (np.append(self._keys, -1)[place] == keys).all():
                 return False
             near, _ = self._upper(self._reduce(self._barrier.near(x), poses))
-            needed = np.union1d(keys, near)
+            needed = np.union1d(np.union1d(keys, near), self._body_keys)
             both = np.union1d(needed, self._keys)
-            self._keys = both if len(both) <= STALE * len(needed) else needed
-            self.pairs = np.stack(np.divmod(self._keys, self._size))
+            self._cover(both if len(both) <= STALE * len(needed) else needed)
             return True
 
         return on_first_rank(self._comm, grown)
@@ -518,19 +463,36 @@ class SkinContact:
             allowed: Factor on the step that all else allows.
         """
         x, _ = self._at(nodes, motions)
-        farthest = largest(self._comm, float(np.abs(step).max(initial=0.0)))
-        angles = np.abs(turn[:, 3:]) / self._radius[:, None] if len(turn) else np.zeros(0)
-        turned = largest(self._comm, float(angles.max(initial=0.0)))
+        farthest = max(np.abs(step).max(initial=0.0), np.abs(turn[:, :3]).max(initial=0.0))
+        farthest = largest(self._comm, float(farthest))
+        turned = largest(self._comm, self._bodies.largest_angle(turn))
         factor = min(
             allowed,
             FARTHEST * self._skin.pattern.size / max(farthest, 1e-300),
             LARGEST_TURN / max(turned, 1e-300),
         )
-        y, _ = self._at(nodes + factor * step, motions + factor * turn)
-        free = on_first_rank(self._comm, lambda: self._barrier.largest_step(x, y - x))
-        return factor * free
+        free = 0.0
+        while free < 1 and factor > 0:
+            y, _ = self._at(nodes + factor * step, motions + factor * turn)
+            free = on_first_rank(self._comm, lambda y=y: self._barrier.largest_step(x, y - x))
+            factor *= free
+            if turned == 0:
+                break
+            # Where a body turns, a part of the step ends beside the straight way: look again.
+            factor *= 1.0 if free == 1 else AGAIN
+        return factor
 
     def crossed(self, nodes: Floats, motions: Floats) -> bool:
         """Return whether surfaces intersect, by a test of its own."""
         x, _ = self._at(nodes, motions)
         return on_first_rank(self._comm, lambda: self._barrier.crossed(x))
+
+
+def _diagonal_blocks(ahead: int, blocks: Floats) -> coo_array:
+    """Return a matrix of blocks, (k, 6, 6), on the diagonal behind so many empty rows."""
+    begin = ahead + 6 * np.arange(len(blocks))
+    row, column = np.indices((6, 6))
+    rows = (begin[:, None, None] + row).ravel()
+    columns = (begin[:, None, None] + column).ravel()
+    size = ahead + 6 * len(blocks)
+    return coo_array((blocks.ravel(), (rows, columns)), shape=(size, size))
