@@ -474,13 +474,17 @@ class SkinContact:
         free = 0.0
         while free < 1 and factor > 0:
             y, _ = self._at(nodes + factor * step, motions + factor * turn)
-            free = on_first_rank(self._comm, lambda y=y: self._barrier.largest_step(x, y - x))
+            free = self._free_part(x, y)
             factor *= free
             if turned == 0:
                 break
             # Where a body turns, a part of the step ends beside the straight way: look again.
             factor *= 1.0 if free == 1 else AGAIN
         return factor
+
+    def _free_part(self, x: Floats, y: Floats) -> float:
+        """Return the part of the straight way between vertices x and y on which nothing meets."""
+        return on_first_rank(self._comm, lambda: self._barrier.largest_step(x, y - x))
 
     def crossed(self, nodes: Floats, motions: Floats) -> bool:
         """Return whether surfaces intersect, by a test of its own."""
