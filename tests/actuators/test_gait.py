@@ -1,71 +1,69 @@
-"""The cycle of a walker: which feet grip, and where the robot goes."""
+"""The cycle of a walker: its pressures, and what is measured of the robot on the ground."""
 
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scipy.spatial.transform import Rotation
 
 from toros_fem import errors
-from toros_fem.actuators.gait import Gait, walking_positions
-from toros_fem.actuators.legs import tip_positions
+from toros_fem.actuators.gait import Gait, Walk, walk_of
 from toros_fem.analysis.trace_point import TracePoint
-from toros_fem.meshes import WALKER, plane_centroids, walker
+from toros_fem.meshes import WALKER, walker
+from toros_fem.meshes.mirror import mirrored
 
 
+@pytest.mark.one_rank
 def test_pressures_of_a_cycle() -> None:
     """From the end of the last phase through all phases, in equal steps."""
-    gait = Gait(("front", "rear"), np.array([[1.0, 0.0], [0.5, 1.0]]), 2, (0, 1), 0.4)
+    gait = Gait(("front", "rear"), np.array([[1.0, 0.0], [0.5, 1.0]]), 2)
     fractions = np.array([[0.5, 1.0], [0.75, 0.5], [1.0, 0.0], [0.75, 0.5], [0.5, 1.0]])
     assert gait.pressure_fractions == pytest.approx(fractions)
-    assert gait.gripping.tolist() == [[True, True], [True, True], [True, False], [True, True],
-                                      [True, True]]  # fmt: skip
-
-
-def test_feet_that_grip_stay(comm: MPI.Comm) -> None:
-    """A robot that only swings its legs gets ahead by what the gripping ones swing back."""
-    pattern = walker(comm, 8e-3)
-    gait = Gait(("front", "rear"), np.array([[1.0, 0], [1, 1], [0, 1]]), 1, (0, 1, 1, 0))
-    swing = np.array([0.0, -3e-3, -3e-3, 0.0])  # of the front legs: back while they grip
-    place = plane_centroids(pattern)
-    assert len(place) == len(pattern.panel)
-    points = []
-    tilt = Rotation.from_rotvec([0.2, -0.1, 0.3]).as_matrix()
-    legs = (pattern.points[:, :2] @ WALKER.directions.T > WALKER.root).any(axis=1)
-    for back in swing:
-        moved = pattern.points.copy()
-        moved[legs & (moved[:, 0] > 0), 0] += back
-        result: Any = None
-        points.append(TracePoint(0.0, moved @ tilt.T + 0.7, {}, result))
-    shapes, feet = walking_positions(gait, pattern, points, WALKER.directions, WALKER.root)
-    assert feet[0, :, 2] == pytest.approx(0.0, abs=1e-9)
-    front = WALKER.directions[:, 0] > 0
-    # Phase 1: the front feet do not grip before; then they hold, later the rear ones do.
-    step = np.diff(feet[:, :, 0], axis=0)
-    assert step[1, front] == pytest.approx(0.0, abs=1e-12)
-    assert step[2, ~front] == pytest.approx(0.0, abs=1e-12)
-    assert len(shapes) == 4
-    assert tip_positions(pattern, shapes[0], WALKER.directions) == pytest.approx(feet[0])
     with pytest.raises(errors.ParameterError, match="phases has shape"):
-        Gait(("one",), np.zeros((2, 2)), 1, (0,))
-    with pytest.raises(errors.ParameterError, match="no foot grips the ground at step 2"):
-        Gait(("front", "rear"), np.array([[1.0, 0], [0, 0], [0, 1]]), 1, (0, 1))
+        Gait(("one",), np.zeros((2, 2)), 1)
 
 
-def test_a_step_on_other_feet_loses_no_ground(comm: MPI.Comm) -> None:
-    """From front feet to rear feet at once: the body stays above where it got to."""
-    pattern = walker(comm, 8e-3)
-    gait = Gait(("front", "rear"), np.array([[1.0, 1], [1, 0], [0, 1]]), 1, (0, 1, 1, 0))
-    legs = (pattern.points[:, :2] @ WALKER.directions.T > WALKER.root).any(axis=1)
+@pytest.mark.one_rank
+def test_stride_and_slip() -> None:
+    """The rear foot draws up and slides back by 1 mm; the front foot reaches out in the air."""
+    rear, front = np.array([0.0, 6.0, 5.0]), np.array([50.0, 50.0, 55.0])
+    feet = np.zeros((3, 2, 3))
+    feet[:, 0, 0], feet[:, 1, 0] = 1e-3 * rear, 1e-3 * front
+    touching = np.array([[True, True], [True, True], [True, False]])
+    none = np.zeros((3, 1))
+    walk = Walk(feet, touching, none, none)
+    assert walk.stride == pytest.approx(5e-3)
+    assert walk.slip == pytest.approx(0.5e-3)
+    assert walk.supplied_energy == walk.lost_energy == 0
+
+
+@pytest.mark.one_rank
+def test_energy_of_a_cycle() -> None:
+    """A chamber that is filled at 2 kPa and emptied at 1 kPa loses the area of its loop."""
+    pressures = np.array([[1e3], [2e3], [2e3], [1e3], [1e3]])
+    volumes = np.array([[1e-6], [1e-6], [4e-6], [4e-6], [1e-6]])
+    nothing = np.zeros((5, 1, 3))
+    walk = Walk(nothing, nothing[:, :, 0] > 0, pressures, volumes)
+    assert walk.supplied_energy == pytest.approx(6e-3)
+    assert walk.lost_energy == pytest.approx(3e-3)
+
+
+def test_feet_of_a_path(comm: MPI.Comm) -> None:
+    """Tips of all four legs from half of the robot; raised legs do not touch."""
+    half = walker(comm, 8e-3, planes=(1,))
+    whole = mirrored(half, (1,))
+    raised = half.points.copy()
+    front = half.points[:, 0] > 0.02
+    raised[front, 2] += 2e-3
     points = []
-    for back in np.array([0.0, -3e-3, -3e-3, -3e-3]):
-        moved = pattern.points.copy()
-        moved[legs, 0] += back
-        result: Any = None
-        points.append(TracePoint(0.0, moved, {}, result))
-    shapes, feet = walking_positions(gait, pattern, points, WALKER.directions, WALKER.root)
-    body = ~legs & (np.hypot(*pattern.points[:, :2].T) < 0.01)
-    ahead = [shape[body, 0].mean() for shape in shapes]
-    assert np.diff(ahead) == pytest.approx([3e-3, 0.0, 0.0], abs=1e-9)
-    assert (feet[-1] - feet[0])[:, 0] == pytest.approx(0.0, abs=1e-9)
+    for positions in (half.points, raised + [3e-3, 0, 0]):
+        result: Any = Mock(pressures=(1e3,), volumes=(2e-6,))
+        points.append(TracePoint(1e3, positions, {}, result))
+    found = walk_of(points, whole, WALKER.directions, -3e-4, 5e-4)
+    ahead = WALKER.directions[:, 0] > 0
+    assert found.stride == pytest.approx(3e-3)
+    assert found.touching[0].all()
+    assert (found.touching[1] == ~ahead).all()
+    assert found.feet[1, ahead, 2] == pytest.approx(2.3e-3)
+    assert found.volumes == pytest.approx(4e-6), "both halves"

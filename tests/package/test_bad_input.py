@@ -1532,11 +1532,11 @@ SCENES = [
         "gripper wraps by NaN", lambda s: GripperConfig(wrap_angle=NAN), P, "wrap_angle = nan deg"
     ),
     case(
-        "walker presses twice as hard",
-        lambda s: WalkerConfig(released_pressure_fraction=2.0),
+        "walker slides without friction",
+        lambda s: WalkerConfig(pad_friction=0.0),
         P,
-        "released_pressure_fraction = 2.0",
-        "at most 1",
+        "pad_friction = 0",
+        "above 0",
     ),
     case("walker flies", lambda s: WalkerConfig(motion="fly"), P, "motion = 'fly'", "'crawl'"),
     case("islands of a scene larger than its skin", _island, P, "island_area = 1.0 m²", risky=True),

@@ -56,10 +56,47 @@ def test_chambers_of_the_whole(comm: MPI.Comm) -> None:
     assert found.names == ("body", "front", "rear")
 
 
+def test_sections_of_a_stride(comm: MPI.Comm) -> None:
+    """The foot counts by its place along x; its target is half a leg's width from the middle."""
+    shape, stride = (demo.case(comm, SMALL.updated(aim=aim)) for aim in demo.AIMS)
+    assert shape.cross_sections is not None
+    assert stride.cross_sections is not None
+    weights = stride.cross_sections.position_weights
+    assert weights[-1, 0] == 1 > weights[:-1].max()
+    assert stride.cross_sections.orientation_weights.max() > 0
+    foot = stride.cross_sections.labels == len(weights) - 1
+    assert stride.target[foot, 0].mean() == pytest.approx(SMALL.leg_width / 2)
+    assert (stride.target[~foot] == shape.target[~foot]).all()
+
+
+def test_pressures_of_body_and_leg_are_designed(comm: MPI.Comm) -> None:
+    config = SMALL.updated(aim="stride", design_pressure=True)
+    chambers = demo.case(comm, config).chambers
+    assert chambers is not None
+    assert chambers.names == ("body", "leg")
+    assert demo.case(comm, config.updated(aim="shape")).chambers is None
+
+
+@pytest.mark.parametrize("feet", ["one-way", "nonslip"])
+def test_ground_and_pads(comm: MPI.Comm, feet: str) -> None:
+    config = SMALL.updated(feet=feet, pad_friction=0.1)
+    pattern = walker(comm, 6e-3, SMALL.star)
+    contact = demo.contact_of(pattern, config, -0.03)
+    assert contact.grounds[0].point == (0.0, 0.0, -0.03)
+    assert contact.friction == 0.8
+    if feet == "nonslip":
+        assert contact.pads is None
+        return
+    assert contact.pads is not None
+    reach = np.hypot(*pattern.points[contact.pads.vertices, :2].T)
+    assert reach.min() > SMALL.star.reach - config.pad_length - 1e-9
+    assert (contact.pads.forward, contact.pads.backward) == (0.1, 0.8)
+
+
 def test_bad_values() -> None:
     with pytest.raises(errors.ParameterError, match="motion = 'run' must be one of"):
         SMALL.updated(motion="run")
-    with pytest.raises(errors.ParameterError, match="released_pressure_fraction = 1.2"):
-        SMALL.updated(released_pressure_fraction=1.2)
+    with pytest.raises(errors.ParameterError, match="aim = 'win' must be one of"):
+        SMALL.updated(aim="win")
     with pytest.raises(errors.ParameterError, match="gait_steps = 0 must be .* at least 1"):
         SMALL.updated(gait_steps=0)

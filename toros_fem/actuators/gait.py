@@ -1,4 +1,4 @@
-"""A walker with several chambers in a quasi-static cycle of pressures, and its stride."""
+"""A walker with several chambers in a cycle of pressures on the ground: stride, slip, energy."""
 
 from __future__ import annotations
 
@@ -13,15 +13,14 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Bools, Floats
-from toros_fem._validate import require_between, require_count
+from toros_fem._validate import require_count
 from toros_fem.actuators.legs import tip_positions
 from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.errors import ParameterError
 from toros_fem.frames.record import write_path
 from toros_fem.frames.shown_skin import ShownSkin
 from toros_fem.meshes.cut_triangles import cut_triangles
-from toros_fem.meshes.pattern import Pattern
-from toros_fem.objectives.rotation import best_rotation
+from toros_fem.meshes.mirror import Mirrored
 from toros_fem.output.files import write_json, write_table
 from toros_fem.output.writer import if_plotting, write_together
 
@@ -35,41 +34,22 @@ class Gait:
         phases: Fraction of the full pressure in each chamber at the end of each phase, (p, k). The
             cycle starts where the last phase ends.
         steps: Number of equilibria in each phase.
-        feet: Chamber of each foot's leg, (f,).
-        grip_fraction: A foot grips the ground while its leg has at least this fraction of the full
-            pressure, since the leg is then bent.
 
     Raises:
-        ParameterError: The phases do not fit the chambers, or there is a step at which no foot
-            grips the ground.
+        ParameterError: The phases do not fit the chambers.
     """
 
     names: tuple[str, ...]
     phases: Floats
     steps: int
-    feet: tuple[int, ...]
-    grip_fraction: float = 0.9
 
     def __post_init__(self) -> None:
         require_count(1, steps=self.steps)
-        require_between(0.0, 1.0, grip_fraction=self.grip_fraction)
         if self.phases.ndim != 2 or self.phases.shape[1] != len(self.names):
             raise ParameterError(
                 f"phases has shape {self.phases.shape}; with chambers {self.names} it must be "
                 f"(…, {len(self.names)})."
             )
-        if not self.gripping.any(axis=1).all():
-            row = int(np.flatnonzero(~self.gripping.any(axis=1))[0])
-            raise ParameterError(
-                f"no foot grips the ground at step {row} of the cycle: all legs are below "
-                f"grip_fraction = {self.grip_fraction:g} of the full pressure there. Keep one leg "
-                "bent at all times."
-            )
-
-    @property
-    def gripping(self) -> Bools:
-        """Which feet grip the ground at each equilibrium, (rows, f)."""
-        return np.asarray(self.pressure_fractions[:, list(self.feet)] >= self.grip_fraction)
 
     @property
     def pressure_fractions(self) -> Floats:
@@ -80,58 +60,85 @@ class Gait:
         return np.concatenate([ends[:1], *rows])
 
 
-def walking_positions(
-    gait: Gait,
-    pattern: Pattern,
-    points: Sequence[TracePoint],
-    directions: Floats,
-    root: float,
-) -> tuple[list[Floats], Floats]:
-    """Return the robot's positions on the ground: upright, its gripping feet at rest.
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """What a robot does on the ground in one cycle of pressures.
 
-    Ground and weight are not modelled. The body is rotated to its assembled orientation, as well
-    as a rotation can. z = 0 is the mean height of the feet with bent legs. Feet that grip before
-    and after a step are fixed to the ground, on average along x, and all others slide freely.
-    Where no foot does, the body stays where it is.
+    Attributes:
+        feet: Positions of the tips of the legs at each equilibrium, (rows, f, 3), in m, heights
+            from the ground.
+        touching: Which of them touch the ground, (rows, f).
+        pressures: Pressure of each chamber in Pa, (rows, k).
+        volumes: Volume of each chamber in m³, (rows, k).
+    """
+
+    feet: Floats
+    touching: Bools
+    pressures: Floats
+    volumes: Floats
+
+    @property
+    def stride(self) -> float:
+        """Distance in m by which the feet get ahead along x, in the mean."""
+        return float((self.feet[-1] - self.feet[0])[:, 0].mean())
+
+    @property
+    def slip(self) -> float:
+        """Way in m that the feet slide backwards on the ground, in the mean of all feet."""
+        back = np.minimum(np.diff(self.feet[:, :, 0], axis=0), 0.0)
+        both = self.touching[1:] & self.touching[:-1]
+        return float(-(back * both).sum(axis=0).mean())
+
+    @property
+    def work(self) -> Floats:
+        """Work P ΔV in J of the pressure of each chamber in each step, (rows − 1, k)."""
+        mean = (self.pressures[1:] + self.pressures[:-1]) / 2
+        return np.asarray(mean * np.diff(self.volumes, axis=0))
+
+    @property
+    def supplied_energy(self) -> float:
+        """Sum of P ΔV in J over the steps in which a chamber takes up work."""
+        return float(np.maximum(self.work, 0.0).sum())
+
+    @property
+    def lost_energy(self) -> float:
+        """Work in J over the closed cycle: what friction and snapping turn into heat."""
+        return float(self.work.sum())
+
+
+def walk_of(
+    points: Sequence[TracePoint], whole: Mirrored, directions: Floats, ground: float, reach: float
+) -> Walk:
+    """Return what a robot does along a path of equilibria.
 
     Args:
-        gait: The cycle.
-        pattern: The whole robot.
-        points: Its equilibria, one for each row of `gait.pressure_fractions`, or for the first of
-            them.
-        directions: Unit vectors along the legs, (f, 2).
-        root: Distance from the centre where the legs begin, in m.
-
-    Returns:
-        Positions of all vertices at each equilibrium, (n, 3), and of the feet, (rows, f, 3), in m.
+        points: The equilibria of a part of the robot.
+        whole: The whole robot and that part.
+        directions: Unit vectors along the legs of the whole in the assembled skin, (f, 2).
+        ground: Height of the ground in m.
+        reach: Distance in m of the middle surface from the ground at which a foot touches it.
     """
-    body = np.flatnonzero((pattern.points[:, :2] @ directions.T <= root).all(axis=1))
-    grip = gait.gripping
-    shapes: list[Floats] = []
-    feet: list[Floats] = []
-    ahead = 0.0
-    for k, point in enumerate(points):
-        middle = point.positions[body].mean(axis=0)
-        turn = best_rotation(pattern.points[body], point.positions[body])
-        shape = (point.positions - middle) @ turn
-        foot = tip_positions(pattern, shape, directions)
-        both = grip[k] & grip[k - 1]
-        if k > 0 and both.any():
-            ahead = (feet[-1] - foot)[both, 0].mean()
-        shift = np.array([ahead, 0.0, -foot[grip[k], 2].mean()])
-        shapes.append(shape + shift)
-        feet.append(foot + shift)
-    return shapes, np.array(feet)
+    shapes = [whole.at_vertices(point.positions) - [0, 0, ground] for point in points]
+    along = whole.pattern.points[:, :2] @ directions.T
+    # Halves of the legs: a leg that lies touches with more than its tip.
+    outer = along > 0.5 * along.max(axis=0)
+    lowest = [[shape[leg, 2].min() for leg in outer.T] for shape in shapes]
+    parts = len(whole.cell) // len(np.unique(whole.cell))
+    return Walk(
+        np.array([tip_positions(whole.pattern, shape, directions) for shape in shapes]),
+        np.array(lowest) <= reach,
+        np.array([point.result.pressures for point in points]),
+        parts * np.array([point.result.volumes for point in points]),
+    )
 
 
 def write_gait(
     comm: MPI.Comm,
     folder: Path,
     gait: Gait,
-    pattern: Pattern,
+    walk: Walk,
     points: Sequence[TracePoint],
-    directions: Floats,
-    root: float,
+    whole: Mirrored,
     regions: Sequence[BaseGeometry],
     figures: Mapping[str, Any],
     measured: tuple[str, float] | None = None,
@@ -142,12 +149,11 @@ def write_gait(
         comm: Communicator.
         folder: Output folder, which exists.
         gait: The cycle.
-        pattern: The whole robot.
+        walk: What the robot does.
         points: Its equilibria, one for each row of `gait.pressure_fractions`, or for the first of
             them if the cycle is not complete; then there is no stride.
-        directions: Unit vectors along the legs, (f, 2).
-        root: Distance from the centre where the legs begin, in m.
-        regions: Print on each of its panels, polygons in m.
+        whole: The whole robot, and the part that the equilibria are of.
+        regions: Print on each panel of the whole, polygons in m.
         figures: Further entries of gait.json.
         measured: A measured stride in m, drawn beside that of the cycle, after who measured it;
             None for none.
@@ -155,21 +161,27 @@ def write_gait(
     Raises:
         OutputError: A file cannot be written.
     """
-    shapes, feet = walking_positions(gait, pattern, points, directions, root)
     complete = len(points) == len(gait.pressure_fractions)
-    stride = float((feet[-1] - feet[0])[:, 0].mean()) if complete else None
+    stride = walk.stride if complete else None
+    distances = [point.result.smallest_distance for point in points]
     found = {
         **figures,
         "stride_mm": stride and 1e3 * stride,
+        "slip_mm": 1e3 * walk.slip if complete else None,
+        "smallest_distance_mm": 1e3 * min(d for d in distances if d is not None),
         "measured_stride_mm": measured and 1e3 * measured[1],
-        "foot_lift_mm": 1e3 * float(feet[:, :, 2].max()),
+        "supplied_energy_j": walk.supplied_energy,
+        "lost_energy_j": walk.lost_energy if complete else None,
+        "foot_lift_mm": 1e3 * float(walk.feet[:, :, 2].max()),
         "newton_steps": sum(point.result.steps for point in points),
         "equilibria": len(points),
     }
+    shapes = [whole.at_vertices(point.positions) for point in points]
+    pattern = whole.pattern
 
     def write() -> None:
         rows = []
-        for point, places in zip(points, feet, strict=True):
+        for point, places in zip(points, walk.feet, strict=True):
             row = {f"{n}_pa": p for n, p in zip(gait.names, point.result.pressures, strict=True)}
             for k, foot in enumerate(places):
                 row |= {f"foot_{k}_{axis}_m": v for axis, v in zip("xyz", foot, strict=True)}
@@ -177,11 +189,11 @@ def write_gait(
         write_table(folder / "gait.csv", rows)
         write_json(folder / "gait.json", found)
         skin = ShownSkin(pattern, regions=regions)
-        write_path(folder, "gait", skin, points, shapes=shapes, chambers=gait.names)
+        write_path(folder, "gait", skin, points, whole=whole, chambers=gait.names)
         shown = []
         for number, k in enumerate(range(0, len(points), gait.steps)):
             fractions = zip(gait.names, gait.pressure_fractions[k], strict=True)
-            full = [name for name, fraction in fractions if fraction >= gait.grip_fraction]
+            full = [name for name, fraction in fractions if fraction >= 0.5]
             shown.append((f"{number}: {', '.join(full) or 'none'}", shapes[k]))
 
         def draw() -> None:
@@ -197,7 +209,7 @@ def write_gait(
                 columns=4,
                 printed=cut_triangles(pattern, regions),
             )
-            plot_tracks(folder / "tracks.png", feet, gait.steps, stride, measured)
+            plot_tracks(folder / "tracks.png", walk.feet, gait.steps, stride, measured)
 
         if_plotting(draw)
 

@@ -24,6 +24,9 @@ SIZE = (6.4, 4.8)
 # Pictures of one animation at most.
 MOST = 40
 VIEWS = tuple((15.0, float(turn)) for turn in range(0, 360, 30))
+# A walker goes from left to right.
+WALKING = (15.0, 15.0)
+GROUND = "0.93"
 
 
 def write_animation(folder: str | Path, series: str = "pressure") -> Path:
@@ -65,8 +68,11 @@ def _pictures(run: Run, series: str) -> list[bytes]:
 
     frames = _even(run.series[series])
     cuts = {name: _cut(run.skins[name]) for name in {frame.skin for frame in frames}}
-    view = View(*_best_view(run.skins[frames[-1].skin], frames[-1]))
-    every = 1e3 * view.project(np.concatenate([frame.positions for frame in frames]))
+    walks = series == "gait"
+    view = View(*(WALKING if walks else _best_view(run.skins[frames[-1].skin], frames[-1])))
+    places = np.concatenate([frame.positions for frame in frames])
+    ground = view.project(_ground(places)) if walks else None
+    every = 1e3 * view.project(places)
     low, high = every.min(axis=0), every.max(axis=0)
     margin = 0.05 * float((high - low).max())
     pictures = []
@@ -80,6 +86,8 @@ def _pictures(run: Run, series: str) -> list[bytes]:
         )
         axes.spines[["top", "right"]].set_visible(False)
         axes.set_title(_title(frame))
+        if ground is not None:
+            axes.fill(*(1e3 * ground.T), color=GROUND, zorder=0)
         pattern = run.skins[frame.skin].pattern
         density = np.zeros(len(pattern.triangles)) if frame.density is None else frame.density
         colours = FABRIC + density[:, None] * (PRINTED - FABRIC)
@@ -90,6 +98,13 @@ def _pictures(run: Run, series: str) -> list[bytes]:
         plt.close(figure)
         pictures.append(stream.getvalue())
     return pictures
+
+
+def _ground(places: Floats) -> Floats:
+    """Return the corners of the ground under all places, (4, 3), in m."""
+    (left, front, lowest), (right, back, _) = places.min(axis=0), places.max(axis=0)
+    return np.array([[x, y, lowest] for x, y in
+                     ((left, front), (right, front), (right, back), (left, back))])  # fmt: skip
 
 
 def _joined(pictures: Sequence[bytes]) -> bytes:

@@ -30,7 +30,7 @@ SHOWN = ("target", "object", "skin", "material", "pressure", "contact", "pull")
 _FIELDS: Mapping[str, str] = MappingProxyType(
     {
         "target": "bend angle twist shorten neutral contraction keep_length length_ratio axis "
-        "toward begin end motion reach bent_length wrap_angle tip_angle edge_bend_radius "
+        "toward begin end motion aim reach bent_length wrap_angle tip_angle edge_bend_radius "
         "edge_angle tail_length inflated_depth target stiffness_0 stiffness_45 stiffness_90",
         "object": "shape mass",
         "skin": "scale component refinements cuts method crease_angle max_stretch length diameter "
@@ -39,9 +39,9 @@ _FIELDS: Mapping[str, str] = MappingProxyType(
         "material": "fabric_young poisson thickness c1 c2 reinforcement_young "
         "reinforcement_poisson reinforcement_thickness reinforcement_c1 reinforcement_c2 "
         "bending seams wrinkling print_side print_offset bladder_young bladder_thickness "
-        "knit_ratio grain_angle",
+        "knit_ratio grain_angle fabric_mass print_mass",
         "pressure": "pressure design_pressure pressure_min pressure_max highest_pressure",
-        "contact": "friction contact_distance",
+        "contact": "friction contact_distance feet pad_friction pad_length",
         "pull": "direction along across strain strain_steps margin",
         "objective": "counted metrics tip_weight orientation_length cross_sections axial_weight "
         "centreline_weight contact_weight",
@@ -54,8 +54,7 @@ _FIELDS: Mapping[str, str] = MappingProxyType(
         "smoothing_radius laid_width second_laid_width axial_width print_edge_length "
         "density_iterations",
         "print": "print_width island_area",
-        "results": "estimate_error curve_pressure curve_steps gait_steps "
-        "released_pressure_fraction",
+        "results": "estimate_error curve_pressure curve_steps gait_steps gait_cycles",
     }
 )
 _SECTION = {name: section for section, names in _FIELDS.items() for name in names.split()}

@@ -1,13 +1,15 @@
 """An X-shaped walker that stands up or crawls when inflated (paper Figs. 9, 10).
 
-A quarter with one leg is designed, by symmetry. The whole robot is printed. It is then simulated
-with three chambers, body, front legs and rear legs, through one cycle of a gait.
+A quarter with one leg is designed, by symmetry: for the shape of its legs, or for the stride of its
+gait. The whole robot is printed. Half of it, front and rear leg on one side, then walks on the
+ground, with its own weight, friction and self-contact, through cycles of a gait: chambers are
+filled and emptied fully. A gait is a path of equilibria, without inertia.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -15,29 +17,52 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig, TipWeights
-from toros_fem.actuators.gait import Gait, write_gait
+from toros_fem.actuators.gait import Gait, walk_of, write_gait
 from toros_fem.actuators.legs import leg_cross_sections, rest_on_body, tip_angle_metric
 from toros_fem.actuators.run import ActuatorResult, design_actuator, summary_sentence
 from toros_fem.analysis.trace import trace
 from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.config import quantity
+from toros_fem.contact.config import ContactConfig
+from toros_fem.contact.library import ipctk
+from toros_fem.contact.pads import Pads
+from toros_fem.contact.settings import Contact, Ground
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.mechanics.chambers import Chambers
+from toros_fem.mechanics.dead_loads import Weight
+from toros_fem.mechanics.supports import symmetry_plane
 from toros_fem.meshes import Pattern, Star, compose, plane_centroids, sew, stand, walker
+from toros_fem.meshes.mirror import mirrored
+from toros_fem.objectives.cross_sections import CrossSections
+from toros_fem.output.files import write_json
+from toros_fem.output.writer import write_together
 
+AIMS = ("shape", "stride")
 ANGLE = {"stand": 90.0, "crawl": 60.0}  # of the legs, in degrees
 CHAMBERS = ("body", "front", "rear")
-# Rear feet grip, the body reaches out, front feet grip, rear feet let go, the body draws in.
-PHASES = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [1, 1, 0], [0, 1, 0], [0, 1, 1]], dtype=bool)
+# Phases of the gait: pressure of each chamber at their ends, over the full one.
+PHASES = {
+    # Bent legs draw the rear feet up to the front ones; emptied, these push the front ones ahead.
+    "one-way": np.array([[1, 1, 1], [1, 0, 0]]),
+    # Rear feet grip, the body reaches out, front feet grip, rear feet let go, the body draws in.
+    "nonslip": np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [1, 1, 0], [0, 1, 0], [0, 1, 1]]),
+}
+# Part of the shape in the objective of a stride: it tells down from up.
+SHAPE_IN_STRIDE = 0.1
+# The ground lies so far below the lowest point of the start, over the distance of contact.
+CLEARANCE = 0.5
+# Figures of the gait that the summary repeats.
+SUMMARISED = ("stride_mm", "slip_mm", "smallest_distance_mm")
 DOWN = (0.0, 0.0, -1.0)
 # Fig. 10 of the paper: distance in m by which the crawling robot gets ahead in a cycle.
 MEASURED_STRIDE = ("paper, measured", 0.025)
 
 
 @dataclass(frozen=True)
-class WalkerConfig(ActuatorConfig):
+class WalkerConfig(ActuatorConfig, ContactConfig):
     """Numbers of the walker; SI units."""
 
     motion: str = quantity("stand", "what the legs are designed for", choices=tuple(ANGLE))
@@ -63,12 +88,30 @@ class WalkerConfig(ActuatorConfig):
     reach: float = quantity(
         6e-3, "distance along x by which the body reaches out to either side if it crawls", "m"
     )
+    aim: str = quantity(
+        "shape", "what is designed: the shape of the legs, or the stride", choices=AIMS
+    )
     gait_steps: int | None = quantity(
-        2, "number of equilibria in each phase of the gait; none leaves the gait out", at_least=1
+        10, "number of equilibria in each phase of the gait; none leaves the gait out", at_least=1
     )
-    released_pressure_fraction: float = quantity(
-        0.86, "pressure of a released chamber over that of the design", at_least=0, at_most=1
+    gait_cycles: int = quantity(
+        2, "number of cycles of the gait, of which the last one counts", at_least=1
     )
+    feet: str = quantity(
+        "one-way", "feet with pads that slide forwards, or without", choices=tuple(PHASES)
+    )
+    friction: float | None = ContactConfig.redefault("friction", 0.8)
+    pad_friction: float = quantity(
+        0.2, "coefficient of friction of the pads that slide forwards; backwards it is that of "
+        "all faces", above=0
+    )
+    pad_length: float = quantity(
+        0.015, "length of a leg's end that carries pads", "m", above=0
+    )
+    fabric_mass: float = quantity(
+        0.25, "mass of the fabric and of a bladder, by area", "kg/m²", at_least=0
+    )
+    print_mass: float = quantity(0.6, "mass of the print, by area", "kg/m²", at_least=0)
     seams: str = ActuatorConfig.redefault("seams", "hinged")
     levels: int | None = ActuatorConfig.redefault("levels", 1)
     filter_radius: float = ActuatorConfig.redefault("filter_radius", 2.75e-3)
@@ -115,24 +158,61 @@ def case(comm: MPI.Comm, config: WalkerConfig) -> ActuatorCase:
     )
     if config.motion == "crawl":
         target = compose(target, lambda points: points + [config.reach, 0, 0])
+    sections = leg_cross_sections(
+        pattern,
+        along,
+        star.root,
+        config.cross_sections,
+        config.centreline_weight,
+        config.orientation_length,
+    )
+    shape = target(pattern.points)
+    apart = None
+    if config.aim == "stride":
+        sections, shape = stride_sections(sections, shape, config.leg_width / 2)
+        if config.design_pressure:
+            apart = body_and_leg(pattern, star)
     return ActuatorCase(
         pattern=pattern,
-        target=target(pattern.points),
+        target=shape,
         supports=rest_on_body(pattern, star.body_radius, (0, 1)),
         passive=foot_density(pattern, config),
         metrics=(tip_angle_metric(angle, along, DOWN, star.root),),
-        cross_sections=leg_cross_sections(
-            pattern,
-            along,
-            star.root,
-            config.cross_sections,
-            config.centreline_weight,
-            config.orientation_length,
-        ),
+        cross_sections=sections,
         # The top is to stretch; without this hint the start does not distinguish up from down.
         start=np.where(pattern.panel == pattern.panel_index("top"), 0.35, 0.65),
         symmetry=(0, 1),
+        chambers=apart,
     )
+
+
+def stride_sections(
+    sections: CrossSections, target: Floats, nearest: float
+) -> tuple[CrossSections, Floats]:
+    """Return the cross-sections whose objective is the stride of the gait, and their target.
+
+    An emptied leg lies flat whatever its print, so that the stride of feet that do not slide
+    backwards is twice the way along x by which a full leg draws its foot in. The foot, the last
+    cross-section, is to come as near to the plane between front and rear legs as these are wide.
+
+    Args:
+        sections: Those of the leg's shape, which count less now: they tell down from up.
+        target: Target positions of the shape, (n, 3), in m.
+        nearest: Distance of the foot from the plane x = 0 in m, at which front and rear feet meet.
+    """
+    positions = SHAPE_IN_STRIDE * sections.position_weights
+    positions[-1, 0] = 1.0
+    foot = sections.labels == len(positions) - 1
+    target = target.copy()
+    target[foot, 0] += nearest - target[foot, 0].mean()
+    weights = SHAPE_IN_STRIDE * sections.orientation_weights
+    return CrossSections(sections.labels, positions, weights), target
+
+
+def body_and_leg(pattern: Pattern, star: Star) -> Chambers:
+    """Return two chambers of a quarter, whose full pressures are designed for the gait."""
+    leg = plane_centroids(pattern) @ star.directions[0] > star.root
+    return Chambers(("body", "leg"), leg.astype(np.int64))
 
 
 def foot_density(pattern: Pattern, config: WalkerConfig) -> npt.NDArray[np.float64] | None:
@@ -148,16 +228,38 @@ def foot_density(pattern: Pattern, config: WalkerConfig) -> npt.NDArray[np.float
 
 
 def chambers(pattern: Pattern, star: Star) -> Chambers:
-    """Return three chambers: the body, the two legs at x > 0, and the two at x < 0."""
+    """Return three chambers: the body, the legs at x > 0, and those at x < 0."""
     centroids = plane_centroids(pattern)
     leg = (centroids @ star.directions.T > star.root).any(axis=1)
     return Chambers(CHAMBERS, np.where(leg, np.where(centroids[:, 0] > 0, 1, 2), 0))
 
 
+def contact_of(pattern: Pattern, config: WalkerConfig, height: float) -> Contact:
+    """Return ground, friction and pads of a walker, and the contact of its layers.
+
+    Args:
+        pattern: The walker, or half of it.
+        config: Its numbers.
+        height: Height of the ground in m.
+    """
+    star, pads = config.star, None
+    if config.feet == "one-way":
+        reach = (pattern.points[:, :2] @ star.directions.T).max(axis=1)
+        backward = config.pad_friction if config.friction is None else config.friction
+        on_feet = reach > star.reach - config.pad_length
+        pads = Pads(on_feet, (1.0, 0.0, 0.0), config.pad_friction, backward)
+    return Contact(
+        Ground((0.0, 0.0, height)),
+        friction=config.friction,
+        pads=pads,
+        distance=config.contact_distance,
+    )
+
+
 def walk(
     comm: MPI.Comm, output: Path, config: WalkerConfig, steps: int, design: ActuatorResult
 ) -> dict[str, Any]:
-    """Simulate the whole printed robot through one cycle of the gait; return its figures.
+    """Simulate half of the printed robot on the ground through its gait; return its figures.
 
     Args:
         comm: Communicator.
@@ -167,41 +269,51 @@ def walk(
         design: The designed robot.
     """
     star, printed = config.star, design.printed
-    pattern = printed.pattern
-    skin = sew(comm, pattern)
     shown = printed.evaluation or design.result.final
-    quarter, whole = design.problem.skin, design.problem.whole
-    assert whole is not None
-    start = whole.at_vertices(quarter.gather_vertices(shown.equilibrium.positions))
-    # Fixed at their positions in the design's shape: this prevents rigid motion only.
-    rest = rest_on_body(pattern, star.body_radius)
-    rest = replace(rest, displacement=np.where(rest.fixed, start - pattern.points, 0.0))
-    solver = EquilibriumSolver(skin, config.composite, rest, chambers=chambers(pattern, star))
-    feet = tuple(1 if x > 0 else 2 for x in star.directions[:, 0])
-    phases = np.where(PHASES, 1.0, config.released_pressure_fraction)
-    gait = Gait(CHAMBERS, phases, steps, feet)
-    density = printed.cells.astype(np.float64)
+    quarter = design.problem.skin
+    front_and_rear = mirrored(quarter.pattern, (0,))
+    pattern = front_and_rear.pattern
+    # Mirrored again, its triangles and vertices come first, as in the whole that is printed.
+    whole, skin = mirrored(pattern, (1,)), sew(comm, pattern)
+    density = printed.cells[: len(pattern.triangles)].astype(np.float64)
+    start = front_and_rear.at_vertices(quarter.gather_vertices(shown.equilibrium.positions))
+    sizes = contact_of(pattern, config, 0.0).sizes(config.composite)
+    clearance = sizes.thickness / 2 + CLEARANCE * sizes.distance
+    height = float(start[:, 2].min()) - clearance
+    solver = EquilibriumSolver(
+        skin,
+        config.composite,
+        symmetry_plane(pattern, 1),
+        chambers=chambers(pattern, star),
+        weight=Weight(config.fabric_mass, config.fabric_mass + config.print_mass),
+        contact=contact_of(pattern, config, height),
+    )
+    gait = Gait(CHAMBERS, PHASES[config.feet].astype(np.float64), steps)
     legs = [
         tip_angle_metric(config.leg_angle, np.append(d, 0), DOWN, star.root, name=f"leg_{k}")
         for k, d in enumerate(star.directions)
+        if d[1] > 0
     ]
-    pressure = shown.equilibrium.pressure
-    # The design is known with all chambers full: the path leads from there to the cycle.
-    fractions = [np.ones(len(CHAMBERS)), *gait.pressure_fractions]
-    levels = [(pressure * fraction).tolist() for fraction in fractions]
-    figures = {"chambers": CHAMBERS, "pressure_pa": pressure, "triangles": len(density)}
+    full = np.array([*shown.equilibrium.pressures[:1], *2 * shown.equilibrium.pressures[-1:]])
+    # The design is known with all chambers full: the path leads from there to the cycles.
+    fractions = [np.ones((1, len(CHAMBERS))), gait.pressure_fractions]
+    fractions += [gait.pressure_fractions[1:]] * (config.gait_cycles - 1)
+    levels = (full * np.concatenate(fractions)).tolist()
+    figures = {"chambers": CHAMBERS, "pressure_pa": full.max(), "triangles": len(density)}
     points: list[TracePoint] = []
     try:
         path = trace(solver, density[skin.owned_cells], levels, legs, start[skin.owned_vertices])
         points.extend(path)
     except EquilibriumError as caught:  # raised by all ranks or by none
         figures["failure"] = str(caught)
-    points = points[1:]
+    before = len(levels) - len(gait.pressure_fractions)
+    points = points[before:] if len(points) > before else points
     if not points:
         return figures
+    reach = sizes.thickness / 2 + sizes.distance
     return write_gait(
-        comm, output, gait, pattern, points, star.directions, star.root, printed.regions, figures,
-        MEASURED_STRIDE if config.motion == "crawl" else None,
+        comm, output, gait, walk_of(points, whole, star.directions, height, reach), points, whole,
+        printed.regions, figures, MEASURED_STRIDE if config.motion == "crawl" else None,
     )  # fmt: skip
 
 
@@ -217,10 +329,15 @@ def run(
         verbose: Whether to print every Newton step.
     """
     config = config or WalkerConfig()
+    if config.gait_steps is not None:
+        ipctk()  # what is missing is told before the design, not after it
     made = design_actuator(comm, output, case, config, verbose=verbose)
     if config.gait_steps is None:
         return made.summary
-    return {**made.summary, "gait": walk(comm, Path(output), config, config.gait_steps, made)}
+    gait = walk(comm, Path(output), config, config.gait_steps, made)
+    summary = {**made.summary, **{key: gait.get(key) for key in SUMMARISED}, "gait": gait}
+    write_together(comm, output, lambda: write_json(Path(output) / "summary.json", summary))
+    return summary
 
 
 def sentence(summary: dict[str, Any]) -> str:
@@ -230,5 +347,5 @@ def sentence(summary: dict[str, Any]) -> str:
     if gait and "failure" in gait:
         walked = f"; its gait ends after {gait.get('equilibria', 0)} equilibria: {gait['failure']}"
     elif gait:
-        walked = f"; a stride of {gait['stride_mm']:.1f} mm"
+        walked = f"; a stride of {gait['stride_mm']:.1f} mm, {gait['slip_mm']:.1f} mm of slip"
     return summary_sentence(summary) + walked
