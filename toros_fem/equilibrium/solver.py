@@ -43,6 +43,8 @@ from toros_fem.meshes.skin import Skin
 FIRST_INCREMENT = 1 / 16
 # Largest number of steps of a trial.
 FEW_STEPS = 40
+# The same in contact, where layers that close limit one step after the other.
+FEW_IN_CONTACT = 120
 # Factor on `max_steps` for the last attempt, which starts where the first cold one stopped.
 MORE_STEPS = 6
 # A skin is flat where it encloses less than this fraction of a sphere of its area. It is opened by
@@ -599,7 +601,8 @@ class EquilibriumSolver:
     def _max_steps(self, *, trial: bool) -> int:
         """Return the largest number of steps of one attempt."""
         most = self._snes.max_steps
-        return min(FEW_STEPS, most) if trial else most
+        few = FEW_STEPS if self.contact is None else FEW_IN_CONTACT
+        return min(few, most) if trial else most
 
     def _require_last(self, at: EquilibriumResult) -> None:
         require_kind("at", at, EquilibriumResult, "an EquilibriumResult of this solver")

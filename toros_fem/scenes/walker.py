@@ -102,12 +102,12 @@ class WalkerConfig(ActuatorConfig, ContactConfig):
     )
     friction: float | None = ContactConfig.redefault("friction", 0.8)
     pad_friction: float = quantity(
-        0.2, "coefficient of friction of the pads that slide forwards; backwards it is that of "
-        "all faces", above=0
+        0.2,
+        "coefficient of friction of the pads that slide forwards; backwards it is that of "
+        "all faces",
+        above=0,
     )
-    pad_length: float = quantity(
-        0.015, "length of a leg's end that carries pads", "m", above=0
-    )
+    pad_length: float = quantity(0.015, "length of a leg's end that carries pads", "m", above=0)
     fabric_mass: float = quantity(
         0.25, "mass of the fabric and of a bladder, by area", "kg/m²", at_least=0
     )
