@@ -12,12 +12,14 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem._mpi import free_dropped, norm
+from toros_fem.actuators.legs import rest_on_body
+from toros_fem.contact import Contact, Ground
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.materials import CURVATURES, SEAMS, Bending, Composite, Material
 from toros_fem.mechanics.model import SkinModel
-from toros_fem.mechanics.supports import Supports, clamp, symmetry_plane
-from toros_fem.meshes import Pattern, Skin, cylinder, sew
+from toros_fem.mechanics.supports import Supports, clamp, clamp_where, pin, symmetry_plane
+from toros_fem.meshes import Pattern, Skin, cylinder, finger, sew, two_panels, walker
 from toros_fem.meshes.pattern import Panel
 
 RADIUS = 0.01
@@ -369,3 +371,63 @@ def test_a_dropped_solver_is_freed(comm: MPI.Comm, tube: Skin) -> None:
     free_dropped(comm)
     assert model() is None
     assert factor() is None
+
+
+def half_finger(comm: MPI.Comm) -> tuple[Skin, Supports]:
+    pattern = finger(comm, 4e-3, planes=(1,))
+    mount = clamp_where(pattern, lambda x: x[:, 0] < 0.0151)
+    return sew(comm, pattern), mount | symmetry_plane(pattern, 1)
+
+
+@pytest.mark.parametrize("scene", ["pillow", "finger", "walker"])
+def test_flat_skins_with_contact_start_apart(comm: MPI.Comm, scene: str) -> None:
+    """Inflated, layers do not touch: where nothing holds them the state is that without contact."""
+    pytest.importorskip("ipctk")
+    if scene == "finger":
+        skin, supports = half_finger(comm)
+    elif scene == "walker":
+        pattern = walker(comm, 4e-3, planes=(0, 1))
+        skin, supports = sew(comm, pattern), rest_on_body(pattern, 0.02, (0, 1))
+    else:
+        side = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.015
+        pattern = two_panels(comm, side, 4e-3)
+        skin, supports = sew(comm, pattern), pin(pattern, "bottom")
+    composite = Composite(TABLE_A, bending=Bending(seams="hinged"))
+    energies = []
+    for contact in (Contact(), None):
+        solver = EquilibriumSolver(skin, composite, supports, contact=contact)
+        found = solver.solve(fabric(skin), 2e3)
+        energies.append(found.energy)
+        assert found.converged
+        if contact is not None:
+            assert found.smallest_distance is not None
+            assert found.smallest_distance > 0
+            begin = solver.model.assembled
+            assert solver.model.refusal(begin) is None
+            assert solver.model.admits(found.state)
+    if scene != "finger":  # its mount holds layers as far apart as the fabric is thick
+        assert energies[0] == pytest.approx(energies[1], rel=1e-9)
+
+
+def test_starts_that_contact_forbids_are_refused(comm: MPI.Comm) -> None:
+    pytest.importorskip("ipctk")
+    skin, supports = half_finger(comm)
+    solver = EquilibriumSolver(skin, Composite(TABLE_A), supports, contact=Contact())
+    flat = skin.pattern.points[skin.owned_vertices]
+    with pytest.raises(
+        errors.ParameterError,
+        match=r"act on the start: faces overlap by 0\.\d+ mm at vert.* of 'top' and 'bottom'",
+    ):
+        solver.solve(fabric(skin), 1e3, start=flat)
+    assert not solver.model.admits(solver.model.state_of(flat))
+    inside_out = solver.model.assembled
+    solver.model.positions(inside_out)[:, 2] *= -1
+    found = solver.solve(fabric(skin), 1e3, start=inside_out)
+    assert found.converged
+    ground = Contact(ground=Ground((0, 0, 0)))
+    with pytest.raises(
+        errors.ParameterError, match=r"assembled shape.* overlap.* the ground, near"
+    ):
+        EquilibriumSolver(skin, Composite(TABLE_A), supports, contact=ground).solve(
+            fabric(skin), 1e3
+        )

@@ -11,6 +11,7 @@ from scipy.sparse import csc_matrix
 from toros_fem._types import Floats, Ints
 from toros_fem.contact.library import ipctk
 from toros_fem.contact.settings import ContactSizes, Ground
+from toros_fem.contact.start_check import StartCheck, check_start
 
 # Pairs are looked for within a margin, over the reach of contact: they hold until a vertex has
 # moved that far.
@@ -288,6 +289,11 @@ class Barrier:
                 self._mesh, x, x + factor * step, self._sizes.thickness, self._ccd
             )
         )
+
+    def check(self, x: Floats) -> StartCheck:
+        """Return whether vertices x, (n, 3) in m, may be a start, and the worst place if not."""
+        thickness = self._sizes.thickness
+        return check_start(self._mesh, x, thickness, grounds=self._grounds, grounded=self._grounded)
 
     def crossed(self, x: Floats) -> bool:
         """Return whether surfaces intersect, by a test of its own."""

@@ -37,8 +37,6 @@ def opened(
     pattern: Pattern,
     sizes: ContactSizes,
     in_planes: Bools | None = None,
-    *,
-    most_stretch: float = 1.3,
 ) -> Floats:
     """Return positions of all vertices, (n, 3), in m, from which contact can act.
 
@@ -51,7 +49,6 @@ def opened(
         sizes: Thickness and distance of contact.
         in_planes: Whether a vertex lies in a symmetry plane across x, y or z, (n, 3), in which it
             stays; None without planes.
-        most_stretch: Largest stretch at a fold.
 
     Raises:
         ParameterError: The layers could not be moved apart.
@@ -66,15 +63,9 @@ def opened(
             return pattern.points.copy()
     if in_planes is not None:
         directions[in_planes] = 0.0
-    slopes = [slope for slope in SLOPES if np.hypot(1.0, slope) <= most_stretch]
-    if not slopes:
-        raise ParameterError(
-            f"most_stretch = {most_stretch} leaves no room to move layers apart; it must be at "
-            f"least {np.hypot(1.0, SLOPES[0]):.4g}."
-        )
     clear = LEAST * sizes.distance
     best, widest = pattern.points, 0.0
-    for apart, slope in product(APART, slopes):
+    for apart, slope in product(APART, SLOPES):
         height = apart * sizes.reach / 2
         width = 2 * height / slope
         rest = 1.0 - _from_folds(pattern, width, SPACING * sizes.thickness) / width

@@ -13,6 +13,7 @@ from toros_fem._types import Bools, Floats, Ints
 from toros_fem.contact.barrier import Barrier, Side
 from toros_fem.contact.free_bodies import FreeBodies
 from toros_fem.contact.neighbours import collision_filter
+from toros_fem.contact.opening import opened
 from toros_fem.contact.settings import Contact, ContactSizes, Ground
 from toros_fem.contact.sliding import Sliding, SlidingFriction
 from toros_fem.meshes.skin import Skin
@@ -39,12 +40,15 @@ class SkinContact:
         contact, sizes: As given.
         pairs: Global rows and columns, (2, p), of the entries of `tangent`, on the first rank.
         poses: Poses of all bodies, (k, 6), of those without unknowns as the load has them.
+        assembled: Assembled positions of all vertices in m, (n, 3); layers that touch each other
+            are moved apart.
 
     Args:
         skin: The skin.
         contact: What touches.
         sizes: Its numbers.
         fixed: Fixed components of all vertices, (n, 3).
+        in_planes: Whether a vertex lies in a symmetry plane across x, y or z, (n, 3).
         numbers: Global unknowns of the owned nodes, (k, 3).
         body_numbers: Global unknowns of the free bodies, (f, 6).
         size: Number of all unknowns.
@@ -56,6 +60,7 @@ class SkinContact:
         contact: Contact,
         sizes: ContactSizes,
         fixed: Bools,
+        in_planes: Bools,
         numbers: Ints,
         body_numbers: Ints,
         size: int,
@@ -82,6 +87,11 @@ class SkinContact:
         made = self._only_first(lambda: self._make_barrier(fixed.all(axis=1)))
         if made is not None:
             self._barrier = made
+        self.assembled: Floats = skin.pattern.points
+        if contact.self_contact:
+            self.assembled = on_first_rank(
+                self._comm, lambda: opened(skin.pattern, sizes, in_planes)
+            )
 
     def _only_first(self, action: Callable[[], T]) -> T | None:
         """Run an action on the first rank; raise its error on all."""
@@ -309,7 +319,7 @@ class SkinContact:
         if sliding is None:
             begin = np.zeros_like(self.poses) if poses is None else poses.copy()
             begin[self._bodies.free] = 0.0
-            sliding = self.friction.at_rest(self._skin.pattern.points, begin)
+            sliding = self.friction.at_rest(self.assembled, begin)
         self.friction.begin(sliding)
         self._sides = []
 
@@ -485,6 +495,18 @@ class SkinContact:
     def _free_part(self, x: Floats, y: Floats) -> float:
         """Return the part of the straight way between vertices x and y on which nothing meets."""
         return on_first_rank(self._comm, lambda: self._barrier.largest_step(x, y - x))
+
+    def refusal(self, nodes: Floats, motions: Floats) -> str | None:
+        """Return why a state can be no start, as a sentence; None where it can."""
+        x, _ = self._at(nodes, motions)
+        bodies = zip(self.contact.bodies, self._surfaces, strict=True)
+        names = [body.name for body, surface in bodies for _ in surface]
+
+        def sentence() -> str | None:
+            found = self._barrier.check(x)
+            return None if found.admissible else found.sentence(self._skin.pattern, x, names)
+
+        return on_first_rank(self._comm, sentence)
 
     def crossed(self, nodes: Floats, motions: Floats) -> bool:
         """Return whether surfaces intersect, by a test of its own."""

@@ -256,12 +256,16 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
     def state_at(self, positions: Floats) -> Floats | None:
         """Return positions of the owned nodes, from those of all vertices.
 
-        Where they leave the stretch bounds they are relaxed; None if that does not help.
+        Where they leave the stretch bounds they are relaxed; None if that does not help, or if
+        surfaces overlap or cross that may touch (collective).
         """
         model, pattern = self.solver.model, self.skin.pattern
         fixed = model.supports.fixed
         found = relaxed_into_bounds(pattern, model.composite, fixed, positions)
-        return None if found is None else found[self.skin.owned_vertices]
+        if found is None:
+            return None
+        owned = found[self.skin.owned_vertices]
+        return owned if model.refusal(model.state_of(owned)) is None else None
 
     def start_density(self, seed: int) -> Floats:
         """Return `start` with noise added, or noise around 0.5, at owned triangles.

@@ -239,7 +239,7 @@ class RegularisedNewton:
         model = self.model
         model.lag_friction(start)
         point = self._at(start, model.energy(start))
-        if not np.isfinite(point.energy):
+        if not np.isfinite(point.energy) or model.crossed(start):
             return point, int(outcomes.DIVERGED_FUNCTION_DOMAIN)
         rounding = model.energy_rounding() + 1e-14 * model.load_energy(start)
         reference = self.reference(start)

@@ -109,7 +109,7 @@ def leads_back(model: SkinModel, factor: TangentFactor, begin: PathPoint, end: P
     chord = (begin.state - end.state) * model.free
     # Prescribed positions move the fixed components without any force on the free ones.
     with_supports = np.where(model.free, end.state, begin.state)
-    feasible = model.bounds.worst(model.corners(with_supports)) < 1
+    feasible = model.admits(with_supports)
     predicted = -factor.solve(model.residual(with_supports)) if feasible else 0 * chord
     model.set_density(end.density)
     model.set_load(end.load)

@@ -256,8 +256,9 @@ class EquilibriumSolver:
             start: Owned unknowns to start from, for example those of a neighbouring equilibrium;
                 or positions of the owned nodes, (n, 3), for example of a solver with another
                 bending term. Fixed components are moved to their prescribed positions. None starts
-                from the assembled positions. An earlier result of this solver is the step before
-                this one on a path: friction goes on from it.
+                from the assembled positions; with contact, layers that touch there are moved apart
+                first, and displacements count from where they then are. An earlier result of this
+                solver is the step before this one on a path: friction goes on from it.
             sliding: Where the skin sticks at the begin of the step, of an earlier result; None
                 takes that of a result given as `start`, else the skin begins at rest at the
                 assembled positions, wherever the iteration starts.
@@ -268,8 +269,9 @@ class EquilibriumSolver:
                 completes it.
 
         Raises:
-            ParameterError: The pressure is negative or not finite, an array does not fit, or the
-                start leaves the stretch bounds (of two materials the wider ones).
+            ParameterError: The pressure is negative or not finite, an array does not fit, the
+                start leaves the stretch bounds (of two materials the wider ones), or surfaces
+                overlap or cross there that may touch.
             DensityError: The density does not fit, or leaves [0, 1].
             OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
             EquilibriumError: No equilibrium was found; the error holds the last good state.
@@ -294,6 +296,8 @@ class EquilibriumSolver:
             sliding, start = start.sliding if sliding is None else sliding, start.state
         state = self._start(start)
         known = next((k for k in self._known if start is k.result.state), None)
+        if known is None:
+            self._require_apart(state, load, cold=start is None)
         result = self._solve(
             _Request(density.copy(), load, sliding),
             state,
@@ -629,7 +633,7 @@ class EquilibriumSolver:
             )
         raise_together(self.skin.comm, error)
         if start is not None and start.ndim == 2:
-            model.positions(state)[:] = start
+            state = model.state_of(start)
         elif start is not None:
             state = start.copy()
         use = model.bounds.worst_of_start(model.corners(state))
@@ -644,6 +648,27 @@ class EquilibriumSolver:
                 f"bound is 1. {remedy}"
             )
         return state
+
+    def _require_apart(self, state: Floats, load: LoadCase, *, cold: bool) -> None:
+        """Check that contact can act on a start, with bodies at their poses or where made.
+
+        Raises:
+            ParameterError: Surfaces overlap or cross there.
+        """
+        model = self.model
+        model.set_load(load)
+        refusal = model.refusal(state)
+        if refusal is None:
+            return
+        if load.poses is not None:  # bodies that are moved in with the load
+            model.set_load(load.scaled(0.0))
+            if model.refusal(state) is None:
+                return
+        what, remedy = "start", "Start from the assembled positions, or from another equilibrium."
+        if cold:
+            what = "assembled shape, from which a solve starts,"
+            remedy = "Make ground and bodies further away."
+        raise ParameterError(f"contact cannot act on the {what}: {refusal}. {remedy}")
 
     def _continue(
         self,

@@ -217,6 +217,7 @@ class SkinModel:
                 contact,
                 contact.sizes(composite),
                 supports.fixed,
+                supports.in_symmetry_planes(skin.pattern),
                 numbers,
                 index_map.local_to_global(self._patch.body_dofs.ravel()).reshape(-1, 6),
                 index_map.size_global,
@@ -242,9 +243,16 @@ class SkinModel:
 
     @property
     def assembled(self) -> Floats:
-        """Assembled positions of the pattern as a state, without rotations."""
+        """Assembled positions as a state, without rotations; touching layers are moved apart."""
+        points = self.skin.pattern.points if self.contact is None else self.contact.assembled
         state = np.zeros(self.size_local)
-        self.positions(state)[:] = self.skin.pattern.points[self.skin.owned_vertices]
+        self.positions(state)[:] = points[self.skin.owned_vertices]
+        return state
+
+    def state_of(self, positions: Floats) -> Floats:
+        """Return the state with given positions of the owned nodes, (n, 3), without rotations."""
+        state = self.assembled
+        self.positions(state)[:] = positions
         return state
 
     def positions(self, state: Floats) -> Floats:
@@ -545,6 +553,22 @@ class SkinModel:
         if self.skin.comm.rank == 0:
             out[self._patch.body_dofs.ravel()] = motions.ravel()
         return out
+
+    def refusal(self, state: Floats) -> str | None:
+        """Return where contact forbids a state as a start, as a sentence; None if nowhere."""
+        if self.contact is None:
+            return None
+        return self.contact.refusal(self.positions(state), self.motions(state))
+
+    def crossed(self, state: Floats) -> bool:
+        """Return whether surfaces that may touch pass through each other."""
+        if self.contact is None:
+            return False
+        return self.contact.crossed(self.positions(state), self.motions(state))
+
+    def admits(self, state: Floats) -> bool:
+        """Return whether a solve can start from a state: stretch bounds and contact allow it."""
+        return self.bounds.worst(self.corners(state)) < 1 and self.refusal(state) is None
 
     def grow_pairs(self, state: Floats) -> bool:
         """Let `further_pairs` cover what is in contact; return whether they had to change."""

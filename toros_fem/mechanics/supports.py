@@ -211,6 +211,13 @@ class Supports:
         held = [self._held(pattern, k, at) for k, at in enumerate(self._origin)]
         return np.asarray(np.stack(held, axis=1) & (across | ~guided))
 
+    def in_symmetry_planes(self, pattern: Pattern) -> Bools:
+        """Return whether each vertex is held in a plane of `planes` across x, y or z, (n, 3)."""
+        found = np.zeros(self.fixed.shape, dtype=bool)
+        for axis, at in self.planes:
+            found[:, axis] |= self._held(pattern, axis, at)
+        return found
+
     @property
     def _origin(self) -> Floats:
         """A point, (3,), in one plane across each axis that has planes: if possible at 0."""

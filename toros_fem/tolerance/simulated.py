@@ -275,7 +275,7 @@ class _Study:
         pressures: Sequence[float],
         places: Callable[[EquilibriumResult], Floats] = lambda found: found.positions,
     ) -> Variant:
-        """Return a variant, from the first of the starts that is within the stretch bounds.
+        """Return a variant, from the first of the starts that bounds and contact admit.
 
         Args:
             quantity, change: What is off, and by how much.
@@ -289,7 +289,7 @@ class _Study:
         """
         predicted = {key: value + way * rate.values[key] for key, value in self.nominal.items()}
         model = solver.model
-        inside = [s for s in starts if model.bounds.worst(model.corners(s)) < 1]
+        inside = [s for s in starts if model.admits(s)]
         try:
             found = solver.solve(
                 density,
