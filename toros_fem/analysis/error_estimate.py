@@ -127,10 +127,10 @@ def estimate_error(
     )
     fine_density = whole[finer.cell][fine_skin.owned_cells]
     fine_force = None if force is None else force(finer.pattern)
-    refined = finer.at_vertices(positions)[fine_skin.owned_vertices]
+    divided = finer.at_vertices(positions)[fine_skin.owned_vertices]
     # Around shorter edges less of the sheet is left out of contact.
-    refused = fine.model.refusal(fine.model.state_of(refined)) is not None
-    start = None if refused else refined
+    refused = fine.model.refusal(fine.model.state_of(divided)) is not None
+    start = None if refused else divided
     try:
         trial = fine.solve(
             fine_density, result.pressures, force=fine_force, start=start, trial=True

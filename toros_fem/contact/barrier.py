@@ -10,8 +10,8 @@ from scipy.sparse import csc_matrix
 
 from toros_fem._types import Floats, Ints
 from toros_fem.contact.library import ipctk
+from toros_fem.contact.opening import StartCheck, check_start
 from toros_fem.contact.settings import ContactSizes, Ground
-from toros_fem.contact.start_check import StartCheck, check_start
 
 # Pairs are looked for within a margin, over the reach of contact: they hold until a vertex has
 # moved that far.

@@ -499,8 +499,8 @@ class SkinContact:
     def refusal(self, nodes: Floats, motions: Floats) -> str | None:
         """Return why a state can be no start, as a sentence; None where it can."""
         x, _ = self._at(nodes, motions)
-        bodies = zip(self.contact.bodies, self._surfaces, strict=True)
-        names = [body.name for body, surface in bodies for _ in surface]
+        bodies = zip(self.contact.bodies, self._bodies.counts, strict=True)
+        names = [body.name for body, count in bodies for _ in range(count)]
 
         def sentence() -> str | None:
             found = self._barrier.check(x)
