@@ -83,9 +83,7 @@ def pressed_tube(edge_length: float) -> ContactScene:
 
 def finger_on_ball(edge_length: float) -> ContactScene:
     """Half a finger of a gripper, printed outside, that bends around a ball of 40 mm."""
-    pattern = finger(
-        MPI.COMM_SELF, edge_length, length=0.09, width=0.025, root=0.015, planes=(1,)
-    )
+    pattern = finger(MPI.COMM_SELF, edge_length, length=0.09, width=0.025, root=0.015, planes=(1,))
     fixed = np.zeros((len(pattern.points), 3), dtype=bool)
     fixed[pattern.points[:, 0] <= 0.015 * (1 + 1e-9)] = True
     supports = Supports(fixed) | symmetry_plane(pattern, 1)
@@ -128,9 +126,7 @@ def folded_strip(edge_length: float) -> ContactScene:
     force = np.zeros((len(flat), 3))
     upper = flat[:, 0] > 0.042
     force[upper, 2] = -0.02 * pattern.vertex_areas[upper] / pattern.vertex_areas[upper].sum()
-    return ContactScene(
-        pattern, Supports(fixed), np.zeros(len(cells)), 0.0, Contact(), force
-    )
+    return ContactScene(pattern, Supports(fixed), np.zeros(len(cells)), 0.0, Contact(), force)
 
 
 SCENES: dict[str, tuple[Callable[[float], ContactScene], tuple[float, ...]]] = {
@@ -167,9 +163,7 @@ def row_of(scene: ContactScene) -> dict[str, Any]:
     for key, contact in (("without", None), ("with", scene.contact)):
         solver = EquilibriumSolver(skin, scene.composite, scene.supports, contact=contact)
         begin = time.perf_counter()
-        result = solver.solve(
-            density, scene.pressure, force=scene.force, raise_on_failure=False
-        )
+        result = solver.solve(density, scene.pressure, force=scene.force, raise_on_failure=False)
         found[f"seconds_{key}"] = round(time.perf_counter() - begin, 3)
         found[f"steps_{key}"] = result.steps
         found[f"converged_{key}"] = result.converged
@@ -323,9 +317,7 @@ def main() -> int:
     elif options.random:
         require_count(1, random=options.random)
         tasks = {str(seed): seed for seed in range(options.random)}
-        rows = list(
-            complete(tasks, random_row, options.rows, options.workers, _print_row).values()
-        )
+        rows = list(complete(tasks, random_row, options.rows, options.workers, _print_row).values())
     else:
         rows = []
         for name, (make, lengths) in SCENES.items():

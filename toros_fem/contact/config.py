@@ -16,7 +16,7 @@ class ContactConfig(Config):
     )
     contact_distance: float | None = quantity(
         None,
-        "distance of two faces from which on contact acts; none takes a quarter of the fabric's "
+        "distance of two faces from which on contact acts; none takes half of the fabric's "
         "thickness",
         "m",
         above=0,

@@ -20,7 +20,7 @@ from toros_fem.errors import ParameterError
 from toros_fem.materials import Composite
 
 # Distance within which contact acts, over the thickness.
-RANGE = 0.25
+RANGE = 0.5
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Contact:
         friction: Coefficient μ of Coulomb's friction, of all faces; None for none.
         pads: Vertices that slide on the ground by coefficients of their own; None for none.
         thickness: In m, which the sheet takes up between its faces; None takes the fabric's.
-        distance: In m, from which on contact acts; None takes a quarter of the thickness.
+        distance: In m, from which on contact acts; None takes half of the thickness.
         stiffness: In Pa, the scale of the contact pressure: it is reached where the distance has
             shrunk by about a half; None takes the fabric's E.
         slip: In m, the tangential motion at which friction is fully mobilised; None takes
