@@ -2,15 +2,19 @@
 
 import numpy as np
 import pytest
-from helpers.scenes import taylor_rates
+from helpers.scenes import square, taylor_rates
 from mpi4py import MPI
 
 from toros_fem._mpi import dot, total
+from toros_fem.contact import Contact, Ground, rigid_cylinder
 from toros_fem.density.field import random_density
 from toros_fem.design.load_path import LoadPath, LoadStep
+from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.errors import ParameterError
-from toros_fem.meshes import Skin
+from toros_fem.materials import Composite
+from toros_fem.mechanics.supports import clamp_where
+from toros_fem.meshes import Skin, sew
 
 
 def test_taylor_of_two_steps(tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm) -> None:
@@ -55,3 +59,72 @@ def test_what_does_not_fit_is_refused(tube: Skin, tube_solver: EquilibriumSolver
         path.solve(density, np.ones((2, 1)))
     with pytest.raises(ParameterError, match="the path has 1 steps"):
         path.gradient(density, path.solve(density), [])
+
+
+def dragged(comm: MPI.Comm) -> LoadPath:
+    """A sheet over a cylinder and the ground, dragged by one edge, and partly back."""
+    pytest.importorskip("ipctk")
+    points = square(n=5).points.copy()
+    points[:, 2] = 3e-4
+    pattern = square(points, n=5)
+    cylinder = rigid_cylinder(
+        "roll", 4e-3, 0.03, (0.0, 1.0, 0.0), (0.012, 0.01, -4.6e-3), edge_length=2e-3
+    )
+    touched = Contact(
+        Ground((0.0, 0.0, -1e-4), (0.3, 0.1, 1.0)),
+        [cylinder],
+        self_contact=False,
+        friction=0.5,
+        thickness=5e-4,
+        distance=1e-4,
+        slip=1e-4,
+    )
+    edge = clamp_where(pattern, lambda x: x[:, 0] < 1e-9)
+    exact = NewtonOptions(tolerance=1e-12)
+    solver = EquilibriumSolver(sew(comm, pattern), Composite(), edge, exact, contact=touched)
+    down = np.tile([0.0, 0.01, -0.05], (len(points), 1))
+    steps = []
+    for ahead, turn in ((0.0, 0.0), (2e-5, 5e-3), (3e-4, 5e-3), (2.5e-4, 2e-2)):
+        moved = np.tile([-ahead, 0.3 * ahead, 0.0], (len(points), 1))
+        pose = np.array([[0.0, 0.0, 0.0, 0.0, turn, 0.0]])
+        steps.append(LoadStep(0.0, force=down * (1 + 1e3 * ahead), displacement=moved, poses=pose))
+    return LoadPath(solver, steps)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("last", [True, False])
+def test_taylor_through_friction(comm: MPI.Comm, last: bool) -> None:
+    """Sticking and sliding vertices on ground and body; a functional of the last or of all steps."""
+    path = dragged(comm)
+    skin, model = path.solver.skin, path.solver.model
+    density = np.full(len(skin.owned_cells), 0.3)
+    base = path.solve(density)
+    assert model.contact is not None
+    assert model.contact.friction is not None
+    parts = []
+    for at in base[1:]:
+        assert at.sliding is not None
+        anchors = model.contact.friction.carried(at.sliding, np.array(at.poses))
+        away = np.linalg.norm(skin.gather_vertices(at.positions) - anchors, axis=2)
+        parts.append([away > 0.999e-4, (away > 1e-8) & (away < 0.999e-4)])
+    slides, sticks = np.array(parts).sum(axis=(0, 3)).reshape(2, 2)
+    assert slides.min() > 0, "on the ground and on the body"
+    assert sticks.min() > 0
+    weights = [
+        np.cos(np.arange(3.0) + 5 * skin.owned_vertices[:, None] + k) * 1e-3 for k in range(4)
+    ]
+    slopes = [None, None, None, weights[3]] if last else weights
+    found = path.gradient(density, base, slopes)
+    change = 0.3 * np.cos(3.0 * skin.owned_cells)
+    slope = dot(comm, found.density, change)
+
+    def value(step: float) -> float:
+        there = path.solve(density + step * change, near=base)
+        return total(
+            comm,
+            sum(
+                (w * e.positions).sum() for w, e in zip(slopes, there, strict=True) if w is not None
+            ),
+        )
+
+    assert taylor_rates(value, slope, 0.005) == pytest.approx(2, abs=0.02)

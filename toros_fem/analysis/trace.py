@@ -90,8 +90,8 @@ def trace(
         options: Ends and density of a path by arc length; None takes the defaults.
 
     Raises:
-        ParameterError: A value is not admissible, an option has no meaning on this path, or no load
-            acts.
+        ParameterError: A value is not admissible, an option has no meaning on this path, no load
+            acts, or there is friction on a path by arc length.
         DensityError: The density does not fit, or leaves [0, 1].
         OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
         EquilibriumError: While iterating: the path could not be followed further; the points before
@@ -109,6 +109,10 @@ def trace(
         levels = _levels(solver, pressure, force)
         return _until(follow_pressures(solver, density, levels, metrics, start, force), stop)
     model = solver.model
+    if model.slides:
+        raise ParameterError(
+            'friction depends on the path that the load takes: follow it by="pressure".'
+        )
     load = make_load_case(
         solver.skin.pattern,
         model.supports,

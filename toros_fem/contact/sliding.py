@@ -190,7 +190,7 @@ class SlidingFriction:
     def _of_law(self, quantity: str, points: Floats, poses: Floats | None) -> Floats:
         """Return a quantity of the law at all vertices on all sides, zero without normal force."""
         active = self.normals.any(axis=2)
-        normals, motion = self.normals[active], (points - self._carried(poses))[active]
+        normals, motion = self.normals[active], (points - self.carried(self.sliding, poses))[active]
         values = getattr(self.law, quantity)(normals, motion)
         if self._pads is not None:
             side, vertex = np.nonzero(active)
@@ -204,9 +204,14 @@ class SlidingFriction:
     def _anchors(self, body: int) -> Floats:
         return np.asarray(self.sliding.anchors[self._grounds + body])
 
-    def _carried(self, poses: Floats | None) -> Floats:
-        """Return the anchors where the bodies are now, (sides, n, 3)."""
-        out = self.sliding.anchors.copy()
+    def carried(self, sliding: Sliding, poses: Floats | None) -> Floats:
+        """Return anchors where the bodies are now, (sides, n, 3) in m.
+
+        Args:
+            sliding: The anchors.
+            poses: Poses of the bodies.
+        """
+        out = sliding.anchors.copy()
         for k, centre in enumerate(self._centres):
             assert poses is not None
             out[self._grounds + k] = placed(out[self._grounds + k], centre, poses[k])

@@ -10,6 +10,7 @@ import numpy as np
 from toros_fem._mpi import dot, require_alike
 from toros_fem._types import Floats
 from toros_fem._validate import require_kind
+from toros_fem.contact.settings import poses_of
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.mechanics.load_case import LoadCase, make_load_case
@@ -25,12 +26,14 @@ class LoadStep:
         displacement: Displacement of the fixed components in m, (n, 3); None takes that of the
             supports.
         weight_fraction: Fraction of the skin's own weight that acts, if it has one.
+        poses: Poses of the contact's bodies, (k, 6), in m and rad; None leaves them there.
     """
 
     pressure: float | Sequence[float]
     force: Floats | None = None
     displacement: Floats | None = None
     weight_fraction: float = 1.0
+    poses: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +52,8 @@ class PathGradient:
 class LoadPath:
     """Equilibria of one design under one load after the other, and their adjoint.
 
-    With friction an equilibrium depends on those before it. The path begins at the assembled
-    positions, or at `start`, whatever the density: two solves of one design give one result.
+    With friction an equilibrium depends on those before it. The path begins with a skin at rest at
+    its assembled positions, whatever the density: two solves of one design give one result.
 
     Gradients are the discrete adjoint's, by one linear solve a step, from the last step back to
     the first. The tangent of each step is factorised anew.
@@ -61,8 +64,8 @@ class LoadPath:
     Args:
         solver: Equilibrium solver.
         steps: Loads in the order in which they act.
-        start: State or positions, as of `EquilibriumSolver.solve`, at which the path begins; None
-            begins at the assembled positions.
+        start: State or positions, as of `EquilibriumSolver.solve`, at which the iteration of the
+            first step starts; None starts at the assembled positions.
 
     Raises:
         ParameterError: There are no steps, or a load does not fit.
@@ -120,6 +123,7 @@ class LoadPath:
                     force=step.force,
                     displacement=step.displacement,
                     weight_fraction=step.weight_fraction,
+                    poses=step.poses,
                     start=start if near is None else near[number].state,
                     sliding=found[-1].sliding if found else None,
                 )
@@ -193,4 +197,6 @@ class LoadPath:
             force=step.force,
             displacement=step.displacement,
             weight_fraction=0.0 if model.weight is None else step.weight_fraction,
+            poses=poses_of(self.solver.contact, step.poses),
+            bodies_fraction=0.0 if self.solver.contact is None else 1.0,
         )
