@@ -94,7 +94,7 @@ def dragged(comm: MPI.Comm) -> LoadPath:
 @pytest.mark.slow
 @pytest.mark.parametrize("last", [True, False])
 def test_taylor_through_friction(comm: MPI.Comm, last: bool) -> None:
-    """Sticking and sliding vertices on ground and body; a functional of the last or of all steps."""
+    """Sticking and sliding vertices on ground and body; a functional of the last or all steps."""
     path = dragged(comm)
     skin, model = path.solver.skin, path.solver.model
     density = np.full(len(skin.owned_cells), 0.3)
