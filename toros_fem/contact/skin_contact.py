@@ -264,6 +264,13 @@ class SkinContact:
 
     def _entries(self, x: Floats, poses: Floats, *, definite: bool) -> Floats:
         keys, values = self._upper(self._second(x, poses, definite=definite))
+        found = np.isin(keys, self._keys)
+        if not found.all():
+            # The semidefinite part has entries where the exact one has zeros, which the toolkit
+            # leaves out. Their sizes on the diagonal keep it semidefinite.
+            ends = np.concatenate(np.divmod(keys[~found], self._size))
+            keys = np.append(keys[found], ends * (self._size + 1))
+            values = np.append(values[found], np.tile(np.abs(values[~found]), 2))
         return np.bincount(np.searchsorted(self._keys, keys), values, len(self._keys))
 
     def _second(self, x: Floats, poses: Floats, *, definite: bool) -> csc_matrix:
@@ -454,7 +461,9 @@ class SkinContact:
             if (np.append(self._keys, -1)[place] == keys).all():
                 return False
             near, _ = self._upper(self._reduce(self._barrier.near(x), poses))
-            needed = np.union1d(np.union1d(keys, near), self._body_keys)
+            needed = np.unique(np.concatenate([keys, near, self._body_keys]))
+            diagonal = np.unique(np.divmod(needed, self._size)) * (self._size + 1)
+            needed = np.union1d(needed, diagonal)
             both = np.union1d(needed, self._keys)
             self._cover(both if len(both) <= STALE * len(needed) else needed)
             return True
