@@ -130,7 +130,7 @@ def test_vertices_with_pads_and_without() -> None:
     friction = SlidingFriction(contact, ContactSizes(1e-3, 1e-4, 1e5, 1e-5))
     points, poses = np.zeros((2, 3)), np.zeros((1, 6))
     friction.begin(Sliding(np.zeros((2, 2, 3))))
-    friction.lag(np.tile([0.0, 0.0, 2.0], (2, 2, 1)))
+    friction.lag(np.tile([0.0, 0.0, 2.0], (2, 2, 1)), points, poses)
     ahead = friction.force(points + [1e-3, 0, 0], poses)[:, :, 0] / 2
     back = friction.force(points - [1e-3, 0, 0], poses)[:, :, 0] / 2
     assert ahead == pytest.approx(np.array([[0.2, 0.5], [0.5, 0.5]]))

@@ -8,7 +8,6 @@ from helpers.scenes import taylor_rates
 
 from toros_fem.contact import Contact, Ground
 from toros_fem.contact.motion import placed
-from toros_fem.contact.pads import Pads
 from toros_fem.contact.sliding import Sliding, SlidingFriction
 from toros_fem.contact.solids import rigid_box
 from toros_fem.materials import Composite
@@ -32,7 +31,7 @@ def friction() -> SlidingFriction:
     rest = found.at_rest(POINTS, POSES).anchors
     away = RNG.standard_normal(rest.shape) * SLIP * np.linspace(0.2, 3, COUNT)[:, None]
     found.begin(Sliding(rest + away))
-    found.lag(NORMALS)
+    found.lag(NORMALS, POINTS, POSES)
     return found
 
 
@@ -46,7 +45,7 @@ def check(value: Callable[[float], float], slope: float) -> None:
 
 def test_at_rest_nothing_pulls(friction: SlidingFriction) -> None:
     friction.begin(friction.at_rest(POINTS, POSES))
-    friction.lag(NORMALS)
+    friction.lag(NORMALS, POINTS, POSES)
     assert np.abs(friction.force(POINTS, POSES)).max() < 1e-12
     assert friction.energy(POINTS, POSES) == pytest.approx(0, abs=1e-20)
 
@@ -57,7 +56,7 @@ def test_nothing_slides_where_skin_and_body_turn_together(friction: SlidingFrict
     friction.begin(friction.at_rest(POINTS, POSES))
     normals = NORMALS.copy()
     normals[0] = 0
-    friction.lag(normals)
+    friction.lag(normals, POINTS, POSES)
     turned = np.array([[5e-3, 0.0, 2e-3, -1.0, 0.5, 0.2]])
     assert friction.energy(placed(where_made, centre, turned[0]), turned) < 1e-20
     assert friction.energy(POINTS, turned) > 1e-6
@@ -98,7 +97,7 @@ def test_backward_through_force_and_anchors(friction: SlidingFriction) -> None:
 
     def at(s: float) -> SlidingFriction:
         friction.begin(Sliding(anchors + s * shifted))
-        friction.lag(NORMALS + s * pushed)
+        friction.lag(NORMALS + s * pushed, POINTS, POSES)
         return friction
 
     by_normal, by_anchor = friction.force_backward(POINTS, POSES, adjoint)
@@ -114,7 +113,7 @@ def test_backward_through_force_and_anchors(friction: SlidingFriction) -> None:
 def test_a_step_ends_at_the_elastic_slip(friction: SlidingFriction) -> None:
     force = friction.force(POINTS, POSES)
     friction.begin(friction.end(POINTS, POSES))
-    friction.lag(NORMALS)
+    friction.lag(NORMALS, POINTS, POSES)
     assert friction.force(POINTS, POSES) == pytest.approx(force, abs=1e-9 * np.abs(force).max())
     again = friction.end(POINTS, POSES).anchors
     assert again == pytest.approx(friction.sliding.anchors, abs=1e-12)
@@ -122,15 +121,16 @@ def test_a_step_ends_at_the_elastic_slip(friction: SlidingFriction) -> None:
     assert again[0, free] == pytest.approx(POINTS[free], abs=0)
 
 
-def test_pads_slide_one_way_on_the_ground_alone() -> None:
-    pads = Pads(np.arange(COUNT) % 2 == 0, (1.0, 0.0, 0.0), forward=0.1, backward=0.5)
-    box = rigid_box("box", (0.02, 0.03, 0.01))
-    contact = Contact(Ground(), [box], friction=0.5, slip=SLIP, pads=pads)
-    friction = SlidingFriction(contact, contact.sizes(Composite()))
-    for sign, easy in ((1.0, 0.1), (-1.0, 0.5)):
-        friction.begin(friction.at_rest(POINTS, POSES))
-        friction.lag(np.broadcast_to([0.0, 0.0, 1.0], NORMALS.shape))
-        force = friction.force(POINTS + [sign * 2e-3, 0.0, 0.0], POSES) @ [sign, 0.0, 0.0]
-        assert force[0, ::2] == pytest.approx(easy)
-        assert force[0, 1::2] == pytest.approx(0.5)
-        assert force[1] == pytest.approx(0.5)
+def test_friction_turns_nothing_together(friction: SlidingFriction) -> None:
+    """On skin and body it acts along one line, however far the anchor lies off the surface."""
+    poses = POSES * [[1, 1, 1, 0, 0, 0]]
+    anchors = friction.at_rest(POINTS, poses).anchors
+    anchors[1] += SLIP * POINTS / 1e-2 + 5e-3 * NORMALS[1]
+    friction.begin(Sliding(anchors))
+    friction.lag(NORMALS, POINTS, poses)
+    force = friction.force(POINTS, poses)
+    wrench = friction.pose_force(0, force, poses)
+    centre = rigid_box("box", (0.02, 0.03, 0.01)).centre + poses[0, :3]
+    assert np.abs(force[1]).max() > 0.1
+    assert wrench[:3] == pytest.approx(-force[1].sum(axis=0))
+    assert wrench[3:] == pytest.approx(-np.cross(POINTS - centre, force[1]).sum(axis=0))

@@ -5,8 +5,11 @@ import pytest
 from helpers.scenes import square
 from mpi4py import MPI
 
-from toros_fem.contact import Contact, Ground
+from toros_fem.contact import Contact, Ground, RigidBody, rigid_box
+from toros_fem.contact.motion import rotation
+from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.errors import ParameterError
 from toros_fem.materials import Composite
 from toros_fem.mechanics.supports import Supports, clamp_where
 from toros_fem.meshes import sew
@@ -138,7 +141,8 @@ def test_a_sheet_slides_off_a_slope_at_the_angle_of_friction(
     pattern = square(points, n=3)
     skin = sew(comm, pattern)
     free = Supports(np.zeros(points.shape, dtype=bool))
-    solver = EquilibriumSolver(skin, Composite(), free, contact=contact(normal))
+    few = NewtonOptions(max_steps=12)
+    solver = EquilibriumSolver(skin, Composite(), free, few, contact=contact(normal))
     force = np.tile([0.0, 0.0, -0.02], (len(points), 1))
     found = solver.solve(
         np.zeros(len(skin.owned_cells)), 0.0, force=force, raise_on_failure=False, trial=True
@@ -147,3 +151,41 @@ def test_a_sheet_slides_off_a_slope_at_the_angle_of_friction(
     if found.converged:
         moved = (found.positions - points[skin.owned_vertices]) @ along
         assert 0.5 * SLIP < moved.min(initial=SLIP) <= moved.max(initial=0.0) < SLIP
+
+
+@pytest.mark.parametrize("steepness", [0.97, 1.03])
+def test_a_free_box_slides_off_a_slope(comm: MPI.Comm, steepness: float) -> None:
+    """A sheet that is held everywhere carries it: by friction up to its angle."""
+    angle = np.arctan(steepness * FRICTION)
+    turn = rotation(np.array([0.0, angle, 0.0]))
+    points = square(n=2).points @ turn.T
+    pattern = square(points, n=2)
+    above = THICKNESS / 2 + 0.7 * DISTANCE
+    flat = rigid_box("box", (0.01, 0.01, 0.006), (0.01, 0.01, 0.003 + above))
+    box = RigidBody("box", flat.points @ turn.T, flat.triangles, mass=0.1)
+    touched = Contact(
+        bodies=[box],
+        self_contact=False,
+        friction=FRICTION,
+        thickness=THICKNESS,
+        distance=DISTANCE,
+        slip=SLIP,
+    )
+    skin = sew(comm, pattern)
+    held = Supports(np.ones(points.shape, dtype=bool))
+    options = NewtonOptions(max_steps=12)
+    solver = EquilibriumSolver(skin, Composite(), held, options, contact=touched)
+    density = np.zeros(len(skin.owned_cells))
+    found = solver.solve(density, 0.0, raise_on_failure=False, trial=True)
+    assert found.converged == (steepness < 1)
+    if not found.converged:
+        return
+    found = solver.finish(found)
+    down = np.array(found.poses)[0, :3] @ turn[:, 0]
+    assert 0.5 * SLIP < down < SLIP
+    carried = -solver.reactions(found).sum(axis=0)
+    assert carried == pytest.approx([0.0, 0.0, -0.981], abs=1e-6)
+    again = solver.solve(density, 0.0, start=found)
+    assert np.array(again.poses) == pytest.approx(np.array(found.poses), abs=1e-6 * SLIP)
+    with pytest.raises(ParameterError, match="no adjoint through friction on free bodies"):
+        solver.solve_tangent(again.state, again, adjoint=True)

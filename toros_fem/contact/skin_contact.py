@@ -334,12 +334,13 @@ class SkinContact:
         """Let friction have the normal forces and tangent planes of a state."""
         if self.friction is None:
             return
-        x, _ = self._at(nodes, motions)
+        x, poses = self._at(nodes, motions)
 
         def on_first() -> None:
             assert self.friction is not None
             self._sides = self._barrier.sides(x, self._owners)
-            self.friction.lag(np.array([self._of_skin(side.push()) for side in self._sides]))
+            pushes = np.array([self._of_skin(side.push()) for side in self._sides])
+            self.friction.lag(pushes, self._of_skin(x), poses)
 
         on_first_rank(self._comm, on_first)
 

@@ -50,7 +50,7 @@ class SlidingFriction:
         self.law = Coulomb(contact.friction, sizes.slip)
         self._grounds, self._pads = len(contact.grounds), contact.pads
         self._centres = [body.centre for body in contact.bodies]
-        self.sliding = Sliding(np.zeros((self.sides, 0, 3)))
+        self.sliding = self._settled = Sliding(np.zeros((self.sides, 0, 3)))
         self.normals: Floats = np.zeros((self.sides, 0, 3))
 
     @property
@@ -71,15 +71,23 @@ class SlidingFriction:
 
     def begin(self, sliding: Sliding) -> None:
         """Begin a step from the anchors of the last one, without any normal force."""
-        self.sliding, self.normals = sliding, np.zeros_like(sliding.anchors)
+        self.sliding, self._settled = sliding, sliding
+        self.normals = np.zeros_like(sliding.anchors)
 
-    def lag(self, normals: Floats) -> None:
-        """Take over the normal forces of a state.
+    def lag(self, normals: Floats, points: Floats, poses: Floats | None) -> None:
+        """Take over the normal forces of a state, and move the anchors along them to its vertices.
+
+        So friction and its counterpart on a body act along one line: they turn nothing together.
 
         Args:
             normals: On each vertex from each side in N, (sides, n, 3).
+            points, poses: The state.
         """
         self.normals = normals
+        carried = self.carried(self.sliding, poses)
+        unit = normals / np.maximum(np.linalg.norm(normals, axis=2), 1e-300)[:, :, None]
+        carried += np.einsum("sni,sni->sn", unit, points - carried)[:, :, None] * unit
+        self._settled = Sliding(self._brought_back(carried, poses))
 
     def energy(self, points: Floats, poses: Floats | None) -> float:
         """Return the potential in J of the lagged normal forces."""
@@ -143,7 +151,7 @@ class SlidingFriction:
 
     def force_change(self, points: Floats, poses: Floats | None, change: Floats) -> Floats:
         """Return the change of `force` in N by one of the normal forces, both (sides, n, 3)."""
-        by_normal = self._of_law("force_by_normal", points, poses)
+        by_normal = self._of_law("force_by_normal", points, poses, self.sliding)
         return np.einsum("snij,snj->sni", by_normal, change)
 
     def force_backward(
@@ -158,7 +166,7 @@ class SlidingFriction:
         Returns:
             Both (sides, n, 3).
         """
-        by_normal = self._of_law("force_by_normal", points, poses)
+        by_normal = self._of_law("force_by_normal", points, poses, self.sliding)
         by_motion = self._of_law("stiffness", points, poses)
         return (
             np.einsum("snij,sni->snj", by_normal, adjoint),
@@ -179,7 +187,7 @@ class SlidingFriction:
         """
         slope = self._turned(slope, poses)
         by_motion = self._of_law("elastic_by_motion", points, poses)
-        by_normal = self._of_law("elastic_by_normal", points, poses)
+        by_normal = self._of_law("elastic_by_normal", points, poses, self.sliding)
         followed = np.einsum("snij,sni->snj", by_motion, slope)
         return (
             (slope - followed).sum(axis=0),
@@ -187,10 +195,23 @@ class SlidingFriction:
             self._turned_back(followed, poses),
         )
 
-    def _of_law(self, quantity: str, points: Floats, poses: Floats | None) -> Floats:
-        """Return a quantity of the law at all vertices on all sides, zero without normal force."""
+    def _of_law(
+        self,
+        quantity: str,
+        points: Floats,
+        poses: Floats | None,
+        anchors: Sliding | None = None,
+    ) -> Floats:
+        """Return a quantity of the law at all vertices on all sides, zero without normal force.
+
+        Where normal forces change, motions count from the anchors of the begin (`sliding`): their
+        normal part then matters. Else from those of `lag`, by default.
+        """
         active = self.normals.any(axis=2)
-        normals, motion = self.normals[active], (points - self.carried(self.sliding, poses))[active]
+        normals, motion = (
+            self.normals[active],
+            (points - self.carried(anchors or self._settled, poses))[active],
+        )
         values = getattr(self.law, quantity)(normals, motion)
         if self._pads is not None:
             side, vertex = np.nonzero(active)
@@ -202,7 +223,7 @@ class SlidingFriction:
         return out
 
     def _anchors(self, body: int) -> Floats:
-        return np.asarray(self.sliding.anchors[self._grounds + body])
+        return np.asarray(self._settled.anchors[self._grounds + body])
 
     def carried(self, sliding: Sliding, poses: Floats | None) -> Floats:
         """Return anchors where the bodies are now, (sides, n, 3) in m.
@@ -223,7 +244,7 @@ class SlidingFriction:
         Args:
             poses, change: Poses of the bodies and their change.
         """
-        out = np.zeros_like(self.sliding.anchors)
+        out = np.zeros_like(self._settled.anchors)
         for k, centre in enumerate(self._centres):
             jacobian = pose_jacobian(self._anchors(k), centre, poses[k])
             out[self._grounds + k] = (jacobian @ change[k]).reshape(-1, 3)

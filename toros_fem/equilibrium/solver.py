@@ -474,13 +474,19 @@ class EquilibriumSolver:
                 change it, and it does not change them.
 
         Raises:
-            ParameterError: The solver has been used for another solve since.
+            ParameterError: The solver has been used for another solve since; or an adjoint through
+                friction on free bodies is asked for.
             NoEquilibriumError: With friction: the iteration does not converge.
         """
         self._require_last(at)
         rhs, model, factor = rhs * self.model.free, self.model, self._factor
         if not model.slides:
             return factor.solve(rhs)
+        if adjoint and self.contact is not None and self.contact.free_bodies:
+            raise ParameterError(
+                "there is no adjoint through friction on free bodies; hold or move the bodies, or "
+                "leave the friction out."
+            )
         solution, left = gmres(
             self.skin.comm,
             lambda x: factor.multiply(x) + model.friction_coupling(at.state, x, transposed=adjoint),
