@@ -15,7 +15,7 @@ from toros_fem.meshes.topology import edges_of, lengths
 
 pytestmark = pytest.mark.one_rank
 
-SIZES = ContactSizes(5e-4, 1.25e-4, 1e5, 1e-4)
+SIZES = ContactSizes(5e-4, 2.5e-4, 1e5, 1e-4)
 COMM = MPI.COMM_SELF
 
 

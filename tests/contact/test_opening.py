@@ -17,7 +17,7 @@ pytestmark = pytest.mark.one_rank
 
 ipctk = pytest.importorskip("ipctk")
 
-SIZES = ContactSizes(5e-4, 1.25e-4, 1e5, 1e-4)
+SIZES = ContactSizes(5e-4, 2.5e-4, 1e5, 1e-4)
 COMM = MPI.COMM_SELF
 SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])
 

@@ -18,7 +18,7 @@ from toros_fem.meshes.topology import following
 # Lengths of paths in the sheet over the reach of contact. Two points of a folded sheet that are
 # one thickness apart have a path of π/2 of it between them: vertices within FOLDED are neighbours.
 # What is within ADJACENT touches in the flat sheet already.
-FOLDED, ADJACENT = 2.5, 1.6
+FOLDED, ADJACENT = 2.1, 1.35
 # Smallest angle in rad of a view along the sheet: what is left beside a vertex is rounding.
 VIEW = 1e-6
 

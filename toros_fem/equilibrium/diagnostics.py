@@ -37,7 +37,8 @@ class Condition:
             not look for it.
         blown_up: Whether a pressure stretches the skin to more than three times its length and
             nothing but the stretch bounds holds it.
-        folded_edges: Number of edges that are folded by more than 170 degrees.
+        folded_edges: Number of edges that are folded by more than 170 degrees; 0 with
+            self-contact, where layers may lie on each other.
     """
 
     snapped: bool | None = None
@@ -66,7 +67,7 @@ class Condition:
         if self.folded_edges:
             found.append(
                 f"{self.folded_edges} edges are folded by more than {math.degrees(FOLDED):.0f} "
-                "degrees: the skin lies on itself there, and contact is not modelled."
+                "degrees: the skin lies on itself there. Give the solver a Contact."
             )
         return " ".join(found)
 
@@ -84,8 +85,15 @@ def condition_of(
         snapped=snapped,
         critical_load=critical,
         blown_up=model.load.largest > 0 and held,
-        folded_edges=model.count_folds(state, FOLDED) // 2,  # each edge is seen from both sides
+        folded_edges=_folds(model, state),
     )
+
+
+def _folds(model: SkinModel, state: Floats) -> int:
+    """Return the number of edges at which the skin lies on itself, and nothing hinders it."""
+    if model.contact is not None and model.contact.contact.self_contact:
+        return 0
+    return model.count_folds(state, FOLDED) // 2  # each edge is seen from both sides
 
 
 def success(
@@ -141,12 +149,12 @@ def failure(
     ways = ", by raising or lowering the load, or by stiffening the plain fabric"
     begin += f"once{'' if once else ways}"
     begin += f": {why}."
-    folds = model.count_folds(tried, FOLDED)
-    if folds:  # each edge is seen from both sides
+    folds = _folds(model, tried)
+    if folds:
         begin += (
-            f" Where the last attempt ended {folds // 2} edges are folded by more than "
-            f"{math.degrees(FOLDED):.0f} degrees: the skin collapses onto itself there, and "
-            "contact is not modelled. A skin sewn from flat layers needs hinged seams."
+            f" Where the last attempt ended {folds} edges are folded by more than "
+            f"{math.degrees(FOLDED):.0f} degrees: the skin collapses onto itself there. Give the "
+            "solver a Contact. A skin sewn from flat layers needs hinged seams."
         )
     if once:
         return f"{begin} Solve without trial = True, which also tries continuation."
