@@ -91,7 +91,7 @@ RUNS: dict[str, tuple[dict[str, Any], dict[str, tuple[float, float]]]] = {
         {"design.angle_deg": (0.02, 1.0)},
     ),
     "gripper": (
-        {**SHORT, "edge_length": 3e-3, "filter_radius": 4.6e-3},
+        {**SHORT, "edge_length": 3e-3, "filter_radius": 4.6e-3, "lift_distance": None},
         {"design.gap_mm": (0.05, 0.1), "design.angle_deg": (0.02, 1.0)},
     ),
 }

@@ -1,16 +1,18 @@
-"""A gripper of three fingers that close on a sphere or a box when inflated (paper Fig. 1).
+"""A gripper whose fingers close on an object when inflated, and lift it (paper Fig. 1).
 
     python demos/gripper.py --coarse
     python demos/gripper.py --coarse --shape box
 
-Each finger is flat, made of two panels, and clamped at its root in a mount. Three of them hang
-around the object at 120°. Half a finger is designed, by symmetry. A line along its inner panel is
-always printed, so that this panel keeps its length. The target follows from the object. Around a
-sphere the finger goes as far as it reaches. The edges of a box are sharper than a finger can bend:
-its outer panel would have to stretch fourfold. So the finger bends evenly from its root on, touches
-the lower edge, and its tip ends below the box. The distance of the inner panel from the object,
-where it is to touch, also counts. The printed finger is simulated again. The summary gives the
-remaining gap, and how it changes when the object's weight hangs on the fingers.
+Each finger is flat, made of two panels, and clamped at its root in a mount. The mount also carries
+the inner panel on a stem: held in a flat line alone the finger would turn about it like a hinge.
+Three fingers stand around a sphere, four around a box. Half a finger is designed, by symmetry, in
+contact with the object, which is held in its place. A line along the inner panel is always printed,
+so that this panel keeps its length. The target shape goes around the object. The objective also
+asks for a holding force, that of the normal forces upwards and of the friction that they allow.
+
+The printed gripper then lifts the object from a thin post. The object slides until the fingers bear
+its weight. The summary gives the largest mass that they bear, the sliding at the object's own mass,
+contact area and pressure, and the force of each finger.
 """
 
 import sys

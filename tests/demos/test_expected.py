@@ -16,7 +16,6 @@ from mpi4py import MPI
 FOLDER = ROOT / "demos" / "expected"
 PICTURES = {
     "inflate": ["curve.png", "shapes.png"],
-    "gripper": ["grasp.png", "finger.png"],
 }
 
 

@@ -1526,7 +1526,7 @@ SCENES = [
         lambda s: GripperConfig(mass=-1.0),
         P,
         "mass = -1.0 kg",
-        "at least 0",
+        "above 0",
     ),
     case(
         "gripper wraps by NaN", lambda s: GripperConfig(wrap_angle=NAN), P, "wrap_angle = nan deg"

@@ -61,12 +61,24 @@ def test_touching_strip_and_backbone(comm: MPI.Comm) -> None:
     case = demo.case(comm, SMALL)
     assert case.touching is not None
     assert case.passive is not None
+    assert case.contact is not None
     x, y, _ = case.pattern.points[case.touching.weights > 0].T
     assert np.all(x > SMALL.bend_start)
     assert np.all(np.abs(y) < SMALL.finger_width / 6)
     top = case.pattern.cells_of("top")
     assert np.all(np.isnan(np.delete(case.passive, top)))
     assert np.nanmin(case.passive[top]) == 1.0
+
+
+def test_mount_carries_the_inner_panel_on_its_stem(comm: MPI.Comm) -> None:
+    case = demo.case(comm, SMALL)
+    held = case.supports.fixed.all(axis=1)
+    x, inner = case.pattern.points[:, 0], np.zeros(len(held), dtype=bool)
+    inner[case.pattern.vertices_of("top")] = True
+    assert x[held & inner].max() == pytest.approx(SMALL.stem_length, abs=SMALL.edge_length)
+    assert x[held & ~inner].max() == pytest.approx(SMALL.root_length)
+    with pytest.raises(errors.ParameterError, match="stem_length = 0.01 m must be at least root"):
+        SMALL.updated(stem_length=0.01)
 
 
 def test_another_angle_leaves_the_object_in_place(comm: MPI.Comm) -> None:
@@ -87,4 +99,4 @@ def test_bad_values() -> None:
     with pytest.raises(errors.ParameterError, match="unknown parameter 'wrap_angel'; did you mean"):
         SMALL.updated(wrap_angel=80.0)
     with pytest.raises(errors.ParameterError, match=r"bend at 0.00\d+ m, inside its mount"):
-        SMALL.updated(shape="box", finger_length=0.08)
+        SMALL.updated(shape="box", finger_length=0.05)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,6 +69,7 @@ class ActuatorCase:
             vertex of `mirrored(pattern, symmetry)`.
         chambers: Pressure chambers; None for one.
         touching: A body to touch, in the objective; None for none.
+        further: Makes a further term of the objective from the skin; None for none.
         contact: What the skin cannot pass through; None for nothing.
         aligned: Whether a rigid motion of the whole skin costs nothing.
     """
@@ -86,6 +87,7 @@ class ActuatorCase:
     objective_of_whole: bool = False
     chambers: Chambers | None = None
     touching: Touching | None = None
+    further: Callable[[Nodes], Objective] | None = None
     contact: Contact | None = None
     aligned: bool = False
 
@@ -128,6 +130,8 @@ class ActuatorCase:
         if self.touching is not None:
             t = self.touching
             terms.append(GapObjective(nodes, t.body, t.weights, t.factor))
+        if self.further is not None:
+            terms.append(self.further(nodes))
         if not terms or self.weights is not None or self.relative is not None:
             terms.append(ShapeObjective(nodes, target, self.weights, self.relative))
         found = terms[0] if len(terms) == 1 else SumObjective(*terms)

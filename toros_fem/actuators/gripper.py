@@ -1,8 +1,9 @@
-"""Figures and pictures of a gripper that is closed on an object."""
+"""Object, pictures and frames of a gripper that lifts."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem._types import Floats, Ints
+from toros_fem.contact.bodies import RigidBody
+from toros_fem.contact.solids import rigid_box, rigid_sphere
 from toros_fem.frames.files import Frame
 from toros_fem.frames.record import repeated, write_series
 from toros_fem.frames.shown_skin import ShownSkin
@@ -20,19 +23,62 @@ from toros_fem.objectives.gap import Body
 from toros_fem.output.files import write_json
 from toros_fem.output.writer import if_plotting, write_together
 
-FINGERS = 3
+# Rays on which a body's surface is found, over its size: it lies no further out.
+FARTHEST = 2.0
+# Half the width of the post and its distance from the object in pictures, over the object's size.
+POST, BELOW = 0.06, 0.01
+VIEW = (12.0, 25.0)
 
 
-def write_grasp(
+@dataclass(frozen=True, eq=False)
+class LiftShape:
+    """Fingers and object at one moment of a lift.
+
+    Attributes:
+        title: What is shown.
+        positions: Positions of the vertices of one whole finger, (n, 3), in m, in its own frame:
+            along x from the mount, towards the object along z.
+        sunk: Distance in m by which the object has moved down, seen from the mounts.
+        raised: Distance in m by which the mounts have moved up.
+    """
+
+    title: str
+    positions: Floats
+    sunk: float
+    raised: float
+
+
+def solid(body: Body, name: str = "object") -> RigidBody:
+    """Return a sphere, or a box with rounded edges, as a rigid body.
+
+    Args:
+        body: Its shape and place.
+        name: Its name.
+    """
+    if body.shape == "sphere":
+        return rigid_sphere(name, body.size / 2, body.centre)
+    ball = rigid_sphere(name, 1.0)
+    rays = ball.points / np.linalg.norm(ball.points, axis=1)[:, None]
+    low: Floats = np.zeros(len(rays))
+    high: Floats = np.full(len(rays), FARTHEST * body.size)
+    for _ in range(50):  # each ray from the centre leaves the body once
+        middle = (low + high) / 2
+        outside = body.distance(body.centre + middle[:, None] * rays)[0] > 0
+        low, high = np.where(outside, low, middle), np.where(outside, middle, high)
+    return RigidBody(name, body.centre + low[:, None] * rays, ball.triangles)
+
+
+def write_lift(
     comm: MPI.Comm,
     folder: Path,
     pattern: Pattern,
-    positions: Floats,
+    rows: Sequence[tuple[Floats, Sequence[LiftShape]]],
     regions: Sequence[BaseGeometry],
-    body: Body,
+    body: RigidBody,
+    fingers: int,
     figures: Mapping[str, Any],
 ) -> None:
-    """Write load.json and pictures of three equal fingers around the object (collective).
+    """Write load.json, frames, and pictures of all fingers around the object (collective).
 
     The fingers hang down along their own x; their own z points to the object's axis.
 
@@ -40,9 +86,11 @@ def write_grasp(
         comm: Communicator.
         folder: Output folder, which exists.
         pattern: The pattern of one whole finger.
-        positions: Positions of its vertices, (n, 3), in m.
+        rows: Density of its triangles, (t,), and shapes of a lift, a row of the picture each; the
+            last one is that of the print.
         regions: Print on each of its panels, polygons in m.
-        body: The object, in the finger's frame.
+        body: The object before the lift, in the finger's frame.
+        fingers: Number of fingers around it.
         figures: Content of load.json.
 
     Raises:
@@ -51,39 +99,49 @@ def write_grasp(
 
     def write() -> None:
         write_json(folder / "load.json", figures)
-        around = 2 * np.pi * np.arange(FINGERS) / FINGERS
-        fingers = [_in_room(positions, body, angle) for angle in around]
-        ball, faces = _body_mesh(body)
-        points = np.concatenate([*fingers, _in_room(ball, body, 0.0)])
-        triangles, count = pattern.triangles, len(positions)
+        axis, count = float(body.centre[2]), len(pattern.points)
+        around = 2 * np.pi * np.arange(fingers) / fingers
+        post, faces = _post(body)
+
+        def fingers_of(shape: LiftShape) -> Floats:
+            up = [0.0, 0.0, shape.raised]
+            return np.concatenate([in_room(shape.positions, axis, a) + up for a in around])
+
+        def object_of(shape: LiftShape) -> Floats:
+            return in_room(body.points, axis, 0.0) + [0.0, 0.0, shape.raised - shape.sunk]
+
         cells = np.concatenate(
-            [triangles + k * count for k in range(FINGERS)] + [faces + FINGERS * count]
+            [pattern.triangles + k * count for k in range(fingers)]
+            + [body.triangles + fingers * count, faces + fingers * count + len(body.points)]
         )
-        bare, other = np.zeros(len(triangles)), np.full(len(faces), np.nan)
-        printed = cut_triangles(pattern, regions)
-        shapes = [("closed on the object", points)]
-        three, prints = repeated(pattern, regions, FINGERS)
-        skin = ShownSkin(three, regions=prints, body=(_in_room(ball, body, 0.0), faces))
-        write_series(folder, skin, [Frame("load", 0, "", np.concatenate(fingers), None, {})])
-        side = np.concatenate([fingers[0], _in_room(ball, body, 0.0)])
+        other = np.full(len(body.triangles) + len(faces), np.nan)
+        shapes = [
+            (shape.title, np.concatenate([fingers_of(shape), object_of(shape), post]))
+            for _, row in rows
+            for shape in row
+        ]
+        densities = [
+            np.append(np.tile(density, fingers), other) for density, row in rows for _ in row
+        ]
+        closed, last = rows[-1][1][0], rows[-1][1][-1]
+        three, prints = repeated(pattern, regions, fingers)
+        room = in_room(body.points, axis, 0.0) + [0.0, 0.0, last.raised - last.sunk]
+        skin = ShownSkin(three, regions=prints, body=(room, body.triangles))
+        write_series(folder, skin, [Frame("load", 0, "", fingers_of(last), None, {})])
+        side = np.concatenate([in_room(closed.positions, axis, 0.0), object_of(closed)])
 
         def draw() -> None:
             from toros_fem.output.shape_plot import plot_shapes
 
             plot_shapes(
-                folder / "grasp.png",
-                cells,
-                shapes,
-                np.append(np.tile(bare, FINGERS), other),
-                view=(15.0, 25.0),
-                printed=printed.repeated(FINGERS, len(triangles)),
+                folder / "lift.png", cells, shapes, np.stack(densities), VIEW, len(rows[-1][1])
             )
             plot_shapes(
                 folder / "finger.png",
-                np.concatenate([triangles, faces + count]),
+                np.concatenate([pattern.triangles, body.triangles + count]),
                 [("one finger, from the side", side)],
-                np.append(bare, other),
-                printed=printed,
+                np.append(np.zeros(len(pattern.triangles)), other[: len(body.triangles)]),
+                printed=cut_triangles(pattern, regions),
             )
 
         if_plotting(draw)
@@ -91,29 +149,25 @@ def write_grasp(
     write_together(comm, folder, write)
 
 
-def _in_room(points: Floats, body: Body, angle: float) -> Floats:
-    """Return points of a finger's frame in the room: z up, the object's axis at x = y = 0."""
-    out = body.centre[2] - points[:, 2]
+def in_room(points: Floats, axis: float, angle: float) -> Floats:
+    """Return points of a finger's frame in the room: z up, the object's axis at x = y = 0.
+
+    Args:
+        points: Points, (n, 3), in m.
+        axis: Distance in m of the object's axis from the flat finger.
+        angle: Angle in rad of the finger around the axis.
+    """
+    out = axis - points[:, 2]
     c, s = np.cos(angle), np.sin(angle)
     y = -points[:, 1]  # mirrored like z, since otherwise the skin would be inside out
     return np.column_stack([c * out - s * y, s * out + c * y, -points[:, 0]])
 
 
-def _body_mesh(body: Body, count: int = 48) -> tuple[Floats, Ints]:
-    """Return a mesh of the object's surface, oriented outwards, in the finger's frame."""
-    polar, turn = np.meshgrid(
-        np.linspace(1e-3, np.pi - 1e-3, count // 2 + 1), np.linspace(0, 2 * np.pi, count + 1)
-    )
-    rays = np.stack(
-        [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=2
-    ).reshape(-1, 3)
-    low: Floats = np.zeros(len(rays))
-    high: Floats = np.full(len(rays), 2 * body.size)
-    for _ in range(50):  # each ray from the centre leaves the object once
-        middle = (low + high) / 2
-        outside = body.distance(body.centre + middle[:, None] * rays)[0] > 0
-        low, high = np.where(outside, low, middle), np.where(outside, middle, high)
-    node = np.arange(len(rays)).reshape(polar.shape)
-    a, b, c, d = node[:-1, :-1], node[:-1, 1:], node[1:, 1:], node[1:, :-1]
-    faces = np.stack([np.stack([a, b, c], 2), np.stack([a, c, d], 2)], 2).reshape(-1, 3)
-    return body.centre + low[:, None] * rays, faces
+def _post(body: RigidBody) -> tuple[Floats, Ints]:
+    """Return the corners of a post below the object in the room, and its triangles."""
+    low, high = body.points.min(axis=0), body.points.max(axis=0)
+    size = float((high - low).max())
+    top = -high[0] - BELOW * size
+    half = np.array([POST * size, POST * size, size / 2])
+    post = rigid_box("post", 2 * half, (0.0, 0.0, top - half[2]))
+    return post.points, post.triangles

@@ -93,8 +93,8 @@ def plot_shapes(
         path: PNG file to write.
         triangles: Vertices of each triangle, (t, 3).
         shapes: For each state its title and the positions of all vertices, (n, 3), in m.
-        density: Density of all triangles to colour by, (t,), 1 for reinforced; NaN for other
-            bodies.
+        density: Density of all triangles to colour by, (t,), or that of each state, (states, t);
+            1 for reinforced, NaN for other bodies.
         view: Elevation and turn of the viewer in degrees, as of `View`.
         columns: Largest number of states side by side.
         printed: Print that is drawn on top, with its own borders; None for none.
@@ -102,9 +102,10 @@ def plot_shapes(
     seen = View(*view)
     every = seen.project(np.concatenate([positions for _, positions in shapes]))
     figure, grid = _grid([every] * len(shapes), min(columns, len(shapes)), STATES)
-    for axes, (title, positions) in zip(grid, shapes, strict=True):
+    densities = np.broadcast_to(density, (len(shapes), len(triangles)))
+    for axes, (title, positions), own in zip(grid, shapes, densities, strict=True):
         axes.set_title(title, fontsize=10)
-        draw_skin(axes, triangles, positions, _colours(density), seen, printed)
+        draw_skin(axes, triangles, positions, _colours(own), seen, printed)
     figure.savefig(path, dpi=DPI, bbox_inches="tight")
     plt.close(figure)
 

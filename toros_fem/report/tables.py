@@ -22,7 +22,7 @@ FILES = {
     "curve.csv": "metrics over the pressure",
     "gait.csv": "metrics and feet over a cycle",
     "gait.json": "figures of the cycle",
-    "load.json": "figures under the load",
+    "load.json": "figures of the lift",
     "tolerance.csv": "metrics of skins that are not made as drawn",
     "inflation.gif": "inflation of the print",
     "shape.png": "inflated skin beside its target",
@@ -37,7 +37,7 @@ FILES = {
     "gait.png": "shapes over a cycle",
     "tracks.png": "paths of the feet",
     "tolerance.png": "what moves each metric",
-    "grasp.png": "fingers around the object",
+    "lift.png": "initial design and print lift the object",
     "finger.png": "one finger and the object",
 }
 

@@ -32,10 +32,10 @@ _FIELDS: Mapping[str, str] = MappingProxyType(
         "target": "bend angle twist shorten neutral contraction keep_length length_ratio axis "
         "toward begin end motion aim reach bent_length wrap_angle tip_angle edge_bend_radius "
         "edge_angle tail_length inflated_depth target stiffness_0 stiffness_45 stiffness_90",
-        "object": "shape mass",
+        "object": "shape mass lift_distance slip_limit",
         "skin": "scale component refinements cuts method crease_angle max_stretch length diameter "
         "whole leg_length leg_width body_radius fillet foot_length finger_length finger_width "
-        "root_length backbone_width size mesh edge_length",
+        "root_length stem_length backbone_width size mesh edge_length",
         "material": "fabric_young poisson thickness c1 c2 reinforcement_young "
         "reinforcement_poisson reinforcement_thickness reinforcement_c1 reinforcement_c2 "
         "bending seams wrinkling print_side print_offset bladder_young bladder_thickness "
@@ -44,7 +44,7 @@ _FIELDS: Mapping[str, str] = MappingProxyType(
         "contact": "friction contact_distance feet pad_friction pad_length",
         "pull": "direction along across strain strain_steps margin",
         "objective": "counted metrics tip_weight orientation_length cross_sections axial_weight "
-        "centreline_weight contact_weight",
+        "centreline_weight contact_weight holding_factor holding_weight",
         "design": "start seed starts levels iterations constrained_iterations min_decrease "
         "move_limit level_iterations level_move_limit polish_iterations corrections filter "
         "filter_radius beta eta line_width gap_width perimeter_weight perimeter_window "

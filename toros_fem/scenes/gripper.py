@@ -1,18 +1,20 @@
-"""A gripper of three fingers that close on a sphere or a box when inflated (paper Fig. 1).
+"""A gripper whose fingers close on an object when inflated, and lift it (paper Fig. 1).
 
-Each finger is flat, made of two panels, and clamped at its root in a mount. Three of them hang
-around the object at 120°. Half a finger is designed, by symmetry. A line along its inner panel is
-always printed, so that this panel keeps its length. The target follows from the object. Around a
-sphere the finger goes as far as it reaches. The edges of a box are sharper than a finger can bend:
-its outer panel would have to stretch fourfold. So the finger bends evenly from its root on, touches
-the lower edge, and its tip ends below the box. The distance of the inner panel from the object,
-where it is to touch, also counts. The printed finger is simulated again. The summary gives the
-remaining gap, and how it changes when the object's weight hangs on the fingers.
+Each finger is flat, made of two panels, and clamped at its root in a mount. The mount also carries
+the inner panel on a stem: held in a flat line alone the finger would turn about it like a hinge.
+Three fingers stand around a sphere, four around a box. Half a finger is designed, by symmetry, in
+contact with the object, which is held in its place. A line along the inner panel is always printed,
+so that this panel keeps its length. The target shape goes around the object. The objective also
+asks for a holding force, that of the normal forces upwards and of the friction that they allow.
+
+The printed gripper then lifts the object from a thin post. The object slides until the fingers bear
+its weight. The summary gives the largest mass that they bear, the sliding at the object's own mass,
+contact area and pressure, and the force of each finger.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -21,34 +23,47 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase, Touching
 from toros_fem.actuators.config import ActuatorConfig, TipWeights
-from toros_fem.actuators.gripper import write_grasp
+from toros_fem.actuators.gripper import LiftShape, solid, write_lift
 from toros_fem.actuators.legs import leg_cross_sections, tip_angle_metric
 from toros_fem.actuators.run import ActuatorResult, design_actuator, summary_sentence
+from toros_fem.analysis.holding import HoldingObjective
+from toros_fem.analysis.pull_out import PullPoint, largest_force, pull_out, slip_under
 from toros_fem.config import quantity
-from toros_fem.equilibrium.solver import EquilibriumError
+from toros_fem.contact.config import ContactConfig
+from toros_fem.contact.settings import Contact, Ground
+from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.mechanics.supports import Supports, symmetry_plane
-from toros_fem.meshes import Pattern, curl, finger, plane_centroids
+from toros_fem.meshes import Mirrored, Pattern, curl, finger, plane_centroids
 from toros_fem.objectives.gap import SHAPES, Body
 from toros_fem.objectives.metrics import Metric
+from toros_fem.objectives.shape import Nodes, Objective
+from toros_fem.output.files import write_json
+from toros_fem.output.writer import write_together
 
 ALONG, TOWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
-WRAP_ANGLE = {"sphere": 90.0, "box": 75.0}  # in degrees
+WRAP_ANGLE = {"sphere": 90.0, "box": 60.0}  # in degrees
+FINGERS = {"sphere": 3, "box": 4}  # as many as its sides, so that each finger does the same
 TOUCHING_WIDTH = 1 / 3  # of the finger's width, which is to lie on the object
 TOUCHING_GAP = 0.5e-3  # m; where the target is nearer to a box, the finger is to touch it
-BEARING_TURN = np.pi / 6  # rad; a finger that has turned by more than this bears weight
 TIP_TWELFTHS = 3  # of the finger beyond its root, whose angle is measured
 GRAVITY = 9.81  # m/s²
+# Steps of the lift while the object slides by up to the limit, and from there on.
+NEAR_STEPS, FAR_STEPS = 8, 8
+# Figures of the lift that the summary itself has too.
+HEADLINE = ("held_mass_kg", "slip_mm", "smallest_distance_mm")
 
 
 @dataclass(frozen=True)
-class GripperConfig(ActuatorConfig):
+class GripperConfig(ContactConfig, ActuatorConfig):
     """Numbers of the gripper; SI units.
 
     Raises:
-        ParameterError: As in `ActuatorConfig`, or the finger would bend inside its mount.
+        ParameterError: As in `ActuatorConfig`, the finger would bend inside its mount, or the stem
+            ends before the root or beyond the finger.
     """
 
     shape: str = quantity("sphere", "shape of the object", choices=SHAPES)
@@ -56,6 +71,9 @@ class GripperConfig(ActuatorConfig):
     finger_length: float = quantity(0.09, "length of a finger", "m", above=0)
     finger_width: float = quantity(0.025, "width of a finger", "m", above=0)
     root_length: float = quantity(0.015, "length of a finger in the mount", "m", above=0)
+    stem_length: float = quantity(
+        0.025, "length of a finger whose inner panel the mount's stem carries", "m", above=0
+    )
     backbone_width: float = quantity(
         6e-3, "width of the line along the inner panel that is always printed", "m", at_least=0
     )
@@ -65,7 +83,7 @@ class GripperConfig(ActuatorConfig):
     )
     wrap_angle: float | None = quantity(
         None,
-        "angle by which a finger goes around the object; none takes 90 at a sphere and 75 at a box",
+        "angle by which a finger goes around the object; none takes 90 at a sphere and 60 at a box",
         "deg",
         above=0,
         at_most=360,
@@ -78,10 +96,10 @@ class GripperConfig(ActuatorConfig):
         at_most=360,
     )
     edge_bend_radius: float = quantity(
-        0.047, "radius around which a finger bends at a box, whose edges are sharper", "m", above=0
+        0.03, "radius around which a finger bends at a box, whose edges are sharper", "m", above=0
     )
     edge_angle: float = quantity(
-        60.0,
+        45.0,
         "angle by which a finger has turned where it touches a box's edge",
         "deg",
         above=0,
@@ -98,17 +116,35 @@ class GripperConfig(ActuatorConfig):
     contact_weight: float = quantity(
         5.0, "weight of the inner panel's distance from the object", at_least=0
     )
-    mass: float = quantity(0.03, "mass of the object", "kg", at_least=0)
+    mass: float = quantity(0.1, "mass of the object", "kg", above=0)
+    friction: float | None = ContactConfig.redefault("friction", 0.6)
+    holding_factor: float = quantity(
+        4.0, "holding force that the design asks for, over the object's weight", above=0
+    )
+    holding_weight: float = quantity(1.0, "weight of the holding force that is missing", at_least=0)
+    lift_distance: float | None = quantity(
+        0.05, "distance by which the mounts move up; none leaves the lift out", "m", above=0
+    )
+    slip_limit: float = quantity(
+        5e-3, "sliding of the object up to which it counts as held", "m", above=0
+    )
     seams: str = ActuatorConfig.redefault("seams", "hinged")
     levels: int | None = ActuatorConfig.redefault("levels", 1)
     pressure: float = ActuatorConfig.redefault("pressure", 10e3)
-    corrections: int = ActuatorConfig.redefault("corrections", 4)
+    pressure_max: float = ActuatorConfig.redefault("pressure_max", 15e3)
+    # Steps that only raise the holding force are small.
+    min_decrease: float | None = ActuatorConfig.redefault("min_decrease", None)
     polish_iterations: int = ActuatorConfig.redefault("polish_iterations", 40)
     # The paper states none.
     design_pressure: bool = ActuatorConfig.redefault("design_pressure", True)
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if not self.root_length <= self.stem_length < self.finger_length:
+            raise ParameterError(
+                f"stem_length = {self.stem_length} m must be at least root_length = "
+                f"{self.root_length} m and less than finger_length = {self.finger_length} m."
+            )
         if self.bend_start < self.root_length:
             raise ParameterError(
                 f"the finger starts to bend at {self.bend_start:.3g} m, inside its mount, which "
@@ -154,6 +190,26 @@ class GripperConfig(ActuatorConfig):
         return Body(self.shape, self.size, (float(x), 0.0, float(z)))
 
     @property
+    def fingers(self) -> int:
+        """Number of fingers around the object."""
+        return FINGERS[self.shape]
+
+    @property
+    def contact(self) -> Contact:
+        """Contact with the object, which is held, and with the next finger, without friction.
+
+        By symmetry fingers meet in planes through the object's axis.
+        """
+        body, half = self.body, np.pi / self.fingers
+        between = Ground((0.0, 0.0, body.centre[2]), (0.0, -np.cos(half), -np.sin(half)))
+        return Contact(
+            ground=between,
+            bodies=[solid(body)],
+            self_contact=False,
+            distance=self.contact_distance,
+        )
+
+    @property
     def touching(self) -> tuple[float, float]:
         """First and last distance in m from the root at which the inner panel is to touch."""
         if self.shape == "sphere":
@@ -171,8 +227,8 @@ def coarse(config: GripperConfig) -> GripperConfig:
         edge_length=2.4e-3,
         filter_radius=3.7e-3,
         levels=1,
-        iterations=40,
-        constrained_iterations=30,
+        iterations=60,
+        constrained_iterations=40,
     )
 
 
@@ -229,12 +285,27 @@ def case(comm: MPI.Comm, config: GripperConfig) -> ActuatorCase:
     inner = pattern.panel == pattern.panel_index("top")
     off_middle = np.abs(plane_centroids(pattern)[:, 1])
     fixed = np.zeros((len(pattern.points), 3), dtype=bool)
-    fixed[pattern.points[:, 0] <= root * (1 + 1e-9)] = True
+    along = pattern.points[:, 0]
+    fixed[along <= root * (1 + 1e-9)] = True
+    stem = pattern.vertices_of("top")
+    fixed[stem[along[stem] <= config.stem_length * (1 + 1e-9)]] = True
     touching = touching_vertices(pattern, config).astype(np.float64)
+    supports = Supports(fixed) | symmetry_plane(pattern, 1)
+    contact = config.contact
+    sizes = contact.sizes(config.composite)
+
+    def holding(skin: Nodes) -> Objective:
+        # Upwards, and towards the object's axis as far as friction makes use of it.
+        direction = (config.friction or 0.0) * np.asarray(TOWARD) - np.asarray(ALONG)
+        force = config.holding_factor * config.mass * GRAVITY / (2 * config.fingers)
+        return HoldingObjective(
+            skin, contact, sizes, supports.fixed, direction, force, config.holding_weight
+        )
+
     return ActuatorCase(
         pattern=pattern,
         target=target,
-        supports=Supports(fixed) | symmetry_plane(pattern, 1),
+        supports=supports,
         passive=np.where(inner & (off_middle < config.backbone_width / 2), 1.0, np.nan),
         metrics=(
             gap_metric(config),
@@ -249,6 +320,8 @@ def case(comm: MPI.Comm, config: GripperConfig) -> ActuatorCase:
             config.orientation_length,
         ),
         touching=Touching(config.body, touching, config.contact_weight),
+        contact=contact,
+        further=holding,
         # The outer panel is to stretch; without this hint the start is the same in and out.
         start=np.where(inner, 0.65, 0.35),
         symmetry=(1,),
@@ -256,43 +329,147 @@ def case(comm: MPI.Comm, config: GripperConfig) -> ActuatorCase:
 
 
 def lift(
-    comm: MPI.Comm, output: Path, config: GripperConfig, pattern: Pattern, design: ActuatorResult
+    comm: MPI.Comm, output: Path, config: GripperConfig, design: ActuatorResult
 ) -> dict[str, Any]:
-    """Simulate the printed finger under a third of the object's weight; return its figures.
+    """Let the printed gripper lift its object, and the initial design too; return the figures.
+
+    Seen from the mounts the post goes down by the distance of the lift, and the object with it
+    until the fingers hold its weight. By symmetry it moves along its axis alone, and nothing moves
+    it back, so that one curve of the holding force over its depth tells what becomes of each mass.
+    Fingers close without friction, which acts from then on.
 
     Args:
         comm: Communicator.
-        output: Folder for pictures and figures.
+        output: Folder for pictures, frames and figures.
         config: Numbers of the gripper.
-        pattern: Half a finger.
         design: The designed finger.
     """
-    shown, problem = design.printed.evaluation or design.result.final, design.problem
-    skin = problem.skin
-    # Half a finger bears a sixth.
-    turned = config.bend_start + BEARING_TURN * config.bend_radius
-    bearing = touching_vertices(pattern, config) & (pattern.points[:, 0] > turned)
-    weight = pattern.vertex_areas * bearing
-    force = np.outer(weight / weight.sum(), [config.mass * GRAVITY / 6, 0, 0])
+    problem, printed = design.problem, design.printed
+    shown = printed.evaluation or design.result.final
+    model = problem.solver.model
+    solver = EquilibriumSolver(
+        problem.skin,
+        model.composite,
+        model.supports,
+        problem.solver.options,
+        contact=replace(config.contact, friction=config.friction),
+    )
+    seed = design.summary["seed"]
+    _, initial = problem.fields(problem.with_passive(problem.start_density(seed)))
+    pressures = shown.equilibrium.pressures
+    closed = shown.equilibrium.positions
+    after = _lifted(solver, shown.projected, pressures, config, closed)
     try:
-        found = problem.solver.solve(
-            shown.projected,
-            shown.equilibrium.pressures,
-            force=force,
-            start=shown.equilibrium.positions,
-        )
+        closed = problem.solver.solve(initial, pressures).positions
+        before = _lifted(solver, initial, pressures, config, closed)
     except EquilibriumError as caught:  # raised by all ranks or by none
-        return {"mass_kg": config.mass, "failure": str(caught)}
-    free = skin.gather_vertices(shown.equilibrium.positions)
-    loaded = skin.gather_vertices(found.positions)
-    sag = np.average((loaded - free)[:, 0], weights=weight)
-    gap = gap_metric(config).measure(pattern, loaded)
-    figures = {"mass_kg": config.mass, "sag_mm": 1e3 * float(sag), "gap_mm": gap}
+        before = _Lift((), str(caught))
+    figures = {
+        "mass_kg": config.mass,
+        "friction": config.friction,
+        "fingers": config.fingers,
+        **_figures(after, config, problem.skin.pattern),
+        "initial": _figures(before, config, problem.skin.pattern),
+    }
     whole = problem.whole
     assert whole is not None
-    positions, regions = whole.at_vertices(free), design.printed.regions
-    write_grasp(comm, output, whole.pattern, positions, regions, config.body, figures)
+    gathered = [problem.skin.gather_cells(density) for density in (initial, shown.projected)]
+    rows = [
+        (whole.at_cells(density), _shapes(name, curve, config, whole))
+        for name, density, curve in zip(
+            ("initial design", "as printed"), gathered, (before, after), strict=True
+        )
+    ]
+    write_lift(
+        comm,
+        output,
+        whole.pattern,
+        rows,
+        printed.regions,
+        solid(config.body),
+        config.fingers,
+        figures,
+    )
     return figures
+
+
+@dataclass(frozen=True, eq=False)
+class _Lift:
+    """What one design does: its pull, and why this ended early; empty at its end."""
+
+    points: tuple[PullPoint, ...]
+    failure: str
+
+    def slip(self, config: GripperConfig) -> float | None:
+        """Return the sliding in m at which the fingers bear the object; None if they do not."""
+        force = config.mass * GRAVITY / (2 * config.fingers)
+        found = slip_under(self.points, force) if self.points else None
+        return None if found is None or found > config.slip_limit else found
+
+
+def _lifted(
+    solver: EquilibriumSolver,
+    density: Floats,
+    pressures: Sequence[float],
+    config: GripperConfig,
+    closed: Floats,
+) -> _Lift:
+    """Pull the object out of half a finger: to the limit, and all the way if it drops."""
+    limit, end = config.slip_limit, config.lift_distance or 0.0
+    near = limit * np.linspace(0.0, 1.0, NEAR_STEPS + 1) ** 2
+    far = np.linspace(limit, max(end, limit), FAR_STEPS + 1)[1:]
+    depths = [*near, *(depth for depth in far if depth > limit)]
+    points: list[PullPoint] = []
+    try:
+        for point in pull_out(solver, density, pressures, depths, ALONG, closed):
+            points.append(point)
+            if point.depth >= limit and _Lift(tuple(points), "").slip(config) is not None:
+                break
+    except EquilibriumError as caught:  # raised by all ranks or by none
+        return _Lift(tuple(points), str(caught))
+    return _Lift(tuple(points), "")
+
+
+def _figures(lifted: _Lift, config: GripperConfig, pattern: Pattern) -> dict[str, Any]:
+    """Return the figures of a lift; those of fingers are at the end of the object's sliding."""
+    if not lifted.points:
+        return {"held_mass_kg": None, "slip_mm": None, "failure": lifted.failure}
+    slip = lifted.slip(config)
+    depths = np.array([point.depth for point in lifted.points])
+    at = lifted.points[int(np.argmin(np.abs(depths - (slip or 0.0))))]
+    corners = at.positions[pattern.triangles]
+    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    thirds = np.repeat(np.linalg.norm(crosses, axis=1) / 6, 3)
+    areas = np.bincount(pattern.triangles.ravel(), thirds, minlength=len(pattern.points))
+    normal = np.linalg.norm(at.normals, axis=1)
+    area, force = 2 * float(areas[normal > 0].sum()), 2 * float(normal.sum())
+    half = np.pi / config.fingers
+    out, aside = config.body.centre[2] - at.positions[:, 2], at.positions[:, 1]
+    apart = 2 * float((out * np.sin(half) - aside * np.cos(half)).min())
+    held = 2 * config.fingers * largest_force(lifted.points, config.slip_limit) / GRAVITY
+    return {
+        "held_mass_kg": max(held, 0.0),
+        "slip_mm": None if slip is None else 1e3 * slip,
+        "smallest_distance_mm": 1e3 * min(p.result.smallest_distance or 0.0 for p in lifted.points),
+        "finger_force_n": force,
+        "contact_area_mm2": 1e6 * area,
+        "contact_pressure_kpa": 1e-3 * force / area if area else None,
+        "fingers_apart_mm": 1e3 * apart,
+        "failure": lifted.failure or None,
+    }
+
+
+def _shapes(name: str, lifted: _Lift, config: GripperConfig, whole: Mirrored) -> list[LiftShape]:
+    """Return fingers and object as they close, half-way up, and at the end of a lift."""
+    slip, found = lifted.slip(config), []
+    depths = np.array([point.depth for point in lifted.points])
+    for part, word in ((0.0, "closed"), (0.5, "half-way up"), (1.0, "lifted")):
+        raised = part * (config.lift_distance or 0.0)
+        sunk = raised if slip is None else min(slip, raised)
+        nearest = lifted.points[int(np.argmin(np.abs(depths - sunk)))]
+        positions = whole.at_vertices(nearest.positions)
+        found.append(LiftShape(f"{name}, {word}", positions, sunk, raised))
+    return found
 
 
 def run(
@@ -302,7 +479,7 @@ def run(
     *,
     verbose: bool = False,
 ) -> dict[str, Any]:
-    """Design the finger and load it; return the summary, with the load's figures under "load".
+    """Design the finger, lift the object; return the summary, with the lift's figures in "load".
 
     Args:
         comm: Communicator.
@@ -310,15 +487,24 @@ def run(
         config: Numbers of this design; None takes the defaults.
         verbose: Whether to print every Newton step.
     """
-    config = config or GripperConfig()
+    config, output = config or GripperConfig(), Path(output)
     made = design_actuator(comm, output, case, config, verbose=verbose)
-    half = made.problem.skin.pattern
-    return {**made.summary, "load": lift(comm, Path(output), config, half, made)}
+    if config.lift_distance is None:
+        return made.summary
+    load = lift(comm, output, config, made)
+    summary = {**made.summary, **{key: load.get(key) for key in HEADLINE}, "load": load}
+    write_together(comm, output, lambda: write_json(output / "summary.json", summary))
+    return summary
 
 
 def sentence(summary: dict[str, Any]) -> str:
     """Return the result in words."""
-    load = summary["load"]
-    grams = f"{1e3 * load['mass_kg']:.0f} g "
-    lifted = f"sag by {load['sag_mm']:.1f} mm" if "sag_mm" in load else "cannot be held"
-    return f"{summary_sentence(summary)}; {grams}{lifted}"
+    load = summary.get("load")
+    if load is None:
+        return summary_sentence(summary)
+    slip, held, initial = load["slip_mm"], load["held_mass_kg"], load["initial"]["held_mass_kg"]
+    lifted = "are dropped" if slip is None else f"slide by {slip:.1f} mm"
+    found = f"{summary_sentence(summary)}; {1e3 * load['mass_kg']:.0f} g {lifted}"
+    if held is not None:
+        found += f", at most {1e3 * held:.0f} g are held"
+    return found if initial is None else f"{found}, {1e3 * initial:.0f} g by the initial design"
