@@ -22,12 +22,13 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from accuracy_bending import BENDING
 from accuracy_case import Case, Row, as_dicts, rows_of
+from accuracy_contact import CONTACT
 from accuracy_gradients import GRADIENTS
 from accuracy_membrane import MEMBRANE
 from accuracy_patterns import PATTERNS
 from accuracy_report import draw, write_docs
 
-CASES: tuple[Case, ...] = (*MEMBRANE, *BENDING, *PATTERNS, *GRADIENTS)
+CASES: tuple[Case, ...] = (*MEMBRANE, *BENDING, *CONTACT, *PATTERNS, *GRADIENTS)
 HEAD = (
     "formulation  mesh          triangles          value      reference     error  order  seconds"
 )

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 T = TypeVar("T")
-GROUPS = ("membrane", "bending", "patterns", "gradients")
+GROUPS = ("membrane", "bending", "contact", "patterns", "gradients")
 
 
 @dataclass(frozen=True)
@@ -21,11 +21,13 @@ class Measured:
         value: The quantity, in the unit of the reference.
         triangles: Of the mesh.
         seconds: Wall time of the solve: what a user waits for once the forms are compiled.
+        length: What is refined where that is not the mesh, in m; None for the mesh.
     """
 
     value: float
     triangles: int
     seconds: float
+    length: float | None = None
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,7 @@ class Row:
     relative_error: float
     observed_order: float | None
     seconds: float
+    length: float | None = None
 
 
 def rows_of(case: Case, *, quick: bool = False) -> Iterator[Row]:
@@ -99,17 +102,21 @@ def rows_of(case: Case, *, quick: bool = False) -> Iterator[Row]:
                     value=found.value,
                     reference=case.reference,
                     relative_error=error,
-                    observed_order=_order(last, error, found.triangles),
+                    observed_order=_order(last, error, found),
                     seconds=found.seconds,
+                    length=found.length,
                 )
                 yield last
 
 
-def _order(last: Row | None, error: float, triangles: int) -> float | None:
-    """Return the order in the edge length, triangles^(-1/2); None below rounding."""
-    if last is None or min(error, last.relative_error) < 1e-12 or triangles == last.triangles:
+def _order(last: Row | None, error: float, found: Measured) -> float | None:
+    """Return the order in what is refined, mostly the edge length; None below rounding."""
+    if last is None or min(error, last.relative_error) < 1e-12:
         return None
-    return float(2 * np.log(last.relative_error / error) / np.log(triangles / last.triangles))
+    finer = (found.triangles / last.triangles) ** 0.5
+    if found.length is not None and last.length is not None:
+        finer = last.length / found.length
+    return float(np.log(last.relative_error / error) / np.log(finer)) if finer != 1 else None
 
 
 def timed(work: Callable[[], T]) -> tuple[T, float]:

@@ -22,6 +22,7 @@ IRREGULAR = ("union-jack", "crossed", "unstructured", "jittered")
 TITLES = {
     "membrane": "Membrane",
     "bending": "Bending",
+    "contact": "Contact",
     "patterns": "Kinematics of patterns",
     "gradients": "Gradients",
 }

@@ -36,6 +36,7 @@ def test_the_plate_does_the_work_that_is_missing() -> None:
     assert found.rim_force == pytest.approx(pressure * np.pi * RADIUS**2 - force, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_the_table_is_what_the_reference_gives() -> None:
     rows = [row for row in table("membrane_on_plate") if row["p_Pa"] == "500"]
     assert {row["c1"] for row in rows} == {"1.8", "inf"}
