@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.scenes import taylor_rates
 
+from toros_fem._types import Floats
 from toros_fem.contact.friction import Coulomb
 from toros_fem.errors import ParameterError
 
@@ -119,7 +120,8 @@ def test_as_the_library_of_contact_has_it() -> None:
 def test_a_held_load_does_not_creep() -> None:
     """A spring-loaded vertex: 50 steps under one load leave it and its force where they are."""
     normal, load, spring = np.array([[0.0, 0.0, 2.0]]), np.array([[0.9, 0.0, 0.0]]), 1e3
-    anchor = place = np.zeros((1, 3))
+    anchor: Floats = np.zeros((1, 3))
+    place: Floats = anchor
     places = []
     for _ in range(50):
         for _ in range(60):
@@ -135,8 +137,9 @@ def test_a_held_load_does_not_creep() -> None:
 @pytest.mark.parametrize("steps", [1, 3, 40])
 def test_forces_do_not_depend_on_the_number_of_steps(steps: int) -> None:
     """There, beyond the slip, and a part of the way back."""
-    normal, anchor = np.array([[0.0, 0.0, 2.0]]), np.zeros((1, 3))
-    place = np.zeros((1, 3))
+    normal = np.array([[0.0, 0.0, 2.0]])
+    anchor: Floats = np.zeros((1, 3))
+    place: Floats = anchor
     for begin, end in ((0.0, 5e-4), (5e-4, 4.6e-4)):
         for x in np.linspace(begin, end, steps + 1)[1:]:
             place = np.array([[x, 0.0, 0.0]])

@@ -223,33 +223,39 @@ class Barrier:
         """
         self.place(x)
         by_ground: list[list[Any]] = [[] for _ in self._grounds]
-        if self._points is not None and len(self._standing):
-            normals = np.array([g.normal for g in self._grounds])
-            offsets = np.einsum("ij,ij->i", normals, [g.point for g in self._grounds])
-            for pair in self._standing.pv_collisions:
-                plane = pair.plane
-                off = np.abs(normals - plane.normal()).sum(axis=1)
-                off += np.abs(offsets + plane.offset()) / self._sizes.distance
-                by_ground[int(off.argmin())].append(pair)
+        for pair in self._standing.pv_collisions if self._points is not None else ():
+            by_ground[self._ground_of(pair)].append(pair)
         sides = []
         for pairs in by_ground:
             part = self._pair_set()
             part.pv_collisions = pairs
             sides.append(Side(self._potential, self._points, part, self._grounded, x))
-        count = int(owners.max(initial=0))
+        count, surface = int(owners.max(initial=0)), owners.tolist()
         everything = np.arange(len(x))
         parts = [self._pair_set() for _ in range(count)]
         kinds = ("vv_collisions", "ev_collisions", "ee_collisions", "fv_collisions")
         for kind in kinds if count else ():
             chosen: list[list[Any]] = [[] for _ in range(count)]
             for pair in getattr(self._pairs, kind):
-                met = owners[[v for v in pair.vertex_ids(self._edges, self._faces) if v >= 0]]
-                if met.min() == 0 and met.max() > 0:
-                    chosen[met.max() - 1].append(pair)
+                met = {surface[v] for v in pair.vertex_ids(self._edges, self._faces) if v >= 0}
+                if len(met) == 2 and 0 in met:
+                    chosen[sum(met) - 1].append(pair)
             for part, pairs in zip(parts, chosen, strict=True):
                 setattr(part, kind, pairs)
         sides += [Side(self._potential, self._mesh, part, everything, x) for part in parts]
         return sides
+
+    def _ground_of(self, pair: Any) -> int:
+        """Return the number of the half-space of a pair."""
+        if len(self._grounds) == 1:
+            return 0
+        normal, origin = pair.plane.normal(), pair.plane.origin()
+        off = [
+            np.abs(np.array(g.normal) - normal).sum()
+            + abs(np.array(g.normal) @ (origin - g.point)) / self._sizes.distance
+            for g in self._grounds
+        ]
+        return int(np.argmin(off))
 
     def _sum(
         self, potential: Any, pairs: Any, standing: Any, x: Floats, projection: Any

@@ -119,7 +119,7 @@ class LoadPath:
             found.append(
                 self.solver.solve(
                     density,
-                    load.pressures.tolist(),
+                    [float(p) for p in load.pressures],
                     force=step.force,
                     displacement=step.displacement,
                     weight_fraction=step.weight_fraction,

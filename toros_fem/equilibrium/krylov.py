@@ -108,9 +108,9 @@ def gmres(
     weights, left = np.zeros(0), 1.0
     for count in range(max_iterations):
         directions.append(precondition(basis[-1]))
-        new, known = multiply(directions[-1]), np.array(basis)
+        new, known = multiply(directions[-1]), np.stack(basis)
         for _ in range(2):  # once more, against rounding
-            parts = sum_over_ranks(comm, known @ new)
+            parts = sum_over_ranks(comm, np.asarray(known @ new))
             hessenberg[: count + 1, count] += parts
             new = new - parts @ known
         length = norm(comm, new)
