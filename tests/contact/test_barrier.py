@@ -20,6 +20,8 @@ def test_sides_make_up_the_whole_push() -> None:
     count = len(sheet.points)
     below = rigid_box("below", (6e-3, 6e-3, 2e-3), (0.011, 0.009, -1e-3 - 5.6e-4))
     above = rigid_box("above", (6e-3, 6e-3, 2e-3), (0.006, 0.012, 1e-3 + 5.7e-4))
+    turn = np.array([0.0, 0.0, 0.0, 1e-3, 2e-3, 0.3])  # no edges in parallel
+    below, above = below.moved(turn), above.moved(turn)
     grounds = [Ground((0.0, 0.0, -6e-5)), Ground((-5e-5, 0.0, 0.0), (1.0, 0.0, 0.0))]
     places = np.concatenate([sheet.points, below.points, above.points])
     ahead = count + np.array([0, len(below.points)])
