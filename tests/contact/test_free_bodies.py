@@ -27,18 +27,29 @@ def some_poses() -> np.ndarray:
     return 0.3 * np.random.default_rng(3).standard_normal((3, 6))
 
 
+def unknowns_of(bodies: FreeBodies, poses: np.ndarray) -> np.ndarray:
+    return np.asarray(poses[bodies.free] / bodies.scale)
+
+
 def test_poses_and_unknowns(bodies: FreeBodies) -> None:
     held = some_poses()
-    unknowns = bodies.unknowns(held)
+    unknowns = unknowns_of(bodies, held)
     assert (bodies.count, list(bodies.free), unknowns.shape) == (2, [0, 2], (2, 6))
     assert bodies.poses(unknowns, held) == pytest.approx(held, abs=1e-15)
     # The arm of a rotation is the radius: the unknown is the way of the farthest vertex.
     reach = np.linalg.norm([0.015, 0.01, 0.005])
     assert unknowns[1] == pytest.approx(held[2] * np.repeat([1, reach], 3), rel=1e-12)
+
+
+def test_rotations_beyond_half_a_turn_are_replaced(bodies: FreeBodies) -> None:
+    held = some_poses()
     held[0, 3:] = [0.0, 0.0, 6.0]
-    turned = bodies.poses(bodies.unknowns(held), held)
-    assert turned[0, 3:] == pytest.approx(np.array([0.0, 0.0, 6.0 - 2 * np.pi]), abs=1e-14)
-    assert bodies.vertices(turned) == pytest.approx(bodies.vertices(held), abs=1e-15)
+    unknowns = unknowns_of(bodies, held)
+    turned = bodies.shortest(unknowns)
+    assert np.array_equal(turned[1], unknowns[1])
+    found = bodies.poses(turned, held)
+    assert found[0, 3:] == pytest.approx(np.array([0.0, 0.0, 6.0 - 2 * np.pi]), abs=1e-14)
+    assert bodies.vertices(found) == pytest.approx(bodies.vertices(held), abs=1e-15)
 
 
 def test_vertices_lie_half_a_thickness_inside(bodies: FreeBodies) -> None:
@@ -53,13 +64,16 @@ def test_vertices_lie_half_a_thickness_inside(bodies: FreeBodies) -> None:
 def test_weights(bodies: FreeBodies) -> None:
     expected = [[0, 0, -0.981, 0, 0, 0], [0, 0, -1.962, 0, 0, 0]]
     assert bodies.weight == pytest.approx(np.array(expected))
+    poses = np.zeros((3, 6))
+    poses[:, 2] = [0.1, 5.0, 0.2]
+    assert bodies.work(poses) == pytest.approx(-0.0981 - 0.3924)
 
 
 def test_taylor(bodies: FreeBodies) -> None:
     """Of a potential that is not quadratic: gradient and second derivative by the chain rule."""
     rng = np.random.default_rng(5)
     held = some_poses()
-    start = bodies.unknowns(held)
+    start = unknowns_of(bodies, held)
     change = rng.standard_normal(start.shape) * 0.01
     pull = rng.standard_normal((len(bodies.vertices(held)), 3))
 

@@ -72,15 +72,14 @@ class FreeBodies:
         poses[self.free] = unknowns * self.scale
         return poses
 
-    def unknowns(self, poses: Floats) -> Floats:
-        """Return the unknowns of the free bodies in m, (k, 6), with the shortest rotations.
-
-        Args:
-            poses: Of all bodies, (n, 6) in m and rad.
-        """
-        free = poses[self.free]
-        free[:, 3:] = [shortest(vector) for vector in free[:, 3:]]
-        return np.asarray(free / self.scale)
+    def shortest(self, unknowns: Floats) -> Floats:
+        """Return unknowns in m, (k, 6), of the same places, with rotations of at most π."""
+        out = unknowns.copy()
+        for row, scale in zip(out, self.scale, strict=True):
+            vector = row[3:] * scale[3:]
+            if np.linalg.norm(vector) > np.pi:
+                row[3:] = shortest(vector) / scale[3:]
+        return out
 
     def vertices(self, poses: Floats) -> Floats:
         """Return the vertices of all bodies, (v, 3) in m.

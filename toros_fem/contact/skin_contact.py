@@ -40,6 +40,7 @@ class SkinContact:
         contact, sizes: As given.
         pairs: Global rows and columns, (2, p), of the entries of `tangent`, on the first rank.
         poses: Poses of all bodies, (k, 6), of those without unknowns as the load has them.
+        weight: Force of gravity on the unknowns of the free bodies in N, (f, 6).
         assembled: Assembled positions of all vertices in m, (n, 3); layers that touch each other
             are moved apart.
 
@@ -68,6 +69,7 @@ class SkinContact:
         self._skin, self._comm, self._size = skin, skin.comm, size
         self.contact, self.sizes = contact, sizes
         self._bodies = FreeBodies(contact, sizes.thickness)
+        self.weight: Floats = self._bodies.weight
         self._neutral = NEUTRAL * sizes.stiffness * sizes.thickness
         self.poses: Floats = np.zeros((len(contact.bodies), 6))
         whole = skin.gather_vertices(numbers.astype(np.float64)).astype(np.int64)
@@ -131,6 +133,10 @@ class SkinContact:
             motions: Unknowns of the free bodies in m, (f, 6), as of `FreeBodies`.
         """
         return self._bodies.poses(motions, self.poses)
+
+    def shortest(self, motions: Floats) -> Floats:
+        """Return unknowns of free bodies in the same places, with rotations of at most π."""
+        return self._bodies.shortest(motions)
 
     def _at(self, nodes: Floats, motions: Floats) -> tuple[Floats, Floats]:
         """Return all vertices of skin and bodies on every rank, and the poses (collective)."""

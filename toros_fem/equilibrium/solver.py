@@ -389,6 +389,8 @@ class EquilibriumSolver:
             numbers["pressures"],
             force=force,
             weight_fraction=0.0 if model.weight is None else 1.0,
+            poses=poses_of(self.contact, numbers["poses"]),
+            bodies_fraction=0.0 if self.contact is None else 1.0,
         )
         model.check(density)
         state = model.scatter(unknowns)
@@ -401,12 +403,19 @@ class EquilibriumSolver:
         model.lag_friction(state)
         if not newton.stable(state):  # another machine may round otherwise
             return self.solve(
-                density, numbers["pressures"], force=force, start=state, sliding=begin
+                density,
+                numbers["pressures"],
+                force=force,
+                poses=numbers["poses"],
+                start=state,
+                sliding=begin,
             )
         newton.first_shift = numbers["first_shift"]
         state.setflags(write=False)
         given: dict[str, Any] = {key: value for key, value in numbers.items() if key in SAVED}
         given |= {key: tuple(numbers[key]) for key in ("pressures", "volumes")}
+        if numbers["poses"] is not None:
+            given["poses"] = tuple(tuple(pose) for pose in numbers["poses"])
         given["condition"] = Condition(**numbers["condition"])
         given["history"] = tuple(NewtonStep(**row) for row in numbers["history"])
         result = EquilibriumResult(
@@ -641,7 +650,7 @@ class EquilibriumSolver:
         if start is not None and start.ndim == 2:
             state = model.state_of(start)
         elif start is not None:
-            state = start.copy()
+            state = model.with_short_turns(start)
         use = model.bounds.worst_of_start(model.corners(state))
         if not use < 1:
             bounds = model.composite.stated_bounds

@@ -255,6 +255,14 @@ class SkinModel:
         self.positions(state)[:] = positions
         return state
 
+    def with_short_turns(self, state: Floats) -> Floats:
+        """Return the same places, with rotations of free bodies of at most π."""
+        state = state.copy()
+        if self.contact is not None and self.skin.comm.rank == 0:
+            dofs = self._patch.body_dofs
+            state[dofs] = self.contact.shortest(state[dofs])
+        return state
+
     def positions(self, state: Floats) -> Floats:
         """Return the positions (n, 3) of the owned nodes in a state, as a view; also of forces."""
         return state[: self._patch.position_count].reshape(-1, 3)
@@ -597,19 +605,24 @@ class SkinModel:
         load = self._force * self.free
         if self.load.pressures.any():
             load = load + self._weighted_gradient(state, self.load.pressures)
-        return load + self._weight_force() * self.free
+        return load + (self._weight_force() + self._weight_of_bodies()) * self.free
 
     def _weight_force(self) -> Floats:
         if self._weight is None:
             return np.zeros(self.size_local)
         return -assembled(self._weight, self._buffer)
 
+    def _weight_of_bodies(self) -> Floats:
+        force = np.zeros(self.size_local)
+        if self.contact is not None and self.skin.comm.rank == 0:
+            force[self._patch.body_dofs] = self.load.bodies_fraction * self.contact.weight
+        return force
+
     def load_energy(self, state: Floats) -> float:
         """Return the size in J of the load's part in the energy, to bound its rounding."""
         parts = np.abs(self._force) * np.abs(state - self.assembled)
-        by_force = total(
-            self.skin.comm, float((parts + np.abs(self._weight_force() * state)).sum())
-        )
+        weight = self._weight_force() + self._weight_of_bodies()
+        by_force = total(self.skin.comm, float((parts + np.abs(weight * state)).sum()))
         return float(self.load.pressures @ np.abs(self.volumes(state))) + by_force
 
     def volume(self, state: Floats) -> float:
