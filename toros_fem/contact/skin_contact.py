@@ -86,7 +86,7 @@ class SkinContact:
         self._owners: Ints = np.repeat(
             np.arange(1 + len(contact.bodies)), [len(skin.pattern.points), *self._bodies.counts]
         )
-        made = self._only_first(lambda: self._make_barrier(fixed.all(axis=1)))
+        made = self._only_first(lambda: self._make_barrier(np.asarray(fixed.all(axis=1))))
         if made is not None:
             self._barrier = made
         self.assembled: Floats = skin.pattern.points
@@ -277,7 +277,8 @@ class SkinContact:
             ends = np.concatenate(np.divmod(keys[~found], self._size))
             keys = np.append(keys[found], ends * (self._size + 1))
             values = np.append(values[found], np.tile(np.abs(values[~found]), 2))
-        return np.bincount(np.searchsorted(self._keys, keys), values, len(self._keys))
+        places = np.searchsorted(self._keys, keys)
+        return np.bincount(places, values, len(self._keys)).astype(np.float64)
 
     def _second(self, x: Floats, poses: Floats, *, definite: bool) -> csc_matrix:
         """Return the second variation, with a little stiffness of the free bodies."""

@@ -26,7 +26,7 @@ GOLDEN = (1 + np.sqrt(5)) / 2
 def rigid_sphere(
     name: str,
     radius: float,
-    centre: Sequence[float] = (0.0, 0.0, 0.0),
+    centre: Sequence[float] | Floats = (0.0, 0.0, 0.0),
     *,
     mass: float | None = None,
     edge_length: float | None = None,
@@ -78,8 +78,8 @@ def rigid_sphere(
 
 def rigid_box(
     name: str,
-    size: Sequence[float],
-    centre: Sequence[float] = (0.0, 0.0, 0.0),
+    size: Sequence[float] | Floats,
+    centre: Sequence[float] | Floats = (0.0, 0.0, 0.0),
     *,
     mass: float | None = None,
     edge_length: float | None = None,
@@ -123,8 +123,8 @@ def rigid_cylinder(
     name: str,
     radius: float,
     length: float,
-    axis: Sequence[float] = (0.0, 0.0, 1.0),
-    centre: Sequence[float] = (0.0, 0.0, 0.0),
+    axis: Sequence[float] | Floats = (0.0, 0.0, 1.0),
+    centre: Sequence[float] | Floats = (0.0, 0.0, 0.0),
     *,
     mass: float | None = None,
     edge_length: float | None = None,
@@ -192,7 +192,7 @@ def rigid_mesh(
     *,
     scale: float = 1.0,
     component: int | None = None,
-    centre: Sequence[float] | None = None,
+    centre: Sequence[float] | Floats | None = None,
     mass: float | None = None,
 ) -> RigidBody:
     """Return a body from a mesh file of its closed surface, repaired as it is read (collective).
@@ -220,7 +220,7 @@ def rigid_mesh(
 
 
 def _made(
-    name: str, points: Floats, triangles: Ints, centre: Sequence[float], mass: float | None
+    name: str, points: Floats, triangles: Ints, centre: Sequence[float] | Floats, mass: float | None
 ) -> RigidBody:
     """Return a body around the origin moved to its centre."""
     place = checked_floats("centre", centre, "a finite point of three, in m", (3,))
