@@ -135,3 +135,41 @@ def test_without_contact_nothing_is_imported(comm: MPI.Comm) -> None:
     )
     assert found.smallest_distance is None
     assert found.poses is None
+
+
+def test_a_ball_is_pushed_into_the_tube_and_out_again(comm: MPI.Comm, tube: Skin) -> None:
+    """By 6 mm at once, half of the tube's radius and fifty times the gap that it begins with."""
+    contact = Contact(bodies=[rigid_sphere("ball", 0.006, (0.0, 0.0175, 0.035))])
+    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), contact=contact)
+    density = soft(tube)
+    free = solver.solve(density, 2e3)
+    pushed = solver.solve(density, 2e3, start=free, poses=[[0.0, -0.006, 0.0, 0.5, 0.0, 0.0]])
+    assert pushed.poses == ((0.0, -0.006, 0.0, 0.5, 0.0, 0.0),)
+    assert pushed.smallest_distance > 0
+    assert pushed.volume < 0.995 * free.volume
+    assert not solver.model.crossed(pushed.state)
+    model = solver.model
+    forces = model.contact.forces(pushed.positions, model.motions(pushed.state))
+    assert -forces[len(tube.pattern.points) :].sum(axis=0)[1] > 0.05, "the tube pushes it out"
+    back = solver.solve(density, 2e3, start=pushed)
+    assert back.energy == pytest.approx(free.energy, rel=1e-9)
+
+
+def test_a_ball_does_not_pass_through_a_sheet(comm: MPI.Comm) -> None:
+    """Its new place is free, but the sheet is in the way: it is pushed out far."""
+    pattern = square(n=6)
+    skin = sew(comm, pattern)
+    edge = np.isin(np.arange(49), np.unique(pattern.free_edges))
+    ball = rigid_sphere("ball", 0.003, (0.01, 0.01, 0.004))
+    solver = EquilibriumSolver(
+        skin,
+        Composite(),
+        Supports(np.repeat(edge[:, None], 3, axis=1)),
+        contact=Contact(bodies=[ball]),
+    )
+    density = np.zeros(len(skin.owned_cells))
+    rest = solver.solve(density, 0.0)
+    below = solver.solve(density, 0.0, start=rest, poses=[[0.0, 0.0, -0.008, 0.0, 0.0, 0.0]])
+    depth = skin.gather_vertices(below.positions)[:, 2].min()
+    assert depth < -0.007
+    assert not solver.model.crossed(below.state)

@@ -479,7 +479,13 @@ class SkinContact:
         return on_first_rank(self._comm, grown)
 
     def largest_step(
-        self, nodes: Floats, motions: Floats, step: Floats, turn: Floats, allowed: float
+        self,
+        nodes: Floats,
+        motions: Floats,
+        step: Floats,
+        turn: Floats,
+        allowed: float,
+        carried: Floats | None = None,
     ) -> float:
         """Return a factor ≤ `allowed` on a step, so that nothing meets on the way.
 
@@ -488,11 +494,16 @@ class SkinContact:
                 free bodies, (f, 6), on the first rank.
             step, turn: Their change by the full step.
             allowed: Factor on the step that all else allows.
+            carried: Change of the poses of held bodies by the full step, (k, 6), the same on all
+                ranks; None leaves them.
         """
         x, _ = self._at(nodes, motions)
-        farthest = max(np.abs(step).max(initial=0.0), np.abs(turn[:, :3]).max(initial=0.0))
+        poses = self.poses.copy()
+        moved = np.zeros_like(poses) if carried is None else carried
+        farthest = max(np.abs(part).max(initial=0.0) for part in (step, turn[:, :3], moved[:, :3]))
         farthest = largest(self._comm, float(farthest))
         turned = largest(self._comm, self._bodies.largest_angle(turn))
+        turned = max(turned, float(np.linalg.norm(moved[:, 3:], axis=1).max(initial=0.0)))
         factor = min(
             allowed,
             FARTHEST * self._skin.pattern.size / max(farthest, 1e-300),
@@ -500,6 +511,7 @@ class SkinContact:
         )
         free = 0.0
         while free < 1 and factor > 0:
+            self.poses[:] = poses + factor * moved
             y, _ = self._at(nodes + factor * step, motions + factor * turn)
             free = self._free_part(x, y)
             factor *= free
@@ -507,6 +519,7 @@ class SkinContact:
                 break
             # Where a body turns, a part of the step ends beside the straight way: look again.
             factor *= 1.0 if free == 1 else AGAIN
+        self.poses[:] = poses
         return factor
 
     def _free_part(self, x: Floats, y: Floats) -> float:

@@ -342,6 +342,12 @@ class RegularisedNewton:
         least = 1e-4 * self.model.mean_modulus() * float(np.sqrt(pattern.areas.sum()))
         return max(least, norm(self.comm, self.model.reaction(state)))
 
+    def direction(self, state: Floats, residual: Floats) -> Floats:
+        """Return Newton's direction against a residual in N, with the tangent at a state."""
+        self._assemble(state)
+        self._factorise()
+        return -self.factor.solve(residual)
+
     def stable(self, state: Floats) -> bool:
         """Return whether the tangent at a state is positive definite; leaves it factorised."""
         self._assemble(state)

@@ -1,4 +1,4 @@
-"""Prescribed displacement of fixed components, and its extension to the free ones."""
+"""Prescribed motion of fixed components and held bodies, which the free components follow."""
 
 from __future__ import annotations
 
@@ -8,9 +8,16 @@ import numpy as np
 
 from toros_fem._mpi import largest
 from toros_fem._types import Floats
+from toros_fem.equilibrium.newton import RegularisedNewton
+from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.meshes.harmonic_extension import flat_laplacian, harmonic_extension
 from toros_fem.meshes.mirror import FLAT
+
+# Motion in differences of the residual, over the distance of contact.
+PROBE = 1e-3
+# Fraction of the distance to the stretch bounds that a step may use up.
+USED = 0.9
 
 
 class PrescribedDisplacement:
@@ -38,10 +45,8 @@ class PrescribedDisplacement:
                 (n, 3), read at fixed components; None leaves them there.
         """
         model, skin = self._model, self._model.skin
-        goal, fixed = model.assembled, ~model.free
-        if displacement is not None:
-            model.positions(goal)[:] += displacement[skin.owned_vertices]
-        placed = np.where(fixed, goal, state)
+        fixed = ~model.free
+        placed = np.where(fixed, self.goal(displacement), state)
         jump = model.positions(placed - state)
         distance = largest(skin.comm, float(np.abs(jump).max(initial=0.0)))
         if distance > FLAT * skin.pattern.size:
@@ -50,6 +55,65 @@ class PrescribedDisplacement:
             model.positions(along)[:] = spread[skin.owned_vertices]
             placed += np.where(fixed, 0.0, along)
         return placed
+
+    def goal(self, displacement: Floats | None) -> Floats:
+        """Return the assembled state with all vertices moved by the displacement."""
+        goal = self._model.assembled
+        if displacement is not None:
+            self._model.positions(goal)[:] += displacement[self._model.skin.owned_vertices]
+        return goal
+
+    def follow(
+        self,
+        newton: RegularisedNewton,
+        state: Floats,
+        begin: LoadCase,
+        end: LoadCase,
+        longest: float,
+    ) -> tuple[Floats, float]:
+        """Return a state in which bodies and supports have moved as far as nothing meets.
+
+        They move straight. The free components follow as the tangent predicts: what is in contact
+        is pushed along. The load of the model must be the begin (collective).
+
+        Args:
+            newton: The solver of this model.
+            state: Owned unknowns of an equilibrium at the begin.
+            begin, end: Loads; only displacement and poses matter.
+            longest: Largest part of the way to go.
+
+        Returns:
+            Owned unknowns, and the part of the way that is gone.
+        """
+        model = self._model
+        contact, fixed = model.contact, ~model.free
+        assert contact is not None
+        poses = contact.poses.copy()
+        left = -poses if end.poses is None else end.poses - poses
+        goal = self.goal(end.displacement)
+        jump = np.where(fixed, goal - state, 0.0)
+        reach = max(float(np.abs(jump).max(initial=0.0)), self._reach(left))
+        reach = largest(model.skin.comm, reach)
+        if reach == 0:
+            return state, 1.0
+        probe = PROBE * contact.sizes.distance / reach
+        residual = model.residual(state)
+        contact.poses[:] = poses + probe * left
+        push = (model.residual(state + probe * jump) - residual) / probe
+        contact.poses[:] = poses
+        step = np.where(fixed, jump, newton.direction(state, residual + push))
+        step, left = longest * step, longest * left
+        part = model.largest_step(state, step, USED, left)
+        return state + part * step, part * longest
+
+    def _reach(self, change: Floats) -> float:
+        """Return the largest motion in m of a body by a change of the poses."""
+        assert self._model.contact is not None
+        bodies = self._model.contact.contact.bodies
+        turned = [
+            float(np.linalg.norm(c[3:]) * b.radius) for c, b in zip(change, bodies, strict=True)
+        ]
+        return max([float(np.abs(change[:, :3]).max(initial=0.0)), *turned], default=0.0)
 
     def _extension(self, jump: Floats) -> Floats:
         if not self._solvers:

@@ -52,6 +52,9 @@ MORE_STEPS = 6
 FLAT, OPENING, LOWERED = 0.2, 0.4, 1.7
 # Multiple of the pressure from which a skin that folds at the requested one is lowered.
 LARGER = 10.0
+# Largest number of steps by which bodies and supports are carried, and the shortest of them, over
+# what is left of the way.
+CARRIES, SHORTEST_CARRY = 200, 1e-4
 # Fraction of the skin's size by which two states may differ and be the same.
 SAME = 1e-6
 # GMRES with friction: residual over the right-hand side at which it ends, that is enough, and
@@ -543,8 +546,12 @@ class EquilibriumSolver:
         attempts = Attempts(self._snes, near=near is not None)
         end = self._continue(attempts, state, request, near, cold=cold, trial=trial, direct=direct)
         origin = None if near is None else near.origin
-        # Between two designs there is no path that a skin takes.
-        if origin is not None and not self._same_design(origin.density, request.density):
+        # Between two designs there is no path that a skin takes. Where bodies or supports push it
+        # along, the path has been taken step by step.
+        if origin is not None and (
+            not self._same_design(origin.density, request.density)
+            or self._moves(origin.load, request.load)
+        ):
             origin = None
         if self.model.slides:  # a path with friction is made of its steps
             origin = None
@@ -719,6 +726,8 @@ class EquilibriumSolver:
             return ContinuationResult(found.state, 1.0, found.outcome) if found.converged else None
 
         most = self._snes.max_steps
+        if near is not None and self._moves(near.request.load, load):
+            return self._carry(attempts, state, density, near.request.load, load, trial=trial)
         if cold and not direct:
             factor = self._opening(density, load)
             opened = None if factor is None else lower_load(factor)
@@ -786,6 +795,52 @@ class EquilibriumSolver:
         if found.converged:
             return ContinuationResult(found.state, 1.0, found.outcome)
         return by_load
+
+    def _carry(
+        self,
+        attempts: Attempts,
+        state: Floats,
+        density: Floats,
+        begin: LoadCase,
+        end: LoadCase,
+        *,
+        trial: bool,
+    ) -> ContinuationResult:
+        """Move bodies and supports, step by step, and let the skin come to rest after each.
+
+        Nothing passes through anything: where the skin is in the way it is pushed.
+        """
+        model, gone, longest = self.model, 0.0, 1.0
+        outcome = int(PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH)
+        model.set_density(density)
+        for _ in range(CARRIES):
+            here = begin.towards(end, gone)
+            model.set_load(here)
+            moved, part = self._prescribed.follow(self._snes.newton, state, here, end, longest)
+            there = 1.0 if part == 1 else gone + part * (1 - gone)
+            model.set_load(begin.towards(end, there) if there < 1 else end)
+            found = attempts(moved, trial=trial or there < 1)
+            outcome = found.outcome
+            if found.converged and there == 1:
+                return ContinuationResult(found.state, 1.0, outcome)
+            if found.converged:
+                state, gone, longest = found.state, there, min(1.0, 4 * longest)
+            else:
+                longest = part / 4
+            if longest < SHORTEST_CARRY:
+                break
+        model.set_load(end)
+        return ContinuationResult(state, None, outcome)
+
+    def _moves(self, one: LoadCase, other: LoadCase) -> bool:
+        """Return whether bodies or supports move between two loads, and contact may be in the way."""
+        if self.contact is None:
+            return False
+        pairs = ((one.poses, other.poses), (one.displacement, other.displacement))
+        return not all(
+            np.array_equal(np.zeros(1) if a is None else a, np.zeros(1) if b is None else b)
+            for a, b in pairs
+        )
 
     def _opening(self, density: Floats, load: LoadCase) -> float | None:
         """Return the factor on the pressure that opens a flat skin (collective).

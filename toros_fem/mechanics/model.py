@@ -465,13 +465,20 @@ class SkinModel:
         dofs = self._patch.body_dofs
         return state[dofs] if self.skin.comm.rank == 0 else np.zeros(dofs.shape)
 
-    def largest_step(self, state: Floats, direction: Floats, fraction: float) -> float:
+    def largest_step(
+        self,
+        state: Floats,
+        direction: Floats,
+        fraction: float,
+        carried: Floats | None = None,
+    ) -> float:
         """Return a factor ≤ 1 on a step that keeps to the stretch bounds and meets nothing.
 
         Args:
             state: Owned unknowns of a feasible state.
             direction: Their change by the full step.
             fraction: Fraction of the distance to the stretch bounds that may be used up.
+            carried: Change of the poses of held bodies by the full step; None leaves them.
         """
         corners = self.corners(state)
         factor = self.bounds.largest_step(corners, self.corners(direction), fraction)
@@ -483,6 +490,7 @@ class SkinModel:
             self.positions(direction),
             self.motions(direction),
             factor,
+            carried,
         )
 
     def gap(self, state: Floats) -> float | None:
