@@ -16,7 +16,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +68,7 @@ class ContactScene:
     pressure: float
     contact: Contact
     force: Floats | None = None
-    composite: Composite = Composite()
+    composite: Composite = field(default_factory=Composite)
 
 
 def pressed_tube(edge_length: float) -> ContactScene:
@@ -275,13 +275,13 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         "smallest distance | crosses without |",
         "|---" * 8 + "|",
     ]
-    for r in rows:
-        lines.append(
-            f"| {r['scene']} | {r['triangles']} | {r['pairs']} | {r['steps_without']}, "
-            f"{r['steps_with']} | {r['seconds_without']:.1f}, {r['seconds_with']:.1f} | "
-            f"{r['seconds_with'] / r['seconds_without']:.1f} | "
-            f"{r['smallest_distance_mm']:.3f} mm | {'yes' if r['penetrated_without'] else 'no'} |"
-        )
+    lines += [
+        f"| {r['scene']} | {r['triangles']} | {r['pairs']} | {r['steps_without']}, "
+        f"{r['steps_with']} | {r['seconds_without']:.1f}, {r['seconds_with']:.1f} | "
+        f"{r['seconds_with'] / r['seconds_without']:.1f} | "
+        f"{r['smallest_distance_mm']:.3f} mm | {'yes' if r['penetrated_without'] else 'no'} |"
+        for r in rows
+    ]
     return "\n".join(lines)
 
 

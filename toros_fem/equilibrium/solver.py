@@ -833,7 +833,7 @@ class EquilibriumSolver:
         return ContinuationResult(state, None, outcome)
 
     def _moves(self, one: LoadCase, other: LoadCase) -> bool:
-        """Return whether bodies or supports move between two loads, and contact may be in the way."""
+        """Return whether bodies or supports move between two loads of a skin with contact."""
         if self.contact is None:
             return False
         pairs = ((one.poses, other.poses), (one.displacement, other.displacement))
