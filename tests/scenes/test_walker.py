@@ -5,7 +5,9 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.meshes import walker
+from toros_fem.actuators.gait import Gait
+from toros_fem.meshes import plane_centroids, walker
+from toros_fem.meshes.mirror import mirrored
 from toros_fem.scenes import walker as demo
 
 SMALL = demo.WalkerConfig(edge_length=6e-3)
@@ -91,6 +93,29 @@ def test_ground_and_pads(comm: MPI.Comm, feet: str) -> None:
     reach = np.hypot(*pattern.points[contact.pads.vertices, :2].T)
     assert reach.min() > SMALL.star.reach - config.pad_length - 1e-9
     assert (contact.pads.forward, contact.pads.backward) == (0.1, 0.8)
+
+
+@pytest.mark.slow
+def test_a_walker_walks(comm: MPI.Comm) -> None:
+    """Legs with a printed bottom bend under the body, and pads let it go ahead alone."""
+    pytest.importorskip("ipctk")
+    config = demo.WalkerConfig(edge_length=6e-3, pressure=10e3)
+    half = walker(comm, config.edge_length, config.star, planes=(1,))
+    whole = mirrored(half, (1,))
+    reach = (plane_centroids(whole.pattern) @ config.star.directions.T).max(axis=1)
+    printed = (whole.pattern.panel == whole.pattern.panel_index("bottom")) & (reach > 0.02)
+    gait = Gait(demo.CHAMBERS, np.array([[1.0, 1, 1], [1, 0.1, 0.1]]), 3)
+    points, walk, failure = demo.follow_gait(
+        comm, config, gait, half, whole, printed, 3 * [config.pressure]
+    )
+    assert not failure
+    assert walk is not None
+    assert len(points) == 7
+    assert walk.stride > 2e-3
+    assert walk.slip < 0.5 * walk.stride
+    assert walk.touching.all()
+    assert walk.supplied_energy > walk.lost_energy > 0
+    assert min(p.result.smallest_distance for p in points) > 0
 
 
 def test_bad_values() -> None:

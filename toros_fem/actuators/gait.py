@@ -173,7 +173,6 @@ def write_gait(
         "supplied_energy_j": walk.supplied_energy,
         "lost_energy_j": walk.lost_energy if complete else None,
         "foot_lift_mm": 1e3 * float(walk.feet[:, :, 2].max()),
-        "newton_steps": sum(point.result.steps for point in points),
         "equilibria": len(points),
     }
     shapes = [whole.at_vertices(point.positions) for point in points]

@@ -54,7 +54,7 @@ _FIELDS: Mapping[str, str] = MappingProxyType(
         "smoothing_radius laid_width second_laid_width axial_width print_edge_length "
         "density_iterations",
         "print": "print_width island_area",
-        "results": "estimate_error curve_pressure curve_steps gait_steps gait_cycles",
+        "results": "estimate_error curve_pressure curve_steps gait_steps",
     }
 )
 _SECTION = {name: section for section, names in _FIELDS.items() for name in names.split()}

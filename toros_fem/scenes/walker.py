@@ -8,7 +8,7 @@ filled and emptied fully. A gait is a path of equilibria, without inertia.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -17,10 +17,11 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from toros_fem._types import Floats
+from toros_fem._mpi import on_first_rank
+from toros_fem._types import Bools, Floats
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig, TipWeights
-from toros_fem.actuators.gait import Gait, walk_of, write_gait
+from toros_fem.actuators.gait import Gait, Walk, walk_of, write_gait
 from toros_fem.actuators.legs import leg_cross_sections, rest_on_body, tip_angle_metric
 from toros_fem.actuators.run import ActuatorResult, design_actuator, summary_sentence
 from toros_fem.analysis.trace import trace
@@ -28,6 +29,7 @@ from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.config import quantity
 from toros_fem.contact.config import ContactConfig
 from toros_fem.contact.library import ipctk
+from toros_fem.contact.opening import opened
 from toros_fem.contact.pads import Pads
 from toros_fem.contact.settings import Contact, Ground
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
@@ -35,7 +37,7 @@ from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.dead_loads import Weight
 from toros_fem.mechanics.supports import symmetry_plane
 from toros_fem.meshes import Pattern, Star, compose, plane_centroids, sew, stand, walker
-from toros_fem.meshes.mirror import mirrored
+from toros_fem.meshes.mirror import Mirrored, mirrored
 from toros_fem.objectives.cross_sections import CrossSections
 from toros_fem.output.files import write_json
 from toros_fem.output.writer import write_together
@@ -92,10 +94,7 @@ class WalkerConfig(ActuatorConfig, ContactConfig):
         "shape", "what is designed: the shape of the legs, or the stride", choices=AIMS
     )
     gait_steps: int | None = quantity(
-        10, "number of equilibria in each phase of the gait; none leaves the gait out", at_least=1
-    )
-    gait_cycles: int = quantity(
-        2, "number of cycles of the gait, of which the last one counts", at_least=1
+        8, "number of equilibria in each phase of the gait; none leaves the gait out", at_least=1
     )
     feet: str = quantity(
         "one-way", "feet with pads that slide forwards, or without", choices=tuple(PHASES)
@@ -256,10 +255,68 @@ def contact_of(pattern: Pattern, config: WalkerConfig, height: float) -> Contact
     )
 
 
+def follow_gait(
+    comm: MPI.Comm,
+    config: WalkerConfig,
+    gait: Gait,
+    pattern: Pattern,
+    whole: Mirrored,
+    printed: Bools,
+    pressures: Sequence[float],
+) -> tuple[list[TracePoint], Walk | None, str]:
+    """Simulate half of a robot on the ground through one cycle of a gait (collective).
+
+    It begins flat on the ground, and fills what the end of the last phase has filled. The other
+    half is its mirror image.
+
+    Args:
+        comm: Communicator.
+        config: Numbers of the walker.
+        gait: The cycle.
+        pattern: Half of the robot, at y ≥ 0.
+        whole: The whole of it.
+        printed: Whether each triangle of the whole is printed, (t,).
+        pressures: Full pressure of each chamber in Pa, (3,).
+
+    Returns:
+        The equilibria, what the robot does, and why the path ends before the cycle does; empty
+        where it does not. Without any equilibrium the second is None.
+    """
+    skin, supports, star = sew(comm, pattern), symmetry_plane(pattern, 1), config.star
+    sizes = contact_of(pattern, config, 0.0).sizes(config.composite)
+    start = on_first_rank(comm, lambda: opened(pattern, sizes, supports.in_planes(pattern)))
+    height = float(start[:, 2].min()) - sizes.thickness / 2 - CLEARANCE * sizes.distance
+    solver = EquilibriumSolver(
+        skin,
+        config.composite,
+        supports,
+        chambers=chambers(pattern, star),
+        weight=Weight(config.fabric_mass, config.fabric_mass + config.print_mass),
+        contact=contact_of(pattern, config, height),
+    )
+    legs = [
+        tip_angle_metric(config.leg_angle, np.append(d, 0), DOWN, star.root, name=f"leg_{k}")
+        for k, d in enumerate(star.directions)
+        if d[1] > 0
+    ]
+    density = printed[: len(pattern.triangles)].astype(np.float64)[skin.owned_cells]
+    levels = (np.asarray(pressures) * gait.pressure_fractions).tolist()
+    points: list[TracePoint] = []
+    failure = ""
+    try:
+        points.extend(trace(solver, density, levels, legs, start[skin.owned_vertices]))
+    except EquilibriumError as caught:  # raised by all ranks or by none
+        failure = str(caught)
+    if not points:
+        return points, None, failure
+    reach = sizes.thickness / 2 + sizes.distance
+    return points, walk_of(points, whole, star.directions, height, reach), failure
+
+
 def walk(
     comm: MPI.Comm, output: Path, config: WalkerConfig, steps: int, design: ActuatorResult
 ) -> dict[str, Any]:
-    """Simulate half of the printed robot on the ground through its gait; return its figures.
+    """Simulate the printed robot on the ground through its gait; return its figures.
 
     Args:
         comm: Communicator.
@@ -268,52 +325,22 @@ def walk(
         steps: Number of equilibria in each phase.
         design: The designed robot.
     """
-    star, printed = config.star, design.printed
+    printed = design.printed
     shown = printed.evaluation or design.result.final
-    quarter = design.problem.skin
-    front_and_rear = mirrored(quarter.pattern, (0,))
-    pattern = front_and_rear.pattern
-    # Mirrored again, its triangles and vertices come first, as in the whole that is printed.
-    whole, skin = mirrored(pattern, (1,)), sew(comm, pattern)
-    density = printed.cells[: len(pattern.triangles)].astype(np.float64)
-    start = front_and_rear.at_vertices(quarter.gather_vertices(shown.equilibrium.positions))
-    sizes = contact_of(pattern, config, 0.0).sizes(config.composite)
-    clearance = sizes.thickness / 2 + CLEARANCE * sizes.distance
-    height = float(start[:, 2].min()) - clearance
-    solver = EquilibriumSolver(
-        skin,
-        config.composite,
-        symmetry_plane(pattern, 1),
-        chambers=chambers(pattern, star),
-        weight=Weight(config.fabric_mass, config.fabric_mass + config.print_mass),
-        contact=contact_of(pattern, config, height),
-    )
+    # The triangles and vertices of the half come first, as in the whole that is printed.
+    half = mirrored(design.problem.skin.pattern, (0,)).pattern
+    whole = mirrored(half, (1,))
+    full = [shown.equilibrium.pressures[k] for k in (0, -1, -1)]
     gait = Gait(CHAMBERS, PHASES[config.feet].astype(np.float64), steps)
-    legs = [
-        tip_angle_metric(config.leg_angle, np.append(d, 0), DOWN, star.root, name=f"leg_{k}")
-        for k, d in enumerate(star.directions)
-        if d[1] > 0
-    ]
-    full = np.array([*shown.equilibrium.pressures[:1], *2 * shown.equilibrium.pressures[-1:]])
-    # The design is known with all chambers full: the path leads from there to the cycles.
-    fractions = [np.ones((1, len(CHAMBERS))), gait.pressure_fractions]
-    fractions += [gait.pressure_fractions[1:]] * (config.gait_cycles - 1)
-    levels = (full * np.concatenate(fractions)).tolist()
-    figures = {"chambers": CHAMBERS, "pressure_pa": full.max(), "triangles": len(density)}
-    points: list[TracePoint] = []
-    try:
-        path = trace(solver, density[skin.owned_cells], levels, legs, start[skin.owned_vertices])
-        points.extend(path)
-    except EquilibriumError as caught:  # raised by all ranks or by none
-        figures["failure"] = str(caught)
-    before = len(levels) - len(gait.pressure_fractions)
-    points = points[before:] if len(points) > before else points
-    if not points:
+    points, found, failure = follow_gait(comm, config, gait, half, whole, printed.cells, full)
+    figures: dict[str, Any] = {"chambers": CHAMBERS, "pressures_pa": full}
+    if failure:
+        figures["failure"] = failure
+    if found is None:
         return figures
-    reach = sizes.thickness / 2 + sizes.distance
     return write_gait(
-        comm, output, gait, walk_of(points, whole, star.directions, height, reach), points, whole,
-        printed.regions, figures, MEASURED_STRIDE if config.motion == "crawl" else None,
+        comm, output, gait, found, points, whole, printed.regions, figures,
+        MEASURED_STRIDE if config.motion == "crawl" else None,
     )  # fmt: skip
 
 
