@@ -1,5 +1,7 @@
 """Paths with friction: sticking, sliding, held loads, steps, and what a cold solve begins from."""
 
+import json
+
 import numpy as np
 import pytest
 from helpers.scenes import square
@@ -189,3 +191,33 @@ def test_a_free_box_slides_off_a_slope(comm: MPI.Comm, steepness: float) -> None
     assert np.array(again.poses) == pytest.approx(np.array(found.poses), abs=1e-6 * SLIP)
     with pytest.raises(ParameterError, match="no adjoint through friction on free bodies"):
         solver.solve_tangent(again.state, again, adjoint=True)
+
+
+def test_saved_and_restored(comm: MPI.Comm) -> None:
+    """An equilibrium with friction on a moved body, on its way through a file."""
+    pattern = square(n=3)
+    above = THICKNESS / 2 + 0.7 * DISTANCE
+    box = rigid_box("box", (0.01, 0.01, 0.006), (0.012, 0.011, 0.003 + above))
+    touched = Contact(
+        bodies=[box],
+        self_contact=False,
+        friction=FRICTION,
+        thickness=THICKNESS,
+        distance=DISTANCE,
+    )
+    edge = clamp_where(pattern, lambda x: x[:, 0] < 1e-9)
+    solver = EquilibriumSolver(sew(comm, pattern), Composite(), edge, contact=touched)
+    density = np.ones(len(solver.skin.owned_cells))
+    force = np.tile([0.0, 2e-3, 1e-2], (len(pattern.points), 1))
+    poses = np.array([[0.0, 0.0, 2e-4, 0.0, -0.02, 0.1]])
+    before = solver.solve(density, 0.0, force=force, poses=poses)
+    found = solver.solve(density, 0.0, force=2 * force, poses=poses, start=before)
+    assert found.sliding is not None
+    unknowns, numbers = solver.save(found)
+    restored = solver.restore(density, unknowns, json.loads(json.dumps(numbers)), 2 * force)
+    assert restored.poses == found.poses
+    assert restored.sliding is not None
+    assert np.array_equal(restored.sliding.anchors, found.sliding.anchors)
+    again = solver.solve(density, 0.0, force=2 * force, poses=poses, start=restored)
+    assert again.steps == 0
+    assert np.abs(again.state - found.state).max(initial=0.0) < 1e-6 * SLIP
