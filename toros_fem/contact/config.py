@@ -12,7 +12,7 @@ class ContactConfig(Config):
     """Friction and distance of contact; SI units."""
 
     friction: float | None = quantity(
-        None, "coefficient of Coulomb's friction of all faces; none for none", above=0
+        None, "coefficient of Coulomb's friction on ground and bodies; none for none", above=0
     )
     contact_distance: float | None = quantity(
         None,

@@ -61,7 +61,9 @@ class Contact:
         ground: The ground, or several half-spaces; None for none.
         bodies: Rigid bodies: held, moved with the load, or free with a mass.
         self_contact: Whether the skin's layers touch each other.
-        friction: Coefficient μ of Coulomb's friction, of all faces; None for none.
+        friction: Coefficient μ of Coulomb's friction of the skin on ground and bodies; None for
+            none. Layers of the skin slide on each other without friction, and so do bodies on each
+            other and on the ground.
         pads: Vertices that slide on the ground by coefficients of their own; None for none.
         thickness: In m, which the sheet takes up between its faces; None takes the fabric's.
         distance: In m, from which on contact acts; None takes half of the thickness.

@@ -81,7 +81,7 @@ class SkinContact:
         self._cover(self._body_keys)
         self._sides: list[Side] = []
         self.friction: SlidingFriction | None = None
-        if contact.friction is not None:
+        if contact.holds:
             self.friction = SlidingFriction(contact, sizes)
         self._owners: Ints = np.repeat(
             np.arange(1 + len(contact.bodies)), [len(skin.pattern.points), *self._bodies.counts]
