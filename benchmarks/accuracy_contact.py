@@ -13,6 +13,7 @@ from accuracy_case import Case, Measured
 from accuracy_membrane import DISC, THICKNESS
 from accuracy_scenes import entry, membrane_case, table_a
 from accuracy_touching import (
+    BALL_WEIGHT,
     BELT_FRICTION,
     DRUM_SIDES,
     FOLD_THICKNESS,
@@ -22,6 +23,7 @@ from accuracy_touching import (
     TUBE_HEIGHT,
     TUBE_RADIUS,
     against_plate,
+    ball_depth,
     belt,
     closed_fold,
     contact_radius,
@@ -35,6 +37,7 @@ from accuracy_touching import (
     pull_ratio,
     sliding_slope,
     steepest,
+    under_ball,
 )
 
 
@@ -85,6 +88,22 @@ PLATES = tuple(
         ("stretch", "stretch of the part on the plate", "λ", plate("pole_stretch"), pole_stretch),
     )
 )  # fmt: skip
+BALLS = (
+    membrane_case(
+        "contact",
+        "ball-depth",
+        f"The same disc under a free ball of 8 mm radius and {BALL_WEIGHT:g} N, without friction "
+        "and pressure: depth of the ball.",
+        "depth/a",
+        entry("membrane_under_ball", "depth_m", weight_N=f"{BALL_WEIGHT:g}") / DISC,
+        "the equations of Yang & Hsu 1971 with eq. (1), by benchmarks/membrane_under_ball.py",
+        lambda mesh, size: ball_depth(under_ball(mesh, size, size**2 // 4)),
+        meshes=("structured", "unstructured"),
+        sizes=(6, 8, 12, 16),
+        within=1e-2,
+        note=f"{TOGETHER.format('1/9', '1/64')} So is the ball: its facets are half as long.",
+    ),
+)
 CROSS_SECTION = (
     "A section of a long tube of material A, R = 1 cm, at 2 kPa between two plates, middle "
     f"surfaces {TUBE_HEIGHT / TUBE_RADIUS:g} R apart, without friction and change of length; half "
@@ -179,4 +198,4 @@ FRICTION = (
         within=1e-2,
     ),
 )
-CONTACT: tuple[Case, ...] = (*PLATES, *TUBES, *DISTANCES, *FRICTION)
+CONTACT: tuple[Case, ...] = (*PLATES, *BALLS, *TUBES, *DISTANCES, *FRICTION)

@@ -14,9 +14,10 @@ from accuracy_case import Measured, timed
 from accuracy_membrane import DISC, THICKNESS, clamped_disc
 from accuracy_scenes import COMM, Floats, Solved, membrane, table_a
 from accuracy_sheets import line_force
+from membrane_under_ball import BALL
 from scipy.optimize import brentq
 
-from toros_fem.contact import Contact, Ground, RigidBody
+from toros_fem.contact import Contact, Ground, RigidBody, rigid_sphere
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.materials import Bending, Composite
 from toros_fem.mechanics.supports import Supports, symmetry_plane
@@ -24,6 +25,10 @@ from toros_fem.meshes import Pattern, rectangle, sew
 
 # Pressure and height of the plate above the border, of the membrane blown against it.
 PLATE_PRESSURE, PLATE_HEIGHT = 1000.0, 6e-3
+# Weight of the ball that lies on the same membrane, and gravity, in m/s².
+BALL_WEIGHT, GRAVITY = 0.1, 9.81
+# Its first height above the sheet: corners of its facets lie outside of its radius.
+BALL_START = 1e-4
 # The flattened tube: radius, distance of the middle surfaces when pressed, length, pressure.
 TUBE_RADIUS, TUBE_HEIGHT, TUBE_LENGTH, TUBE_PRESSURE = 0.01, 0.008, 0.002, 2000.0
 # The pad on a slope: side, thickness, weight per area, friction.
@@ -164,6 +169,32 @@ def pole_height(found: Solved) -> Measured:
     """Height of the part on the plate over that without a distance."""
     near = np.linalg.norm(found.points[:, :2], axis=1) < 0.25 * DISC
     return found.measured(found.points[near, 2].mean() / PLATE_HEIGHT)
+
+
+@cache
+def under_ball(mesh: str, count: int, parts: int) -> Touched:
+    """The clamped disc of material A with a free ball in its middle.
+
+    Args:
+        mesh, count, parts: As in `against_plate`.
+    """
+    pattern, supports = clamped_disc(mesh, count)
+    distance = THICKNESS / parts
+    height = BALL + THICKNESS / 2 + BALL_START
+    ball = rigid_sphere(
+        "ball", BALL, (0.0, 0.0, height),
+        mass=BALL_WEIGHT / GRAVITY, edge_length=DISC / (2 * count),
+    )  # fmt: skip
+    contact = Contact(
+        bodies=[ball], self_contact=False, distance=distance, gravity=(0.0, 0.0, -GRAVITY)
+    )
+    return Touching(pattern, table_a(), supports, contact).solve()
+
+
+def ball_depth(found: Touched) -> Measured:
+    """Depth of the ball over the radius of the disc."""
+    assert found.result.poses is not None
+    return found.measured(-(BALL_START + found.result.poses[0][2]) / DISC)
 
 
 @dataclass(frozen=True)

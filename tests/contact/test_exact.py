@@ -12,6 +12,7 @@ import pytest
 from accuracy_case import Row, rows_of
 from accuracy_contact import CONTACT
 from accuracy_touching import (
+    BALL_WEIGHT,
     BELT_FRICTION,
     BELT_PULL,
     DRUM_SIDES,
@@ -20,11 +21,13 @@ from accuracy_touching import (
     PAD_THICKNESS,
     PAD_WEIGHT,
     against_plate,
+    ball_depth,
     belt,
     closed_fold,
     on_slope,
     plate_force,
     pull_ratio,
+    under_ball,
 )
 
 CASES = {case.name: case for case in CONTACT}
@@ -70,6 +73,15 @@ def test_the_force_of_a_plate_balances_pressure_and_supports() -> None:
     assert np.abs(push[:2]).max() < 1e-12
     assert found.result.smallest_distance is not None
     assert 0 < found.result.smallest_distance < 0.3e-3 / 4
+
+
+@pytest.mark.slow
+def test_a_free_ball_weighs_what_carries_it() -> None:
+    found = under_ball("unstructured", 6, 9)
+    assert found.touch.sum(axis=0) == pytest.approx([0, 0, -BALL_WEIGHT], abs=1e-8 * BALL_WEIGHT)
+    balance = found.touch.sum(axis=0) + found.reactions.sum(axis=0)
+    assert np.abs(balance).max() < 1e-8 * BALL_WEIGHT
+    assert ball_depth(found).value == pytest.approx(CASES["ball-depth"].reference, rel=0.04)
 
 
 def test_layers_of_a_fold_push_each_other_alike() -> None:
