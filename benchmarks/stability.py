@@ -30,6 +30,7 @@ from stability_report import Case, CaseResult, Report, Request, Row
 from stability_scenes import BUILDERS, DESIGNS, Floats, Scene, build, loads_of, neighbour
 
 from toros_fem._validate import require_count
+from toros_fem.contact import Contact
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import TorosError
@@ -141,16 +142,25 @@ def play(run: Run, scene: Scene, case: Case) -> tuple[EquilibriumResult, float |
 
 
 class Stage:
-    """One scene; every case has a solver of its own, so that it does not depend on others."""
+    """One scene; every case has a solver of its own, so that it does not depend on others.
 
-    def __init__(self, name: str) -> None:
-        self.scene = build(name)
+    Args:
+        name: Of the scene.
+        contact: What its skin touches; None for nothing.
+    """
+
+    def __init__(self, name: str, contact: Contact | None = None) -> None:
+        self.scene, self.contact = build(name), contact
 
     def solver(self, contrast: float, *, many_steps: bool = False) -> EquilibriumSolver:
         """Return a solver at a contrast; with `many_steps` it has few levels of load."""
         options = NewtonOptions(max_steps=400, min_increment=1.0) if many_steps else None
         return EquilibriumSolver(
-            self.scene.skin, self.scene.composite(contrast), self.scene.supports, options
+            self.scene.skin,
+            self.scene.composite(contrast),
+            self.scene.supports,
+            options,
+            contact=self.contact,
         )
 
     def density(self, request: Request) -> Floats:
@@ -200,6 +210,8 @@ def attempt(stage: Stage, case: Case) -> CaseResult:
         finding = stage.judge(case.contrast).check(
             run.solver.model, density, pressure, result.state
         )
+        if kind == "converged" and run.solver.model.crossed(result.state):
+            finding.faults.append("surfaces cross")
         if kind == "error" and np.array_equal(result.state, start):
             finding = Finding(finding.residual, finding.sign, [])
     if moved is not None:

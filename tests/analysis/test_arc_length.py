@@ -16,6 +16,7 @@ from toros_fem.analysis.arc_length import ArcLengthOptions
 from toros_fem.analysis.limit_points import limit_points
 from toros_fem.analysis.trace import trace
 from toros_fem.analysis.trace_point import TracePoint
+from toros_fem.contact import Contact, Ground
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.materials import Composite
@@ -200,3 +201,21 @@ def test_paths_that_cannot_be_followed(pyramid: Scene, monkeypatch: pytest.Monke
         next(path)
     assert not caught.value.result.converged
     assert caught.value.result.load_factor == 1e-3
+
+
+@pytest.mark.slow
+def test_a_path_on_which_contact_begins(tube: Skin) -> None:
+    """The tube bulges onto a floor: the path ends where the pressure alone leads."""
+    pytest.importorskip("ipctk")
+    supports = clamp(tube.pattern, ["base"])
+    floor = Contact(ground=Ground((-0.0112, 0.0, 0.0), (1.0, 0.0, 0.0)), self_contact=False)
+    solver = EquilibriumSolver(tube, Composite(), supports, contact=floor)
+    density = np.full(len(tube.owned_cells), 0.02)
+    options = ArcLengthOptions(first=0.1, first_increment=0.3, largest_increment=0.3)
+    path = list(trace(solver, density, 5e3, by="arc-length", options=options))
+    distances = [point.result.smallest_distance for point in path]
+    reach = floor.sizes(Composite()).distance
+    assert distances[0] == reach
+    assert 0 < distances[-1] < reach
+    alone = solver.solve(density, 5e3)
+    assert path[-1].result.energy == pytest.approx(alone.energy, rel=1e-9)

@@ -176,11 +176,7 @@ class _ArcLength:
         self._solver, self._model, self._options = solver, solver.model, options
         self._density, self._load = density, load
         self._comm, self._size = solver.skin.comm, solver.skin.pattern.size
-        self._tangent = UpperTangent(self._model)
-        self._entries: Floats = np.zeros(len(self._tangent.columns))
-        self._factors = PetscFactor(
-            self._comm, "mumps", self._tangent.indptr, self._tangent.columns
-        )
+        self._make_tangent()
         self._factorisations = self._counted = 0
         # Residuals are measured by the largest load so far: it may pass through zero.
         self._peak = max(abs(options.first), abs(options.first_increment))
@@ -293,11 +289,8 @@ class _ArcLength:
             _StepError: Newton's method does not converge, or to a point of another path.
         """
         model, here, along = self._model, self.point, self.direction
-        fraction = model.bounds.largest_step(
-            model.corners(here.state),
-            model.corners(step * along.state),
-            self._solver.options.fraction_to_barrier,
-        )
+        within = self._solver.options.fraction_to_barrier
+        fraction = model.largest_step(here.state, step * along.state, within)
         step *= fraction
         state, factor = here.state + step * along.state, here.factor + step * along.factor
         point = self._corrected(state, factor, along)
@@ -362,18 +355,25 @@ class _ArcLength:
             longest = norm(comm, change)
             if not np.isfinite(longest):
                 break
-            fraction = model.bounds.largest_step(
-                model.corners(state),
-                model.corners(change),
-                self._solver.options.fraction_to_barrier,
-            )
+            within = self._solver.options.fraction_to_barrier
+            fraction = model.largest_step(state, change, within)
             state, factor = state + fraction * change, factor + fraction * rise
             before = size
             moved = largest(comm, float(np.abs(change).max(initial=0.0))) / self._size
         raise _StepError(f"Newton's method took {MAX_STEPS} steps without converging.")
 
+    def _make_tangent(self) -> None:
+        """Make tangent and factors for the pairs in contact."""
+        self._tangent = UpperTangent(self._model)
+        self._entries: Floats = np.zeros(len(self._tangent.columns))
+        pattern = self._tangent.indptr, self._tangent.columns
+        self._factors = PetscFactor(self._comm, "mumps", *pattern)
+
     def _factorise(self, state: Floats) -> int:
         """Factorise the tangent at a state; return the number of its negative eigenvalues."""
+        self._model.grow_pairs(state)
+        if self._tangent.outgrown:
+            self._make_tangent()
         self._tangent.assemble(state, self._entries)
         self._factorisations += 1
         self._factors.factorise(self._entries)

@@ -147,7 +147,7 @@ def _inflated(
 def _kicked(
     solver: EquilibriumSolver, at: EquilibriumResult, rng: np.random.Generator, size: float
 ) -> Floats:
-    """Return a state moved along soft modes, inside the stretch bounds (collective)."""
+    """Return a state moved along soft modes, as far as bounds and contact allow (collective)."""
     model, skin = solver.model, solver.skin
     # Drawn by assembled vertex: the same on any number of ranks.
     drawn = rng.standard_normal(skin.pattern.points.shape)
@@ -158,6 +158,5 @@ def _kicked(
         mode /= norm(skin.comm, mode)
     farthest = np.abs(skin.gather_vertices(model.positions(mode))).max()
     mode *= size * skin.pattern.size / farthest
-    corners = model.corners(at.state)
-    allowed = model.bounds.largest_step(corners, model.corners(mode), TO_THE_BOUNDS)
+    allowed = model.largest_step(at.state, mode, TO_THE_BOUNDS)
     return np.asarray(at.state + allowed * mode)

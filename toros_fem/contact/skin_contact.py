@@ -39,6 +39,7 @@ class SkinContact:
     Attributes:
         contact, sizes: As given.
         pairs: Global rows and columns, (2, p), of the entries of `tangent`, on the first rank.
+        generation: How often the pairs have changed.
         poses: Poses of all bodies, (k, 6), of those without unknowns as the load has them.
         weight: Force of gravity on the unknowns of the free bodies in N, (f, 6).
         assembled: Assembled positions of all vertices in m, (n, 3); layers that touch each other
@@ -89,6 +90,7 @@ class SkinContact:
         made = self._only_first(lambda: self._make_barrier(np.asarray(fixed.all(axis=1))))
         if made is not None:
             self._barrier = made
+        self.generation = 0
         self.assembled: Floats = skin.pattern.points
         if contact.self_contact:
             self.assembled = on_first_rank(
@@ -458,8 +460,8 @@ class SkinContact:
         self._keys = np.unique(keys)
         self.pairs = np.stack(np.divmod(self._keys, self._size))
 
-    def grow(self, nodes: Floats, motions: Floats) -> bool:
-        """Let `pairs` cover all that is in contact; return whether they had to change."""
+    def grow(self, nodes: Floats, motions: Floats) -> None:
+        """Let `pairs` cover all that is in contact."""
         x, poses = self._at(nodes, motions)
 
         def grown() -> bool:
@@ -476,7 +478,7 @@ class SkinContact:
             self._cover(both if len(both) <= STALE * len(needed) else needed)
             return True
 
-        return on_first_rank(self._comm, grown)
+        self.generation += on_first_rank(self._comm, grown)
 
     def largest_step(
         self,

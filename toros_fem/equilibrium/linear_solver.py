@@ -113,7 +113,8 @@ class TangentFactor:
 
     def assemble(self, state: Floats) -> None:
         """Assemble the tangent at a state; the factors stay those of the last `factorise`."""
-        if self._model.grow_pairs(state):
+        self._model.grow_pairs(state)
+        if self._tangent.outgrown:
             self._tangent = UpperTangent(self._model, self._tangent.blocks)
             self._make_entries()
             self._outgrown = True

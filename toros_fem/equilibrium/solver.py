@@ -299,7 +299,7 @@ class EquilibriumSolver:
             sliding, start = start.sliding if sliding is None else sliding, start.state
         state = self._start(start)
         known = next((k for k in self._known if start is k.result.state), None)
-        if known is None:
+        if known is None and not trial:  # a trial may fail
             self._require_apart(state, load, cold=start is None)
         result = self._solve(
             _Request(density.copy(), load, sliding),

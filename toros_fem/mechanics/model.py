@@ -586,11 +586,10 @@ class SkinModel:
         """Return whether a solve can start from a state: stretch bounds and contact allow it."""
         return self.bounds.worst(self.corners(state)) < 1 and self.refusal(state) is None
 
-    def grow_pairs(self, state: Floats) -> bool:
-        """Let `further_pairs` cover what is in contact; return whether they had to change."""
-        if self.contact is None:
-            return False
-        return self.contact.grow(self.positions(state), self.motions(state))
+    def grow_pairs(self, state: Floats) -> None:
+        """Let `further_pairs` cover what is in contact at a state."""
+        if self.contact is not None:
+            self.contact.grow(self.positions(state), self.motions(state))
 
     def volume_gradient(self, state: Floats, chamber: int | None = None) -> Floats:
         """Return the first variation of a chamber's volume in m², zero at fixed components.

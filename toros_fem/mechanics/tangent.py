@@ -38,6 +38,7 @@ class UpperTangent:
         starts = np.array(comm.allgather(index_map.local_range[0]) + [size], dtype=np.int64)
         self.periodic = PeriodicTangent(model) if isinstance(model, PeriodicModel) else None
         self.blocks = blocks = blocks or BlockPairs(model)
+        self._generation = self._newest
         further_pairs = model.further_pairs
         walls = further_pairs[0] * size + further_pairs[1]
         fixed = index_map.local_to_global(np.flatnonzero(~model.free).astype(np.int32))
@@ -102,6 +103,16 @@ class UpperTangent:
         wanted = np.empty(self._lent.sum(), dtype=np.int64)
         comm.Alltoallv([others, self._needed], [wanted, self._lent])
         self._wanted = wanted - begin
+
+    @property
+    def outgrown(self) -> bool:
+        """Whether the pairs in contact are others than when the map was made."""
+        return self._generation != self._newest
+
+    @property
+    def _newest(self) -> int:
+        contact = self._model.contact
+        return 0 if contact is None else contact.generation
 
     @property
     def diagonal(self) -> LocalInts:
