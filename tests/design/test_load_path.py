@@ -7,13 +7,15 @@ from mpi4py import MPI
 
 from toros_fem._mpi import dot, total
 from toros_fem.contact import Contact, Ground, rigid_cylinder
+from toros_fem.contact.pads import Pads
 from toros_fem.density.field import random_density
 from toros_fem.design.load_path import LoadPath, LoadStep
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.errors import ParameterError
 from toros_fem.materials import Composite
-from toros_fem.mechanics.supports import clamp_where
+from toros_fem.mechanics.dead_loads import Weight
+from toros_fem.mechanics.supports import clamp, clamp_where
 from toros_fem.meshes import Skin, sew
 
 
@@ -128,3 +130,38 @@ def test_taylor_through_friction(comm: MPI.Comm, last: bool) -> None:
         )
 
     assert taylor_rates(value, slope, 0.005) == pytest.approx(2, abs=0.02)
+
+
+@pytest.mark.slow
+def test_taylor_of_pressures_and_densities_on_pads(tube: Skin, comm: MPI.Comm) -> None:
+    """A heavy tube on pads is inflated and emptied again: all that a walker has."""
+    pytest.importorskip("ipctk")
+    pattern = tube.pattern
+    touched = Contact(
+        Ground((-0.0112, 0.0, 0.0), (1.0, 0.0, 0.0)),
+        friction=0.4,
+        pads=Pads(pattern.points[:, 2] > 0.03, (0.0, 0.0, 1.0), 0.2, 0.7),
+    )
+    solver = EquilibriumSolver(
+        tube,
+        Composite(),
+        clamp(pattern, ["base"]),
+        NewtonOptions(tolerance=1e-12),
+        weight=Weight(0.3, 0.6, (-9.81, 0.0, 0.0)),
+        contact=touched,
+    )
+    pressures, raised = np.array([[4e3], [2e3]]), np.array([[-150.0], [50.0]])
+    path = LoadPath(solver, [LoadStep(float(p)) for p in pressures[:, 0]])
+    density = 0.02 + 0.01 * np.cos(3.0 * tube.owned_cells)
+    change = 0.01 * np.cos(2.0 * tube.owned_cells)
+    weights = [1e-3 * np.cos(np.arange(3.0) + k + tube.owned_vertices[:, None]) for k in range(2)]
+    base = path.solve(density)
+    found = path.gradient(density, base, weights)
+    slope = dot(comm, found.density, change) + float((found.pressures * raised).sum())
+
+    def value(step: float) -> float:
+        there = path.solve(density + step * change, pressures + step * raised, base)
+        terms = ((w * e.positions).sum() for w, e in zip(weights, there, strict=True))
+        return total(comm, sum(terms))
+
+    assert taylor_rates(value, slope, 0.02) == pytest.approx(2, abs=0.02)
