@@ -163,6 +163,17 @@ def in_room(points: Floats, axis: float, angle: float) -> Floats:
     return np.column_stack([c * out - s * y, s * out + c * y, -points[:, 0]])
 
 
+def from_room(points: Floats, axis: float) -> Floats:
+    """Return points of the room in the frame of the finger at the angle 0, as of `in_room`.
+
+    Args:
+        points: Points, (n, 3), in m.
+        axis: Distance in m of the object's axis from the flat finger.
+    """
+    x, y, z = points.T
+    return np.column_stack([-z, -y, axis - x])
+
+
 def _post(body: RigidBody) -> tuple[Floats, Ints]:
     """Return the corners of a post below the object in the room, and its triangles."""
     low, high = body.points.min(axis=0), body.points.max(axis=0)

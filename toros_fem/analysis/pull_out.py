@@ -168,7 +168,8 @@ class _Pull:
                 solver.skin.comm, lambda: friction.force(positions, self._poses(depth))
             )
             push = push + force[side].sum(axis=0)  # the body's reaction
-        return PullPoint(depth, float(-push @ self._along), positions, -gradient[:count], found)
+        normals = contact.normals(nodes, motions)[side]
+        return PullPoint(depth, float(-push @ self._along), positions, normals, found)
 
 
 def largest_force(points: Sequence[PullPoint], limit: float) -> float:

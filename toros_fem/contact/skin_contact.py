@@ -353,6 +353,20 @@ class SkinContact:
 
         on_first_rank(self._comm, on_first)
 
+    def normals(self, nodes: Floats, motions: Floats) -> Floats:
+        """Return the normal forces on the skin from each half-space and body in N, (sides, n, 3).
+
+        Args:
+            nodes, motions: As of `energy`.
+        """
+        x, _ = self._at(nodes, motions)
+
+        def pushes() -> Floats:
+            sides = self._barrier.sides(x, self._owners)
+            return np.array([self._of_skin(side.push()) for side in sides])
+
+        return on_first_rank(self._comm, pushes)
+
     def end_step(self, nodes: Floats, motions: Floats) -> Sliding | None:
         """Return where the vertices stick at the end of a step; None without friction."""
         if self.friction is None:

@@ -32,7 +32,7 @@ _FIELDS: Mapping[str, str] = MappingProxyType(
         "target": "bend angle twist shorten neutral contraction keep_length length_ratio axis "
         "toward begin end motion aim reach bent_length wrap_angle tip_angle edge_bend_radius "
         "edge_angle tail_length inflated_depth target stiffness_0 stiffness_45 stiffness_90",
-        "object": "shape mass lift_distance slip_limit",
+        "object": "shape mass object_mesh object_scale lift_distance slip_limit",
         "skin": "scale component refinements cuts method crease_angle max_stretch length diameter "
         "whole leg_length leg_width body_radius fillet foot_length finger_length finger_width "
         "root_length stem_length backbone_width size mesh edge_length",

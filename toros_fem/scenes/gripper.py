@@ -26,18 +26,22 @@ from mpi4py import MPI
 from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase, Touching
 from toros_fem.actuators.config import ActuatorConfig, TipWeights
-from toros_fem.actuators.gripper import LiftShape, solid, write_lift
+from toros_fem.actuators.gripper import LiftShape, from_room, in_room, solid, write_lift
 from toros_fem.actuators.legs import leg_cross_sections, tip_angle_metric
 from toros_fem.actuators.run import ActuatorResult, design_actuator, summary_sentence
 from toros_fem.analysis.holding import HoldingObjective
 from toros_fem.analysis.pull_out import PullPoint, largest_force, pull_out, slip_under
 from toros_fem.config import quantity
+from toros_fem.contact.bodies import RigidBody
 from toros_fem.contact.config import ContactConfig
 from toros_fem.contact.settings import Contact, Ground
+from toros_fem.contact.solids import rigid_mesh
+from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
 from toros_fem.errors import ParameterError
+from toros_fem.frames.record import repeated
 from toros_fem.mechanics.supports import Supports, symmetry_plane
-from toros_fem.meshes import Mirrored, Pattern, curl, finger, plane_centroids
+from toros_fem.meshes import Mirrored, Pattern, curl, finger, plane_centroids, sew
 from toros_fem.objectives.gap import SHAPES, Body
 from toros_fem.objectives.metrics import Metric
 from toros_fem.objectives.shape import Nodes, Objective
@@ -122,6 +126,12 @@ class GripperConfig(ContactConfig, ActuatorConfig):
         4.0, "holding force that the design asks for, over the object's weight", above=0
     )
     holding_weight: float = quantity(1.0, "weight of the holding force that is missing", at_least=0)
+    object_mesh: str | None = quantity(
+        None,
+        "mesh file of an object to be lifted in the place of the shape that is designed for, its z "
+        "upwards; none lifts that shape",
+    )
+    object_scale: float = quantity(1e-3, "length of the mesh file's unit", "m", above=0)
     lift_distance: float | None = quantity(
         0.05, "distance by which the mounts move up; none leaves the lift out", "m", above=0
     )
@@ -242,6 +252,14 @@ def touching_vertices(pattern: Pattern, config: GripperConfig) -> npt.NDArray[np
     return np.asarray(inner & (x > begin) & (x < end) & middle)
 
 
+def mounted(pattern: Pattern, config: GripperConfig) -> npt.NDArray[np.bool_]:
+    """Return the components of the vertices that the mount holds, (n, 3): root and stem."""
+    held = pattern.points[:, 0] <= config.root_length * (1 + 1e-9)
+    inner = pattern.vertices_of("top")
+    held[inner[pattern.points[inner, 0] <= config.stem_length * (1 + 1e-9)]] = True
+    return np.repeat(held[:, None], 3, axis=1)
+
+
 def gap_metric(config: GripperConfig) -> Metric:
     """Return the mean distance in mm of the touching strip from the object, inside or outside."""
     body = config.body
@@ -284,13 +302,8 @@ def case(comm: MPI.Comm, config: GripperConfig) -> ActuatorCase:
         target, tip = around(angle * config.tip_angle / tip), config.tip_angle
     inner = pattern.panel == pattern.panel_index("top")
     off_middle = np.abs(plane_centroids(pattern)[:, 1])
-    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
-    along = pattern.points[:, 0]
-    fixed[along <= root * (1 + 1e-9)] = True
-    stem = pattern.vertices_of("top")
-    fixed[stem[along[stem] <= config.stem_length * (1 + 1e-9)]] = True
     touching = touching_vertices(pattern, config).astype(np.float64)
-    supports = Supports(fixed) | symmetry_plane(pattern, 1)
+    supports = Supports(mounted(pattern, config)) | symmetry_plane(pattern, 1)
     contact = config.contact
     sizes = contact.sizes(config.composite)
 
@@ -334,9 +347,9 @@ def lift(
     """Let the printed gripper lift its object, and the initial design too; return the figures.
 
     Seen from the mounts the post goes down by the distance of the lift, and the object with it
-    until the fingers hold its weight. By symmetry it moves along its axis alone, and nothing moves
-    it back, so that one curve of the holding force over its depth tells what becomes of each mass.
-    Fingers close without friction, which acts from then on.
+    until the fingers hold its weight. It moves along its axis alone, by symmetry, or where it is a
+    mesh as on a guide. Nothing moves it back, so that one curve of the holding force over its depth
+    tells what becomes of each mass. Fingers close without friction, which acts from then on.
 
     Args:
         comm: Communicator.
@@ -346,51 +359,110 @@ def lift(
     """
     problem, printed = design.problem, design.printed
     shown = printed.evaluation or design.result.final
-    model = problem.solver.model
-    solver = EquilibriumSolver(
-        problem.skin,
-        model.composite,
-        model.supports,
-        problem.solver.options,
-        contact=replace(config.contact, friction=config.friction),
-    )
-    seed = design.summary["seed"]
-    _, initial = problem.fields(problem.with_passive(problem.start_density(seed)))
-    pressures = shown.equilibrium.pressures
-    closed = shown.equilibrium.positions
-    after = _lifted(solver, shown.projected, pressures, config, closed)
-    try:
-        closed = problem.solver.solve(initial, pressures).positions
-        before = _lifted(solver, initial, pressures, config, closed)
-    except EquilibriumError as caught:  # raised by all ranks or by none
-        before = _Lift((), str(caught))
+    _, initial = problem.fields(problem.with_passive(problem.start_density(design.summary["seed"])))
+    grip = _grip(comm, problem, config)
+    lifts, rows = {}, []
+    for name, owned in (("initial design", initial), ("as printed", shown.projected)):
+        density = problem.skin.gather_cells(owned)
+        made = _lifted(grip, density, shown.equilibrium.pressures, config)
+        lifts[name] = _figures(made, grip, config)
+        if made.points:
+            rows.append((grip.shown_density(density), _shapes(name, made, grip, config)))
     figures = {
         "mass_kg": config.mass,
         "friction": config.friction,
         "fingers": config.fingers,
-        **_figures(after, config, problem.skin.pattern),
-        "initial": _figures(before, config, problem.skin.pattern),
+        **lifts["as printed"],
+        "initial": lifts["initial design"],
     }
-    whole = problem.whole
-    assert whole is not None
-    gathered = [problem.skin.gather_cells(density) for density in (initial, shown.projected)]
-    rows = [
-        (whole.at_cells(density), _shapes(name, curve, config, whole))
-        for name, density, curve in zip(
-            ("initial design", "as printed"), gathered, (before, after), strict=True
-        )
-    ]
-    write_lift(
-        comm,
-        output,
-        whole.pattern,
-        rows,
-        printed.regions,
-        solid(config.body),
-        config.fingers,
-        figures,
-    )
+    if rows:
+        regions = list(printed.regions) * (config.fingers // grip.copies)
+        write_lift(comm, output, grip.shown_pattern, rows, regions, grip.body, grip.copies, figures)
     return figures
+
+
+@dataclass(frozen=True, eq=False)
+class _Grip:
+    """What is simulated of a gripper that lifts: half a finger, or all fingers.
+
+    Attributes:
+        closing, pulling: Solvers without and with friction.
+        body: The object.
+        mirror: The whole finger that the designed half is a part of.
+        fingers: Number of fingers that are simulated; None for half of one.
+        copies: Number of equal copies of what is shown: fingers, or all of them as one.
+        parts: Number of equal parts of the gripper, of which one is simulated.
+    """
+
+    closing: EquilibriumSolver
+    pulling: EquilibriumSolver
+    body: RigidBody
+    mirror: Mirrored
+    fingers: int | None
+    copies: int
+    parts: int
+
+    @property
+    def shown_pattern(self) -> Pattern:
+        """Pattern of what is shown."""
+        return self.mirror.pattern if self.fingers is None else self.closing.skin.pattern
+
+    def shown_density(self, density: Floats) -> Floats:
+        """Return the density of all triangles that are shown, from those of half a finger."""
+        whole = self.mirror.at_cells(density)
+        return whole if self.fingers is None else np.tile(whole, self.fingers)
+
+    def simulated(self, density: Floats) -> Floats:
+        """Return the density of owned triangles, from those of half a finger, (t,)."""
+        whole = density if self.fingers is None else self.shown_density(density)
+        return np.asarray(whole[self.closing.skin.owned_cells])
+
+    def shown_positions(self, positions: Floats) -> Floats:
+        """Return positions of all vertices that are shown, from those that are simulated."""
+        return self.mirror.at_vertices(positions) if self.fingers is None else positions
+
+
+def _grip(comm: MPI.Comm, problem: ShapeDesign, config: GripperConfig) -> _Grip:
+    """Return half a finger and the designed object, or all fingers and the object's mesh."""
+    model, mirror, count = problem.solver.model, problem.whole, config.fingers
+    assert mirror is not None
+    contact, skin, supports = config.contact, problem.skin, model.supports
+    body, all_fingers = contact.bodies[0], config.object_mesh is not None
+    if config.object_mesh is not None:
+        body = _placed_mesh(comm, config.object_mesh, config)
+        contact = Contact(bodies=[body], self_contact=False, distance=config.contact_distance)
+        axis = config.body.centre[2]
+        turned = [
+            from_room(in_room(mirror.pattern.points, axis, angle), axis)
+            for angle in 2 * np.pi * np.arange(count) / count
+        ]
+        pattern = replace(repeated(mirror.pattern, [], count)[0], points=np.concatenate(turned))
+        skin = sew(comm, pattern)
+        supports = Supports(np.tile(mounted(mirror.pattern, config), (count, 1)))
+    options = problem.solver.options
+    closing, pulling = (
+        EquilibriumSolver(
+            skin, model.composite, supports, options, contact=replace(contact, friction=friction)
+        )
+        for friction in (None, config.friction)
+    )
+    return _Grip(
+        closing,
+        pulling,
+        body,
+        mirror,
+        count if all_fingers else None,
+        1 if all_fingers else count,
+        1 if all_fingers else 2 * count,
+    )
+
+
+def _placed_mesh(comm: MPI.Comm, path: str, config: GripperConfig) -> RigidBody:
+    """Return the object of a mesh file, upright, in the frame of the first finger."""
+    read = rigid_mesh(comm, "object", path, scale=config.object_scale)
+    centre = config.body.centre
+    points = from_room(read.points - read.centre, 0.0) + [centre[0], 0.0, centre[2]]
+    return RigidBody("object", points, read.triangles)
 
 
 @dataclass(frozen=True, eq=False)
@@ -400,53 +472,52 @@ class _Lift:
     points: tuple[PullPoint, ...]
     failure: str
 
-    def slip(self, config: GripperConfig) -> float | None:
+    def slip(self, grip: _Grip, config: GripperConfig) -> float | None:
         """Return the sliding in m at which the fingers bear the object; None if they do not."""
-        force = config.mass * GRAVITY / (2 * config.fingers)
-        found = slip_under(self.points, force) if self.points else None
+        found = slip_under(self.points, config.mass * GRAVITY / grip.parts)
         return None if found is None or found > config.slip_limit else found
 
 
 def _lifted(
-    solver: EquilibriumSolver,
-    density: Floats,
-    pressures: Sequence[float],
-    config: GripperConfig,
-    closed: Floats,
+    grip: _Grip, density: Floats, pressures: Sequence[float], config: GripperConfig
 ) -> _Lift:
-    """Pull the object out of half a finger: to the limit, and all the way if it drops."""
+    """Pull the object out of the fingers: to the limit, and all the way if it drops."""
     limit, end = config.slip_limit, config.lift_distance or 0.0
     near = limit * np.linspace(0.0, 1.0, NEAR_STEPS + 1) ** 2
     far = np.linspace(limit, max(end, limit), FAR_STEPS + 1)[1:]
     depths = [*near, *(depth for depth in far if depth > limit)]
-    points: list[PullPoint] = []
+    owned, points = grip.simulated(density), list[PullPoint]()
     try:
-        for point in pull_out(solver, density, pressures, depths, ALONG, closed):
+        closed = grip.closing.solve(owned, pressures)
+        for point in pull_out(grip.pulling, owned, pressures, depths, ALONG, closed.positions):
             points.append(point)
-            if point.depth >= limit and _Lift(tuple(points), "").slip(config) is not None:
+            held = _Lift(tuple(points), "").slip(grip, config) is not None
+            if held and point.depth >= limit:
                 break
     except EquilibriumError as caught:  # raised by all ranks or by none
         return _Lift(tuple(points), str(caught))
     return _Lift(tuple(points), "")
 
 
-def _figures(lifted: _Lift, config: GripperConfig, pattern: Pattern) -> dict[str, Any]:
+def _figures(lifted: _Lift, grip: _Grip, config: GripperConfig) -> dict[str, Any]:
     """Return the figures of a lift; those of fingers are at the end of the object's sliding."""
     if not lifted.points:
-        return {"held_mass_kg": None, "slip_mm": None, "failure": lifted.failure}
-    slip = lifted.slip(config)
+        return {
+            "held_mass_kg": None,
+            "slip_mm": None,
+            "smallest_distance_mm": None,
+            "failure": lifted.failure,
+        }
+    slip, pattern = lifted.slip(grip, config), grip.closing.skin.pattern
     depths = np.array([point.depth for point in lifted.points])
     at = lifted.points[int(np.argmin(np.abs(depths - (slip or 0.0))))]
     corners = at.positions[pattern.triangles]
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     thirds = np.repeat(np.linalg.norm(crosses, axis=1) / 6, 3)
     areas = np.bincount(pattern.triangles.ravel(), thirds, minlength=len(pattern.points))
-    normal = np.linalg.norm(at.normals, axis=1)
-    area, force = 2 * float(areas[normal > 0].sum()), 2 * float(normal.sum())
-    half = np.pi / config.fingers
-    out, aside = config.body.centre[2] - at.positions[:, 2], at.positions[:, 1]
-    apart = 2 * float((out * np.sin(half) - aside * np.cos(half)).min())
-    held = 2 * config.fingers * largest_force(lifted.points, config.slip_limit) / GRAVITY
+    normal, share = np.linalg.norm(at.normals, axis=1), grip.parts / config.fingers
+    area, force = share * float(areas[normal > 0].sum()), share * float(normal.sum())
+    held = grip.parts * largest_force(lifted.points, config.slip_limit) / GRAVITY
     return {
         "held_mass_kg": max(held, 0.0),
         "slip_mm": None if slip is None else 1e3 * slip,
@@ -454,20 +525,19 @@ def _figures(lifted: _Lift, config: GripperConfig, pattern: Pattern) -> dict[str
         "finger_force_n": force,
         "contact_area_mm2": 1e6 * area,
         "contact_pressure_kpa": 1e-3 * force / area if area else None,
-        "fingers_apart_mm": 1e3 * apart,
         "failure": lifted.failure or None,
     }
 
 
-def _shapes(name: str, lifted: _Lift, config: GripperConfig, whole: Mirrored) -> list[LiftShape]:
+def _shapes(name: str, lifted: _Lift, grip: _Grip, config: GripperConfig) -> list[LiftShape]:
     """Return fingers and object as they close, half-way up, and at the end of a lift."""
-    slip, found = lifted.slip(config), []
+    slip, found = lifted.slip(grip, config), []
     depths = np.array([point.depth for point in lifted.points])
     for part, word in ((0.0, "closed"), (0.5, "half-way up"), (1.0, "lifted")):
         raised = part * (config.lift_distance or 0.0)
         sunk = raised if slip is None else min(slip, raised)
         nearest = lifted.points[int(np.argmin(np.abs(depths - sunk)))]
-        positions = whole.at_vertices(nearest.positions)
+        positions = grip.shown_positions(nearest.positions)
         found.append(LiftShape(f"{name}, {word}", positions, sunk, raised))
     return found
 
