@@ -8,6 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem.actuators.gripper import LiftShape, in_room, solid, write_lift
+from toros_fem.contact import rigid_sphere
 from toros_fem.fabrication.contours import panel_outline
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.surface import volume
@@ -57,7 +58,8 @@ def test_files_of_a_lift(comm: MPI.Comm, tmp_path: Path) -> None:
         )
         for density, s in ((bare, 0.05), (printed, 0.001))
     ]
-    write_lift(comm, folder, finger, rows, regions, solid(BALL), 3, {"slip_mm": 1.0})
+    ball = rigid_sphere("object", 0.02, BALL.centre, edge_length=6e-3)
+    write_lift(comm, folder, finger, rows, regions, ball, 3, {"slip_mm": 1.0})
     comm.barrier()
     assert json.loads((folder / "load.json").read_text(encoding="utf-8")) == {"slip_mm": 1.0}
     for name in ("lift.png", "finger.png"):

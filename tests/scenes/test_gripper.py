@@ -111,7 +111,12 @@ def test_bad_values() -> None:
 def test_a_lift_tells_what_is_held(comm: MPI.Comm) -> None:
     pytest.importorskip("ipctk")
     config = demo.GripperConfig(
-        edge_length=3e-3, stem_length=0.045, slip_limit=5e-4, lift_distance=5e-4, mass=0.02
+        edge_length=3e-3,
+        filter_radius=4.6e-3,
+        stem_length=0.045,
+        slip_limit=5e-4,
+        lift_distance=5e-4,
+        mass=0.02,
     )
     case = demo.case(comm, config)
     problem = actuator_problem(comm, case, config)
@@ -143,7 +148,7 @@ def test_all_fingers_around_a_mesh(comm: MPI.Comm, tmp_path: Path) -> None:
     if comm.rank == 0:
         meshio.write(path, meshio.Mesh(upright, [("triangle", ball.triangles)]))
     comm.barrier()
-    config = SMALL.updated(object_mesh=str(path))
+    config = SMALL.updated(object_mesh=str(path), filter_radius=6e-3)
     problem = actuator_problem(comm, demo.case(comm, config), config)
     grip = demo._grip(comm, problem, config)
     assert (grip.copies, grip.parts) == (1, 1)
