@@ -230,7 +230,7 @@ class Barrier:
             part = self._pair_set()
             part.pv_collisions = pairs
             sides.append(Side(self._potential, self._points, part, self._grounded, x))
-        count, surface = int(owners.max(initial=0)), owners.tolist()
+        count, surface = int(owners.max(initial=0)), [int(k) for k in owners]
         everything = np.arange(len(x))
         parts = [self._pair_set() for _ in range(count)]
         kinds = ("vv_collisions", "ev_collisions", "ee_collisions", "fv_collisions")
@@ -279,6 +279,7 @@ class Barrier:
             step: Their straight motion in m, (n, 3).
         """
         self.place(x)
+        assert self._listed_at is not None
         factor = 1.0
         for height, ground in zip(self._heights(x), self._grounds, strict=True):
             sinking = -(step[self._grounded] @ np.array(ground.normal))

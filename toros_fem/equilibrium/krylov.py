@@ -103,8 +103,9 @@ def gmres(
     size = norm(comm, rhs)
     if not size > 0:
         return np.zeros_like(rhs), 0.0
-    basis, hessenberg = [rhs / size], np.zeros((max_iterations + 1, max_iterations))
+    basis: list[Floats] = [np.asarray(rhs / size)]
     directions: list[Floats] = []
+    hessenberg: Floats = np.zeros((max_iterations + 1, max_iterations))
     weights, left = np.zeros(0), 1.0
     for count in range(max_iterations):
         directions.append(precondition(basis[-1]))
@@ -121,5 +122,5 @@ def gmres(
         left = float(np.linalg.norm(goal - square @ weights)) / size
         if left <= tolerance or not length > 1e-14 * np.abs(hessenberg[: count + 1, count]).max():
             break
-        basis.append(new / length)
+        basis.append(np.asarray(new / length))
     return np.asarray(weights @ np.array(directions)), left
