@@ -2,11 +2,13 @@
 
     python demos/walker.py --coarse
     python demos/walker.py --coarse --motion crawl
+    python demos/walker.py --coarse --motion crawl --aim stride --design-pressure
 
 Two flat panels, top and bottom, are sewn along an X: a body and four legs along the diagonals. A
 quarter with one leg is designed, by symmetry, at 20 kPa. The leg is to turn down by 90° (stand), or
-by 60° while the body reaches out (crawl). The whole robot is printed. It is then simulated with
-three chambers, body, front legs and rear legs, through one cycle of a gait.
+by 60° while the body reaches out (crawl); or the stride of the gait is to be long (--aim stride).
+The whole robot is printed. Half of it then walks on the ground, with three chambers that are filled
+and emptied fully, its own weight, friction and contact (docs/walking.md).
 """
 
 import sys
