@@ -8,7 +8,7 @@ from helpers.scenes import square, taylor_rates
 from mpi4py import MPI
 
 from toros_fem._mpi import dot, norm, total
-from toros_fem.contact import Contact, Ground, rigid_sphere
+from toros_fem.contact import Contact, Ground, RigidBody, rigid_box, rigid_sphere
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.materials import Composite
 from toros_fem.mechanics.supports import clamp_where
@@ -163,3 +163,40 @@ def test_a_ball_that_has_turned_far_starts_from_less(
     assert found.poses is not None
     assert np.linalg.norm(found.poses[0][3:]) < np.pi
     assert np.array(found.poses) == pytest.approx(np.array(lying.poses), abs=1e-6)
+
+
+def on_the_floor(
+    comm: MPI.Comm, body: RigidBody, height: float | None
+) -> tuple[EquilibriumSolver, EquilibriumResult]:
+    """A body below a sheet, with the floor at a height in m."""
+    pattern = square(n=2, size=SIZE)
+    floor = None if height is None else Ground((0.0, 0.0, height))
+    frame = clamp_where(pattern, lambda x: np.abs(x[:, :2] - SIZE / 2).max(axis=1) > 0.03)
+    contact = Contact(ground=floor, bodies=[body])
+    solver = EquilibriumSolver(sew(comm, pattern), Composite(), frame, contact=contact)
+    return solver, solver.solve(plain(solver), 0.0, raise_on_failure=False)
+
+
+def test_motions_that_nothing_resists(comm: MPI.Comm) -> None:
+    """A tilted box falls on a side and does not slide; a ball finds a facet to lie on."""
+    box = rigid_box("box", (0.02,) * 3, (0.04, 0.04, -0.02), mass=MASS, edge_length=0.01)
+    box = box.moved(np.array([0.0, 0.0, 0.0, 0.2, 0.1, 0.0]))
+    ball = rigid_sphere("ball", 0.01, (0.04, 0.04, -0.02), mass=MASS, edge_length=4e-3)
+    for body, height in ((box, -0.034), (ball, -0.031)):
+        solver, found = on_the_floor(comm, body, height)
+        assert found.converged, found.reason
+        assert found.poses is not None
+        contact, model = solver.model.contact, solver.model
+        assert contact is not None
+        forces = contact.forces(found.positions, model.motions(found.state))
+        assert -forces.sum(axis=0) == pytest.approx(np.array([0, 0, WEIGHT]), abs=1e-8 * WEIGHT)
+        assert found.poses[0][:2] == pytest.approx([0.0, 0.0], abs=1e-7)
+        assert np.linalg.norm(found.poses[0][3:5]) > 0.1
+
+
+def test_a_body_that_nothing_holds(comm: MPI.Comm) -> None:
+    ball = rigid_sphere("ball", 0.01, (0.04, 0.04, -0.02), mass=MASS, edge_length=4e-3)
+    _, found = on_the_floor(comm, ball, None)
+    assert not found.converged
+    assert found.reason.startswith("A free body falls at")
+    assert found.steps < 100

@@ -14,7 +14,7 @@ from toros_fem._types import Floats
 from toros_fem.equilibrium.continuation import ContinuationResult
 from toros_fem.equilibrium.newton import STAGNATED
 from toros_fem.mechanics.load_case import LoadCase
-from toros_fem.mechanics.model import SkinModel
+from toros_fem.mechanics.model import FALLEN, SkinModel
 from toros_fem.mechanics.stretch_bounds import singular_values
 
 # A hinge folded by more than this angle, in rad, is near the angle where its energy jumps.
@@ -138,6 +138,12 @@ def failure(
         max_steps: Largest number of steps of an attempt.
         once: Whether there was one attempt at the full load and no continuation.
     """
+    if end.outcome == int(PETSc.SNES.ConvergedReason.DIVERGED_DTOL):
+        return (
+            f"A free body falls at {load}: it has moved by more than {FALLEN:g} times the size of "
+            "the skin, and nothing holds it. Put ground or the skin below it, or give it no mass: "
+            "then it is held."
+        )
     why = {
         int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT): (
             f"Newton's method took {max_steps} steps without converging"

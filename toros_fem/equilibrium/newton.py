@@ -273,6 +273,8 @@ class RegularisedNewton:
                     continue
             if steps == max_steps:
                 return point, int(outcomes.DIVERGED_MAX_IT)
+            if model.falls(point.state):
+                return point, int(outcomes.DIVERGED_DTOL)
             if escapes == ESCAPES:
                 return point, int(outcomes.DIVERGED_INNER)
             steps += 1
@@ -443,10 +445,10 @@ class RegularisedNewton:
         while not self.factor.factorise(diagonal=diagonal) and diagonal < LARGEST_SHIFT:
             diagonal *= 4
         # A start that is the same on any number of ranks: drawn by assembled vertex.
-        points = self.model.skin.pattern.points
-        drawn = np.random.default_rng(seed).standard_normal(points.shape)
-        mode: Floats = np.zeros(self.model.size_local)
-        self.model.positions(mode)[:] = drawn[self.model.skin.owned_vertices]
+        model, generator = self.model, np.random.default_rng(seed)
+        drawn = generator.standard_normal(model.skin.pattern.points.shape)
+        motions = generator.standard_normal((model.free_bodies, 6))
+        mode: Floats = model.joined(drawn[model.skin.owned_vertices], motions)
         mode *= self.model.free
         for _ in range(20):
             mode = self.factor.solve(self.factor.scale * mode)

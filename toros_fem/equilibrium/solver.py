@@ -736,7 +736,7 @@ class EquilibriumSolver:
         first = attempt(state, density, load, self._max_steps(trial=trial))
         if first.converged:
             return ContinuationResult(first.state, 1.0, first.outcome)
-        if direct:
+        if direct or first.outcome == int(PETSc.SNES.ConvergedReason.DIVERGED_DTOL):
             return ContinuationResult(state, None, first.outcome)
         least = self.options.min_increment
         if near is not None:

@@ -10,7 +10,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 
-from toros_fem._mpi import dot, gather_by_index, total
+from toros_fem._mpi import dot, gather_by_index, largest, total
 from toros_fem._types import Bools, Floats, Ints, LocalInts
 from toros_fem.contact.settings import Contact
 from toros_fem.contact.skin_contact import SkinContact
@@ -43,6 +43,8 @@ from toros_fem.meshes.skin import Skin
 # Rounding of the stretching energy over modulus times area: about a hundred units in the last
 # place of a stretch of 1.
 ENERGY_ROUNDING = 2.5e-14
+# Way of a free body over the size of the skin at which it is taken to fall without end.
+FALLEN = 3.0
 
 
 class SkinModel:
@@ -547,7 +549,7 @@ class SkinModel:
             self.positions(change),
             self.motions(change),
         )
-        return self._joined(nodes, motions) * self.free
+        return self.joined(nodes, motions) * self.free
 
     def begin_step_backward(self, state: Floats, adjoint: Floats) -> Floats:
         """Return the derivative of Σ adjoint · residual by the anchors at the begin of a step."""
@@ -560,15 +562,30 @@ class SkinModel:
         assert self.contact is not None
         nodes, motions = self.positions(state), self.motions(state)
         by_nodes, by_begin = self.contact.end_step_backward(nodes, motions, slope)
-        return self._joined(by_nodes, np.zeros((len(self._patch.body_dofs), 6))), by_begin
+        return self.joined(by_nodes, np.zeros((len(self._patch.body_dofs), 6))), by_begin
 
-    def _joined(self, nodes: Floats, motions: Floats) -> Floats:
-        """Return a state's array of numbers at the owned nodes and at the free bodies."""
+    def joined(self, nodes: Floats, motions: Floats) -> Floats:
+        """Return numbers at the owned nodes, (n, 3), and at the free bodies, (f, 6), as a state.
+
+        Those of edges are zero; on all ranks but the first, those of bodies are not read.
+        """
         out = np.zeros(self.size_local)
         self.positions(out)[:] = nodes
         if self.skin.comm.rank == 0:
             out[self._patch.body_dofs.ravel()] = motions.ravel()
         return out
+
+    @property
+    def free_bodies(self) -> int:
+        """Number of free bodies."""
+        return len(self._patch.body_dofs)
+
+    def falls(self, state: Floats) -> bool:
+        """Return whether a free body is so far away that nothing will hold it any more."""
+        if not self.free_bodies:
+            return False
+        way = largest(self.skin.comm, float(np.abs(self.motions(state)[:, :3]).max()))
+        return way > FALLEN * self.skin.pattern.size
 
     def refusal(self, state: Floats) -> str | None:
         """Return where contact forbids a state as a start, as a sentence; None if nowhere."""
