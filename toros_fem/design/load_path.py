@@ -198,5 +198,5 @@ class LoadPath:
             displacement=step.displacement,
             weight_fraction=0.0 if model.weight is None else step.weight_fraction,
             poses=poses_of(self.solver.contact, step.poses),
-            bodies_fraction=0.0 if self.solver.contact is None else 1.0,
+            bodies_fraction=float(model.free_bodies > 0),
         )

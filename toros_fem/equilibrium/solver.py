@@ -292,7 +292,7 @@ class EquilibriumSolver:
             displacement=displacement,
             weight_fraction=0.0 if model.weight is None else weight_fraction,
             poses=poses_of(self.contact, poses),
-            bodies_fraction=0.0 if self.contact is None else 1.0,
+            bodies_fraction=float(model.free_bodies > 0),
         )
         density = model.check(density)
         if isinstance(start, EquilibriumResult):
@@ -393,7 +393,7 @@ class EquilibriumSolver:
             force=force,
             weight_fraction=0.0 if model.weight is None else 1.0,
             poses=poses_of(self.contact, numbers["poses"]),
-            bodies_fraction=0.0 if self.contact is None else 1.0,
+            bodies_fraction=float(model.free_bodies > 0),
         )
         model.check(density)
         state = model.scatter(unknowns)

@@ -49,8 +49,9 @@ class LoadCase:
             total = np.linalg.norm(self.force, axis=1).sum()
             parts.append(f"forces of {total:.4g} N in total")
         if self.weight_fraction > 0:
-            percent = f"{100 * self.weight_fraction:.3g} % of "
-            parts.append(f"{'' if self.weight_fraction == 1 else percent}its own weight")
+            parts.append(f"{_percent(self.weight_fraction)}its own weight")
+        if self.bodies_fraction > 0:
+            parts.append(f"{_percent(self.bodies_fraction)}the weight of bodies")
         if self.displacement is not None:
             farthest = np.linalg.norm(self.displacement, axis=1).max()
             parts.append(f"supports moved by up to {farthest:.4g} m")
@@ -85,6 +86,10 @@ def _between(one: Floats | None, other: Floats | None, fraction: float) -> Float
         return None
     begin, end = (np.zeros(1) if values is None else values for values in (one, other))
     return np.asarray(begin + fraction * (end - begin))
+
+
+def _percent(fraction: float) -> str:
+    return "" if fraction == 1 else f"{100 * fraction:.3g} % of "
 
 
 def make_load_case(
