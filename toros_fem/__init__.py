@@ -26,6 +26,7 @@ from toros_fem.characterisation.reading import read_tensile_tests
 from toros_fem.characterisation.result import FitResult
 from toros_fem.characterisation.tensile_test import TensileTest
 from toros_fem.contact.bodies import RigidBody
+from toros_fem.contact.pads import Pads
 from toros_fem.contact.settings import Contact, Ground
 from toros_fem.contact.solids import rigid_box, rigid_cylinder, rigid_mesh, rigid_sphere
 from toros_fem.density.field import random_density
@@ -121,6 +122,7 @@ __all__ = [
     "Membrane",
     "Metric",
     "NewtonOptions",
+    "Pads",
     "Perimeter",
     "PrintLimits",
     "PrintedDesign",

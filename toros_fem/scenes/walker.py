@@ -300,7 +300,7 @@ def follow_gait(
         if d[1] > 0
     ]
     density = printed[: len(pattern.triangles)].astype(np.float64)[skin.owned_cells]
-    levels = (np.asarray(pressures) * gait.pressure_fractions).tolist()
+    levels = [[float(p) for p in row] for row in np.asarray(pressures) * gait.pressure_fractions]
     points: list[TracePoint] = []
     failure = ""
     try:
