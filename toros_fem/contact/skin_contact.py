@@ -21,7 +21,7 @@ from toros_fem.meshes.skin import Skin
 T = TypeVar("T")
 # Entries of the tangent are kept until they are this many times those that are needed.
 STALE = 2.0
-# Stiffness of free bodies over that of the sheet, E t, for motions that nothing resists.
+# Stiffness of free bodies in the tangent over that of the sheet, E t.
 NEUTRAL = 1e-8
 # Largest motion of a step over the size of the skin: the space that longer ones sweep is full of
 # pairs. Largest rotation of a body in rad: its vertices move straight in the search for pairs.
@@ -35,6 +35,11 @@ class SkinContact:
     Positions are gathered. The first rank computes, so that results do not depend on the number of
     ranks. Middle surfaces stay a thickness apart: the surfaces of bodies and ground are moved
     inwards by half of it. All methods are collective.
+
+    Some motions of a free body may have no resistance, for instance the rotations of a sphere
+    without friction. The tangent, and it alone, has the stiffness NEUTRAL E t for all motions of
+    free bodies. Forces have no such part: balance is exact, a step does not move a body where no
+    force acts, and an equilibrium that is neutral there counts as stable.
 
     Attributes:
         contact, sizes: As given.
