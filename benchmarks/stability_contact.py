@@ -47,7 +47,7 @@ def stage_of(name: str) -> Stage:
 
 
 def play_case(case: Case) -> dict[str, Any]:
-    """Return the outcome of a case, without contact's own rows."""
+    """Return the outcome of a case."""
     return asdict(attempt(stage_of(case.scene), case))
 
 
@@ -64,12 +64,14 @@ def markdown(rows: dict[str, dict[str, Any]]) -> str:
 
 def main() -> int:
     """Command line."""
-    options = parsed(parser_of(__doc__, PAGE))
+    parser = parser_of(__doc__, PAGE)
+    parser.add_argument("--cases", type=int, help="number of cases, the first ones; default: all")
+    options = parsed(parser)
     if options.source:
         rows = json.loads(options.source.read_text(encoding="utf-8"))["rows"]
     else:
         rows = complete(
-            folded_cases(),
+            dict(list(folded_cases().items())[: options.cases]),
             play_case,
             options.rows,
             options.workers,

@@ -8,7 +8,7 @@ from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from toros_fem.contact.neighbours import FOLDED, collision_filter, neighbours, paths
+from toros_fem.contact.neighbours import FLAT, FOLDED, collision_filter, neighbours, paths
 from toros_fem.contact.settings import ContactSizes
 from toros_fem.meshes import Pattern, cylinder, finger, rectangle
 from toros_fem.meshes.topology import edges_of, lengths
@@ -47,11 +47,13 @@ def test_neighbours_of_a_fine_sheet_are_those_near_along_it() -> None:
     pattern = rectangle(COMM, 8e-3, 8e-3, 4e-4, "unstructured")
     found = neighbours(pattern, SIZES)
     apart = np.linalg.norm(pattern.points[:, None] - pattern.points, axis=2)
-    one, two = np.nonzero(np.triu(apart < 0.9 * FOLDED * SIZES.reach, 1))
+    one, two = np.nonzero(np.triu(apart < 0.9 * FOLDED * SIZES.thickness, 1))
     count = len(pattern.points)
     keys = found[:, 0] * count + found[:, 1]
     assert np.isin(one * count + two, keys).all()
-    assert lengths(pattern.points, found).max() < 1.8 * FOLDED * SIZES.reach
+    # Edges that a path joins bring their own ends, and those of their neighbours.
+    longest = lengths(pattern.points, pattern.edges.ends).max()
+    assert lengths(pattern.points, found).max() < FLAT * SIZES.reach + 3 * longest
     assert (np.diff(keys) > 0).all()
     assert (found[:, 0] < found[:, 1]).all()
 

@@ -15,10 +15,12 @@ from toros_fem.contact.settings import ContactSizes
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import following
 
-# Lengths of paths in the sheet over the reach of contact. Two points of a folded sheet that are
-# one thickness apart have a path of π/2 of it between them: vertices within FOLDED are neighbours.
-# What is within ADJACENT touches in the flat sheet already.
-FOLDED, ADJACENT = 2.1, 1.35
+# Paths in the sheet, over its thickness. Two points of a folded sheet that are one thickness apart
+# have a path of π/2 of it between them: vertices within FOLDED are neighbours, and all vertices of
+# faces and edges within ADJACENT.
+FOLDED, ADJACENT = 2.0, 1.6
+# The same over the reach of contact: what is nearer touches in the flat sheet already.
+FLAT = 1.1
 # Smallest angle in rad of a view along the sheet: what is left beside a vertex is rounding.
 VIEW = 1e-6
 
@@ -73,16 +75,17 @@ def neighbours(pattern: Pattern, sizes: ContactSizes) -> Ints:
     """Return the pairs of vertices that are near along the sewn sheet, (k, 2), sorted.
 
     A face and a vertex, or two edges, may touch unless all their pairs of vertices are listed.
-    Where edges are longer than FOLDED times the reach there is none: contact then prevents a sharp
-    fold between two triangles. Where they are shorter it does not act in a sheet that lies flat.
+    Where edges are longer than twice the thickness there is none, unless triangles are slivers:
+    contact then prevents a sharp fold between two triangles. Where they are shorter it does not
+    act in a sheet that lies flat.
 
     Args:
         pattern: The pattern.
         sizes: Thickness and distance of contact.
     """
     count, sheet = len(pattern.points), _Sheet.of(pattern)
-    near = paths(count, *sheet.links(), FOLDED * sizes.reach)
-    corner, half = sheet.edges_near(ADJACENT * sizes.reach)
+    near = paths(count, *sheet.links(), FOLDED * sizes.thickness)
+    corner, half = sheet.edges_near(max(ADJACENT * sizes.thickness, FLAT * sizes.reach))
     if len(corner):
         rows = np.tile(sheet.begin[corner], 2)
         columns = sheet.begin[np.append(half, following(half))]
