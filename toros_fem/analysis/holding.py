@@ -85,7 +85,7 @@ class HoldingObjective:
             collision_filter(
                 pattern,
                 sizes,
-                prescribed=fixed.all(axis=1),
+                prescribed=np.asarray(fixed.all(axis=1)),
                 bodies=[len(body.points) for body in contact.bodies],
                 self_contact=False,
             ),
