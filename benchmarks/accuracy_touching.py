@@ -409,7 +409,7 @@ def on_slope(count: int, parts: int, slope: float, *, dragged: bool) -> Touched:
     fixed = np.zeros((len(pattern.points), 3), dtype=bool)
     fixed[:, 0] = dragged & (pattern.points[:, 0] < 1e-9)
     contact = Contact(Ground(), self_contact=False, friction=PAD_FRICTION, distance=distance)
-    composite = membrane(1e6, 0.3, PAD_THICKNESS, 1.5, 1.5)
+    composite = membrane(1e6, 0.0, PAD_THICKNESS, 1.5, 1.5)
     pad = Touching(pattern, composite, Supports(fixed), contact)
     shift = np.where(fixed, 10 * distance, 0.0) if dragged else None
     return pad.solve(force=force, displacement=shift, trial=not dragged)
@@ -430,14 +430,16 @@ def holds(count: int, parts: int, slope: float) -> bool:
     return on_slope(count, parts, slope, dragged=False).result.converged
 
 
-def steepest(count: int, parts: int) -> Measured:
-    """Tangent of the steepest slope on which a free pad keeps its place, by bisection."""
-    low, high = 0.8 * PAD_FRICTION, 1.2 * PAD_FRICTION
-    found = on_slope(count, parts, low, dragged=False)
-    while high - low > 1e-3 * PAD_FRICTION:
-        middle = (low + high) / 2
-        if holds(count, parts, middle):
-            low = middle
-        else:
-            high = middle
-    return found.measured((low + high) / 2)
+def steepest(halvings: int) -> Measured:
+    """Tangent of the steepest slope on which a free pad keeps its place, by bisection.
+
+    Args:
+        halvings: Of an interval of half the reference.
+    """
+    low, width = 0.8 * PAD_FRICTION, 0.5 * PAD_FRICTION
+    found = on_slope(2, 4, low, dragged=False)
+    for _ in range(halvings):
+        width /= 2
+        if holds(2, 4, low + width):
+            low += width
+    return replace(found.measured(low + width / 2), length=width)
