@@ -69,6 +69,9 @@ def test_sections_of_a_stride(comm: MPI.Comm) -> None:
     foot = stride.cross_sections.labels == len(weights) - 1
     assert stride.target[foot, 0].mean() == pytest.approx(SMALL.leg_width / 2)
     assert (stride.target[~foot] == shape.target[~foot]).all()
+    (metric,) = stride.metrics
+    assert metric.key == "foot_mm"
+    assert metric.measure(stride.pattern, stride.target) == pytest.approx(metric.target)
 
 
 def test_pressures_of_body_and_leg_are_designed(comm: MPI.Comm) -> None:

@@ -22,7 +22,12 @@ from toros_fem._types import Bools, Floats
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig, TipWeights
 from toros_fem.actuators.gait import Gait, Walk, walk_of, write_gait
-from toros_fem.actuators.legs import leg_cross_sections, rest_on_body, tip_angle_metric
+from toros_fem.actuators.legs import (
+    leg_cross_sections,
+    leg_vertices,
+    rest_on_body,
+    tip_angle_metric,
+)
 from toros_fem.actuators.run import ActuatorResult, design_actuator, summary_sentence
 from toros_fem.analysis.trace import trace
 from toros_fem.analysis.trace_point import TracePoint
@@ -38,7 +43,8 @@ from toros_fem.mechanics.dead_loads import Weight
 from toros_fem.mechanics.supports import symmetry_plane
 from toros_fem.meshes import Pattern, Star, compose, plane_centroids, sew, stand, walker
 from toros_fem.meshes.mirror import Mirrored, mirrored
-from toros_fem.objectives.cross_sections import CrossSections
+from toros_fem.objectives.cross_sections import CrossSections, label_cross_sections
+from toros_fem.objectives.metrics import Metric
 from toros_fem.output.files import write_json
 from toros_fem.output.writer import write_together
 
@@ -166,9 +172,11 @@ def case(comm: MPI.Comm, config: WalkerConfig) -> ActuatorCase:
         config.orientation_length,
     )
     shape = target(pattern.points)
-    apart = None
+    metric, apart = tip_angle_metric(angle, along, DOWN, star.root), None
     if config.aim == "stride":
-        sections, shape = stride_sections(sections, shape, config.leg_width / 2)
+        nearest = config.leg_width / 2
+        sections, shape = stride_sections(sections, shape, nearest)
+        metric = foot_metric(nearest, along, star.root, config.cross_sections)
         if config.design_pressure:
             apart = body_and_leg(pattern, star)
     return ActuatorCase(
@@ -176,7 +184,7 @@ def case(comm: MPI.Comm, config: WalkerConfig) -> ActuatorCase:
         target=shape,
         supports=rest_on_body(pattern, star.body_radius, (0, 1)),
         passive=foot_density(pattern, config),
-        metrics=(tip_angle_metric(angle, along, DOWN, star.root),),
+        metrics=(metric,),
         cross_sections=sections,
         # The top is to stretch; without this hint the start does not distinguish up from down.
         start=np.where(pattern.panel == pattern.panel_index("top"), 0.35, 0.65),
@@ -206,6 +214,24 @@ def stride_sections(
     target[foot, 0] += nearest - target[foot, 0].mean()
     weights = SHAPE_IN_STRIDE * sections.orientation_weights
     return CrossSections(sections.labels, positions, weights), target
+
+
+def foot_metric(nearest: float, along: Floats, root: float, count: int) -> Metric:
+    """Return the distance in mm of the foot from the plane between front and rear legs.
+
+    Args:
+        nearest: Target in m.
+        along: Unit vector along the leg, (3,).
+        root: Where the leg begins, in m along it.
+        count: Number of its cross-sections, of which the last is the foot.
+    """
+
+    def measure(pattern: Pattern, positions: Floats) -> float:
+        vertices = leg_vertices(pattern, along, root)
+        labels = label_cross_sections(pattern, vertices, along, count, border=False)
+        return 1e3 * float(positions[labels == count - 1, 0].mean())
+
+    return Metric("foot", "mm", 1e3 * nearest, measure)
 
 
 def body_and_leg(pattern: Pattern, star: Star) -> Chambers:
