@@ -39,6 +39,8 @@ MODIFIED_GAIN = 0.2
 # residual after CG_COST √n iterations: a factorisation of n unknowns costs some 0.05 √n solves.
 INEXACT = 1e-2
 CG_COST = 0.03
+# With friction, a step that leaves more of the residual than the fraction OVERSHOT may be halved.
+OVERSHOT = 0.7
 # With friction, steps with the whole derivative begin at the residual COUPLED over the load. GMRES
 # leaves the fraction COUPLED_LEFT, and the step at most COUPLED_RATE of the residual.
 COUPLED, COUPLED_LEFT, COUPLED_RATE, COUPLED_ITERATIONS = 1e-2, 1e-3, 0.3, 60
@@ -306,7 +308,7 @@ class RegularisedNewton:
                 self._has_factors = False  # only the exact direction tells rounding
             if not done:
                 new = self._correct(point, new, fraction)
-            new = self._lagged(new)
+            new = self._lagged(new, point if fraction == 1 else None)
             # Newton's residual falls quadratically; that of a modified step by twice this factor.
             rate = 2 * new.size / point.size if full else np.inf
             point = new
@@ -476,12 +478,25 @@ class RegularisedNewton:
         new = self._at(trial, energy)
         return new if first or new.size <= MODIFIED_RATE * point.size else None
 
-    def _lagged(self, point: _Point) -> _Point:
-        """Return the point with friction by the normal forces of its own state."""
+    def _lagged(self, point: _Point, before: _Point | None = None) -> _Point:
+        """Return the point with friction by the normal forces of its own state.
+
+        Where these overshoot, the point half way from the one before may be nearer to equilibrium:
+        without it strong friction goes to and fro between two states.
+        """
         if not self.model.slides:
             return point
         self.model.lag_friction(point.state)
-        return self._at(point.state, self.model.energy(point.state))
+        found = self._at(point.state, self.model.energy(point.state))
+        if before is None or found.size <= OVERSHOT * before.size:
+            return found
+        middle = (before.state + point.state) / 2
+        self.model.lag_friction(middle)
+        half = self._at(middle, self.model.energy(middle))
+        if half.size < OVERSHOT * found.size and np.isfinite(half.energy):
+            return half
+        self.model.lag_friction(point.state)
+        return found
 
     def _coupled_step(self, point: _Point) -> _Point | None:
         """Return the point after a step with the derivative of friction by normal forces too.
