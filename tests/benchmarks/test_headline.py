@@ -19,7 +19,7 @@ ROWS = {
     "walker": ("`walker.py`", "92.0°"),
     "walker_crawl": ("`walker.py --motion crawl`", "61.1° of 60°"),
     "gripper": ("`gripper.py`", "mean gap 1.9 mm"),
-    "gripper_box": ("`gripper.py --shape box`", "gap 0.6 mm"),
+    "gripper_box": ("`gripper.py --shape box`", "gap 0.8 mm"),
 }
 
 

@@ -364,7 +364,10 @@ def lift(
     lifts, rows = {}, []
     for name, owned in (("initial design", initial), ("as printed", shown.projected)):
         density = problem.skin.gather_cells(owned)
-        made = _lifted(grip, density, shown.equilibrium.pressures, config)
+        # A finger may have several equilibria: that of the print is known.
+        known = owned is shown.projected and grip.fingers is None
+        near = shown.equilibrium.positions if known else None
+        made = _lifted(grip, density, shown.equilibrium.pressures, config, near)
         lifts[name] = _figures(made, grip, config)
         if made.points:
             rows.append((grip.shown_density(density), _shapes(name, made, grip, config)))
@@ -479,7 +482,11 @@ class _Lift:
 
 
 def _lifted(
-    grip: _Grip, density: Floats, pressures: Sequence[float], config: GripperConfig
+    grip: _Grip,
+    density: Floats,
+    pressures: Sequence[float],
+    config: GripperConfig,
+    start: Floats | None = None,
 ) -> _Lift:
     """Pull the object out of the fingers: to the limit, and all the way if it drops."""
     limit, end = config.slip_limit, config.lift_distance or 0.0
@@ -488,7 +495,7 @@ def _lifted(
     depths = [*near, *(depth for depth in far if depth > limit)]
     owned, points = grip.simulated(density), list[PullPoint]()
     try:
-        closed = grip.closing.solve(owned, pressures)
+        closed = grip.closing.solve(owned, pressures, start=start)
         for point in pull_out(grip.pulling, owned, pressures, depths, ALONG, closed.positions):
             points.append(point)
             held = _Lift(tuple(points), "").slip(grip, config) is not None
