@@ -2,11 +2,14 @@
 
     scripts/fenicsx python3 benchmarks/contact.py --json contact.json
     scripts/fenicsx python3 benchmarks/contact.py --random 200 --rows output/contact/random.jsonl
+    scripts/fenicsx python3 benchmarks/contact.py --iterations 20
 
 Each row is a cold solve: pairs in contact at its end, wall time with and without contact, Newton
 steps, smallest distance between faces. `penetrated` comes from another test than the solver's: it
 looks for edges that cross triangles, of the skin's middle surface and of the bodies as they were
-made. The exit code is 1 if anything is penetrated. It runs on one rank.
+made. With `--iterations` the first iterations of two designs take the place of the solves, each
+once with contact and once without. The exit code is 1 if anything is penetrated. It runs on one
+rank.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +34,13 @@ from shared_rows import complete, deadline
 from stability_scenes import Floats
 
 from toros_fem._validate import require_count
+from toros_fem.actuators.case import ActuatorCase
+from toros_fem.actuators.config import ActuatorConfig
+from toros_fem.actuators.problem import actuator_problem
 from toros_fem.contact import Contact, Ground, RigidBody, rigid_sphere
 from toros_fem.contact.motion import placed
+from toros_fem.design.loop import optimize
+from toros_fem.design.options import DesignOptions, Stage
 from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import TorosError
 from toros_fem.materials import Composite
@@ -40,9 +48,11 @@ from toros_fem.mechanics.supports import Supports, clamp, pin, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, finger, sew
 from toros_fem.meshes.outline import two_panels
 from toros_fem.meshes.sheet import one_panel
+from toros_fem.scenes import gripper, walker
 
 PAGE = Path(__file__).parent.parent / "docs" / "contact.md"
 MARKS = ("<!-- cost of contact -->", "<!-- end of the cost of contact -->")
+STEP_MARKS = ("<!-- design steps with contact -->", "<!-- end of the design steps -->")
 RANDOM_MARKS = ("<!-- random contacts -->", "<!-- end of the random contacts -->")
 # Wall time in s after which a scene counts as slow.
 LONGEST = 100.0
@@ -271,6 +281,65 @@ def _solved(seed: int) -> dict[str, Any]:
     }
 
 
+def design_row(
+    name: str, case: ActuatorCase, config: ActuatorConfig, iterations: int
+) -> dict[str, Any]:
+    """Return the row of a design: seconds and factorisations an iteration, with and without.
+
+    Args:
+        name: Name of the scene.
+        case: Its case, with contact.
+        config: Its numbers.
+        iterations: Number of iterations.
+    """
+    row: dict[str, Any] = {"scene": name, "triangles": len(case.pattern.triangles)}
+    for key, made in (("with", case), ("without", replace(case, contact=None, further=None))):
+        problem = actuator_problem(MPI.COMM_SELF, made, config)
+        # The first iterations compile forms and solve from the assembled skin.
+        seconds: list[float] = []
+        found = optimize(problem, DesignOptions((Stage(iterations),)), seed=0)
+        rows = found.history[2:]
+        seconds = [r.seconds for r in rows]
+        row[f"seconds_{key}"] = round(float(np.mean(seconds)), 3)
+        row[f"median_{key}"] = round(float(np.median(seconds)), 3)
+        row[f"steps_{key}"] = round(float(np.mean([r.newton_steps for r in rows])), 1)
+    return row
+
+
+def step_table(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the table of design iterations."""
+    lines = [
+        "| design | triangles | Newton steps an iteration without, with | seconds without, with | "
+        "ratio, of the medians |",
+        "|---" * 5 + "|",
+    ]
+    lines += [
+        f"| {r['scene']} | {r['triangles']} | {r['steps_without']}, {r['steps_with']} | "
+        f"{r['seconds_without']:.2f}, {r['seconds_with']:.2f} | "
+        f"{r['seconds_with'] / r['seconds_without']:.2f}, "
+        f"{r['median_with'] / r['median_without']:.2f} |"
+        for r in rows
+    ]
+    return "\n".join(lines)
+
+
+def design_rows(iterations: int) -> list[dict[str, Any]]:
+    """Return the rows of gripper and walker, coarse and on their default meshes."""
+    rows = []
+    for size, change in (("coarse", True), ("default mesh", False)):
+        config = gripper.GripperConfig()
+        config = gripper.coarse(config) if change else config
+        case = gripper.case(MPI.COMM_SELF, config)
+        rows.append(design_row(f"gripper, {size}", case, config, iterations))
+        print(rows[-1], flush=True)
+        legs = walker.WalkerConfig()
+        legs = walker.coarse(legs) if change else legs
+        quarter = replace(walker.case(MPI.COMM_SELF, legs), contact=Contact())
+        rows.append(design_row(f"walker, {size}", quarter, legs, iterations))
+        print(rows[-1], flush=True)
+    return rows
+
+
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Return the table of the scenes."""
     lines = [
@@ -313,10 +382,18 @@ def main() -> int:
     parser.add_argument("--only", choices=tuple(SCENES), help="one scene")
     parser.add_argument("--quick", action="store_true", help="the coarsest mesh of each scene")
     parser.add_argument("--random", type=int, default=None, help="random scenes in their place")
+    parser.add_argument(
+        "--iterations", type=int, default=None, help="of two designs, in place of the scenes"
+    )
     options = parsed(parser)
     marks, text_of = (RANDOM_MARKS, random_table) if options.random else (MARKS, table)
+    if options.iterations:
+        marks, text_of = STEP_MARKS, step_table
     if options.source:
         rows = json.loads(options.source.read_text(encoding="utf-8"))["rows"]
+    elif options.iterations:
+        require_count(4, iterations=options.iterations)
+        rows = design_rows(options.iterations)
     elif options.random:
         require_count(1, random=options.random)
         tasks = {str(seed): seed for seed in range(options.random)}

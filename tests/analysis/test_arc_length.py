@@ -216,6 +216,7 @@ def test_a_path_on_which_contact_begins(tube: Skin) -> None:
     distances = [point.result.smallest_distance for point in path]
     reach = floor.sizes(Composite()).distance
     assert distances[0] == reach
+    assert distances[-1] is not None
     assert 0 < distances[-1] < reach
     alone = solver.solve(density, 5e3)
     assert path[-1].result.energy == pytest.approx(alone.energy, rel=1e-9)

@@ -47,6 +47,7 @@ def test_the_skin_rests_on_floor_and_ball(
 ) -> None:
     model, contact = solver.model, solver.model.contact
     assert contact is not None
+    assert touching.smallest_distance is not None
     assert 0 < touching.smallest_distance < contact.sizes.distance
     assert not contact.crossed(touching.positions, model.motions(touching.state))
     forces = contact.forces(touching.positions, model.motions(touching.state))
@@ -90,6 +91,7 @@ def test_the_shifted_part_is_semidefinite(
     )
     gap = contact.convexity_gap(touching.positions, model.motions(touching.state))
     assert gap == pytest.approx(definite - exact)
+    assert gap is not None
     if solver.skin.comm.rank == 0:
         assert np.abs(gap).max() > 1e-6 * np.abs(exact).max()
 
@@ -123,7 +125,9 @@ def test_steps_stop_before_they_meet(
     fraction = model.largest_step(touching.state, along, 0.9)
     assert 0 < fraction < 0.05
     assert np.isfinite(model.energy(touching.state + fraction * along))
-    assert smallest(solver.skin.comm, model.gap(touching.state + fraction * along)) > 0
+    gap = model.gap(touching.state + fraction * along)
+    assert gap is not None
+    assert smallest(solver.skin.comm, gap) > 0
 
 
 def test_without_contact_nothing_is_imported(comm: MPI.Comm) -> None:
@@ -145,10 +149,12 @@ def test_a_ball_is_pushed_into_the_tube_and_out_again(comm: MPI.Comm, tube: Skin
     free = solver.solve(density, 2e3)
     pushed = solver.solve(density, 2e3, start=free, poses=[[0.0, -0.006, 0.0, 0.5, 0.0, 0.0]])
     assert pushed.poses == ((0.0, -0.006, 0.0, 0.5, 0.0, 0.0),)
+    assert pushed.smallest_distance is not None
     assert pushed.smallest_distance > 0
     assert pushed.volume < 0.995 * free.volume
     assert not solver.model.crossed(pushed.state)
     model = solver.model
+    assert model.contact is not None
     forces = model.contact.forces(pushed.positions, model.motions(pushed.state))
     assert -forces[len(tube.pattern.points) :].sum(axis=0)[1] > 0.05, "the tube pushes it out"
     back = solver.solve(density, 2e3, start=pushed)

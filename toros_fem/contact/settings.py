@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from toros_fem._types import Floats
 from toros_fem._validate import (
@@ -176,7 +177,7 @@ class ContactSizes:
         return self.thickness + self.distance
 
 
-def poses_of(contact: Contact | None, poses: Floats | None) -> Floats | None:
+def poses_of(contact: Contact | None, poses: npt.ArrayLike | None) -> Floats | None:
     """Return the poses of a contact's bodies, (k, 6), zero where none are given; None without.
 
     Args:

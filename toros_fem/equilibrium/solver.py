@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from petsc4py import PETSc
 
 from toros_fem._mpi import largest, norm, raise_together, require_alike, warn_together
@@ -235,7 +236,7 @@ class EquilibriumSolver:
         force: Floats | None = None,
         displacement: Floats | None = None,
         weight_fraction: float = 1.0,
-        poses: Floats | None = None,
+        poses: npt.ArrayLike | None = None,
         start: Floats | EquilibriumResult | None = None,
         sliding: Sliding | None = None,
         raise_on_failure: bool = True,
