@@ -178,4 +178,5 @@ def test_a_ball_does_not_pass_through_a_sheet(comm: MPI.Comm) -> None:
     below = solver.solve(density, 0.0, start=rest, poses=[[0.0, 0.0, -0.008, 0.0, 0.0, 0.0]])
     depth = skin.gather_vertices(below.positions)[:, 2].min()
     assert depth < -0.007
+    assert "bodies moved by up to 0.008 m" in below.reason
     assert not solver.model.crossed(below.state)

@@ -55,7 +55,10 @@ class LoadCase:
         if self.displacement is not None:
             farthest = np.linalg.norm(self.displacement, axis=1).max()
             parts.append(f"supports moved by up to {farthest:.4g} m")
-        return " and ".join(parts)
+        if self.poses is not None and self.poses.any():
+            farthest = np.linalg.norm(self.poses[:, :3], axis=1).max()
+            parts.append(f"bodies moved by up to {farthest:.4g} m")
+        return " and ".join(parts) or "no load"
 
     @property
     def largest(self) -> float:
