@@ -29,6 +29,7 @@ import random_scenes
 from case_options import parsed, parser_of
 from mpi4py import MPI
 from page_tables import replaced
+from petsc4py import PETSc
 from random_scenes import logarithmic
 from shared_rows import complete, deadline
 from stability_scenes import Floats
@@ -158,7 +159,7 @@ def penetrated(scene_points: Floats, triangles: Any, contact: Contact, poses: An
         count += len(body.points)
     every, cells = np.concatenate(points), np.concatenate(faces).astype(np.int32)
     below = any(
-        ((every - np.array(g.point)) @ np.array(g.normal) < 0).any() for g in contact.grounds
+        ((scene_points - np.array(g.point)) @ np.array(g.normal) < 0).any() for g in contact.grounds
     )
     mesh = ipctk.CollisionMesh(
         np.asfortranarray(every), ipctk.edges(cells), np.asfortranarray(cells)
@@ -239,8 +240,8 @@ def random_row(seed: int) -> dict[str, Any]:
             row |= _solved(seed)
     except TorosError as error:
         row |= {"outcome": "refused", "why": f"{type(error).__name__}: {error}"}
-    except TimeoutError as error:
-        row |= {"outcome": "slow", "why": str(error)}
+    except (TimeoutError, PETSc.Error) as error:  # PETSc passes the interruption on as its own
+        row |= {"outcome": "slow", "why": str(error).splitlines()[0]}
     except Exception as error:  # the table is to show it, not to stop at it
         row |= {"outcome": "wrong", "why": f"{type(error).__name__}: {error}"}
     return {**row, "seconds": round(time.perf_counter() - begin, 2)}

@@ -180,3 +180,34 @@ def test_a_ball_does_not_pass_through_a_sheet(comm: MPI.Comm) -> None:
     assert depth < -0.007
     assert "bodies moved by up to 0.008 m" in below.reason
     assert not solver.model.crossed(below.state)
+
+
+def test_neighbours_of_a_thick_sheet_do_not_cross(comm: MPI.Comm) -> None:
+    """Edges are shorter than the sheet is thick: a sharp fold is within it, but not through it."""
+    flat = square(n=10).points
+    opening, turned = 0.05, np.maximum(flat[:, 0] - 0.01, 0.0)
+    shape = np.column_stack(
+        [
+            np.minimum(flat[:, 0], 0.01) - turned * np.cos(opening),
+            flat[:, 1],
+            turned * np.sin(opening),
+        ]
+    )
+    skin = sew(comm, square(n=10))
+    fixed = np.repeat((flat[:, 0] < 3e-3)[:, None], 3, axis=1)
+    thick = Contact(thickness=0.03, distance=1e-3, stiffness=1e4)
+    solver = EquilibriumSolver(skin, Composite(), Supports(fixed), contact=thick)
+    model, contact = solver.model, solver.model.contact
+    assert contact is not None
+    state = model.state_of(shape[skin.owned_vertices])
+    energy = contact.energy(model.positions(state), model.motions(state), 0.0)
+    assert 0 < energy < np.inf
+    assert contact.count > 0
+    along = direction(solver, 1e-6)
+    model.set_density(np.zeros(len(skin.owned_cells)))
+    slope = dot(comm, model.residual(state), along)
+    rates = taylor_rates(lambda h: model.energy(state + h * along), slope, 1.0)
+    assert rates == pytest.approx(2, abs=0.02)
+    closing = np.zeros_like(state)
+    model.positions(closing)[:, 2] = -2 * model.positions(state)[:, 2]
+    assert model.largest_step(state, closing, 0.9) < 0.5

@@ -71,6 +71,8 @@ class Barrier:
         grounded: Vertices that half-spaces keep out, (g,).
         sizes: Numbers of the contact.
         may_touch: Filter of pairs of vertices, of the toolkit's own kind; None takes all.
+        further: Another barrier of the same vertices that acts too, that of neighbours in the
+            sheet; None for none.
     """
 
     def __init__(
@@ -82,8 +84,10 @@ class Barrier:
         grounded: Ints,
         sizes: ContactSizes,
         may_touch: Any = None,
+        further: Barrier | None = None,
     ) -> None:
         ipc = ipctk()
+        self._further = further
         self._ipc, self._sizes = ipc, sizes
         faces = np.asfortranarray(triangles, dtype=np.int32)
         corners = np.asfortranarray(rest)
@@ -132,6 +136,8 @@ class Barrier:
         if self._at is not None and np.array_equal(self._at, x):
             return
         self._at = x.copy()
+        if self._further is not None:
+            self._further.place(x)
         if self._listed_at is None or np.abs(x - self._listed_at).max() > self._margin / 2:
             self._listed_at = self._at
             self._candidates = self._ipc.Candidates()
@@ -152,7 +158,7 @@ class Barrier:
     def gap(self, x: Floats) -> float:
         """Return the smallest distance of faces in m, at most that from which on contact acts.
 
-        It is zero or less where surfaces are too near to each other.
+        It is zero or less where surfaces are too near to each other. Neighbours do not count.
         """
         self.place(x)
         least = self._sizes.distance
@@ -169,7 +175,8 @@ class Barrier:
     @property
     def count(self) -> int:
         """Number of pairs in contact."""
-        return len(self._pairs) + (len(self._standing) if self._points is not None else 0)
+        found = len(self._pairs) + (len(self._standing) if self._points is not None else 0)
+        return found + (0 if self._further is None else self._further.count)
 
     def energy(self, x: Floats) -> float:
         """Return the energy in J; infinite where surfaces are too near to each other."""
@@ -178,7 +185,7 @@ class Barrier:
         found = float(self._potential(self._pairs, self._mesh, x)) if len(self._pairs) else 0.0
         if self._points is not None and len(self._standing):
             found += float(self._potential(self._standing, self._points, x[self._grounded]))
-        return found
+        return found + (0.0 if self._further is None else self._further.energy(x))
 
     def gradient(self, x: Floats) -> Floats:
         """Return the first variation of the energy in N, (n, 3)."""
@@ -191,7 +198,7 @@ class Barrier:
             at = x[self._grounded]
             part = self._potential.gradient(self._standing, self._points, at)
             out[self._grounded] += part.reshape(-1, 3)
-        return out
+        return out if self._further is None else out + self._further.gradient(x)
 
     def hessian(self, x: Floats, *, definite: bool = False) -> csc_matrix:
         """Return the second variation in N/m, (3 n, 3 n).
@@ -203,7 +210,8 @@ class Barrier:
         self.place(x)
         method = self._ipc.PSDProjectionMethod
         projection = method.CLAMP if definite else method.NONE
-        return self._sum(self._potential, self._pairs, self._standing, x, projection)
+        own = self._sum(self._potential, self._pairs, self._standing, x, projection)
+        return own if self._further is None else own + self._further.hessian(x, definite=definite)
 
     def near(self, x: Floats) -> csc_matrix:
         """Return a matrix with an entry wherever `hessian` has one within the margin."""
@@ -212,7 +220,8 @@ class Barrier:
         self._wide.build(self._candidates, self._mesh, x, distance, thickness)
         self._stand(self._wide_standing, x, distance)
         none = self._ipc.PSDProjectionMethod.NONE
-        return self._sum(self._wide_potential, self._wide, self._wide_standing, x, none)
+        own = self._sum(self._wide_potential, self._wide, self._wide_standing, x, none)
+        return own if self._further is None else own + self._further.near(x)
 
     def sides(self, x: Floats, owners: Ints) -> list[Side]:
         """Return the contact of the first surface with each half-space, then each other surface.
@@ -289,13 +298,15 @@ class Barrier:
         if np.abs(x + factor * step - self._listed_at).max() > self._margin / 2:
             candidates = self._ipc.Candidates()
             candidates.build(self._mesh, x, x + factor * step, 0.51 * self._sizes.thickness)
-        if not len(candidates):
-            return factor
-        return factor * float(
-            candidates.compute_collision_free_stepsize(
-                self._mesh, x, x + factor * step, self._sizes.thickness, self._ccd
+        if len(candidates):
+            factor *= float(
+                candidates.compute_collision_free_stepsize(
+                    self._mesh, x, x + factor * step, self._sizes.thickness, self._ccd
+                )
             )
-        )
+        if self._further is None:
+            return factor
+        return factor * self._further.largest_step(x, factor * step)
 
     def check(self, x: Floats) -> StartCheck:
         """Return whether vertices x, (n, 3) in m, may be a start, and the worst place if not."""
@@ -305,4 +316,6 @@ class Barrier:
     def crossed(self, x: Floats) -> bool:
         """Return whether surfaces intersect, by a test of its own."""
         below = any((height <= 0).any() for height in self._heights(x))
-        return below or bool(self._ipc.has_intersections(self._mesh, x))
+        if below or self._ipc.has_intersections(self._mesh, x):
+            return True
+        return self._further is not None and self._further.crossed(x)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,8 @@ from toros_fem.meshes.topology import following
 FOLDED, ADJACENT = 2.0, 1.6
 # The same over the reach of contact: what is nearer touches in the flat sheet already.
 FLAT = 1.1
+# Distance from which neighbours touch, over the smallest height of a triangle.
+HEIGHT = 0.1
 # Smallest angle in rad of a view along the sheet: what is left beside a vertex is rounding.
 VIEW = 1e-6
 
@@ -33,6 +35,7 @@ def collision_filter(
     bodies: Sequence[int] = (),
     free_bodies: Sequence[int] = (),
     self_contact: bool = True,
+    with_neighbours: bool = False,
 ) -> Any:
     """Return the `ipctk.CollisionFilter` of a skin, and of bodies whose vertices follow its own.
 
@@ -46,6 +49,7 @@ def collision_filter(
         bodies: Number of vertices of each body.
         free_bodies: Numbers of the bodies that move freely.
         self_contact: Whether the skin touches itself.
+        with_neighbours: Whether neighbours in the sheet are not left out.
 
     Raises:
         MissingPackageError: ipctk is not installed.
@@ -59,12 +63,12 @@ def collision_filter(
     of_bodies = np.repeat(body, list(bodies)).astype(np.int64)
     own = np.arange(count)
     if prescribed is not None:
-        own[prescribed] = held
+        own[prescribed] = held + 1
     found = _patches(library, own, of_bodies)
     if not self_contact:
         return found & _patches(library, np.zeros(count, dtype=np.int64), of_bodies)
     pairs = neighbours(pattern, sizes)
-    if len(pairs):
+    if len(pairs) and not with_neighbours:
         one, two = (list(map(int, ends)) for ends in pairs.T)
         listed = dict.fromkeys(zip(one, two, strict=True), False)
         found = found & library.make_sparse_filter(listed, True)
@@ -96,6 +100,25 @@ def neighbours(pattern: Pattern, sizes: ContactSizes) -> Ints:
     near = near[near[:, 0] != near[:, 1]]
     keys = np.unique(near.min(axis=1) * np.int64(count) + near.max(axis=1))
     return np.stack(np.divmod(keys, count), axis=1)
+
+
+def sizes_between_neighbours(pattern: Pattern, sizes: ContactSizes) -> ContactSizes | None:
+    """Return the sizes by which neighbours in the sheet touch; None where there are none.
+
+    They cannot be a thickness apart. They keep away from each other by a small part of the
+    smallest height of a triangle, so that folds finer than the thickness do not cross either.
+
+    Args:
+        pattern: The pattern.
+        sizes: Sizes of the contact of all others.
+    """
+    if not len(neighbours(pattern, sizes)):
+        return None
+    corners = pattern.flat_points[pattern.flat_triangles]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    return replace(
+        sizes, thickness=0.0, distance=HEIGHT * float((2 * pattern.areas / longest).min())
+    )
 
 
 def paths(count: int, one: Ints, two: Ints, length: Floats, limit: float) -> Ints:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.sparse import block_diag, coo_array, csc_matrix, identity
@@ -12,7 +12,7 @@ from toros_fem._mpi import largest, on_first_rank
 from toros_fem._types import Bools, Floats, Ints
 from toros_fem.contact.barrier import Barrier, Side
 from toros_fem.contact.free_bodies import FreeBodies
-from toros_fem.contact.neighbours import collision_filter
+from toros_fem.contact.neighbours import collision_filter, sizes_between_neighbours
 from toros_fem.contact.opening import opened
 from toros_fem.contact.settings import Contact, ContactSizes, Ground
 from toros_fem.contact.sliding import Sliding, SlidingFriction
@@ -116,22 +116,30 @@ class SkinContact:
             Ground(tuple(np.add(g.point, half * np.array(g.normal))), g.normal)
             for g in contact.grounds
         ]
-        return Barrier(
-            np.concatenate([pattern.points, bodies.vertices(np.zeros_like(self.poses))]),
-            np.concatenate([pattern.triangles, bodies.triangles + count]),
-            np.concatenate([pattern.areas, bodies.areas]),
-            grounds,
-            np.append(np.arange(count), count + bodies.moving),
-            self.sizes,
-            collision_filter(
+        rest = np.concatenate([pattern.points, bodies.vertices(np.zeros_like(self.poses))])
+        triangles = np.concatenate([pattern.triangles, bodies.triangles + count])
+        areas = np.concatenate([pattern.areas, bodies.areas])
+
+        def may_touch(*, with_neighbours: bool) -> Any:
+            return collision_filter(
                 pattern,
                 self.sizes,
                 prescribed=prescribed,
                 bodies=bodies.counts,
                 free_bodies=contact.free_bodies,
                 self_contact=contact.self_contact,
-            ),
-        )
+                with_neighbours=with_neighbours,
+            )
+
+        close = sizes_between_neighbours(pattern, self.sizes) if contact.self_contact else None
+        further = None
+        if close is not None:
+            everything = may_touch(with_neighbours=True)
+            none: Ints = np.zeros(0, dtype=np.int64)
+            further = Barrier(rest, triangles, areas, (), none, close, everything)
+        standing = np.append(np.arange(count), count + bodies.moving)
+        chosen = may_touch(with_neighbours=False)
+        return Barrier(rest, triangles, areas, grounds, standing, self.sizes, chosen, further)
 
     def poses_at(self, motions: Floats) -> Floats:
         """Return the poses of all bodies, (k, 6), in m and rad.
