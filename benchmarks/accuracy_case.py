@@ -127,5 +127,8 @@ def timed(work: Callable[[], T]) -> tuple[T, float]:
 
 
 def as_dicts(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return rows for a JSON file."""
-    return [asdict(row) for row in rows]
+    """Return rows for a JSON file, with a length only where that is what is refined."""
+    return [
+        {key: value for key, value in asdict(row).items() if key != "length" or value is not None}
+        for row in rows
+    ]

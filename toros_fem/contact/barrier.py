@@ -115,14 +115,13 @@ class Barrier:
         # The toolkit keeps no thickness from planes: they have a mesh of bare vertices.
         self._grounds, self._grounded = grounds, grounded
         self._points = None
+        self._planes = [ipc.Hyperplane(np.array(g.normal), np.array(g.point)) for g in grounds]
         if grounds:
             self._points = ipc.CollisionMesh(np.asfortranarray(rest[grounded]))
             self._points.vertex_areas = by_vertex[grounded]
             alike = np.zeros(len(grounded), dtype=np.int32)
             self._points.can_collide = ipc.make_vertex_patches_filter(alike)
-            self._points.planes = [
-                ipc.Hyperplane(np.array(g.normal), np.array(g.point)) for g in grounds
-            ]
+            self._points.planes = self._planes
         self._standing, self._wide_standing = self._pair_set(), self._pair_set()
         self._places = (3 * grounded[:, None] + np.arange(3)).ravel()
 
@@ -151,9 +150,13 @@ class Barrier:
         if self._points is None:
             return
         # The toolkit's own search inflates each vertex by half the distance, and planes by nothing.
-        candidates, at = self._ipc.Candidates(), x[self._grounded]
-        candidates.build(self._points, at, 1.01 * distance)
-        standing.build(candidates, self._points, at, distance, 0.0)
+        candidates = self._ipc.Candidates()
+        candidates.pv_candidates = [
+            self._ipc.PlaneVertexCandidate(plane, int(vertex))
+            for plane, height in zip(self._planes, self._heights(x), strict=True)
+            for vertex in np.flatnonzero(height < distance)
+        ]
+        standing.build(candidates, self._points, x[self._grounded], distance, 0.0)
 
     def gap(self, x: Floats) -> float:
         """Return the smallest distance of faces in m, at most that from which on contact acts.
@@ -180,7 +183,8 @@ class Barrier:
 
     def energy(self, x: Floats) -> float:
         """Return the energy in J; infinite where surfaces are too near to each other."""
-        if not self.gap(x) > 0:
+        self.place(x)
+        if any((height <= 0).any() for height in self._heights(x)):
             return np.inf
         found = float(self._potential(self._pairs, self._mesh, x)) if len(self._pairs) else 0.0
         if self._points is not None and len(self._standing):

@@ -38,6 +38,7 @@ class FreeBodies:
 
     def __init__(self, contact: Contact, thickness: float) -> None:
         bodies = contact.bodies
+        self._placed: tuple[Floats, Floats] = np.full((len(bodies), 6), np.nan), np.zeros((0, 3))
         self.free: Ints = np.array(contact.free_bodies, dtype=np.int64)
         self.count = len(self.free)
         self._centres = [body.centre for body in bodies]
@@ -87,11 +88,13 @@ class FreeBodies:
         Args:
             poses: Of all bodies, (n, 6) in m and rad.
         """
-        places = [
-            placed(points, centre, pose)
-            for points, centre, pose in zip(self._points, self._centres, poses, strict=True)
-        ]
-        return np.concatenate([np.zeros((0, 3)), *places])
+        if not np.array_equal(poses, self._placed[0]):  # held bodies stay where they are
+            places = [
+                placed(points, centre, pose)
+                for points, centre, pose in zip(self._points, self._centres, poses, strict=True)
+            ]
+            self._placed = poses.copy(), np.concatenate([np.zeros((0, 3)), *places])
+        return self._placed[1]
 
     def jacobian(self, poses: Floats) -> csr_array:
         """Return the derivative of `vertices` by the unknowns, (3 v, 6 k).
