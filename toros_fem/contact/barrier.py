@@ -16,6 +16,8 @@ from toros_fem.contact.settings import ContactSizes, Ground
 # Pairs are looked for within a margin, over the reach of contact: they hold until a vertex has
 # moved that far.
 MARGIN = 0.25
+# Number of pairs to a triangle up to which a list for a way is kept.
+CROWDED = 4
 # Part of the way to a contact that a step may go.
 APPROACH = 0.9
 
@@ -109,7 +111,8 @@ class Barrier:
         self._wide_potential = ipc.BarrierPotential(wide, sizes.stiffness, True)
         self._ccd = ipc.AdditiveCCD(conservative_rescaling=APPROACH)
         self._candidates = ipc.Candidates()
-        self._listed_at: Floats | None = None
+        # Begin of the straight way that the pairs are listed for, and the way itself.
+        self._way: tuple[Floats, Floats] | None = None
         self._at: Floats | None = None
 
         # The toolkit keeps no thickness from planes: they have a mesh of bare vertices.
@@ -137,13 +140,24 @@ class Barrier:
         self._at = x.copy()
         if self._further is not None:
             self._further.place(x)
-        if self._listed_at is None or np.abs(x - self._listed_at).max() > self._margin / 2:
-            self._listed_at = self._at
+        if not self._listed(x):
+            self._way = self._at, np.zeros_like(x)
             self._candidates = self._ipc.Candidates()
             self._candidates.build(self._mesh, x, self._sizes.reach / 2 + self._margin)
         thickness, distance = self._sizes.thickness, self._sizes.distance
         self._pairs.build(self._candidates, self._mesh, x, distance, thickness)
         self._stand(self._standing, x, distance)
+
+    def _listed(self, x: Floats) -> bool:
+        """Return whether the list of pairs serves vertices x: they are near the way it is for."""
+        if self._way is None:
+            return False
+        begin, way = self._way
+        off = x - begin
+        square = float(np.vdot(way, way))
+        if square > 0:
+            off -= min(max(float(np.vdot(off, way)) / square, 0.0), 1.0) * way
+        return bool(np.abs(off).max() <= self._margin / 2)
 
     def _stand(self, standing: Any, x: Floats, distance: float) -> None:
         """Find the vertices that are nearer to a half-space than a distance."""
@@ -292,16 +306,17 @@ class Barrier:
             step: Their straight motion in m, (n, 3).
         """
         self.place(x)
-        assert self._listed_at is not None
         factor = 1.0
         for height, ground in zip(self._heights(x), self._grounds, strict=True):
             sinking = -(step[self._grounded] @ np.array(ground.normal))
             down = sinking > 0
             factor = min(factor, float((APPROACH * height[down] / sinking[down]).min(initial=1.0)))
-        candidates = self._candidates
-        if np.abs(x + factor * step - self._listed_at).max() > self._margin / 2:
+        candidates, way = self._candidates, factor * step
+        if not self._listed(x + way):
             candidates = self._ipc.Candidates()
-            candidates.build(self._mesh, x, x + factor * step, 0.51 * self._sizes.thickness)
+            candidates.build(self._mesh, x, x + way, self._sizes.reach / 2 + self._margin)
+            if len(candidates) <= CROWDED * len(self._faces):  # it serves what is tried on the way
+                self._candidates, self._way = candidates, (x.copy(), way)
         if len(candidates):
             factor *= float(
                 candidates.compute_collision_free_stepsize(
