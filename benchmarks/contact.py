@@ -383,6 +383,7 @@ def main() -> int:
     parser.add_argument("--only", choices=tuple(SCENES), help="one scene")
     parser.add_argument("--quick", action="store_true", help="the coarsest mesh of each scene")
     parser.add_argument("--random", type=int, default=None, help="random scenes in their place")
+    parser.add_argument("--seed", type=int, default=0, help="of the first random scene")
     parser.add_argument(
         "--iterations", type=int, default=None, help="of two designs, in place of the scenes"
     )
@@ -397,7 +398,8 @@ def main() -> int:
         rows = design_rows(options.iterations)
     elif options.random:
         require_count(1, random=options.random)
-        tasks = {str(seed): seed for seed in range(options.random)}
+        seeds = range(options.seed, options.seed + options.random)
+        tasks = {str(seed): seed for seed in seeds}
         rows = list(complete(tasks, random_row, options.rows, options.workers, _print_row).values())
     else:
         rows = []

@@ -364,3 +364,30 @@ def test_accuracy_writes_rows_and_pictures(tmp_path: Path) -> None:
     part = run("accuracy.py", "--from", str(file), "--output", str(tmp_path / "again"), "--docs")
     assert part.returncode == 2
     assert "lacks some" in part.stderr
+
+
+@pytest.mark.slow
+@ALONE
+def test_contact_of_one_scene(tmp_path: Path) -> None:
+    """With contact nothing is penetrated; without it something is."""
+    found, text = written(tmp_path, "contact.py", "--quick", "--only", "pressed tube")
+    (row,) = found["rows"]
+    assert set(row) >= {
+        "scene", "triangles", "pairs", "seconds_with", "seconds_without", "steps",
+        "smallest_distance_mm", "penetrated",
+    }  # fmt: skip
+    assert row["penetrated_without"]
+    assert not row["penetrated"]
+    assert found["penetrated"] == 0
+    assert row["pairs"] > 0
+    assert 0 < row["smallest_distance_mm"] < 0.25
+    assert "| pressed tube |" in text
+
+
+@pytest.mark.slow
+@ALONE
+def test_random_contacts(tmp_path: Path) -> None:
+    found, _ = written(tmp_path, "contact.py", "--random", "3", "--seed", "11")
+    assert [row["seed"] for row in found["rows"]] == [11, 12, 13]
+    assert found["penetrated"] == 0
+    assert any(row["pairs"] for row in found["rows"])
