@@ -18,7 +18,7 @@ ROWS = {
     "bend_twist": ("`bend_twist.py`", "91.2° and 60.0°"),
     "walker": ("`walker.py`", "92.0°"),
     "walker_crawl": ("`walker.py --motion crawl`", "61.1° of 60°"),
-    "gripper": ("`gripper.py`", "mean gap 1.9 mm"),
+    "gripper": ("`gripper.py`", "mean gap 1.5 mm"),
     "gripper_box": ("`gripper.py --shape box`", "gap 0.8 mm"),
 }
 
