@@ -224,7 +224,6 @@ def random_contact(seed: int, scene: random_scenes.RandomScene) -> tuple[Contact
             if clear and others:
                 bodies.append(rigid_sphere(f"ball {k}", radius, tuple(centre)))
                 break
-    # Between open sheets and the pressure nothing else would press.
     return Contact(ground=ground, bodies=bodies), up
 
 
@@ -296,10 +295,8 @@ def design_row(
     row: dict[str, Any] = {"scene": name, "triangles": len(case.pattern.triangles)}
     for key, made in (("with", case), ("without", replace(case, contact=None, further=None))):
         problem = actuator_problem(MPI.COMM_SELF, made, config)
-        # The first iterations compile forms and solve from the assembled skin.
-        seconds: list[float] = []
         found = optimize(problem, DesignOptions((Stage(iterations),)), seed=0)
-        rows = found.history[2:]
+        rows = found.history[2:]  # the first compile forms and solve from the assembled skin
         seconds = [r.seconds for r in rows]
         row[f"seconds_{key}"] = round(float(np.mean(seconds)), 3)
         row[f"median_{key}"] = round(float(np.median(seconds)), 3)

@@ -10,6 +10,7 @@ from toros_fem._mpi import gather_by_index, on_first_rank
 from toros_fem._types import Bools, Floats
 from toros_fem._validate import checked_floats, require_between, require_positive
 from toros_fem.contact.barrier import Barrier
+from toros_fem.contact.free_bodies import FreeBodies
 from toros_fem.contact.neighbours import collision_filter
 from toros_fem.contact.settings import Contact, ContactSizes
 from toros_fem.errors import ParameterError
@@ -67,18 +68,11 @@ class HoldingObjective:
 
     def _made(self, contact: Contact, sizes: ContactSizes, fixed: Bools) -> Barrier:
         """Return the barrier between skin and bodies (one rank)."""
-        pattern, begin = self._skin.pattern, self._count
-        triangles, areas = [pattern.triangles], [pattern.areas]
-        for body in contact.bodies:
-            corners = body.points[body.triangles]
-            sides = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-            triangles.append(body.triangles + begin)
-            areas.append(np.linalg.norm(np.cross(*sides), axis=1) / 2)
-            begin += len(body.points)
+        pattern, bodies = self._skin.pattern, FreeBodies(contact, sizes.thickness)
         return Barrier(
             self._all(pattern.points),
-            np.concatenate(triangles),
-            np.concatenate(areas),
+            np.concatenate([pattern.triangles, bodies.triangles + self._count]),
+            np.concatenate([pattern.areas, bodies.areas]),
             (),
             np.zeros(0, dtype=np.int64),
             sizes,
@@ -86,7 +80,7 @@ class HoldingObjective:
                 pattern,
                 sizes,
                 prescribed=np.asarray(fixed.all(axis=1)),
-                bodies=[len(body.points) for body in contact.bodies],
+                bodies=bodies.counts,
                 self_contact=False,
             ),
         )

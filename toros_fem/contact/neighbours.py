@@ -35,7 +35,7 @@ def collision_filter(
     bodies: Sequence[int] = (),
     free_bodies: Sequence[int] = (),
     self_contact: bool = True,
-    with_neighbours: bool = False,
+    apart: Ints | None = None,
 ) -> Any:
     """Return the `ipctk.CollisionFilter` of a skin, and of bodies whose vertices follow its own.
 
@@ -49,7 +49,8 @@ def collision_filter(
         bodies: Number of vertices of each body.
         free_bodies: Numbers of the bodies that move freely.
         self_contact: Whether the skin touches itself.
-        with_neighbours: Whether neighbours in the sheet are not left out.
+        apart: Pairs of vertices of the skin that are left out, (k, 2), sorted; None finds the
+            neighbours in the sheet.
 
     Raises:
         MissingPackageError: ipctk is not installed.
@@ -67,8 +68,8 @@ def collision_filter(
     found = _patches(library, own, of_bodies)
     if not self_contact:
         return found & _patches(library, np.zeros(count, dtype=np.int64), of_bodies)
-    pairs = neighbours(pattern, sizes)
-    if len(pairs) and not with_neighbours:
+    pairs = neighbours(pattern, sizes) if apart is None else apart
+    if len(pairs):
         one, two = (list(map(int, ends)) for ends in pairs.T)
         listed = dict.fromkeys(zip(one, two, strict=True), False)
         found = found & library.make_sparse_filter(listed, True)
@@ -102,8 +103,8 @@ def neighbours(pattern: Pattern, sizes: ContactSizes) -> Ints:
     return np.stack(np.divmod(keys, count), axis=1)
 
 
-def sizes_between_neighbours(pattern: Pattern, sizes: ContactSizes) -> ContactSizes | None:
-    """Return the sizes by which neighbours in the sheet touch; None where there are none.
+def sizes_between_neighbours(pattern: Pattern, sizes: ContactSizes) -> ContactSizes:
+    """Return the sizes by which neighbours in the sheet touch.
 
     They cannot be a thickness apart. They keep away from each other by a small part of the
     smallest height of a triangle, so that folds finer than the thickness do not cross either.
@@ -112,8 +113,6 @@ def sizes_between_neighbours(pattern: Pattern, sizes: ContactSizes) -> ContactSi
         pattern: The pattern.
         sizes: Sizes of the contact of all others.
     """
-    if not len(neighbours(pattern, sizes)):
-        return None
     corners = pattern.flat_points[pattern.flat_triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     return replace(

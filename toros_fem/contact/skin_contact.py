@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,7 +12,7 @@ from toros_fem._mpi import largest, on_first_rank
 from toros_fem._types import Bools, Floats, Ints
 from toros_fem.contact.barrier import Barrier, Side
 from toros_fem.contact.free_bodies import FreeBodies
-from toros_fem.contact.neighbours import collision_filter, sizes_between_neighbours
+from toros_fem.contact.neighbours import collision_filter, neighbours, sizes_between_neighbours
 from toros_fem.contact.opening import opened
 from toros_fem.contact.settings import Contact, ContactSizes, Ground
 from toros_fem.contact.sliding import Sliding, SlidingFriction
@@ -86,6 +86,10 @@ class SkinContact:
         self._body_keys, _ = self._upper(_diagonal_blocks(whole.size, blocks))
         self._cover(self._body_keys)
         self._sides: list[Side] = []
+        # Second variation at a state, exact and semidefinite; friction by other normal forces has
+        # another one.
+        self._known_at: Floats | None = None
+        self._known: dict[bool, tuple[Ints, Floats]] = {}
         self.friction: SlidingFriction | None = None
         if contact.holds:
             self.friction = SlidingFriction(contact, sizes)
@@ -120,7 +124,7 @@ class SkinContact:
         triangles = np.concatenate([pattern.triangles, bodies.triangles + count])
         areas = np.concatenate([pattern.areas, bodies.areas])
 
-        def may_touch(*, with_neighbours: bool) -> Any:
+        def may_touch(apart: Ints) -> Any:
             return collision_filter(
                 pattern,
                 self.sizes,
@@ -128,18 +132,20 @@ class SkinContact:
                 bodies=bodies.counts,
                 free_bodies=contact.free_bodies,
                 self_contact=contact.self_contact,
-                with_neighbours=with_neighbours,
+                apart=apart,
             )
 
-        close = sizes_between_neighbours(pattern, self.sizes) if contact.self_contact else None
+        pairs: Ints = np.zeros((0, 2), dtype=np.int64)
         further = None
-        if close is not None:
-            everything = may_touch(with_neighbours=True)
-            none: Ints = np.zeros(0, dtype=np.int64)
-            further = Barrier(rest, triangles, areas, (), none, close, everything)
+        if contact.self_contact:
+            pairs = neighbours(pattern, self.sizes)
+        if len(pairs):
+            close = sizes_between_neighbours(pattern, self.sizes)
+            further = Barrier(rest, triangles, areas, (), pairs[:0, 0], close, may_touch(pairs[:0]))
         standing = np.append(np.arange(count), count + bodies.moving)
-        chosen = may_touch(with_neighbours=False)
-        return Barrier(rest, triangles, areas, grounds, standing, self.sizes, chosen, further)
+        return Barrier(
+            rest, triangles, areas, grounds, standing, self.sizes, may_touch(pairs), further
+        )
 
     def poses_at(self, motions: Floats) -> Floats:
         """Return the poses of all bodies, (k, 6), in m and rad.
@@ -284,7 +290,7 @@ class SkinContact:
         return np.zeros(0) if found is None else found
 
     def _entries(self, x: Floats, poses: Floats, *, definite: bool) -> Floats:
-        keys, values = self._upper(self._second(x, poses, definite=definite))
+        keys, values = self._second_upper(x, poses, definite=definite)
         found = np.isin(keys, self._keys)
         if not found.all():
             # The semidefinite part has entries where the exact one has zeros, which the toolkit
@@ -294,6 +300,14 @@ class SkinContact:
             values = np.append(values[found], np.tile(np.abs(values[~found]), 2))
         places = np.searchsorted(self._keys, keys)
         return np.bincount(places, values, len(self._keys)).astype(np.float64)
+
+    def _second_upper(self, x: Floats, poses: Floats, *, definite: bool) -> tuple[Ints, Floats]:
+        """Return keys and values of the second variation, computed once for each state."""
+        if self._known_at is None or not np.array_equal(self._known_at, x):
+            self._known_at, self._known = x, {}
+        if definite not in self._known:
+            self._known[definite] = self._upper(self._second(x, poses, definite=definite))
+        return self._known[definite]
 
     def _second(self, x: Floats, poses: Floats, *, definite: bool) -> csc_matrix:
         """Return the second variation, with a little stiffness of the free bodies."""
@@ -350,7 +364,7 @@ class SkinContact:
             begin[self._bodies.free] = 0.0
             sliding = self.friction.at_rest(self.assembled, begin)
         self.friction.begin(sliding)
-        self._sides = []
+        self._sides, self._known_at = [], None
 
     def lag_friction(self, nodes: Floats, motions: Floats) -> None:
         """Let friction have the normal forces and tangent planes of a state."""
@@ -360,9 +374,9 @@ class SkinContact:
 
         def on_first() -> None:
             assert self.friction is not None
+            self._known_at = None
             self._sides = self._barrier.sides(x, self._owners)
-            pushes = np.array([self._of_skin(side.push()) for side in self._sides])
-            self.friction.lag(pushes, self._of_skin(x), poses)
+            self.friction.lag(self._pushes(self._sides), self._of_skin(x), poses)
 
         on_first_rank(self._comm, on_first)
 
@@ -374,11 +388,10 @@ class SkinContact:
         """
         x, _ = self._at(nodes, motions)
 
-        def pushes() -> Floats:
-            sides = self._barrier.sides(x, self._owners)
-            return np.array([self._of_skin(side.push()) for side in sides])
+        return on_first_rank(self._comm, lambda: self._pushes(self._barrier.sides(x, self._owners)))
 
-        return on_first_rank(self._comm, pushes)
+    def _pushes(self, sides: Sequence[Side]) -> Floats:
+        return np.array([self._of_skin(side.push()) for side in sides])
 
     def end_step(self, nodes: Floats, motions: Floats) -> Sliding | None:
         """Return where the vertices stick at the end of a step; None without friction."""
@@ -492,8 +505,7 @@ class SkinContact:
         x, poses = self._at(nodes, motions)
 
         def grown() -> bool:
-            keys, _ = self._upper(self._second(x, poses, definite=False))
-            keys = np.unique(keys)
+            keys = np.unique(self._second_upper(x, poses, definite=False)[0])
             place = np.searchsorted(self._keys, keys)
             if (np.append(self._keys, -1)[place] == keys).all():
                 return False

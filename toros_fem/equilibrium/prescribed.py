@@ -67,19 +67,18 @@ class PrescribedDisplacement:
         self,
         newton: RegularisedNewton,
         state: Floats,
-        begin: LoadCase,
         end: LoadCase,
         longest: float,
     ) -> tuple[Floats, float]:
         """Return a state in which bodies and supports have moved as far as nothing meets.
 
         They move straight. The free components follow as the tangent predicts: what is in contact
-        is pushed along. The load of the model must be the begin (collective).
+        is pushed along (collective).
 
         Args:
             newton: The solver of this model.
-            state: Owned unknowns of an equilibrium at the begin.
-            begin, end: Loads; only displacement and poses matter.
+            state: Owned unknowns of an equilibrium under the load of the model.
+            end: Load at the end; only displacement and poses matter.
             longest: Largest part of the way to go.
 
         Returns:

@@ -815,9 +815,8 @@ class EquilibriumSolver:
         outcome = int(PETSc.SNES.ConvergedReason.DIVERGED_LINE_SEARCH)
         model.set_density(density)
         for _ in range(CARRIES):
-            here = begin.towards(end, gone)
-            model.set_load(here)
-            moved, part = self._prescribed.follow(self._snes.newton, state, here, end, longest)
+            model.set_load(begin.towards(end, gone))
+            moved, part = self._prescribed.follow(self._snes.newton, state, end, longest)
             there = 1.0 if part == 1 else gone + part * (1 - gone)
             model.set_load(begin.towards(end, there) if there < 1 else end)
             found = attempts(moved, trial=trial or there < 1)
