@@ -5,10 +5,12 @@ from __future__ import annotations
 import gc
 import io
 import sys
-from collections.abc import Generator
+from collections.abc import Callable, Generator
+from typing import Any
 
 import pytest
 from helpers.scenes import ROOT
+from kit.pin import pin
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -22,6 +24,10 @@ from toros_fem.meshes import Skin, cylinder, sew
 def pytest_configure(config: pytest.Config) -> None:
     if MPI.COMM_WORLD.rank > 0:  # one rank's report is enough
         config.get_terminal_writer()._file = io.StringIO()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--write-pins", action="store_true", help="write tests/golden/*.csv anew")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -66,6 +72,18 @@ def _clean_up(comm: MPI.Comm) -> Generator[None]:
 @pytest.fixture(scope="session")
 def comm() -> MPI.Comm:
     return MPI.COMM_WORLD
+
+
+@pytest.fixture
+def pinned(request: pytest.FixtureRequest) -> Callable[..., None]:
+    """Compare a result with its table in tests/golden: `pinned(name, found, rel=1e-6)`."""
+    write = request.config.getoption("--write-pins") and MPI.COMM_WORLD.rank == 0
+
+    def check(name: str, found: Any, *, rel: float = 1e-6, small: float = 0.0) -> None:
+        off = pin(name, found, rel, small, write=write)
+        assert not off, f"{len(off)} quantities of {name} changed:\n  " + "\n  ".join(off[:20])
+
+    return check
 
 
 @pytest.fixture(scope="module")
