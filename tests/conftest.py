@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from helpers.scenes import ROOT
+from kit.kept_meshes import KeptMeshes, mesher
 from kit.pin import pin
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -79,11 +80,22 @@ def pinned(request: pytest.FixtureRequest) -> Callable[..., None]:
     """Compare a result with its table in tests/golden: `pinned(name, found, rel=1e-6)`."""
     write = request.config.getoption("--write-pins") and MPI.COMM_WORLD.rank == 0
 
-    def check(name: str, found: Any, *, rel: float = 1e-6, small: float = 0.0) -> None:
+    def check(name: str, found: Any, *, rel: float = 1e-6, small: float = 1e-12) -> None:
         off = pin(name, found, rel, small, write=write)
         assert not off, f"{len(off)} quantities of {name} changed:\n  " + "\n  ".join(off[:20])
 
     return check
+
+
+@pytest.fixture(scope="module")
+def kept_meshes(request: pytest.FixtureRequest) -> Generator[None]:
+    """Unstructured meshes come from tests/golden/meshes.npz, not from gmsh."""
+    kept = KeptMeshes(mesher() if request.config.getoption("--write-pins") else None)
+    with pytest.MonkeyPatch.context() as patch:
+        kept.patch(patch)
+        yield
+    if MPI.COMM_WORLD.rank == 0:
+        kept.save()
 
 
 @pytest.fixture(scope="module")

@@ -110,14 +110,15 @@ def pin(name: str, found: Any, rel: float, small: float, *, write: bool) -> list
     """Return the differences of a result from its table, or write the table anew.
 
     Args:
-        name: Name of the table.
+        name: Name of the table; one in a folder has a slash.
         found: The result: numbers, words, arrays and shapes, in mappings and lists.
         rel, small: Tolerances, as of `differences`.
         write: Whether to write the table; its difference in git is what is reviewed.
     """
-    path, today = GOLDEN / f"{name}.csv", dict(quantities(found))
+    path, today = GOLDEN / f"{name.replace(' ', '_')}.csv", dict(quantities(found))
     if not write:
         return differences(table_of(path), today, rel, small)
+    path.parent.mkdir(exist_ok=True)
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = ((key, written(value)) for key, value in today.items())
         csv.writer(file, lineterminator="\n").writerows(rows)

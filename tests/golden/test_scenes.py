@@ -1,0 +1,213 @@
+"""One evaluation of a given design and two steps of MMA, for each kind of scene.
+
+The keys of the tables are quantities. Where code is renamed, `figures_of` and its kin change; the
+tables in tests/golden do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import ROOT
+from mpi4py import MPI
+
+from toros_fem.actuators.problem import actuator_problem
+from toros_fem.analysis.trace import trace
+from toros_fem.design.loop import optimize
+from toros_fem.design.options import DesignOptions, Stage
+from toros_fem.design.problem import DesignProblem, Evaluation
+from toros_fem.design.shape_problem import ShapeProblem
+from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.meshes import sew
+from toros_fem.meshes.skin import Skin
+from toros_fem.relaxed.families import FixedDirections, FreeDirections
+from toros_fem.relaxed.problem import RelaxedProblem, relaxed_problem
+from toros_fem.scenes import bend, bend_twist, contract, gripper, inflate, own_mesh, tile, twist
+from toros_fem.scenes import walker as walking
+from toros_fem.scenes.tile_sheet import cross_tile
+from toros_fem.tiles.case import tile_problem
+from toros_fem.tiles.pull_test import pull_sheet
+from toros_fem.tiles.sheet import remesh, tile_sheet
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("kept_meshes")]
+
+TUBE = {"edge_length": 5.5e-3, "filter_radius": 8.5e-3}
+STAR = {"edge_length": 3.6e-3, "filter_radius": 5.5e-3}
+FINGER = {"edge_length": 3e-3, "filter_radius": 4.6e-3}
+HELD = ({"where": "z < 4 mm"},)
+# Configuration of each scene, and what makes its case.
+ACTUATORS: dict[str, tuple[Callable[..., Any], Any]] = {
+    "bend": (bend.case, bend.BendConfig(**TUBE)),
+    "bend whole": (bend.case, bend.BendConfig(**TUBE, whole=True, design_pressure=True)),
+    "bend robust": (bend.case, bend.BendConfig(**TUBE, width_tolerance=4e-4)),
+    "bend wrinkling": (
+        bend.case,
+        bend.BendConfig(**TUBE, wrinkling="tension-field", filter="helmholtz"),
+    ),
+    "bend knit bladder": (
+        bend.case,
+        bend.BendConfig(**TUBE, knit_ratio=3.0, bladder_thickness=3e-4, print_side="outside"),
+    ),
+    "contract": (contract.case, contract.ContractConfig(**TUBE)),
+    "twist": (twist.case, twist.TwistConfig(**TUBE)),
+    "twist length": (twist.case, twist.TwistConfig(**TUBE, keep_length=True)),
+    "bend-twist": (bend_twist.case, bend_twist.BendTwistConfig(**TUBE)),
+    "walker": (walking.case, walking.WalkerConfig(**STAR)),
+    "walker stride": (
+        walking.case,
+        walking.WalkerConfig(**STAR, motion="crawl", aim="stride", design_pressure=True),
+    ),
+    "gripper": (gripper.case, gripper.GripperConfig(**FINGER)),
+    "gripper box": (gripper.case, gripper.GripperConfig(**FINGER, shape="box")),
+}
+RELAXED = {"contract": FixedDirections(), "twist": FreeDirections(), "bend-twist": FreeDirections()}
+
+
+def waves(skin: Skin) -> np.ndarray:
+    """A smooth density of owned triangles, the same on any number of ranks."""
+    middle = skin.pattern.points[skin.pattern.triangles].mean(axis=1)[skin.owned_cells]
+    x, y, z = middle.T / 0.02
+    return np.asarray(0.5 + 0.4 * np.sin(2 * x + 1) * np.cos(3 * y + z) * np.sin(1.5 * z + 0.5))
+
+
+def problem_of(comm: MPI.Comm, name: str) -> ShapeProblem:
+    case, config = ACTUATORS[name]
+    return actuator_problem(comm, case(comm, config), config)
+
+
+def state_figures(skin: Skin, found: EquilibriumResult) -> dict[str, Any]:
+    vertices = skin.gather_vertices(found.positions)
+    return {
+        "energy in J": found.energy,
+        "volumes in m3": list(found.volumes),
+        "pressures in Pa": list(found.pressures),
+        "stretch use": found.stretch_use,
+        "smallest distance in m": found.smallest_distance,
+        "positions in m": vertices,
+    }
+
+
+def figures_of(problem: DesignProblem, at: Evaluation) -> dict[str, Any]:
+    """Quantities of an evaluation with its gradients."""
+    gather, found = problem.skin.gather_cells, at.equilibrium
+    fields = at.gradient.reshape(len(problem.skin.owned_cells), -1)
+    figures = {
+        "objective": at.objective,
+        "shape term": at.shape,
+        "perimeter in m": at.perimeter,
+        "width constraints": None if at.length_scale is None else list(at.length_scale),
+        "width slopes": [gather(slope) for slope in at.length_scale_gradients or ()],
+        "slope": gather(fields),
+        "slope by pressure": None if at.pressure_gradient is None else list(at.pressure_gradient),
+        "filtered": gather(at.filtered.reshape(fields.shape)),
+        "reinforced": list(problem.reinforcement(at)),
+        "residual slopes": [gather(row.reshape(fields.shape)) for row in at.residuals.gradients],
+        "spread": at.spread,
+        **problem.metrics_of(found),
+    }
+    if isinstance(found, EquilibriumResult):
+        return figures | state_figures(problem.skin, found)
+    return figures | {
+        "stress in N/m": list(found.stress),
+        "contraction": list(found.contraction),
+        "shear": list(found.shear),
+    }
+
+
+def steps_figures(problem: DesignProblem, start: np.ndarray) -> dict[str, Any]:
+    """Quantities of two steps of MMA, with the width constraints where there are any."""
+    constrained = problem.length_scale is not None
+    options = DesignOptions((Stage(2, constrained=constrained),))
+    found = optimize(problem, options, start=start)
+    fields = found.density.reshape(len(problem.skin.owned_cells), -1)
+    rows = [
+        {
+            "objective": row.objective,
+            "KKT": row.kkt if row.iteration else 0.0,
+            "change": row.change,
+            "rejected": row.rejected,
+            "volume fraction": row.volume_fraction,
+            "pressure in Pa": row.pressure,
+        }
+        for row in found.history
+    ]
+    return {"design": problem.skin.gather_cells(fields), "steps": rows, "reason": found.reason}
+
+
+@pytest.mark.parametrize("name", list(ACTUATORS))
+def test_actuator(comm: MPI.Comm, name: str, pinned: Callable[..., None]) -> None:
+    problem = problem_of(comm, name)
+    density = waves(problem.skin)
+    at = problem.differentiate(problem.simulate(density))
+    pinned(f"evaluation/{name}", figures_of(problem, at))
+    pinned(f"two_steps/{name}", steps_figures(problem, density), rel=1e-4)
+
+
+@pytest.mark.parametrize("name", list(RELAXED))
+def test_relaxed(comm: MPI.Comm, name: str, pinned: Callable[..., None]) -> None:
+    problem = relaxed_problem(problem_of(comm, name), RELAXED[name], 0.015, 1e-3)
+    assert isinstance(problem, RelaxedProblem)
+    start = problem.start_density(5)
+    at = problem.differentiate(problem.simulate(start))
+    figures = figures_of(problem, at) | {"cost of lines": problem.cost(at.projected)}
+    pinned(f"evaluation/relaxed_{name}", figures)
+    pinned(f"two_steps/relaxed_{name}", steps_figures(problem, start), rel=1e-4)
+
+
+def test_own_mesh(comm: MPI.Comm, pinned: Callable[..., None]) -> None:
+    config = own_mesh.OwnMeshConfig(scale=1e-3, held=HELD, bend=60.0, cross_sections=6)
+    case, config = own_mesh.cases(comm, config, mesh=ROOT / "demos" / "surfaces" / "finger.stl")
+    problem = actuator_problem(comm, case(comm, config), config)
+    density = waves(problem.skin)
+    at = problem.differentiate(problem.simulate(density))
+    pinned("evaluation/own_mesh", figures_of(problem, at))
+    pinned("two_steps/own_mesh", steps_figures(problem, density), rel=1e-4)
+
+
+@pytest.mark.parametrize("target", ["tetragonal", "auxetic", "anisotropic"])
+def test_tile(comm: MPI.Comm, target: str, pinned: Callable[..., None]) -> None:
+    config = tile.TargetTileConfig(
+        target=target, edge_length=1e-3, filter_radius=1.5e-3, perimeter_weight=1e-3
+    )
+    problem = tile_problem(comm, tile.tile_case(comm, config), config)
+    x, y = 2 * np.pi * problem.skin.pattern.centroids.T / config.size
+    density = 0.5 + 0.25 * (np.cos(x) + np.sin(x + 2 * y))[problem.skin.owned_cells]
+    density = np.clip(density, 0.02, 0.98)
+    at = problem.differentiate(problem.simulate(density))
+    pinned(f"evaluation/{target}_tile", figures_of(problem, at))
+    pinned(f"two_steps/{target}_tile", steps_figures(problem, density), rel=1e-4)
+
+
+def test_tile_sheet(comm: MPI.Comm, pinned: Callable[..., None]) -> None:
+    simulated = remesh(comm, cross_tile(comm), 1.2e-3)
+    mesh = simulated.tile(comm)
+    pulled = pull_sheet(comm, tile_sheet(mesh, "x", 2, 2), mesh, simulated, np.array([0.05, 0.1]))
+    curve, expected = pulled.test.curve, pulled.predicted
+    figures = {
+        "stress in N/m": curve.stress,
+        "contraction": curve.contraction,
+        "strain of the middle": pulled.test.middle_strain,
+        "forces in N": pulled.test.forces,
+        "positions in m": pulled.test.positions,
+        "stress of the tile in N/m": expected.stress,
+        "contraction of the tile": expected.contraction,
+        "stiffness in N/m": curve.stiffness,
+    }
+    pinned("evaluation/pulled_sheet", figures)
+
+
+@pytest.mark.parametrize("wrinkling", [None, "tension-field"])
+def test_inflated(comm: MPI.Comm, wrinkling: str | None, pinned: Callable[..., None]) -> None:
+    config = inflate.InflateConfig(edge_length=5.5e-3, mesh="structured", wrinkling=wrinkling)
+    pattern, supports, density = inflate.plain_tube(comm, config)
+    skin = sew(comm, pattern)
+    solver = EquilibriumSolver(skin, config.composite, supports)
+    pressures = [2e2, 5e3, 10e3, 20e3]
+    figures = {
+        f"{point.result.pressure:g} Pa": state_figures(skin, point.result) | point.metrics
+        for point in trace(solver, density[skin.owned_cells], pressures, inflate.METRICS)
+    }
+    pinned(f"evaluation/inflated_{wrinkling or 'plain'}", figures)
