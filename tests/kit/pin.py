@@ -47,8 +47,7 @@ def _of_array(found: np.ndarray) -> dict[str, float | str]:
 
 
 def _of_shape(found: shapely.Geometry) -> dict[str, Any]:
-    """Return what a shape is, however its rings begin and its parts are sorted."""
-    corners = shapely.get_coordinates(found)
+    """Return what a shape is; how many corners a union has is a matter of rounding."""
     parts = shapely.get_parts(found)
     return {
         "kind": found.geom_type,
@@ -58,7 +57,6 @@ def _of_shape(found: shapely.Geometry) -> dict[str, Any]:
         "length": found.length,
         "bounds": found.bounds,
         "centroid": shapely.get_coordinates(found.centroid).ravel(),
-        "corners": len(corners),
     }
 
 

@@ -1,0 +1,239 @@
+"""Lines, prints, panels and machine files of given designs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+from helpers.panels import pattern_of, striped
+from helpers.prints import flawed_tube, regions_of
+from helpers.scenes import square
+from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.fabrication.cleaning import clean, clean_symmetric
+from toros_fem.fabrication.printability import PrintLimits, printability, printed_cells
+from toros_fem.fabrication.thickness import thickened
+from toros_fem.lines import LaidLines, LineField, LineOptions, lay_lines
+from toros_fem.lines.laid_lines import widened
+from toros_fem.manufacture import (
+    ManufactureOptions,
+    panel_drawings,
+    print_bodies,
+    printed_face,
+    sewn_seams,
+    write_cut_dxf,
+)
+from toros_fem.manufacture.bladder import bladder_drawings
+from toros_fem.manufacture.panel_drawing import PanelDrawing
+from toros_fem.meshes import cylinder, mirrored
+from toros_fem.meshes.sheet import disc, rectangle
+from toros_fem.workshop.sewing_order import sewing_order
+from toros_fem.workshop.sheets import layout
+
+pytestmark = [pytest.mark.one_rank, pytest.mark.usefixtures("kept_meshes")]
+ALONE = MPI.COMM_SELF
+
+
+def lines_of(laid: LaidLines) -> dict[str, Any]:
+    """Quantities of laid lines."""
+    return {
+        "lines by family": [len(family) for family in laid.centre_lines],
+        "corners by line": [[len(line.points) for line in family] for family in laid.centre_lines],
+        "places in m": np.concatenate(
+            [line.points.reshape(-1) for family in laid.centre_lines for line in family]
+        ),
+        "regions": list(laid.regions),
+        "area in m2": laid.area,
+        "families": [
+            {
+                "width in m": family.width,
+                "length in m": family.length,
+                "share": family.share,
+                "laid share": family.laid,
+                **{f"ends: {kind}": count for kind, count in sorted(family.ends.items())},
+            }
+            for family in laid.families
+        ],
+    }
+
+
+def fields() -> dict[str, LineField]:
+    """Fields of families: with fading shares, rays, and around a tube."""
+    sheet = rectangle(ALONE, 0.06, 0.04, 2.5e-3, "unstructured")
+    round_ = disc(ALONE, 0.025, 2.5e-3)
+    tube = cylinder(ALONE, 0.06, 0.02, 4.5e-3)
+    fading = np.clip(0.3 - 0.3 * sheet.centroids[:, 0] / 0.04, 0, 1)
+    even = np.full(len(sheet.panel), 0.15)
+    x, y = round_.centroids.T
+    rays, near = np.arctan2(y, x), np.full((len(x), 1), 0.2)
+    ones = np.ones((len(tube.panel), 2))
+    return {
+        "fading": LineField(
+            sheet, np.stack([fading, even], 1), np.ones((len(even), 2)) * [0.4, 1.7]
+        ),
+        "rays": LineField(round_, near, rays[:, None]),
+        "turned rays": LineField(round_, near, rays[:, None] + 0.7),
+        "half turns": LineField(round_, near, rays[:, None] / 2),
+        "tube": LineField(tube, ones * [0.2, 0.15], ones * [0.5, 1.4]),
+    }
+
+
+@pytest.mark.parametrize("name", ["fading", "rays", "turned rays", "half turns", "tube"])
+def test_lines(name: str, pinned: Callable[..., None]) -> None:
+    """Lines are found by solves and joined by rules: places agree to a micrometre or so."""
+    laid = lay_lines(fields()[name], LineOptions(even=5e-3) if name == "fading" else None)
+    figures = lines_of(laid)
+    if name == "tube":
+        assert laid.drawing is not None
+        factors = np.outer([1.2, 0.9], np.ones(laid.drawing.mesh.size))
+        wider = widened(laid, factors)
+        figures["other widths: area in m2"] = wider.area
+    pinned(f"lines/{name}", figures, rel=1e-5, small=1e-8)
+
+
+def cleaned(found: Any) -> dict[str, Any]:
+    return {
+        "regions": found.regions,
+        "smooth contours": found.contours,
+        "dropped areas in m2": sorted(piece.area for piece in found.dropped),
+        "bridged areas in m2": sorted(piece.area for piece in found.bridged),
+        "filled areas in m2": sorted(hole.area for hole in found.filled),
+    }
+
+
+def spots(points: np.ndarray) -> np.ndarray:
+    """Two discs and a ring."""
+    middles, radii = np.array([[4, 4], [16, 4], [16, 16]]) * 1e-3, np.array([2, 1, 3]) * 1e-3
+    away = np.linalg.norm(points[:, None] - middles, axis=2) - radii
+    away[:, 2] = np.abs(away[:, 2] + 1e-3) - 1e-3
+    return np.asarray(0.5 - 50 * away.min(axis=1))
+
+
+@pytest.mark.parametrize("island", [0.5, 4.0, 20.0])
+def test_cleaning(island: float, pinned: Callable[..., None]) -> None:
+    """Islands of some mm² are dropped, bridged or kept, a hole is filled."""
+    pattern = square(n=80)
+    limits = PrintLimits(hole_area=4e-6)
+    found = clean(pattern, regions_of(pattern, spots), limits, island * 1e-6)
+    pinned(f"print/cleaned_{island:g}", cleaned(found), small=1e-11)
+
+
+def test_flawed_print(pinned: Callable[..., None]) -> None:
+    """Flaws of each kind are found and mended, on the whole tube and on half of it."""
+    tube = cylinder(ALONE, 0.06, 0.02, 2.5e-3)
+    flawed = flawed_tube(tube, 60)
+    half = cylinder(ALONE, 0.06, 0.02, 2.5e-3, planes=(1,))
+    whole = mirrored(half, (1,))
+    found = {
+        "cleaned": cleaned(clean(tube, flawed)),
+        "cleaned half": cleaned(clean_symmetric(half, whole, flawed_tube(whole.pattern, 60))),
+        "printed triangles": printed_cells(tube, flawed),
+        "wider": thickened(flawed[0], shapely.box(0, 0, 0.063, 0.06), 8e-4, 6e-4, 5e-7),
+    }
+    judged = printability(tube, flawed)
+    for name, place in (("line", judged.smallest_width), ("gap", judged.smallest_gap)):
+        assert place is not None
+        found[f"smallest {name} in m"] = place.width
+        found[f"place of the smallest {name} in m"] = np.array(place.centre)
+    found |= {
+        "narrow lines in m": sorted(place.width for place in judged.narrow_lines),
+        "narrow gaps in m": sorted(place.width for place in judged.narrow_gaps),
+        "islands in m2": sorted(piece.area for piece in judged.islands),
+        "holes in m2": sorted(hole.area for hole in judged.holes),
+        "border in m": judged.border_length,
+    }
+    # Joining the mirrored half goes by rules that see rounding.
+    pinned("print/flawed", found, rel=2e-5, small=1e-10)
+
+
+def drawing_of(drawing: PanelDrawing) -> dict[str, Any]:
+    return {
+        "outline": drawing.outline,
+        "cut": drawing.cut,
+        "printed": drawing.printed,
+        "seams": ", ".join(f"{seam.number} to {seam.partner}" for seam in drawing.seams),
+        "seam lines in m": np.concatenate([np.asarray(seam.line) for seam in drawing.seams]),
+        "notches in m": np.asarray(drawing.notches),
+        "grain in m": [np.asarray(line) for line in drawing.grain],
+        "crosses in m": np.asarray(drawing.crosses),
+        "labels": " / ".join(label.text for label in drawing.labels),
+    }
+
+
+def named(drawings: Sequence[PanelDrawing]) -> dict[str, Any]:
+    return {drawing.name: drawing_of(drawing) for drawing in drawings}
+
+
+@pytest.mark.parametrize("kind", ["tube", "walker"])
+def test_panels(kind: str, tmp_path: Path, pinned: Callable[..., None]) -> None:
+    ezdxf = pytest.importorskip("ezdxf")
+    pattern, options = pattern_of(kind), ManufactureOptions()
+    stripes = striped(pattern)
+    drawings = panel_drawings(pattern, stripes, options)
+    pinned(f"machine_files/panels_of_{kind}", named(drawings), rel=1e-7, small=1e-10)
+    moved = drawings[0].moved(0.7, np.array([0.1, 0.1]))
+    write_cut_dxf(tmp_path / "cut.dxf", [moved], (0.45, 0.3))
+    words: dict[str, list[str]] = {}
+    places: dict[str, list[np.ndarray]] = {}
+    for entity in ezdxf.readfile(tmp_path / "cut.dxf").modelspace():
+        layer, dxf = entity.dxf.layer, entity.dxf
+        if entity.dxftype() == "TEXT":
+            words.setdefault(layer, []).append(dxf.text)
+            place = [*np.array(entity.get_placement()[1])[:2], dxf.rotation, dxf.height]
+        else:
+            place = np.array(entity.get_points("xy")).ravel()
+        places.setdefault(layer, []).append(np.asarray(place))
+    file = {"texts": words, "count": {layer: len(found) for layer, found in places.items()}}
+    file |= {"places": {layer: np.concatenate(found) for layer, found in places.items()}}
+    pinned(f"machine_files/dxf_of_{kind}", file, small=1e-6)
+    bodies = print_bodies(drawings, options)
+    pinned(
+        f"machine_files/bodies_of_{kind}",
+        {
+            body.name: {
+                "corners": len(body.vertices),
+                "bounds in m": np.array([body.vertices.min(axis=0), body.vertices.max(axis=0)]),
+                "volume in m3": _volume(body.vertices[body.triangles]),
+            }
+            for body in bodies
+        },
+        rel=1e-7,
+    )
+    other = ManufactureOptions(print_side="inside")
+    face, regions = printed_face(pattern, stripes, other)
+    figures: dict[str, Any] = {"flat in m": face.flat_points, "places in m": face.points}
+    figures |= {"triangles": face.flat_triangles, "regions": regions}
+    pinned(f"machine_files/inside_of_{kind}", figures, rel=1e-9)
+
+
+def test_sheets(pinned: Callable[..., None]) -> None:
+    """Places on beds and sheets, welds of the bladder, and the order of sewing."""
+    pytest.importorskip("u_nesting")
+    pattern, options = pattern_of("tube"), ManufactureOptions()
+    drawings = panel_drawings(pattern, striped(pattern), options)
+    placed = layout(drawings, options)
+    places = {
+        place.panel: [float(place.sheet), np.degrees(place.angle), *place.offset]
+        for place in placed.placements
+    }
+    steps = [f"{step.kind} {step.seam}" for step in sewing_order(pattern, sewn_seams(pattern))]
+    bladder = named(bladder_drawings(pattern, options))
+    figures = {"places": places, "order of sewing": steps, "bladder": bladder}
+    pinned("machine_files/sheets", figures, rel=1e-6, small=1e-9)
+
+
+def _volume(corners: np.ndarray) -> float:
+    return float(np.linalg.det(corners).sum() / 6)
+
+
+def test_stripes(pinned: Callable[..., None]) -> None:
+    """A print on the outlines of each kind of panel."""
+    found: dict[str, Sequence[BaseGeometry]] = {
+        kind: striped(pattern_of(kind)) for kind in ("sheet", "gripper", "finger")
+    }
+    pinned("print/striped", found, rel=1e-9, small=1e-12)
