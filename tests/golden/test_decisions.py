@@ -1,0 +1,170 @@
+"""Discrete choices: steps of designs that are kept, rounds of corrections, ways of hard solves.
+
+The scenes are those whose choices do not hang on rounding: the same on several kinds of BLAS.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import shared
+from mpi4py import MPI
+from random_scenes import draw
+
+from toros_fem.actuators.gait import Gait
+from toros_fem.actuators.problem import actuator_problem
+from toros_fem.equilibrium.solver import EquilibriumError
+from toros_fem.meshes import plane_centroids, walker
+from toros_fem.meshes.mirror import mirrored
+from toros_fem.scenes import gripper
+from toros_fem.scenes import walker as walking
+from toros_fem.scenes.kinds import KINDS
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("kept_meshes", "without_pictures")]
+
+LINES = {
+    "length": 0.06,
+    "cross_sections": 5,
+    "relaxed_edge_length": 6e-3,
+    "relaxed_iterations": 4,
+    "laid_width": 3e-3,
+    "print_edge_length": 2e-3,
+    "corrections": 2,
+    "curve_pressure": None,
+}
+DENSITIES = {
+    "length": 0.06,
+    "edge_length": 1.7e-3,
+    "filter_radius": 2.7e-3,
+    "levels": 2,
+    "iterations": 12,
+    "constrained_iterations": 6,
+    "level_iterations": 4,
+    "polish_iterations": 3,
+    "curve_pressure": None,
+}
+DESIGNS: dict[str, tuple[str, dict[str, Any]]] = {
+    "bend": ("bend", DENSITIES | {"angle": 70.0, "design_pressure": True, "corrections": 1}),
+    "contract": ("contract", LINES),
+    "twist": ("twist", LINES | {"twist": 90.0, "density_iterations": 2, "corrections": 1}),
+}
+
+
+def choices(folder: Path) -> dict[str, Any]:
+    """What was chosen in a run, from the files that it wrote."""
+    with (folder / "history.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    names = ("level", "stage", "iteration", "beta", "rejected")
+    steps = [" ".join(f"{float(row[name]):g}" for name in names) for row in rows]
+    found = {"level, stage, step, beta, rejected": steps, "reason": summary["reason"]}
+    found["islands"] = summary["manufacture"]["islands"]
+    found["kept densities"] = float(summary.get("densities_kept", True))
+    laid = summary.get("lines", {"rounds": [], "families": []})
+    found["widened"] = [float(row["widened"]) for row in laid["rounds"]]
+    found["lines"] = [family["lines"] for family in laid["families"]]
+    found["errors are told"] = sorted(key for key in summary if "_error_" in key)
+    return found
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("bend", marks=pytest.mark.one_rank),
+        "contract",
+        pytest.param("twist", marks=pytest.mark.one_rank),
+    ],
+)
+def test_design(comm: MPI.Comm, name: str, tmp_path: Path, pinned: Callable[..., None]) -> None:
+    kind, values = KINDS[DESIGNS[name][0]], DESIGNS[name][1]
+    folder = shared(comm, tmp_path) / name
+    assert kind.design is not None
+    kind.design.run(comm, folder, kind.config.updated(**values))
+    comm.barrier()
+    pinned(f"decisions/{name}", choices(folder))
+
+
+@pytest.mark.one_rank
+@pytest.mark.parametrize("seed", [23, 24, 31, 36, 37, 38, 40, 41])
+def test_hard_solve(seed: int, pinned: Callable[..., None]) -> None:
+    """Steps by kind, retries with a shift and levels of load on the way to an equilibrium."""
+    scene = draw(seed, few_terms=True)
+    load = scene.load
+    try:
+        found = scene.solver().solve(
+            scene.density[scene.skin.owned_cells], load.pressures, force=load.force
+        )
+    except EquilibriumError as error:
+        found = error.result
+    levels = [row.pressure for row in found.history if not row.step]
+    figures = {
+        "reached": found.load_factor,
+        "energy in J": found.energy,
+        "Newton steps": found.steps,
+        "modified steps": found.modified_steps,
+        "inexact steps": sum(row.inexact for row in found.history),
+        "shifted steps": sum(row.shift > 0 for row in found.history),
+        "halved steps": sum(0 < row.step < 1 for row in found.history),
+        "factorisations": found.factorisations,
+        "solves on the way": len(levels),
+        "why it ended": found.reason.split("(")[0].split(" at ")[0],
+        "what it is": " ".join(found.condition.sentences)[:60],
+    }
+    pinned(f"decisions/hard_solve_{seed}", figures)
+
+
+@pytest.mark.one_rank
+def test_stride(pinned: Callable[..., None]) -> None:
+    """Three equilibria of a walker on the ground, with pads."""
+    pytest.importorskip("ipctk")
+    config = walking.WalkerConfig(edge_length=7e-3, pressure=10e3)
+    half = walker(MPI.COMM_SELF, config.edge_length, config.star, planes=(1,))
+    whole = mirrored(half, (1,))
+    reach = (plane_centroids(whole.pattern) @ config.star.directions.T).max(axis=1)
+    printed = (whole.pattern.panel == whole.pattern.panel_index("bottom")) & (reach > 0.02)
+    gait = Gait(walking.CHAMBERS, np.array([[1.0, 1, 1], [0.4, 0.4, 0.4]]), 1)
+    points, walk, failure = walking.follow_gait(
+        MPI.COMM_SELF, config, gait, half, whole, printed, 3 * [config.pressure]
+    )
+    assert walk is not None
+    figures = {
+        "failure": failure,
+        "stride in m": walk.stride,
+        "slip in m": walk.slip,
+        "feet in m": walk.feet,
+        "touching": walk.touching.astype(float),
+        "energy supplied in J": walk.supplied_energy,
+        "energy lost in J": walk.lost_energy,
+        "smallest distances in m": [p.result.smallest_distance for p in points],
+        "Newton steps": [p.result.steps for p in points],
+    }
+    pinned("decisions/stride", figures, rel=1e-5, small=1e-9)
+
+
+@pytest.mark.one_rank
+def test_lift(pinned: Callable[..., None]) -> None:
+    """The force by which printed fingers hold their object, over its depth."""
+    pytest.importorskip("ipctk")
+    config = gripper.GripperConfig(
+        edge_length=3e-3, filter_radius=4.6e-3, stem_length=0.045, slip_limit=5e-4,
+        lift_distance=5e-4, mass=0.02,
+    )  # fmt: skip
+    case = gripper.case(MPI.COMM_SELF, config)
+    problem = actuator_problem(MPI.COMM_SELF, case, config)
+    density = (case.pattern.panel == case.pattern.panel_index("top")).astype(np.float64)
+    grip = gripper._grip(MPI.COMM_SELF, problem, config)
+    made = gripper._lifted(grip, density, [15e3], config)
+    figures = {
+        "depths in m": [point.depth for point in made.points],
+        "forces in N": [point.force for point in made.points],
+        "normal forces in N": [float(point.normals.sum()) for point in made.points],
+        "Newton steps": [point.result.steps for point in made.points],
+        "figures": gripper._figures(made, grip, config),
+    }
+    pinned("decisions/lift", figures, rel=1e-5, small=1e-9)
