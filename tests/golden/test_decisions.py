@@ -98,7 +98,7 @@ def test_hard_solve(seed: int, pinned: Callable[..., None]) -> None:
     load = scene.load
     try:
         found = scene.solver().solve(
-            scene.density[scene.skin.owned_cells], load.pressures, force=load.force
+            scene.density[scene.skin.owned_cells], list(load.pressures), force=load.force
         )
     except EquilibriumError as error:
         found = error.result

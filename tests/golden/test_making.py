@@ -90,7 +90,7 @@ def test_lines(name: str, pinned: Callable[..., None]) -> None:
     figures = lines_of(laid)
     if name == "tube":
         assert laid.drawing is not None
-        factors = np.outer([1.2, 0.9], np.ones(laid.drawing.mesh.size))
+        factors = np.repeat(np.array([[1.2], [0.9]]), laid.drawing.mesh.size, axis=1)
         wider = widened(laid, factors)
         figures["other widths: area in m2"] = wider.area
     pinned(f"lines/{name}", figures, rel=1e-5, small=1e-8)
@@ -184,10 +184,11 @@ def test_panels(kind: str, tmp_path: Path, pinned: Callable[..., None]) -> None:
         layer, dxf = entity.dxf.layer, entity.dxf
         if entity.dxftype() == "TEXT":
             words.setdefault(layer, []).append(dxf.text)
-            place = [*np.array(entity.get_placement()[1])[:2], dxf.rotation, dxf.height]
+            at = entity.get_placement()[1]
+            place = np.array([at.x, at.y, dxf.rotation, dxf.height])
         else:
             place = np.array(entity.get_points("xy")).ravel()
-        places.setdefault(layer, []).append(np.asarray(place))
+        places.setdefault(layer, []).append(place)
     file = {"texts": words, "count": {layer: len(found) for layer, found in places.items()}}
     file |= {"places": {layer: np.concatenate(found) for layer, found in places.items()}}
     pinned(f"machine_files/dxf_of_{kind}", file, small=1e-6)

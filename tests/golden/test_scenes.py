@@ -15,6 +15,7 @@ from helpers.scenes import ROOT
 from mpi4py import MPI
 
 from toros_fem.actuators.problem import actuator_problem
+from toros_fem.actuators.tube import plain_tube
 from toros_fem.analysis.trace import trace
 from toros_fem.design.loop import optimize
 from toros_fem.design.options import DesignOptions, Stage
@@ -34,10 +35,10 @@ from toros_fem.tiles.sheet import remesh, tile_sheet
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("kept_meshes")]
 
-TUBE = {"edge_length": 5.5e-3, "filter_radius": 8.5e-3}
-STAR = {"edge_length": 3.6e-3, "filter_radius": 5.5e-3}
-FINGER = {"edge_length": 3e-3, "filter_radius": 4.6e-3}
-HELD = ({"where": "z < 4 mm"},)
+TUBE: dict[str, Any] = {"edge_length": 5.5e-3, "filter_radius": 8.5e-3}
+STAR: dict[str, Any] = {"edge_length": 3.6e-3, "filter_radius": 5.5e-3}
+FINGER: dict[str, Any] = {"edge_length": 3e-3, "filter_radius": 4.6e-3}
+HELD = own_mesh.HeldConfig(where="z < 4 mm")
 # Configuration of each scene, and what makes its case.
 ACTUATORS: dict[str, tuple[Callable[..., Any], Any]] = {
     "bend": (bend.case, bend.BendConfig(**TUBE)),
@@ -63,7 +64,11 @@ ACTUATORS: dict[str, tuple[Callable[..., Any], Any]] = {
     "gripper": (gripper.case, gripper.GripperConfig(**FINGER)),
     "gripper box": (gripper.case, gripper.GripperConfig(**FINGER, shape="box")),
 }
-RELAXED = {"contract": FixedDirections(), "twist": FreeDirections(), "bend-twist": FreeDirections()}
+RELAXED: dict[str, FixedDirections | FreeDirections] = {
+    "contract": FixedDirections(),
+    "twist": FreeDirections(),
+    "bend-twist": FreeDirections(),
+}
 
 
 def waves(skin: Skin) -> np.ndarray:
@@ -93,6 +98,8 @@ def state_figures(skin: Skin, found: EquilibriumResult) -> dict[str, Any]:
 def figures_of(problem: DesignProblem, at: Evaluation) -> dict[str, Any]:
     """Quantities of an evaluation with its gradients."""
     gather, found = problem.skin.gather_cells, at.equilibrium
+    assert at.gradient is not None
+    assert at.residuals is not None
     fields = at.gradient.reshape(len(problem.skin.owned_cells), -1)
     figures = {
         "objective": at.objective,
@@ -158,7 +165,7 @@ def test_relaxed(comm: MPI.Comm, name: str, pinned: Callable[..., None]) -> None
 
 
 def test_own_mesh(comm: MPI.Comm, pinned: Callable[..., None]) -> None:
-    config = own_mesh.OwnMeshConfig(scale=1e-3, held=HELD, bend=60.0, cross_sections=6)
+    config = own_mesh.OwnMeshConfig(scale=1e-3, held=(HELD,), bend=60.0, cross_sections=6)
     case, config = own_mesh.cases(comm, config, mesh=ROOT / "demos" / "surfaces" / "finger.stl")
     problem = actuator_problem(comm, case(comm, config), config)
     density = waves(problem.skin)
@@ -202,7 +209,7 @@ def test_tile_sheet(comm: MPI.Comm, pinned: Callable[..., None]) -> None:
 @pytest.mark.parametrize("wrinkling", [None, "tension-field"])
 def test_inflated(comm: MPI.Comm, wrinkling: str | None, pinned: Callable[..., None]) -> None:
     config = inflate.InflateConfig(edge_length=5.5e-3, mesh="structured", wrinkling=wrinkling)
-    pattern, supports, density = inflate.plain_tube(comm, config)
+    pattern, supports, density = plain_tube(comm, config)
     skin = sew(comm, pattern)
     solver = EquilibriumSolver(skin, config.composite, supports)
     pressures = [2e2, 5e3, 10e3, 20e3]
