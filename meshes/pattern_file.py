@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from toros_fem._mpi import on_first_rank, require_alike
 from toros_fem._types import Bools
-from toros_fem._validate import checked_path, require_kind
+from toros_fem._validate import checked_path, require_kind, shown
 from toros_fem.errors import PatternFileError, TorosError
 from toros_fem.meshes.pattern import Pattern
 
@@ -37,8 +37,13 @@ def write_pattern(path: Path | str, pattern: Pattern, printed: Bools | None = No
         path: File ending in .npz.
         pattern: The pattern.
         printed: Whether each triangle is printed, (t,); None leaves it out.
+
+    Raises:
+        PatternFileError: The path does not end in .npz.
     """
     path = checked_path("path", path, PatternFileError)
+    if path.suffix != ".npz":  # NumPy would write another file, with that ending added
+        raise PatternFileError(f"path = {shown(str(path))} must end in .npz.")
     require_kind("pattern", pattern, Pattern, "a Pattern")
     entries = pattern_entries(pattern)
     if printed is not None:

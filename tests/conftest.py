@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from helpers.scenes import ROOT
+from helpers.top_level import files_on_disk
 from kit.kept_meshes import KeptMeshes, mesher
 from kit.pin import pin
 from mpi4py import MPI
@@ -68,6 +69,14 @@ def _clean_up(comm: MPI.Comm) -> Generator[None]:
     gc.collect()
     PETSc.garbage_cleanup()
     comm.barrier()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _nothing_left_behind() -> Generator[None]:
+    """No file's tests write into the checkout's top level."""
+    before = files_on_disk()
+    yield
+    assert files_on_disk() == before
 
 
 @pytest.fixture(scope="session")

@@ -81,3 +81,12 @@ def test_files_that_are_no_archives(comm: MPI.Comm, file: Path, content: bytes) 
 def test_missing_file(comm: MPI.Comm, tmp_path: Path) -> None:
     with pytest.raises(PatternFileError, match="none.npz cannot be read"):
         read_pattern(comm, shared(comm, tmp_path) / "none.npz")
+
+
+@pytest.mark.parametrize("path", ["abc", "pattern.json"])
+def test_another_ending_is_refused(comm: MPI.Comm, tmp_path: Path, path: str) -> None:
+    """NumPy would write a file of another name."""
+    tube = cylinder(comm, 0.06, 0.02, 6e-3)
+    with pytest.raises(PatternFileError, match=r"must end in \.npz"):
+        write_pattern(tmp_path / path, tube)
+    assert list(tmp_path.iterdir()) == []
