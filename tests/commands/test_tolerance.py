@@ -9,8 +9,8 @@ from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.commands.main import run
+from toros_fem.commands.scene_of_run import scene_of_run
 from toros_fem.errors import OutputError
-from toros_fem.tolerance.of_run import tolerances_of_run
 
 Designed = tuple[Path, Path]
 FEW = ["--modulus", "none", "--thickness", "none"]
@@ -66,7 +66,7 @@ def test_a_script_leaves_no_scene(comm: MPI.Comm, designed: Designed, tmp_path: 
         path.write_text(json.dumps(summary), encoding="utf-8")
     comm.barrier()
     with pytest.raises(OutputError, match="does not say which scene it is of"):
-        tolerances_of_run(comm, folder)
+        scene_of_run(comm, folder)
 
 
 def test_no_design(comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,8 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.density.field import check_density, random_density
+from toros_fem.density.field import random_density
+from toros_fem.mechanics.coefficients import check_density
 from toros_fem.meshes import Skin, sew
 
 

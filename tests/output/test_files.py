@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from helpers.scenes import square
 
+from toros_fem._files import write_json, write_table
+from toros_fem._version import versions
 from toros_fem.design.options import Iteration
-from toros_fem.output.files import HistoryFile, versions, write_fields, write_json, write_table
+from toros_fem.output.files import HistoryFile, write_fields
 
 
 def test_fields(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import pytest
 from helpers.scenes import shared
 from mpi4py import MPI
 
+from toros_fem._files import write_together
 from toros_fem.analysis.trace import trace
 from toros_fem.analysis.wrinkles import wrinkle_field, wrinkles
 from toros_fem.design.config import DesignConfig
@@ -32,7 +33,6 @@ from toros_fem.output.writer import (
     write_pictures,
     write_pressure_path,
     write_results,
-    write_together,
 )
 
 

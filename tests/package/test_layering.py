@@ -13,6 +13,7 @@ ROOMS = [
     ["errors", "_types", "_version"],
     ["_compat", "_validate"],
     ["_mpi"],
+    ["_files"],
     ["config", "units"],
     ["toml_files"],
     ["materials"],

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from toros_fem._files import replace_file
 from toros_fem.design.journal import Checkpoint
 from toros_fem.errors import CheckpointError
 from toros_fem.runs import files
-from toros_fem.runs.files import read_checkpoint, replace_file, write_checkpoint
+from toros_fem.runs.files import read_checkpoint, write_checkpoint
 
 OWNER = {"inputs": "a", "problem": "b"}
 STATE = Checkpoint(

@@ -12,6 +12,7 @@ import numpy as np
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem._files import write_json, write_table, write_together
 from toros_fem._types import Bools, Floats
 from toros_fem._validate import require_count
 from toros_fem.actuators.legs import tip_positions
@@ -21,8 +22,7 @@ from toros_fem.frames.record import write_path
 from toros_fem.frames.shown_skin import ShownSkin
 from toros_fem.meshes.cut_triangles import cut_triangles
 from toros_fem.meshes.mirror import Mirrored
-from toros_fem.output.files import write_json, write_table
-from toros_fem.output.writer import if_plotting, write_together
+from toros_fem.output.writer import if_plotting
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ import numpy as np
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem._files import write_json, write_together
 from toros_fem._types import Floats, Ints
 from toros_fem.contact.bodies import RigidBody
 from toros_fem.contact.solids import rigid_box, rigid_sphere
@@ -20,8 +21,7 @@ from toros_fem.frames.shown_skin import ShownSkin
 from toros_fem.meshes.cut_triangles import cut_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.objectives.gap import Body
-from toros_fem.output.files import write_json
-from toros_fem.output.writer import if_plotting, write_together
+from toros_fem.output.writer import if_plotting
 
 # Rays on which a body's surface is found, over its size: it lies no further out.
 FARTHEST = 2.0

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from toros_fem._files import write_table, write_together
 from toros_fem.actuators.config import ActuatorConfig
 from toros_fem.analysis.trace import trace
 from toros_fem.analysis.trace_point import TracePoint, measured_point
@@ -19,8 +20,7 @@ from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult
 from toros_fem.fabrication.as_printed import PrintedDesign
 from toros_fem.frames.record import shown_skin, write_path
 from toros_fem.objectives.metrics import Measurement
-from toros_fem.output.files import write_table
-from toros_fem.output.writer import if_plotting, write_together
+from toros_fem.output.writer import if_plotting
 
 # Below its first step the pressure is halved so often, since slender skins move most there.
 HALVINGS = 6

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem._files import write_together
 from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase
 from toros_fem.actuators.config import ActuatorConfig
@@ -43,7 +44,7 @@ from toros_fem.fabrication.as_printed import (
 from toros_fem.fabrication.print_spread import PrintSpread, print_spread
 from toros_fem.objectives.metrics import UNITS, Measurement, Metric
 from toros_fem.output.reporter import DesignReporter
-from toros_fem.output.writer import write_results, write_together
+from toros_fem.output.writer import write_results
 from toros_fem.relaxed.find import RelaxedResult
 from toros_fem.runs.folder import journal_of, run_of
 from toros_fem.workshop.write import FOLDER, if_possible, write_manufacture

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from toros_fem._files import write_json, write_table, write_together
 from toros_fem.characterisation.result import Estimate, Fit, FitResult
 from toros_fem.errors import MeasurementError
 from toros_fem.library.material import LibraryMaterial
-from toros_fem.output.files import write_json, write_table
-from toros_fem.output.writer import if_plotting, write_together
+from toros_fem.output.writer import if_plotting
 
 TITLES = {
     "young": "Young's modulus E",

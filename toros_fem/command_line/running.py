@@ -15,14 +15,12 @@ from toros_fem._mpi import on_first_rank
 from toros_fem.command_line.command import Answer
 from toros_fem.command_line.scripts import UsageError
 from toros_fem.errors import CheckpointError, SceneError
-from toros_fem.runs.folder import EVERY, open_run, read_run
+from toros_fem.runs.folder import EVERY, SCENE, open_run, read_run
 from toros_fem.scene_files.reading import Scene, read_scene
 from toros_fem.scene_files.writing import scene_text
 from toros_fem.scenes.kinds import KINDS, Action
 
 log = logging.getLogger(__name__)
-# Name of the scene inside the folder of a run.
-SCENE = "scene.toml"
 
 
 def action_of(scene: Scene, name: str) -> Action:

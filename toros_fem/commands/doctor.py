@@ -17,6 +17,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from toros_fem._mpi import on_first_rank
+from toros_fem._version import versions
 from toros_fem.command_line.command import Answer, Command
 from toros_fem.equilibrium import cholmod
 from toros_fem.equilibrium.petsc_factor import ORDERINGS, has_cholmod
@@ -24,7 +25,6 @@ from toros_fem.equilibrium.solver import EquilibriumSolver
 from toros_fem.materials import Composite
 from toros_fem.mechanics.supports import clamp
 from toros_fem.meshes import cylinder, sew
-from toros_fem.output.files import versions
 
 PACKAGES = (
     "mpi4py", "scipy", "gmsh", "meshio", "h5py", "shapely", "tqdm", "matplotlib", "ezdxf", "ipctk",

@@ -9,6 +9,7 @@ from typing import Any
 
 from mpi4py import MPI
 
+from toros_fem._files import write_together
 from toros_fem._mpi import on_first_rank
 from toros_fem.command_line.command import Answer, Command
 from toros_fem.command_line.scripts import add_options, given_config
@@ -18,7 +19,7 @@ from toros_fem.fabrication.printability import printability, printed_cells
 from toros_fem.fabrication.svg import write_svg
 from toros_fem.manufacture.options import ManufactureOptions
 from toros_fem.meshes.pattern_file import NAME, read_pattern, write_pattern
-from toros_fem.output.writer import if_plotting, write_together
+from toros_fem.output.writer import if_plotting
 from toros_fem.workshop.manifest import NAME as MANIFEST
 from toros_fem.workshop.page import NAME as PAGE
 from toros_fem.workshop.reading import read_regions

@@ -17,6 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem._mpi import ending_together
+from toros_fem._version import versions
 from toros_fem.command_line.command import Answer, Command
 from toros_fem.command_line.exit_codes import DONE, INTERNAL, MEANING, exit_code
 from toros_fem.command_line.scripts import SuggestingParser, UsageError, tell_alone
@@ -35,7 +36,6 @@ from toros_fem.commands import (
     view,
 )
 from toros_fem.errors import RunStoppedError, TorosError
-from toros_fem.output.files import versions
 
 COMMANDS: Mapping[str, Command] = {
     command.name: command

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from toros_fem._files import write_together
 from toros_fem._mpi import on_first_rank
 from toros_fem.command_line.command import Answer, Command
 from toros_fem.command_line.scripts import UsageError
-from toros_fem.output.writer import write_together
 from toros_fem.scene_files.writing import scene_text
 from toros_fem.scenes.kinds import KINDS
 

@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from toros_fem.command_line.command import Answer, Command
 from toros_fem.command_line.scripts import add_options, given_config
+from toros_fem.commands.scene_of_run import scene_of_run
 from toros_fem.meshes.triangle_limit import triangle_limit
 from toros_fem.tolerance.of_run import tolerances_of_run
 from toros_fem.tolerance.result import shown, text_table
@@ -32,7 +33,9 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     config = given_config(given, ToleranceConfig())
     output = given.output or given.run
     with triangle_limit(None):  # what was designed was allowed
-        found = tolerances_of_run(comm, given.run, config)
+        kind, whole, files = scene_of_run(comm, given.run)
+        assert kind.cases is not None
+        found = tolerances_of_run(comm, given.run, kind.cases, whole, files, config)
     write_tolerances(comm, output, found)
     drawn, own = (
         ", ".join(f"{m.name} {shown(m, values[m.key])}" for m in found.metrics if m.key in values)

@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from mpi4py import MPI
 
+from toros_fem._files import write_json, write_together
 from toros_fem.command_line.command import Answer, Command
 from toros_fem.command_line.scripts import add_options, given_config
 from toros_fem.config import Config, quantity
@@ -20,8 +21,8 @@ from toros_fem.meshes.pattern_file import NAME, write_pattern
 from toros_fem.meshes.surface import Surface
 from toros_fem.meshes.surface_file import read_surface
 from toros_fem.meshes.unwrap import unwrap
-from toros_fem.output.files import write_fields, write_json
-from toros_fem.output.writer import if_plotting, write_together
+from toros_fem.output.files import write_fields
+from toros_fem.output.writer import if_plotting
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """From design density to projected density: filters, projection, length scale, perimeter."""
 
 from toros_fem.density.cone import ConeFilter
-from toros_fem.density.field import check_density, random_density
+from toros_fem.density.field import random_density
 from toros_fem.density.filters import Filter, make_filter
 from toros_fem.density.helmholtz import HelmholtzFilter
 from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
@@ -18,7 +18,6 @@ __all__ = [
     "Perimeter",
     "Projection",
     "SymmetricFilter",
-    "check_density",
     "make_filter",
     "random_density",
 ]

@@ -14,13 +14,14 @@ from mpi4py import MPI
 from toros_fem._mpi import dot, raise_together, total
 from toros_fem._types import Bools, Floats
 from toros_fem._validate import require_positive
-from toros_fem.density.field import check_density, random_density
+from toros_fem.density.field import random_density
 from toros_fem.density.filters import Filter
 from toros_fem.density.length_scale import LengthScaleConstraints
 from toros_fem.density.perimeter import Perimeter
 from toros_fem.density.projection import Projection
 from toros_fem.design.warm_start import InitialDensity
 from toros_fem.errors import DensityError, ParameterError
+from toros_fem.mechanics.coefficients import check_density
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 

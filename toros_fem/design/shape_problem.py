@@ -14,7 +14,7 @@ from mpi4py import MPI
 from toros_fem._mpi import dot
 from toros_fem._types import Floats
 from toros_fem._validate import real_numbers, require_between, require_positive, shown
-from toros_fem.density.field import check_density, random_density
+from toros_fem.density.field import random_density
 from toros_fem.density.filters import Filter
 from toros_fem.density.length_scale import LengthScaleConstraints
 from toros_fem.density.perimeter import Perimeter
@@ -25,6 +25,7 @@ from toros_fem.design.robust import Variants
 from toros_fem.equilibrium.feasible_start import relaxed_into_bounds
 from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.errors import DensityError, ParameterError
+from toros_fem.mechanics.coefficients import check_density
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 from toros_fem.objectives.metrics import Metric, check_metrics

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from toros_fem._files import replace_file
 from toros_fem.errors import OutputError
-from toros_fem.runs.files import replace_file
 
 REMEDY = "Delete it, or run the design again."
 

@@ -1,6 +1,7 @@
 """Energy, forces and tangent of a skin, eqs. (1-10), with its supports and loads."""
 
 from toros_fem.mechanics.chambers import Chambers, chambers_of_panels
+from toros_fem.mechanics.coefficients import check_density
 from toros_fem.mechanics.dead_loads import Weight, point_force, spread_force
 from toros_fem.mechanics.load_case import LoadCase
 from toros_fem.mechanics.model import SkinModel
@@ -24,6 +25,7 @@ __all__ = [
     "Weight",
     "build_in",
     "chambers_of_panels",
+    "check_density",
     "clamp",
     "clamp_where",
     "displace",

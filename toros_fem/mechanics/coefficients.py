@@ -10,8 +10,10 @@ import numpy as np
 from dolfinx import fem, la
 from mpi4py import MPI
 
+from toros_fem._mpi import raise_together
 from toros_fem._types import Floats
-from toros_fem.errors import ParameterError
+from toros_fem._validate import real_numbers
+from toros_fem.errors import DensityError, ParameterError
 from toros_fem.forms.bending import Edges
 from toros_fem.forms.eccentric import Offset
 from toros_fem.forms.energy import Masses, SheetStiffness
@@ -131,3 +133,31 @@ def edge_coefficients(skin: Skin, hinges: Hinges, rotations: bool) -> Edges:
         mirrors=[coefficient(hinges.mirror[:, i]) for i in range(3)] if mirrored else None,
         folds=coefficient(hinges.has_moment.astype(np.float64)) if freed else None,
     )
+
+
+def check_density(skin: Skin, density: Any) -> Floats:
+    """Return owned densities as an array, with one result on all ranks (collective).
+
+    Raises:
+        DensityError: They are no real numbers, the shape is wrong, or one is outside [0, 1].
+    """
+    error = None
+    owned = len(skin.owned_cells)
+    try:
+        density = real_numbers("density", density, "one for each owned triangle", DensityError)
+    except DensityError as caught:
+        raise_together(skin.comm, caught)
+    if density.shape != (owned,):
+        error = DensityError(
+            f"density has shape {density.shape}; this rank owns {owned} triangles."
+        )
+    else:
+        outside = ~((density >= 0) & (density <= 1))
+        if outside.any():
+            k = int(np.flatnonzero(outside)[0])
+            error = DensityError(
+                f"density of triangle {skin.owned_cells[k]} is {density[k]}; it must lie in "
+                "[0, 1]. Clip the density, or look for an earlier error."
+            )
+    raise_together(skin.comm, error)
+    return density

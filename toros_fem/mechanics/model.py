@@ -15,7 +15,6 @@ from toros_fem._types import Bools, Floats, Ints, LocalInts
 from toros_fem.contact.settings import Contact
 from toros_fem.contact.skin_contact import SkinContact
 from toros_fem.contact.sliding import Sliding
-from toros_fem.density.field import check_density
 from toros_fem.errors import ParameterError
 from toros_fem.forms.energy import SkinForms, skin_forms
 from toros_fem.forms.interpolation import interpolate
@@ -24,6 +23,7 @@ from toros_fem.materials import Composite
 from toros_fem.mechanics.chambers import Chambers
 from toros_fem.mechanics.coefficients import (
     assembled,
+    check_density,
     courses,
     edge_coefficients,
     masses,

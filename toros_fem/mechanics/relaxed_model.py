@@ -11,12 +11,11 @@ from dolfinx import fem
 from toros_fem._mpi import raise_together
 from toros_fem._types import Floats
 from toros_fem._validate import require_between, require_count, require_positive
-from toros_fem.density.field import check_density
 from toros_fem.errors import DensityError, ParameterError
 from toros_fem.forms.lines import Lines, fabric_factor
 from toros_fem.materials import Composite
 from toros_fem.mechanics.chambers import Chambers
-from toros_fem.mechanics.coefficients import assembled, work_vector
+from toros_fem.mechanics.coefficients import assembled, check_density, work_vector
 from toros_fem.mechanics.dead_loads import Weight
 from toros_fem.mechanics.model import SkinModel
 from toros_fem.mechanics.supports import Supports

@@ -3,26 +3,17 @@
 from __future__ import annotations
 
 import csv
-import io
-import json
-import platform
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
-import dolfinx
 import meshio
 import numpy as np
-import petsc4py
 
 from toros_fem._types import Floats
 from toros_fem._validate import checked_floats, shown
-from toros_fem._version import __version__
 from toros_fem.design.options import Iteration
 from toros_fem.errors import OutputError, ParameterError
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.runs.files import replace_file
 
 
 def write_fields(
@@ -68,33 +59,6 @@ def write_fields(
         raise OutputError(
             f"{path} could not be written: {caught}. Make its folder first, or choose another."
         ) from None
-
-
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a mapping as JSON, numbers in full precision (one rank)."""
-    replace_file(path, (json.dumps(content, indent=2, ensure_ascii=False) + "\n").encode())
-
-
-def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows as CSV (one rank); a column that a row does not have stays empty there."""
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, columns)
-    writer.writeheader()
-    writer.writerows(rows)
-    replace_file(path, text.getvalue().encode())
-
-
-def versions() -> dict[str, str]:
-    """Return the versions that a result depends on."""
-    return {
-        "toros_fem": __version__,
-        "dolfinx": dolfinx.__version__,
-        "petsc4py": petsc4py.__version__,
-        "numpy": np.__version__,
-        "python": sys.version.split()[0],
-        "platform": platform.platform(),
-    }
 
 
 class HistoryFile:

@@ -10,13 +10,13 @@ from typing import Any, Self
 
 from mpi4py import MPI
 
+from toros_fem._files import write_together
 from toros_fem._validate import require_kind
 from toros_fem.design.options import Iteration
 from toros_fem.design.problem import Evaluation
 from toros_fem.frames.record import gathered_frame, write_step
 from toros_fem.output.console import ProgressBar, header, line, print_line
 from toros_fem.output.files import HistoryFile
-from toros_fem.output.writer import write_together
 
 
 class DesignReporter:

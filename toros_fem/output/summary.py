@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from toros_fem._validate import require_kind
+from toros_fem._version import versions
 from toros_fem.config import Config
 from toros_fem.design.loop import DesignResult
 from toros_fem.design.options import Iteration
 from toros_fem.design.shape_problem import ShapeProblem
 from toros_fem.errors import ParameterError
 from toros_fem.fabrication.as_printed import PrintedDesign
-from toros_fem.output.files import versions
 
 
 def shape_problem(result: DesignResult) -> ShapeProblem:

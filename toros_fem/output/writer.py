@@ -11,14 +11,14 @@ import numpy as np
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem._mpi import on_first_rank
+from toros_fem._files import write_json, write_table, write_together
 from toros_fem._types import Floats
 from toros_fem._validate import require_kind
+from toros_fem._version import versions
 from toros_fem.analysis.trace_point import TracePoint
 from toros_fem.analysis.wrinkles import Tension, WrinkleField, wrinkles
 from toros_fem.config import Config
 from toros_fem.design.loop import DesignResult
-from toros_fem.errors import OutputError
 from toros_fem.fabrication.as_printed import PrintedDesign
 from toros_fem.fabrication.print_file import NAME as PRINT
 from toros_fem.fabrication.print_file import write_print_polygons
@@ -31,12 +31,7 @@ from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, write_pattern
 from toros_fem.objectives.metrics import Metric
-from toros_fem.output.files import (
-    versions,
-    write_fields,
-    write_json,
-    write_table,
-)
+from toros_fem.output.files import write_fields
 from toros_fem.output.summary import design_summary, shape_problem
 
 
@@ -344,29 +339,3 @@ def if_plotting(draw: Callable[[], None]) -> None:
         draw()
     except ImportError as missing:
         print(f"no pictures: {missing}; pip install toros_fem[plot]", file=sys.stderr)
-
-
-def write_together(comm: MPI.Comm, folder: str | Path, action: Callable[[], None]) -> None:
-    """Make a folder and write files into it on the first rank (collective).
-
-    Args:
-        comm: Communicator.
-        folder: The folder, made if missing.
-        action: Writes the files; called on the first rank only.
-
-    Raises:
-        OutputError: The folder or a file cannot be written; on all ranks.
-    """
-    folder = Path(folder)
-
-    def guarded() -> None:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            action()
-        except OSError as caught:
-            raise OutputError(
-                f"{folder} could not be written: {caught}. Choose another folder, or free some "
-                "space. Files that are already written stay."
-            ) from None
-
-    on_first_rank(comm, guarded)

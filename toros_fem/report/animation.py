@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from toros_fem._files import replace_file
 from toros_fem._types import Floats
 from toros_fem.errors import OutputError, ParameterError
 from toros_fem.frames.files import Frame
 from toros_fem.frames.shown_skin import ShownSkin
 from toros_fem.meshes.cut_triangles import CutTriangles, cut_triangles
 from toros_fem.report.run_folder import SERIES, Run, read_run
-from toros_fem.runs.files import replace_file
 
 # Time in ms of each picture, and of the last one.
 SHOWN, LAST = 120, 1200

@@ -10,6 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from toros_fem._files import replace_file
 from toros_fem.errors import OutputError
 from toros_fem.report.charts import Chart, Line
 from toros_fem.report.flat_pattern import flat_pattern
@@ -24,7 +25,6 @@ from toros_fem.report.tables import (
     warnings,
 )
 from toros_fem.report.words import Metric, metrics_of
-from toros_fem.runs.files import replace_file
 
 NAME = "report.html"
 # Columns of the history that say how the design was found, and not what it is.

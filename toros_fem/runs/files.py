@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import io
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from toros_fem._files import replace_file
 from toros_fem._version import __version__
 from toros_fem.design.journal import Checkpoint
 from toros_fem.errors import CheckpointError
@@ -18,33 +18,6 @@ from toros_fem.errors import CheckpointError
 FORMAT = 1
 # Key of the header among the arrays of a file, and how its content begins.
 HEADER, MAGIC = "header", "toros_fem checkpoint"
-# Ending of files that are being written.
-UNFINISHED = ".unfinished"
-
-
-def replace_file(path: Path, content: bytes) -> None:
-    """Write a file that is never seen half written, whatever happens (one rank).
-
-    It is written beside its place, forced to the disk, and renamed.
-
-    Raises:
-        OSError: It cannot be written; what was there before stays.
-    """
-    beside = path.with_name(path.name + UNFINISHED)
-    try:
-        with beside.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        beside.replace(path)
-    except OSError:
-        beside.unlink(missing_ok=True)
-        raise
-    folder = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
 
 
 def write_checkpoint(path: Path, checkpoint: Checkpoint, belongs_to: Mapping[str, str]) -> None:

@@ -15,11 +15,12 @@ from typing import Any, NoReturn, Self, TypeVar
 
 from mpi4py import MPI
 
+from toros_fem._files import replace_file
 from toros_fem._mpi import on_first_rank
 from toros_fem._validate import require_count
 from toros_fem.errors import CheckpointError, RunError, RunStoppedError
 from toros_fem.runs.earlier import move_aside, names_beside
-from toros_fem.runs.files import FORMAT, replace_file, version
+from toros_fem.runs.files import FORMAT, version
 from toros_fem.runs.journal import RunJournal
 from toros_fem.runs.lock import FolderLock
 from toros_fem.runs.signals import Signals

@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from toros_fem._files import write_json, write_together
 from toros_fem._types import Floats
 from toros_fem.actuators.case import ActuatorCase, Touching
 from toros_fem.actuators.config import ActuatorConfig, TipWeights
@@ -45,8 +46,6 @@ from toros_fem.meshes import Mirrored, Pattern, curl, finger, plane_centroids, s
 from toros_fem.objectives.gap import SHAPES, Body
 from toros_fem.objectives.metrics import Metric
 from toros_fem.objectives.shape import Nodes, Objective
-from toros_fem.output.files import write_json
-from toros_fem.output.writer import write_together
 
 ALONG, TOWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 WRAP_ANGLE = {"sphere": 90.0, "box": 60.0}  # in degrees

@@ -19,13 +19,14 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem._files import write_json, write_table, write_together
+from toros_fem._version import versions
 from toros_fem.config import Config, quantity
 from toros_fem.fabrication.svg import write_svg
 from toros_fem.manufacture.options import ManufactureOptions
 from toros_fem.meshes import tile
 from toros_fem.output.console import print_step
-from toros_fem.output.files import versions, write_json, write_table
-from toros_fem.output.writer import if_plotting, write_together
+from toros_fem.output.writer import if_plotting
 from toros_fem.tiles.printed_tile import PrintedTile, read_tile
 from toros_fem.tiles.pull_test import pull_sheet
 from toros_fem.tiles.sheet import DIRECTIONS, print_layout, remesh, tile_sheet

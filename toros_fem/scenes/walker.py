@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
+from toros_fem._files import write_json, write_together
 from toros_fem._mpi import on_first_rank
 from toros_fem._types import Bools, Floats
 from toros_fem.actuators.case import ActuatorCase
@@ -45,8 +46,6 @@ from toros_fem.meshes import Pattern, Star, compose, plane_centroids, sew, stand
 from toros_fem.meshes.mirror import Mirrored, mirrored
 from toros_fem.objectives.cross_sections import CrossSections, label_cross_sections
 from toros_fem.objectives.metrics import Metric
-from toros_fem.output.files import write_json
-from toros_fem.output.writer import write_together
 
 AIMS = ("shape", "stride")
 ANGLE = {"stand": 90.0, "crawl": 60.0}  # of the legs, in degrees

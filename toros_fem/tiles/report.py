@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from toros_fem._files import write_json, write_table, write_together
+from toros_fem._version import versions
 from toros_fem.config import Config
 from toros_fem.fabrication.svg import write_svg
 from toros_fem.manufacture.options import ManufactureOptions
-from toros_fem.output.files import versions, write_fields, write_json, write_table
-from toros_fem.output.writer import if_plotting, write_together
+from toros_fem.output.files import write_fields
+from toros_fem.output.writer import if_plotting
 from toros_fem.tiles.as_printed import PrintMeasurement
 from toros_fem.tiles.case import TileCase, TileResult
 from toros_fem.tiles.objectives import ProfileTarget

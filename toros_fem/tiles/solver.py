@@ -9,13 +9,13 @@ import numpy as np
 
 from toros_fem._mpi import dot
 from toros_fem._types import Floats
-from toros_fem.density.field import check_density
 from toros_fem.equilibrium.continuation import Attempt, ContinuationResult, run_continuation
 from toros_fem.equilibrium.newton import NewtonStep
 from toros_fem.equilibrium.options import NewtonOptions
 from toros_fem.equilibrium.snes import Attempts, SnesSolver
 from toros_fem.errors import NoEquilibriumError, ParameterError
 from toros_fem.materials import Composite
+from toros_fem.mechanics.coefficients import check_density
 from toros_fem.mechanics.periodicity import Periodic, PeriodicModel
 from toros_fem.mechanics.supports import Supports
 from toros_fem.meshes.skin import Skin

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem._mpi import on_first_rank
 from toros_fem._types import Floats
 from toros_fem.actuators.config import ActuatorConfig
-from toros_fem.actuators.problem import actuator_problem
+from toros_fem.actuators.problem import CaseMaker, actuator_problem
 from toros_fem.design.shape_design import ShapeDesign
 from toros_fem.errors import NoEquilibriumError, OutputError
 from toros_fem.fabrication.print_file import read_print_polygons
@@ -24,17 +24,20 @@ from toros_fem.frames.shown_skin import read_skin
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
-from toros_fem.scene_files.reading import read_scene
-from toros_fem.scenes.kinds import KINDS, Kind
 from toros_fem.tolerance.result import Tolerances
 from toros_fem.tolerance.settings import ToleranceConfig
 from toros_fem.tolerance.simulated import Drawn, simulated_tolerances
 
-SUMMARY, SCENE = "summary.json", "scene.toml"
+SUMMARY = "summary.json"
 
 
 def tolerances_of_run(
-    comm: MPI.Comm, run: Path | str, config: ToleranceConfig | None = None
+    comm: MPI.Comm,
+    run: Path | str,
+    cases: Callable[..., tuple[CaseMaker[Any], Any]],
+    whole: ActuatorConfig,
+    files: Mapping[str, Path],
+    config: ToleranceConfig | None = None,
 ) -> Tolerances:
     """Return how a finished design moves if it is not made as drawn (collective).
 
@@ -43,6 +46,9 @@ def tolerances_of_run(
     Args:
         comm: Communicator.
         run: Folder of the design, by `toros design` or a demo.
+        cases: Makes the case on the mesh of a configuration, as of the design's kind of scene.
+        whole: Configuration of the design.
+        files: Files that the design has taken, by name.
         config: How far what is off; None takes the defaults.
 
     Raises:
@@ -51,22 +57,20 @@ def tolerances_of_run(
         TorosError: A file cannot be read, or does not fit.
     """
     folder, begin = Path(run), time.perf_counter()
-    summary = on_first_rank(comm, lambda: _summary(folder))
+    summary = on_first_rank(comm, lambda: finished_summary(folder))
     if summary.get("printed_failure"):
         raise NoEquilibriumError(f"the print has no equilibrium: {summary['printed_failure']}")
-    kind, whole_config, files = _scene(comm, folder, summary)
-    assert kind.cases is not None
-    make, found = kind.cases(comm, whole_config, **files)
+    make, found = cases(comm, whole, **files)
     laid = found.start == "relaxed"
     mesh = found.of_print if laid else found.at_level(found.level_count - 1)
     mesh = mesh.updated(width_tolerance=None)  # a print has no eroded and dilated densities
     case = make(comm, mesh)
     part = case.pattern
     stored = read_print_polygons(comm, folder)
-    whole = mirrored(part, case.symmetry).pattern if case.symmetry else part
+    skin = mirrored(part, case.symmetry).pattern if case.symmetry else part
 
     def polygons() -> tuple[list[BaseGeometry], tuple[Pattern, Floats] | None]:
-        on_whole = regions_on(stored.pattern, stored.regions, whole)
+        on_whole = regions_on(stored.pattern, stored.regions, skin)
         return part_regions(part, on_whole), _shape(folder)
 
     regions, near = on_first_rank(comm, polygons)
@@ -83,7 +87,12 @@ def tolerances_of_run(
     )
 
 
-def _summary(folder: Path) -> Mapping[str, Any]:
+def finished_summary(folder: Path) -> Mapping[str, Any]:
+    """Return the summary of a finished design (one rank).
+
+    Raises:
+        OutputError: The folder holds none.
+    """
     path = folder / SUMMARY
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
@@ -94,41 +103,6 @@ def _summary(folder: Path) -> Mapping[str, Any]:
     if not isinstance(content, dict) or "printed_failure" not in content:
         raise OutputError(f"{folder} holds no finished design: {path} has no print.")
     return content
-
-
-def _scene(
-    comm: MPI.Comm, folder: Path, summary: Mapping[str, Any]
-) -> tuple[Kind, ActuatorConfig, dict[str, Path]]:
-    """Return kind, configuration and files of a design (collective).
-
-    A script leaves no scene file: its kind is the one with the same numbers.
-
-    Raises:
-        OutputError: It is the design of no actuator.
-    """
-    if on_first_rank(comm, lambda: (folder / SCENE).exists()):
-        scene = read_scene(folder / SCENE, comm=comm)
-        scene.require_files(comm)
-        kind, config, files = scene.kind, scene.config, dict(scene.files)
-    else:
-        given = summary.get("inputs") or {}
-        names = set(given)
-        # A run of an older version may lack numbers that have come since.
-        known = [k for k in KINDS.values() if names and names <= set(k.config.as_dict())]
-        if not known:
-            raise OutputError(
-                f"{folder} does not say which scene it is of: {SCENE} is missing, and the inputs "
-                f"in {SUMMARY} are those of no kind. Design it by `toros design`, or call "
-                "toros_fem.tolerances from your own script."
-            )
-        kind = min(known, key=lambda k: len(k.config.as_dict()))
-        config, files = kind.config.updated(**given), {}
-    if kind.cases is None or not isinstance(config, ActuatorConfig):
-        raise OutputError(
-            f"{folder} is a run of the kind {kind.name!r}; tolerances are those of designs of "
-            f"{', '.join(k.name for k in KINDS.values() if k.cases is not None)}."
-        )
-    return kind, config, files
 
 
 def _shape(folder: Path) -> tuple[Pattern, Floats] | None:

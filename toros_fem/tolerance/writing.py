@@ -6,8 +6,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.output.files import write_json, write_table
-from toros_fem.output.writer import if_plotting, write_together
+from toros_fem._files import write_json, write_table, write_together
+from toros_fem.output.writer import if_plotting
 from toros_fem.tolerance.result import Tolerances
 
 FILES = ("tolerance.json", "tolerance.csv", "tolerance.png")

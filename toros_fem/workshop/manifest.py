@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from toros_fem._types import Floats
+from toros_fem._version import versions
 from toros_fem.design.config import MaterialConfig
 from toros_fem.manufacture.marks import notch_arcs
 from toros_fem.manufacture.options import ManufactureOptions
 from toros_fem.manufacture.panel_drawing import PanelDrawing
 from toros_fem.manufacture.seam_lines import SewnSeam
-from toros_fem.output.files import versions
 from toros_fem.workshop.sewing_order import SewingStep
 from toros_fem.workshop.sheets import Layout
 

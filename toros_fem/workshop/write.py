@@ -9,6 +9,7 @@ from typing import Any
 
 from shapely.geometry.base import BaseGeometry
 
+from toros_fem._files import replace_file, write_json
 from toros_fem.errors import TorosError
 from toros_fem.manufacture.bladder import bladder_drawings, tab_seam
 from toros_fem.manufacture.cut_files import write_cut_dxf, write_cut_svg
@@ -18,8 +19,6 @@ from toros_fem.manufacture.print_bodies import print_bodies, write_3mf, write_st
 from toros_fem.manufacture.printed_face import printed_face
 from toros_fem.manufacture.seam_lines import sewn_seams
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.output.files import write_json
-from toros_fem.runs.files import replace_file
 from toros_fem.workshop.manifest import NAME, MadeFile, manifest
 from toros_fem.workshop.page import NAME as PAGE
 from toros_fem.workshop.page import page
