@@ -81,13 +81,14 @@ def differences(
         rel, small: Relative and absolute tolerance of numbers; words must be equal.
     """
     lines = []
-    for name in known | found:
+    for name in dict.fromkeys([*known, *found]):
         was, now = known.get(name), found.get(name)
         same = was is not None and now is not None
         if same and isinstance(now, str):
             same = was == now
         elif same:
             assert was is not None
+            assert now is not None
             same = bool(np.isclose(float(now), _number(was), rel, small, equal_nan=True))
         if not same:
             lines.append(f"{name}: {was} -> {now}")
