@@ -47,8 +47,7 @@ def _of_array(found: np.ndarray) -> dict[str, float | str]:
 
 
 def _of_shape(found: shapely.Geometry) -> dict[str, Any]:
-    """Return what a shape is, however its rings begin and its parts are sorted."""
-    corners = shapely.get_coordinates(found)
+    """Return what a shape is; how many corners a union has is a matter of rounding."""
     parts = shapely.get_parts(found)
     return {
         "kind": found.geom_type,
@@ -58,7 +57,6 @@ def _of_shape(found: shapely.Geometry) -> dict[str, Any]:
         "length": found.length,
         "bounds": found.bounds,
         "centroid": shapely.get_coordinates(found.centroid).ravel(),
-        "corners": len(corners),
     }
 
 
@@ -81,15 +79,14 @@ def differences(
         rel, small: Relative and absolute tolerance of numbers; words must be equal.
     """
     lines = []
-    for name in dict.fromkeys([*known, *found]):
+    for name in {**known, **found}:
         was, now = known.get(name), found.get(name)
-        same = was is not None and now is not None
-        if same and isinstance(now, str):
+        if was is None or now is None:
+            same = False
+        elif isinstance(now, str):
             same = was == now
-        elif same:
-            assert was is not None
-            assert now is not None
-            same = bool(np.isclose(float(now), _number(was), rel, small, equal_nan=True))
+        else:
+            same = bool(np.isclose(now, _number(was), rel, small, equal_nan=True))
         if not same:
             lines.append(f"{name}: {was} -> {now}")
     return lines
@@ -111,14 +108,15 @@ def pin(name: str, found: Any, rel: float, small: float, *, write: bool) -> list
     """Return the differences of a result from its table, or write the table anew.
 
     Args:
-        name: Name of the table.
+        name: Name of the table; one in a folder has a slash.
         found: The result: numbers, words, arrays and shapes, in mappings and lists.
         rel, small: Tolerances, as of `differences`.
         write: Whether to write the table; its difference in git is what is reviewed.
     """
-    path, today = GOLDEN / f"{name}.csv", dict(quantities(found))
+    path, today = GOLDEN / f"{name.replace(' ', '_')}.csv", dict(quantities(found))
     if not write:
         return differences(table_of(path), today, rel, small)
+    path.parent.mkdir(exist_ok=True)
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = ((key, written(value)) for key, value in today.items())
         csv.writer(file, lineterminator="\n").writerows(rows)
