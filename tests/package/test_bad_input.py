@@ -57,7 +57,7 @@ class Scene:
 
     @cached_property
     def pattern(self) -> tf.meshes.Pattern:
-        return m.cylinder(self.comm, 0.04, 0.02, 7e-3)
+        return m.cylinder(self.comm, 0.04, 0.02, 7e-3, mesh="structured")
 
     @cached_property
     def skin(self) -> tf.meshes.Skin:

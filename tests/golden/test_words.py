@@ -1,0 +1,141 @@
+"""Words that a person types: commands, options and keys, each with what is said about it."""
+
+from __future__ import annotations
+
+import argparse
+import runpy
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import Any
+
+import pytest
+from helpers.scenes import ROOT
+from mpi4py import MPI
+
+from toros_fem.command_line.exit_codes import MEANING
+from toros_fem.command_line.scripts import option_help
+from toros_fem.commands.main import COMMANDS, run
+from toros_fem.scene_files.materials import FILE, TABLE, roles_of
+from toros_fem.scene_files.sections import sections_of
+from toros_fem.scenes.kinds import KINDS, Kind
+
+pytestmark = pytest.mark.one_rank
+
+DEMOS = sorted((ROOT / "demos").glob("*.py"))
+
+
+@pytest.fixture
+def parser_of(monkeypatch: pytest.MonkeyPatch) -> Callable[..., argparse.ArgumentParser]:
+    """Return the parser that a program reads its words with; it is stopped there."""
+    found: list[argparse.ArgumentParser] = []
+
+    def stop(parser: argparse.ArgumentParser, *_: Any, **__: Any) -> None:
+        found.append(parser)
+        raise SystemExit
+
+    def parser(program: Callable[..., object], *arguments: Any, **named: Any) -> Any:
+        with suppress(SystemExit):
+            program(*arguments, **named)
+        return found[-1]
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", stop)
+    return parser
+
+
+def plain(text: str | None) -> str:
+    """Return a text on one line."""
+    return " ".join((text or "").split())
+
+
+def options(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Action]]:
+    """Yield each option and argument of a parser by the word for it."""
+    for action in parser._actions:
+        if not isinstance(action, argparse._SubParsersAction | argparse._HelpAction):
+            yield ", ".join(action.option_strings) or str(action.metavar or action.dest), action
+
+
+def taken(action: argparse.Action) -> str:
+    """Return what an option takes, as far as its parser knows."""
+    parts = ["no value" if action.nargs == 0 else f"takes {action.metavar or action.dest}"]
+    if action.choices is not None:
+        parts.append("one of " + ", ".join(map(str, action.choices)))
+    if action.required:
+        parts.append("required")
+    if action.default not in (None, argparse.SUPPRESS):
+        parts.append(f"default {action.default}")
+    if isinstance(action, argparse._AppendAction):
+        parts.append("may be repeated")
+    return "; ".join(parts)
+
+
+def helps(name: str, parser: argparse.ArgumentParser) -> dict[str, str]:
+    """Return the help of each option of a program, by program and option."""
+    return {f"{name} {word}": plain(action.help) % vars(action) for word, action in options(parser)}
+
+
+def commands(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    """Return the parser of each command."""
+    (found,) = (a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
+    return dict(found.choices)
+
+
+def test_commands(parser_of: Callable[..., Any], pinned: Callable[..., None]) -> None:
+    """Each command with its options; the exit codes with their meaning."""
+    toros = parser_of(run, MPI.COMM_SELF, [])
+    found = {f"toros {word}": taken(action) for word, action in options(toros)}
+    for name, parser in commands(toros).items():
+        found |= {f"toros {name} {word}": taken(action) for word, action in options(parser)}
+    pinned("commands", {**found, **{f"exit code {code}": text for code, text in MEANING.items()}})
+
+
+def test_help_texts(parser_of: Callable[..., Any], pinned: Callable[..., None]) -> None:
+    """What `--help` says about each command and demo, and about each of its options."""
+    toros = parser_of(run, MPI.COMM_SELF, [])
+    found: dict[str, Any] = {"toros": plain(toros.description), **helps("toros", toros)}
+    for name, parser in commands(toros).items():
+        found[f"toros {name}"] = plain(parser.description)
+        found[f"toros {name}: examples"] = list(COMMANDS[name].examples)
+        found |= helps(f"toros {name}", parser)
+    for path in DEMOS:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "argv", [path.name])
+            parser = parser_of(runpy.run_path, str(path), run_name="__main__")
+        found[path.name] = plain(parser.description)
+        found |= helps(path.name, parser)
+    pinned("help_texts", found)
+
+
+def keys(kind: Kind) -> Iterator[tuple[str, str]]:
+    """Yield each key of a kind's scene files, and what is said about it."""
+    yield kind.name, kind.about
+    for name, text in kind.files.items():
+        example = kind.example_files.get(name)
+        yield f"{kind.name} [files] {name}", f"{text}; in a new file {example or 'none'}"
+    config, quick = kind.config, kind.coarse(kind.config)
+    roles = roles_of(config)
+    if roles:
+        yield f"{kind.name} [files] {FILE}", "a file of materials"
+    for role in roles:
+        yield f"{kind.name} [{TABLE}] {role}", "a material by name"
+    for section, names in sections_of(kind.name, config).items():
+        for name in names:
+            text = said(config, name)
+            for where, other in (("coarse", quick), ("in a new file", kind.example)):
+                if getattr(other, name) != getattr(config, name):
+                    text += f"; {where} {said(other, name).rpartition('default ')[2]}"
+            yield f"{kind.name} [{section}] {name}", text
+    for table, (of, meaning) in config.entries().items():
+        yield f"{kind.name} [{table}]", meaning
+        for name in of.kinds():
+            yield f"{kind.name} [{table}] {name}", said(of, name)
+
+
+def said(config: Any, name: str) -> str:
+    """Return type, meaning, unit, bounds and default of a key."""
+    return f"{config.kinds()[name][0].__name__}: {option_help(config, name).replace('%%', '%')}"
+
+
+def test_scene_keys(pinned: Callable[..., None]) -> None:
+    """Each table and key of a scene file: type, meaning, unit, bounds, default, quick variant."""
+    pinned("scene_keys", {key: text for kind in KINDS.values() for key, text in keys(kind)})
