@@ -17,13 +17,13 @@ from accuracy_sheets import (
     warped,
 )
 
-from toros_fem.equilibrium.solver import EquilibriumSolver
-from toros_fem.materials import CURVATURES, Bending, Composite
-from toros_fem.mechanics.supports import Supports, build_in, clamp, symmetry_plane
+from toros_fem.materials.sheet import CURVATURES, Bending, Composite
+from toros_fem.measures.metrics import bend_angle
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, rectangle, sew
 from toros_fem.meshes.refine import refine
 from toros_fem.meshes.sheet import one_panel
-from toros_fem.objectives.metrics import bend_angle
 
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]

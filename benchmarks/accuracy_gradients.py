@@ -15,19 +15,19 @@ from accuracy_case import Case, Measured, timed
 from accuracy_scenes import COMM, Floats, membrane
 from mpi4py import MPI
 
-from toros_fem.density.field import random_density
-from toros_fem.density.filters import Filter, make_filter
-from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.density.perimeter import Perimeter
-from toros_fem.density.projection import Projection
-from toros_fem.design.problem import Evaluation
-from toros_fem.design.shape_problem import ShapeProblem
-from toros_fem.equilibrium.options import NewtonOptions
-from toros_fem.equilibrium.solver import EquilibriumSolver
-from toros_fem.materials import CURVATURES, Bending, Composite
-from toros_fem.mechanics.supports import clamp
+from toros_fem.design.density.field import random_density
+from toros_fem.design.density.filters import Filter, make_filter
+from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.design.density.perimeter import Perimeter
+from toros_fem.design.density.projection import Projection
+from toros_fem.design.loop.problem import Evaluation
+from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.materials.sheet import CURVATURES, Bending, Composite
+from toros_fem.measures.shape import ShapeObjective
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin, bend, cylinder, sew
-from toros_fem.objectives.shape import ShapeObjective
 
 RADIUS, LENGTH = 0.01, 0.06  # m, of the tube
 FILTER = 8e-3  # m

@@ -36,9 +36,9 @@ from accuracy_tubes import (
 )
 from scipy.optimize import minimize_scalar
 
-from toros_fem.equilibrium.options import NewtonOptions
-from toros_fem.materials import Membrane
-from toros_fem.mechanics.supports import Supports
+from toros_fem.materials.sheet import Membrane
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Pattern
 from toros_fem.meshes.sheet import disc, rectangle
 

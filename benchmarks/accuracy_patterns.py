@@ -27,9 +27,9 @@ from accuracy_scenes import (
 from accuracy_tubes import RADIUS, half_tube
 from scipy.optimize import root_scalar
 
-from toros_fem.equilibrium.options import NewtonOptions
-from toros_fem.materials import Composite
-from toros_fem.mechanics.supports import Supports, clamp
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Pattern
 from toros_fem.meshes.pattern import Panel
 from toros_fem.meshes.sheet import circle, rectangle, ringed_disc

@@ -12,10 +12,10 @@ import numpy.typing as npt
 from accuracy_case import Case, Measured, timed
 from mpi4py import MPI
 
-from toros_fem.equilibrium.options import NewtonOptions
-from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
-from toros_fem.materials import Composite, Material
-from toros_fem.mechanics.supports import Supports, symmetry_plane
+from toros_fem.materials.sheet import Composite, Material
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Pattern, sew
 
 Floats = npt.NDArray[np.float64]

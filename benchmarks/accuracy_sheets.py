@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 from accuracy_scenes import COMM
 
-from toros_fem.equilibrium.options import NewtonOptions
-from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
-from toros_fem.materials import Bending, Composite, Material
-from toros_fem.mechanics.supports import Supports
+from toros_fem.materials.sheet import Bending, Composite, Material
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Pattern, Skin, rectangle, sew
 from toros_fem.meshes.sheet import one_panel
 

@@ -17,10 +17,10 @@ from accuracy_sheets import line_force
 from membrane_under_ball import BALL
 from scipy.optimize import brentq
 
-from toros_fem.contact import Contact, Ground, RigidBody, rigid_sphere
-from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
-from toros_fem.materials import Bending, Composite
-from toros_fem.mechanics.supports import Supports, symmetry_plane
+from toros_fem.materials.sheet import Bending, Composite
+from toros_fem.mechanics.contact import Contact, Ground, RigidBody, rigid_sphere
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Pattern, rectangle, sew
 
 # Pressure and height of the plate above the border, of the membrane blown against it.

@@ -20,10 +20,10 @@ from accuracy_scenes import (
 )
 from scipy.optimize import brentq
 
-from toros_fem.materials import Composite
-from toros_fem.mechanics.load_case import LoadCase
-from toros_fem.mechanics.model import SkinModel
-from toros_fem.mechanics.supports import Supports
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Pattern, cylinder, sew
 
 RADIUS = 0.01  # m, of the tables' tubes

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem._validate import require_count
+from toros_fem.base.validation import require_count
 
 
 def parser_of(about: str | None, page: Path) -> argparse.ArgumentParser:

@@ -26,12 +26,14 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from demo_runs import DEMOS, without_curve
 
-from toros_fem._validate import require_count
-from toros_fem.actuators.run import ActuatorResult, design_actuator
-from toros_fem.errors import NoEquilibriumError
-from toros_fem.fabrication import panel_outline, printed_cells
-from toros_fem.fabrication.thickness import pieces_and_holes
-from toros_fem.scenes import bend, bend_twist, contract, gripper, twist, walker
+from toros_fem.base.errors import NoEquilibriumError
+from toros_fem.base.validation import require_count
+from toros_fem.making.print import panel_outline, printed_cells
+from toros_fem.making.print.thickness import pieces_and_holes
+from toros_fem.products.actuators.run import ActuatorResult, design_actuator
+from toros_fem.products.gripper import gripper
+from toros_fem.products.tubes import bend, bend_twist, contract, twist
+from toros_fem.products.walker import walker
 
 FILE = Path(__file__).parent / "clean_prints.json"
 CASES = {

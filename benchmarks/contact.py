@@ -34,22 +34,27 @@ from random_scenes import logarithmic
 from shared_rows import complete, deadline
 from stability_scenes import Floats
 
-from toros_fem._validate import require_count
-from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.config import ActuatorConfig
-from toros_fem.actuators.problem import actuator_problem
-from toros_fem.contact import Contact, Ground, RigidBody, rigid_sphere
-from toros_fem.contact.motion import placed
-from toros_fem.design.loop import optimize
-from toros_fem.design.options import DesignOptions, Stage
-from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
-from toros_fem.errors import TorosError
-from toros_fem.materials import Composite
-from toros_fem.mechanics.supports import Supports, clamp, pin, symmetry_plane
+from toros_fem.base.errors import TorosError
+from toros_fem.base.validation import require_count
+from toros_fem.design.loop.loop import optimize
+from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.contact import Contact, Ground, RigidBody, rigid_sphere
+from toros_fem.mechanics.contact.motion import placed
+from toros_fem.mechanics.equilibrium.solver import (
+    EquilibriumError,
+    EquilibriumResult,
+    EquilibriumSolver,
+)
+from toros_fem.mechanics.skin.supports import Supports, clamp, pin, symmetry_plane
 from toros_fem.meshes import Pattern, cylinder, finger, sew
 from toros_fem.meshes.outline import two_panels
 from toros_fem.meshes.sheet import one_panel
-from toros_fem.scenes import gripper, walker
+from toros_fem.products.actuators.case import ActuatorCase
+from toros_fem.products.actuators.config import ActuatorConfig
+from toros_fem.products.actuators.problem import actuator_problem
+from toros_fem.products.gripper import gripper
+from toros_fem.products.walker import walker
 
 PAGE = Path(__file__).parent.parent / "docs" / "contact.md"
 MARKS = ("<!-- cost of contact -->", "<!-- end of the cost of contact -->")

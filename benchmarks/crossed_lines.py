@@ -37,13 +37,13 @@ from scipy.optimize import brentq, least_squares, minimize
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from toros_fem.forms.lines import fabric_factor
-from toros_fem.materials import Composite
-from toros_fem.mechanics.periodicity import ALL_PRESCRIBED, Periodic
-from toros_fem.mechanics.relaxed_model import CROSSING, crossing_of_widths
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED, Periodic
+from toros_fem.mechanics.skin.relaxed_model import CROSSING, crossing_of_widths
 from toros_fem.meshes import sew, tile
 from toros_fem.meshes.tile import Tile
-from toros_fem.tiles.solver import TileSolver
-from toros_fem.tiles.stiffness_profile import ProfileSolver, effective_tensor
+from toros_fem.products.tiles.solver import TileSolver
+from toros_fem.products.tiles.stiffness_profile import ProfileSolver, effective_tensor
 
 Floats = npt.NDArray[np.float64]
 

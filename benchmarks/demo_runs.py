@@ -10,9 +10,11 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from toros_fem.actuators.tube import coarse_tube
-from toros_fem.config import Config
-from toros_fem.scenes import bend, bend_twist, contract, gripper, inflate, twist, walker
+from toros_fem.base.config import Config
+from toros_fem.products.gripper import gripper
+from toros_fem.products.tubes import bend, bend_twist, contract, inflate, twist
+from toros_fem.products.tubes.tube import coarse_tube
+from toros_fem.products.walker import walker
 
 ROOT = Path(__file__).parent.parent
 

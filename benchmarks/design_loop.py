@@ -114,9 +114,9 @@ def design(scene: str, way: str, changes: Mapping[str, Any]) -> dict[str, Any]:
     from demo_runs import DEMOS, without_curve
     from mpi4py import MPI
 
-    from toros_fem.actuators.run import design_actuator
-    from toros_fem.design.options import Iteration
-    from toros_fem.output.reporter import DesignReporter
+    from toros_fem.design.loop.options import Iteration
+    from toros_fem.products.actuators.run import design_actuator
+    from toros_fem.results.reporter import DesignReporter
 
     comm = MPI.COMM_WORLD
     demo = DEMOS[scene]

@@ -367,7 +367,7 @@ def work(task: Task, file: Path) -> int:
     """Run one design and write its row on the first rank; return the exit code."""
     from mpi4py import MPI
 
-    from toros_fem.errors import TorosError
+    from toros_fem.base.errors import TorosError
 
     try:
         row = design(task)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from toros_fem._types import Bools
-from toros_fem._validate import require_count, require_positive
+from toros_fem.base.array_types import Bools
+from toros_fem.base.validation import require_count, require_positive
 from toros_fem.meshes import Pattern
 from toros_fem.meshes.cylinder import WALL
 

@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from demo_runs import DEMOS, ROOT, Demo, value_of, without_curve
 
-from toros_fem.config import Config
+from toros_fem.base.config import Config
 
 FOLDER = ROOT / "demos" / "expected"
 SHORT = {

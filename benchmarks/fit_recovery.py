@@ -21,8 +21,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.signal import lfilter
 
-from toros_fem.characterisation import FitOptions, TensileTest, fit_material, uniaxial_curve
-from toros_fem.materials import Material
+from toros_fem.materials.sheet import Material
+from toros_fem.products.fitting import FitOptions, TensileTest, fit_material, uniaxial_curve
 
 Floats = npt.NDArray[np.float64]
 SHEET, C1, C2, RATIO = Material(0.1e6, 0.3, 0.5e-3), 1.9, 2.2, 2.5

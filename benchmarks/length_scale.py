@@ -30,13 +30,13 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._types import Bools, Floats
-from toros_fem.density.bar_width import unfiltered_width
-from toros_fem.density.filters import Filter, make_filter
-from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.density.neighbours import mean_edge
-from toros_fem.density.perimeter import Perimeter
-from toros_fem.density.projection import Projection
+from toros_fem.base.array_types import Bools, Floats
+from toros_fem.design.density.bar_width import unfiltered_width
+from toros_fem.design.density.filters import Filter, make_filter
+from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.design.density.neighbours import mean_edge
+from toros_fem.design.density.perimeter import Perimeter
+from toros_fem.design.density.projection import Projection
 from toros_fem.meshes import Skin, cylinder, sew, tile
 
 FRACTIONS = (0.7, 0.85, 1.15, 2.5)

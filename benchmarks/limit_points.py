@@ -31,10 +31,10 @@ from limit_points_scenes import (
     unbounded_tube,
 )
 
-from toros_fem.analysis.arc_length import ArcLengthOptions
-from toros_fem.analysis.limit_points import limit_points
-from toros_fem.analysis.trace import trace
-from toros_fem.analysis.trace_point import TracePoint
+from toros_fem.mechanics.paths.arc_length import ArcLengthOptions
+from toros_fem.mechanics.paths.limit_points import limit_points
+from toros_fem.mechanics.paths.trace import trace
+from toros_fem.mechanics.paths.trace_point import TracePoint
 
 Row = dict[str, Any]
 ROOF = "sze38_hinged_roof"

@@ -11,9 +11,9 @@ from accuracy_sheets import elastic
 from accuracy_tubes import RADIUS, half_tube
 from scipy.optimize import brentq
 
-from toros_fem.equilibrium.solver import EquilibriumSolver
-from toros_fem.materials import Bending, Composite, Material
-from toros_fem.mechanics.supports import Supports, clamp, symmetry_plane
+from toros_fem.materials.sheet import Bending, Composite, Material
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
 from toros_fem.meshes import Pattern, rectangle, sew
 from toros_fem.meshes.pattern import Panel
 

@@ -31,7 +31,7 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from toros_fem.mma.optimizer import MMA
+from toros_fem.design.mma.optimizer import MMA
 
 SMALL, SIZES, CONSTRAINTS = 2_000, (10_000, 100_000, 500_000), (1, 2, 5)
 OURS, WARM = "toros_fem", 2

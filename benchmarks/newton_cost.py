@@ -46,7 +46,7 @@ QUICK_SCENES = ("no bending", "neither")
 
 
 def _composite(bending: bool) -> Any:
-    from toros_fem.materials import Bending, Composite
+    from toros_fem.materials.sheet import Bending, Composite
 
     return Composite(bending=Bending() if bending else None)
 
@@ -56,10 +56,10 @@ def measure(triangles: int, bending: bool, rounds: int) -> dict[str, Any]:
     from mpi4py import MPI
     from petsc4py import PETSc
 
-    from toros_fem.equilibrium.linear_solver import TangentFactor
-    from toros_fem.equilibrium.solver import EquilibriumSolver
-    from toros_fem.mechanics.supports import clamp
-    from toros_fem.mechanics.tangent import UpperTangent
+    from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
+    from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+    from toros_fem.mechanics.skin.supports import clamp
+    from toros_fem.mechanics.skin.tangent import UpperTangent
     from toros_fem.meshes import cylinder, sew
 
     comm = MPI.COMM_WORLD
@@ -167,8 +167,8 @@ def compiled(scene: str) -> dict[str, Any]:
     """Build and solve a small scene with an empty cache of compiled forms."""
     from mpi4py import MPI
 
-    from toros_fem.equilibrium.solver import EquilibriumSolver
-    from toros_fem.mechanics.supports import clamp
+    from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+    from toros_fem.mechanics.skin.supports import clamp
     from toros_fem.meshes import cylinder, sew
 
     begin = time.perf_counter()

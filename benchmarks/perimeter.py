@@ -34,22 +34,23 @@ from shapely.geometry.base import BaseGeometry
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
 from demos import three_field
-from toros_fem._mpi import free_dropped
-from toros_fem._types import Floats
-from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.problem import actuator_problem
-from toros_fem.actuators.tube import coarse_tube
-from toros_fem.density.perimeter import Perimeter, edge_factor
-from toros_fem.density.projection import Projection
-from toros_fem.design import Stage, optimize
-from toros_fem.design.loop import DesignResult
-from toros_fem.design.shape_design import ShapeDesign
-from toros_fem.errors import NoEquilibriumError
-from toros_fem.fabrication.as_printed import as_printed
-from toros_fem.fabrication.cleaning import CleanedRegions
-from toros_fem.fabrication.printability import PrintLimits
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import NoEquilibriumError
+from toros_fem.base.mpi import free_dropped
+from toros_fem.design.density.perimeter import Perimeter, edge_factor
+from toros_fem.design.density.projection import Projection
+from toros_fem.design.loop import Stage, optimize
+from toros_fem.design.loop.loop import DesignResult
+from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.making.as_printed.as_printed import as_printed
+from toros_fem.making.print.cleaning import CleanedRegions
+from toros_fem.making.print.printability import PrintLimits
 from toros_fem.meshes import Pattern
-from toros_fem.scenes import bend, walker
+from toros_fem.products.actuators.case import ActuatorCase
+from toros_fem.products.actuators.problem import actuator_problem
+from toros_fem.products.tubes import bend
+from toros_fem.products.tubes.tube import coarse_tube
+from toros_fem.products.walker import walker
 
 PAGE = Path(__file__).parent.parent / "docs" / "optimisation.md"
 # The tables stand between these lines of the page.

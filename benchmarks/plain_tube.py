@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.actuators.tube import TubeConfig
-from toros_fem.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.supports import clamp
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import cylinder, sew
+from toros_fem.products.tubes.tube import TubeConfig
 
 PRESSURES = (0.5e3, 1e3, 2e3, 3e3, 4e3, 5e3, 7e3, 10e3, 15e3, 20e3, 30e3)
 

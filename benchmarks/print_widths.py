@@ -24,17 +24,17 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem import ShapeDesign, ToleranceConfig
-from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.problem import actuator_problem
-from toros_fem.actuators.tube import coarse_tube
-from toros_fem.fabrication.print_file import StoredPrint, read_print_polygons
-from toros_fem.fabrication.printability import printed_cells
-from toros_fem.fabrication.regions import part_regions, regions_on
+from toros_fem.making.print.print_file import StoredPrint, read_print_polygons
+from toros_fem.making.print.printability import printed_cells
+from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.meshes import Pattern, mirrored
 from toros_fem.meshes.topology import edges_of
-from toros_fem.scenes import bend
-from toros_fem.tolerance.simulated import Drawn, simulated_tolerances
-from toros_fem.tolerance.worn import offset_print
+from toros_fem.products.actuators.case import ActuatorCase
+from toros_fem.products.actuators.problem import actuator_problem
+from toros_fem.products.tolerance.simulated import Drawn, simulated_tolerances
+from toros_fem.products.tolerance.worn import offset_print
+from toros_fem.products.tubes import bend
+from toros_fem.products.tubes.tube import coarse_tube
 
 COMM = MPI.COMM_SELF
 WIDTHS = (-2e-4, -1e-4, 1e-4, 2e-4)

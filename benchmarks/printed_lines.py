@@ -26,14 +26,14 @@ import shapely
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.actuators.tube import TubeConfig, plain_tube
-from toros_fem.equilibrium.feasible_start import relaxed_into_bounds
-from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
-from toros_fem.fabrication.printability import printed_cells
+from toros_fem.making.print.printability import printed_cells
+from toros_fem.measures.metrics import shortening, twist_angle
+from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.mechanics.skin.feasible_start import relaxed_into_bounds
 from toros_fem.meshes import Pattern, mirrored, sew
 from toros_fem.meshes.snap import snapped
 from toros_fem.meshes.transfer import make_transfer
-from toros_fem.objectives.metrics import shortening, twist_angle
+from toros_fem.products.tubes.tube import TubeConfig, plain_tube
 
 Floats = npt.NDArray[np.float64]
 Row = dict[str, Any]

@@ -30,14 +30,14 @@ from stability_judge import Judge
 from stability_oracle import search_equilibrium
 from stability_scenes import Floats, triangle_panels
 
-from toros_fem._validate import require_count
-from toros_fem.equilibrium.options import NewtonOptions
-from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
-from toros_fem.errors import TorosError
-from toros_fem.materials import Bending, Bladder, Composite, Knit, Material
-from toros_fem.mechanics.chambers import Chambers
-from toros_fem.mechanics.load_case import LoadCase
-from toros_fem.mechanics.supports import Supports, pin
+from toros_fem.base.errors import TorosError
+from toros_fem.base.validation import require_count
+from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.mechanics.skin.chambers import Chambers
+from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.supports import Supports, pin
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 from toros_fem.meshes.outline import two_panels
 from toros_fem.meshes.planar import region_mesh

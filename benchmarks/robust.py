@@ -35,17 +35,17 @@ from page_tables import replaced
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from toros_fem.actuators.problem import actuator_problem
-from toros_fem.actuators.run import design_actuator
-from toros_fem.actuators.tube import coarse_tube
-from toros_fem.design.robust import SPREAD_WEIGHT
-from toros_fem.fabrication.contours import panel_outline
-from toros_fem.fabrication.print_file import read_print_polygons
-from toros_fem.fabrication.regions import part_regions, regions_on
+from toros_fem.design.loop.robust import SPREAD_WEIGHT
+from toros_fem.making.print.contours import panel_outline
+from toros_fem.making.print.print_file import read_print_polygons
+from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.meshes import mirrored
-from toros_fem.scenes.bend import BendConfig, case
-from toros_fem.tolerance.settings import ToleranceConfig
-from toros_fem.tolerance.simulated import Drawn, simulated_tolerances
+from toros_fem.products.actuators.problem import actuator_problem
+from toros_fem.products.actuators.run import design_actuator
+from toros_fem.products.tolerance.settings import ToleranceConfig
+from toros_fem.products.tolerance.simulated import Drawn, simulated_tolerances
+from toros_fem.products.tubes.bend import BendConfig, case
+from toros_fem.products.tubes.tube import coarse_tube
 
 PAGE = Path(__file__).parent.parent / "docs" / "optimisation.md"
 BEGIN, END = "<!-- table of benchmarks/robust.py -->", "<!-- end of the table -->"

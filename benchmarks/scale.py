@@ -77,7 +77,7 @@ def peak() -> float:
 
 def edge_for(triangles: int) -> float:
     """Return the edge length in m at which the default tube has about so many triangles."""
-    from toros_fem.actuators.tube import TubeSizes
+    from toros_fem.products.tubes.tube import TubeSizes
 
     tube = TubeSizes()
     area = np.pi * tube.diameter * (tube.length + tube.diameter / 2)
@@ -86,7 +86,7 @@ def edge_for(triangles: int) -> float:
 
 def _config(edge: float) -> Any:
     """Return the configuration of the tube with edges of this length in m."""
-    from toros_fem.actuators.tube import TubeConfig
+    from toros_fem.products.tubes.tube import TubeConfig
 
     radius = REACH * edge
     return TubeConfig().updated(
@@ -98,9 +98,9 @@ def measure(triangles: int) -> dict[str, Any]:
     """Measure one size in this process."""
     from mpi4py import MPI
 
-    from toros_fem.actuators.problem import actuator_problem
-    from toros_fem.actuators.tube import bend_metric, tube_case
     from toros_fem.meshes import bend
+    from toros_fem.products.actuators.problem import actuator_problem
+    from toros_fem.products.tubes.tube import bend_metric, tube_case
 
     comm, config = MPI.COMM_SELF, _config(edge_for(triangles))
     row: dict[str, Any] = {}
@@ -132,9 +132,9 @@ def _warm_up() -> None:
     """Import and compile everything on a tiny tube: neither grows with the mesh."""
     from mpi4py import MPI
 
-    from toros_fem.actuators.problem import actuator_problem
-    from toros_fem.actuators.tube import bend_metric, tube_case
     from toros_fem.meshes import bend
+    from toros_fem.products.actuators.problem import actuator_problem
+    from toros_fem.products.tubes.tube import bend_metric, tube_case
 
     comm, config = MPI.COMM_SELF, _config(6e-3)
     case = tube_case(comm, config, bend(np.pi, config.length), [bend_metric(180.0)])
@@ -147,10 +147,10 @@ def _design_step(problem: Any, config: Any) -> dict[str, float]:
     """Return the seconds of each phase, the fastest of some rounds."""
     from petsc4py import PETSc
 
-    from toros_fem.design.options import DesignOptions
-    from toros_fem.design.variables import Variables
-    from toros_fem.mechanics.load_case import LoadCase
-    from toros_fem.mma.optimizer import MMA
+    from toros_fem.design.loop.options import DesignOptions
+    from toros_fem.design.loop.variables import Variables
+    from toros_fem.design.mma.optimizer import MMA
+    from toros_fem.mechanics.skin.load_case import LoadCase
 
     model, filter, limits = problem.solver.model, problem.filter, problem.length_scale
     density = problem.with_passive(problem.start_density(0))
@@ -227,14 +227,14 @@ def _end(problem: Any, case: Any, config: Any) -> dict[str, float]:
     """Return the seconds from a design to its files; lines twice as wide as R, crossing."""
     from drawn_lines import helices
 
-    from toros_fem.fabrication.as_printed import contour_values
-    from toros_fem.fabrication.cleaning import clean
-    from toros_fem.fabrication.contours import printed_regions
-    from toros_fem.fabrication.printability import printability, printed_cells
-    from toros_fem.fabrication.svg import write_svg
-    from toros_fem.output.files import write_fields
-    from toros_fem.output.pattern_plot import plot_pattern, plot_printability
-    from toros_fem.output.shape_plot import plot_shape
+    from toros_fem.making.as_printed.as_printed import contour_values
+    from toros_fem.making.panels.svg import write_svg
+    from toros_fem.making.print.cleaning import clean
+    from toros_fem.making.print.contours import printed_regions
+    from toros_fem.making.print.printability import printability, printed_cells
+    from toros_fem.results.files import write_fields
+    from toros_fem.results.pictures.pattern_plot import plot_pattern, plot_printability
+    from toros_fem.results.pictures.shape_plot import plot_shape
 
     pattern, radius = case.pattern, config.filter_radius
     count = max(2, round(np.pi * config.diameter / (8 * radius)))

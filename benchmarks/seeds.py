@@ -21,9 +21,9 @@ from mpi4py import MPI
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from toros_fem._validate import require_count
-from toros_fem.actuators.tube import coarse_tube
-from toros_fem.scenes import bend
+from toros_fem.base.validation import require_count
+from toros_fem.products.tubes import bend
+from toros_fem.products.tubes.tube import coarse_tube
 
 COLUMNS = {
     "angle_deg": "printed/deg",

@@ -29,12 +29,16 @@ from stability_oracle import search_equilibrium
 from stability_report import Case, CaseResult, Report, Request, Row
 from stability_scenes import BUILDERS, DESIGNS, Floats, Scene, build, loads_of, neighbour
 
-from toros_fem._validate import require_count
-from toros_fem.contact import Contact
-from toros_fem.equilibrium.options import NewtonOptions
-from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumResult, EquilibriumSolver
-from toros_fem.errors import TorosError
-from toros_fem.mechanics.load_case import LoadCase
+from toros_fem.base.errors import TorosError
+from toros_fem.base.validation import require_count
+from toros_fem.mechanics.contact import Contact
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.solver import (
+    EquilibriumError,
+    EquilibriumResult,
+    EquilibriumSolver,
+)
+from toros_fem.mechanics.skin.load_case import LoadCase
 
 CONTRASTS = (15.0, 300.0, 1e4)
 STARTS = ("cold", "continuation", "warm", "up_down")

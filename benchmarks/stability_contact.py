@@ -23,7 +23,7 @@ from shared_rows import complete
 from stability import LONGEST, PAGE, Stage, attempt
 from stability_report import Case
 
-from toros_fem.contact import Contact
+from toros_fem.mechanics.contact import Contact
 
 FOUND = Path(__file__).parent / "stability.json"
 MARKS = ("<!-- with contact -->", "<!-- end of with contact -->")

@@ -14,10 +14,10 @@ from scipy.linalg import LinAlgError, cholesky, eigvalsh
 from scipy.sparse import csr_array, triu
 from stability_scenes import Floats
 
-from toros_fem.materials import Composite
-from toros_fem.mechanics.load_case import LoadCase
-from toros_fem.mechanics.model import SkinModel
-from toros_fem.mechanics.tangent import UpperTangent
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.tangent import UpperTangent
 from toros_fem.meshes import Skin
 
 # Residual over the applied load that an equilibrium may have …

@@ -15,10 +15,10 @@ from scipy.linalg import eigh
 from stability_judge import Judge, scaled_tangent
 from stability_scenes import Floats
 
-from toros_fem.equilibrium.solver import EquilibriumSolver
-from toros_fem.errors import TorosError
-from toros_fem.mechanics.load_case import LoadCase
-from toros_fem.mechanics.model import SkinModel
+from toros_fem.base.errors import TorosError
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.model import SkinModel
 
 # Time in s after which neither one path of the solver nor the minimiser begins anything new.
 WAY, MINIMISER = 20.0, 60.0

@@ -18,7 +18,7 @@ from petsc4py import PETSc
 from stability_scenes import BUILDERS, DESIGNS, PRESSURES
 
 import toros_fem
-from toros_fem.materials import Bending
+from toros_fem.materials.sheet import Bending
 
 VERDICTS = ("converged", "error right", "failed", "wrong")
 MANY_STEPS = 60

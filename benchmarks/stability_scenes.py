@@ -14,9 +14,9 @@ import numpy.typing as npt
 from mpi4py import MPI
 from scipy.spatial import ConvexHull
 
-from toros_fem.materials import Composite, Material
-from toros_fem.mechanics import supports
-from toros_fem.mechanics.supports import Supports, clamp
+from toros_fem.materials.sheet import Composite, Material
+from toros_fem.mechanics.skin import supports
+from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Panel

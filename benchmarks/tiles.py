@@ -27,11 +27,11 @@ from mpi4py import MPI
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from toros_fem.materials import Composite
-from toros_fem.mechanics.periodicity import Periodic
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes import sew, tile
-from toros_fem.tiles.solver import TileSolver
-from toros_fem.tiles.stiffness_profile import ProfileSolver
+from toros_fem.products.tiles.solver import TileSolver
+from toros_fem.products.tiles.stiffness_profile import ProfileSolver
 
 Floats = npt.NDArray[np.float64]
 Inside = Callable[[Floats, Floats], npt.NDArray[np.bool_]]

@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize, root
 
-from toros_fem.actuators.tube import TubeConfig
+from toros_fem.products.tubes.tube import TubeConfig
 
 Array = npt.NDArray[Any]
 Energy = Callable[[Array, float], Any]

@@ -12,12 +12,12 @@ import numpy.typing as npt
 from drawn_lines import helices
 from mpi4py import MPI
 
-from toros_fem.actuators.tube import TubeConfig, plain_tube
-from toros_fem.analysis.trace import trace
-from toros_fem.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.measures.metrics import Metric, shortening, swelling, twist_angle
+from toros_fem.measures.rotation import best_rotation
+from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.mechanics.paths.trace import trace
 from toros_fem.meshes import Pattern, sew
-from toros_fem.objectives.metrics import Metric, shortening, swelling, twist_angle
-from toros_fem.objectives.rotation import best_rotation
+from toros_fem.products.tubes.tube import TubeConfig, plain_tube
 
 Floats = npt.NDArray[np.float64]
 Row = dict[str, Any]

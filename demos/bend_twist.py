@@ -12,10 +12,10 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.actuators.run import summary_sentence
-from toros_fem.actuators.tube import coarse_tube
-from toros_fem.command_line.scripts import run_from_command_line
-from toros_fem.scenes.bend_twist import BendTwistConfig, run
+from toros_fem.cli.command_line.scripts import run_from_command_line
+from toros_fem.products.actuators.run import summary_sentence
+from toros_fem.products.tubes.bend_twist import BendTwistConfig, run
+from toros_fem.products.tubes.tube import coarse_tube
 
 if __name__ == "__main__":
     sys.exit(

@@ -14,10 +14,10 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.actuators.run import summary_sentence
-from toros_fem.actuators.tube import coarse_tube
-from toros_fem.command_line.scripts import run_from_command_line
-from toros_fem.scenes.contract import ContractConfig, run
+from toros_fem.cli.command_line.scripts import run_from_command_line
+from toros_fem.products.actuators.run import summary_sentence
+from toros_fem.products.tubes.contract import ContractConfig, run
+from toros_fem.products.tubes.tube import coarse_tube
 
 if __name__ == "__main__":
     sys.exit(

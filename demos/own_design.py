@@ -22,10 +22,10 @@ import numpy as np
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.command_line.scripts import run_from_command_line
-from toros_fem.config import Config, quantity
-from toros_fem.runs import journal_of
-from toros_fem.scenes.body_axis import body_axis
+from toros_fem.base.config import Config, quantity
+from toros_fem.cli.command_line.scripts import run_from_command_line
+from toros_fem.measures.body_axis import body_axis
+from toros_fem.results.runs import journal_of
 
 FINGER = Path(__file__).parent / "surfaces" / "finger.stl"
 

@@ -25,14 +25,14 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.run import design_actuator
-from toros_fem.actuators.tube import TubeConfig, bend_metric, coarse_tube, tube_case
-from toros_fem.command_line.scripts import run_from_command_line
-from toros_fem.config import quantity
-from toros_fem.errors import ParameterError
+from toros_fem.base.config import quantity
+from toros_fem.base.errors import ParameterError
+from toros_fem.cli.command_line.scripts import run_from_command_line
 from toros_fem.meshes import bend
-from toros_fem.output.writer import write_comparison, write_pictures
+from toros_fem.products.actuators.case import ActuatorCase
+from toros_fem.products.actuators.run import design_actuator
+from toros_fem.products.tubes.tube import TubeConfig, bend_metric, coarse_tube, tube_case
+from toros_fem.results.writer import write_comparison, write_pictures
 
 # β of almost 0 makes the projection the identity.
 PLAIN = 1e-3
@@ -129,12 +129,12 @@ def run(
     write_comparison(comm, output, "three_field", content, pattern, "wall", prints)
 
     def draw_fields(path: Path) -> None:
-        from toros_fem.output.field_plot import plot_fields
+        from toros_fem.results.pictures.field_plot import plot_fields
 
         plot_fields(path, pattern, "wall", fields)
 
     def draw_pairs(path: Path) -> None:
-        from toros_fem.output.pattern_plot import plot_variants
+        from toros_fem.results.pictures.pattern_plot import plot_variants
 
         named = {name: (name, *rest) for name, *rest in prints}
         plot_variants(path, pattern, "wall", [named[name] for name in WITHOUT_AND_WITH])

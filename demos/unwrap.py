@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.command_line.scripts import run_from_command_line
-from toros_fem.commands.unwrap import UnwrapConfig, unwrap_sentence, unwrap_surface
+from toros_fem.cli.command_line.scripts import run_from_command_line
+from toros_fem.cli.commands.unwrap import UnwrapConfig, unwrap_sentence, unwrap_surface
 from toros_fem.meshes import Surface, read_surface
 
 

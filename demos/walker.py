@@ -16,8 +16,8 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.command_line.scripts import run_from_command_line
-from toros_fem.scenes.walker import WalkerConfig, coarse, run, sentence
+from toros_fem.cli.command_line.scripts import run_from_command_line
+from toros_fem.products.walker.walker import WalkerConfig, coarse, run, sentence
 
 if __name__ == "__main__":
     sys.exit(

@@ -12,7 +12,7 @@ from sphinx import addnodes
 from sphinx.domains.python import PyObject
 
 from toros_fem import __version__
-from toros_fem.config import Config
+from toros_fem.base.config import Config
 
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 

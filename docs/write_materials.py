@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from toros_fem.library import read_library
-from toros_fem.library.table import table_markdown
+from toros_fem.materials.library import read_library
+from toros_fem.materials.library.table import table_markdown
 
 PAGE = Path(__file__).parent / "materials.md"
 BEGIN = "<!-- tables of the library, by docs/write_materials.py; do not edit -->\n"

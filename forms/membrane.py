@@ -8,11 +8,7 @@ from typing import Any
 import ufl
 
 from toros_fem.forms.blocks import EdgePairs, Vector, cross, dot, minus, skew, times
-from toros_fem.forms.kinematics import (
-    deformation_gradient,
-    right_cauchy_green,
-    stretch_invariants,
-)
+from toros_fem.forms.kinematics import deformation_gradient, right_cauchy_green, stretch_invariants
 
 # Below this argument `log1p` is a series.
 SMALL = 1e-2
@@ -32,7 +28,7 @@ def barrier_membrane(
     against the bounds, since the logarithms round at 1: `barrier_value` does not.
 
     The logarithms' arguments turn positive again far outside the admissible stretches. So
-    admissibility is tested by the stretches (`toros_fem.mechanics.stretch_bounds`).
+    admissibility is tested by the stretches (`toros_fem.mechanics.skin.stretch_bounds`).
 
     Args:
         s, p: λ₁ + λ₂ and λ₁ λ₂, by `stretch_invariants`.

@@ -9,11 +9,7 @@ from typing import Any
 import ufl
 
 from toros_fem.forms.blocks import EdgePairs, Vector, cross, dot, minus, times
-from toros_fem.forms.kinematics import (
-    deformation_gradient,
-    right_cauchy_green,
-    stretch_invariants,
-)
+from toros_fem.forms.kinematics import deformation_gradient, right_cauchy_green, stretch_invariants
 from toros_fem.forms.membrane import barrier_membrane, barrier_value, log1p
 
 

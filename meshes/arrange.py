@@ -10,7 +10,7 @@ import shapely
 from shapely.affinity import affine_transform
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem._types import Floats
+from toros_fem.base.array_types import Floats
 from toros_fem.meshes.pattern import Pattern
 
 # Gap between panels as a fraction of the side of a square of their whole area.

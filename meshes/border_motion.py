@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem._types import Bools, Floats, Ints
-from toros_fem.errors import PatternError
+from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.errors import PatternError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.snap import MovingMesh, least_angles
 from toros_fem.meshes.topology import edges_of

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from toros_fem._types import Bools, Floats, Ints
-from toros_fem.errors import SurfaceError
+from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.errors import SurfaceError
 from toros_fem.meshes.cut import cones, cut_open, disc_cuts, euler
 from toros_fem.meshes.distortion import triangle_stretches
 from toros_fem.meshes.flatten import abf_angles, closure_error, conformal, unrolled

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, dijkstra, minimum_spanning_tree
 
-from toros_fem._types import Bools, Floats, Ints
+from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.meshes.topology import (
     Edges,
     angle_defects,

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem._types import Bools, Floats, Ints
+from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.meshes.pattern import Pattern
 
 Polygons: TypeAlias = npt.NDArray[np.object_]

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._mpi import on_first_rank, require_alike
-from toros_fem._types import Floats, Ints
-from toros_fem._validate import require_choice, require_positive, shown
-from toros_fem.errors import ParameterError
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.validation import require_choice, require_positive, shown
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Panel, Pattern
 from toros_fem.meshes.sheet import grid, ringed_disc, sector

@@ -8,10 +8,10 @@ import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from toros_fem._mpi import on_first_rank, require_alike
-from toros_fem._types import Floats, Ints
-from toros_fem._validate import checked_path, real_numbers, require_kind
-from toros_fem.errors import TargetError
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import TargetError
+from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.validation import checked_path, real_numbers, require_kind
 from toros_fem.meshes.mesh_file import load
 from toros_fem.meshes.pattern import Pattern
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toros_fem._types import Floats, Ints
+from toros_fem.base.array_types import Floats, Ints
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import corner_angles
 

@@ -7,8 +7,8 @@ from scipy.sparse import coo_array, csc_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order
 from scipy.sparse.linalg import splu
 
-from toros_fem._types import Floats, Ints
-from toros_fem.errors import SurfaceError
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import SurfaceError
 from toros_fem.meshes.topology import edges_of, half_edges, lengths
 
 ROUNDS = 500

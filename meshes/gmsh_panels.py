@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from toros_fem._types import Floats, Ints
+from toros_fem.base.array_types import Floats, Ints
 from toros_fem.meshes.topology import flat_areas
 from toros_fem.meshes.triangle_limit import require_affordable
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 
-from toros_fem._types import Bools, Floats
+from toros_fem.base.array_types import Bools, Floats
 from toros_fem.meshes.pattern import Pattern
 
 # Damping over the Laplacian's diagonal: without any fixed vertex the extension is zero.

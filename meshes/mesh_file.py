@@ -11,8 +11,8 @@ from typing import Any
 import meshio
 import numpy as np
 
-from toros_fem._types import Ints
-from toros_fem.errors import SurfaceError, TorosError
+from toros_fem.base.array_types import Ints
+from toros_fem.base.errors import SurfaceError, TorosError
 from toros_fem.meshes.time_limit import TimeLimitError, within
 
 # Some of meshio's readers look for the next line of a file that has ended, and never return. These

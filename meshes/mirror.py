@@ -8,9 +8,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from toros_fem._types import Bools, Floats, Ints
-from toros_fem._validate import checked_axes, require_kind
-from toros_fem.errors import ParameterError, PatternError
+from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.errors import ParameterError, PatternError
+from toros_fem.base.validation import checked_axes, require_kind
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import half_edges
 

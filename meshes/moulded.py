@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem._validate import checked_names, real_numbers, whole_numbers
-from toros_fem.errors import PatternError
+from toros_fem.base.errors import PatternError
+from toros_fem.base.validation import checked_names, real_numbers, whole_numbers
 from toros_fem.meshes.pattern import Pattern
 
 # Distance of neighbouring charts over the longest edge: they do not touch.

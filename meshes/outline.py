@@ -10,10 +10,10 @@ from mpi4py import MPI
 from scipy.sparse import coo_array
 from scipy.sparse.linalg import spsolve
 
-from toros_fem._mpi import on_first_rank, require_alike
-from toros_fem._types import Bools, Floats, Ints
-from toros_fem._validate import checked_axes, require_kind, shown
-from toros_fem.errors import OutlineError
+from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.errors import OutlineError
+from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.validation import checked_axes, require_kind, shown
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import Line, region_mesh
 

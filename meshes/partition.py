@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from toros_fem import _compat
-from toros_fem._types import Ints
+from toros_fem.base import compat
+from toros_fem.base.array_types import Ints
 from toros_fem.meshes.pattern import Pattern
 
 
@@ -52,7 +52,7 @@ def partitioner(pattern: Pattern) -> Any:
 
     def destinations(_comm: Any, ranks: int, _types: Any, cells: Any) -> Any:
         if len(cells[0]) == 0:
-            return _compat.adjacency(np.zeros(0, np.int32), np.zeros(1, np.int32))
+            return compat.adjacency(np.zeros(0, np.int32), np.zeros(1, np.int32))
         part = parts_of(pattern, ranks)
         one, two = pattern.edges.twins[pattern.edges.inner].T // 3
         both = np.concatenate([np.stack([one, two], axis=1), np.stack([two, one], axis=1)])
@@ -62,6 +62,6 @@ def partitioner(pattern: Pattern) -> Any:
         rows = np.concatenate([own, seen])
         rows = rows[np.argsort(rows[:, 0], kind="stable")]  # the owner comes first
         offsets = np.concatenate([[0], np.cumsum(np.bincount(rows[:, 0]))])
-        return _compat.adjacency(rows[:, 1].astype(np.int32), offsets.astype(np.int32))
+        return compat.adjacency(rows[:, 1].astype(np.int32), offsets.astype(np.int32))
 
     return destinations

@@ -9,16 +9,8 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from toros_fem._types import Bools, Floats, Ints
-from toros_fem._validate import (
-    checked_names,
-    is_number,
-    real_numbers,
-    require_flag,
-    shown,
-    whole_numbers,
-)
-from toros_fem.errors import (
+from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.errors import (
     DegenerateTriangleError,
     ManifoldError,
     OpenSkinError,
@@ -26,6 +18,14 @@ from toros_fem.errors import (
     PanelError,
     PatternError,
     SeamError,
+)
+from toros_fem.base.validation import (
+    checked_names,
+    is_number,
+    real_numbers,
+    require_flag,
+    shown,
+    whole_numbers,
 )
 from toros_fem.meshes.topology import (
     Edges,

@@ -11,10 +11,10 @@ from zipfile import BadZipFile
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._mpi import on_first_rank, require_alike
-from toros_fem._types import Bools
-from toros_fem._validate import checked_path, require_kind, shown
-from toros_fem.errors import PatternFileError, TorosError
+from toros_fem.base.array_types import Bools
+from toros_fem.base.errors import PatternFileError, TorosError
+from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.validation import checked_path, require_kind, shown
 from toros_fem.meshes.pattern import Pattern
 
 NAME = "pattern.npz"

@@ -11,9 +11,9 @@ import shapely
 from scipy.spatial import cKDTree
 from shapely.geometry import LineString, Polygon, box
 
-from toros_fem._types import Bools, Floats, Ints
-from toros_fem._validate import is_number, real_numbers, require_between, shown
-from toros_fem.errors import OutlineError
+from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.errors import OutlineError
+from toros_fem.base.validation import is_number, real_numbers, require_between, shown
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.topology import coincident, edges_of, half_edges
 from toros_fem.meshes.triangle_limit import require_affordable

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from toros_fem._types import Floats, Ints
+from toros_fem.base.array_types import Floats, Ints
 from toros_fem.meshes.surface import Repairs
 from toros_fem.meshes.topology import coincident, edge_keys, edges_of, normals, shapes
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._types import Floats
-from toros_fem._validate import require_count, require_finite, require_kind, require_positive
-from toros_fem.errors import OutlineError
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import OutlineError
+from toros_fem.base.validation import require_count, require_finite, require_kind, require_positive
 from toros_fem.meshes.outline import two_panels
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import Line, arc, rounded

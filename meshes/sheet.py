@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._mpi import on_first_rank, require_alike
-from toros_fem._types import Floats, Ints
-from toros_fem._validate import require_callable, require_choice, require_positive
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.validation import require_callable, require_choice, require_positive
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.triangle_limit import require_affordable

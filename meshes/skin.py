@@ -12,11 +12,11 @@ import ufl
 from dolfinx import cpp, fem, mesh
 from mpi4py import MPI
 
-from toros_fem import _compat
-from toros_fem._mpi import gather_by_index, require_alike, warn_together
-from toros_fem._types import Floats, Ints
-from toros_fem._validate import require_kind
-from toros_fem.errors import PatternError, UnitWarning
+from toros_fem.base import compat
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import PatternError, UnitWarning
+from toros_fem.base.mpi import gather_by_index, require_alike, warn_together
+from toros_fem.base.validation import require_kind
 from toros_fem.meshes.partition import partitioner
 from toros_fem.meshes.pattern import Pattern
 
@@ -112,7 +112,7 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
     )
     topology = embedded.topology
     original = np.asarray(topology.original_cell_index, dtype=np.int64)
-    nodes = _compat.geometry_dofmap(embedded.geometry)
+    nodes = compat.geometry_dofmap(embedded.geometry)
     corner = np.asarray(embedded.geometry.input_global_indices, dtype=np.int64)[nodes]
     # A second geometry on it puts each corner at its place on the flat panel.
     place = np.argmax(triangles[original][:, None, :] == corner[:, :, None], axis=2)
@@ -122,7 +122,7 @@ def sew(comm: MPI.Comm, pattern: Pattern) -> Skin:
     geometry = cpp.mesh.Geometry_float64(
         concatenated_index_map(comm, [(cells, 3)])[0],
         np.arange(3 * count, dtype=np.int32).reshape(count, 3),
-        _compat.coordinate_map(embedded.geometry),
+        compat.coordinate_map(embedded.geometry),
         np.ascontiguousarray(flat.reshape(-1, 2)),
         (3 * original[:, None] + np.arange(3)).ravel(),
     )
@@ -169,7 +169,7 @@ def concatenated_index_map(
         there = count + np.arange(entry.size)
         numbers.append(np.concatenate([here, there]).astype(np.int32))
         before, count = before + int(owned[p]), count + entry.size
-    concatenated = _compat.index_map(
+    concatenated = compat.index_map(
         comm,
         int(owned.sum()),
         np.concatenate(ghosts).astype(np.int64),

@@ -13,9 +13,9 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem._mpi import on_first_rank
-from toros_fem._types import Bools, Floats, Ints
-from toros_fem.errors import PanelError
+from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.errors import PanelError
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import edges_of, normals
 

@@ -6,14 +6,14 @@ from dataclasses import astuple, dataclass, field
 
 import numpy as np
 
-from toros_fem._types import Floats, Ints
-from toros_fem._validate import checked_names, real_numbers, whole_numbers
-from toros_fem.errors import (
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import (
     DegenerateTriangleError,
     ManifoldError,
     OrientationError,
     SurfaceError,
 )
+from toros_fem.base.validation import checked_names, real_numbers, whole_numbers
 from toros_fem.meshes.topology import (
     clashing,
     connected_regions,

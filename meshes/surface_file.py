@@ -8,15 +8,10 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem._mpi import on_first_rank, require_alike
-from toros_fem._types import Floats, Ints
-from toros_fem._validate import (
-    checked_path,
-    real_numbers,
-    require_count,
-    require_positive,
-)
-from toros_fem.errors import SurfaceError, UnitError
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import SurfaceError, UnitError
+from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.validation import checked_path, real_numbers, require_count, require_positive
 from toros_fem.meshes.mesh_file import load, obj_lines
 from toros_fem.meshes.repair import remove_thin, weld
 from toros_fem.meshes.surface import Repairs, Surface, check_edges, oriented, volume

@@ -7,14 +7,14 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
-from toros_fem._types import Floats
-from toros_fem._validate import (
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.validation import (
     checked_floats,
     require_callable,
     require_finite,
     require_positive,
 )
-from toros_fem.errors import ParameterError
 
 # Map from positions, (n, 3) in m, to positions.
 Deformer = Callable[[Floats], Floats]

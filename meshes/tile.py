@@ -8,16 +8,16 @@ import numpy as np
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from toros_fem._mpi import on_first_rank, require_alike
-from toros_fem._types import Floats, Ints
-from toros_fem._validate import (
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import ParameterError, PatternError
+from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.validation import (
     checked_floats,
     real_numbers,
     require_choice,
     require_count,
     require_positive,
 )
-from toros_fem.errors import ParameterError, PatternError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.planar import glued
 from toros_fem.meshes.sheet import grid, one_panel

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from toros_fem._types import Floats, Ints
-from toros_fem._validate import require_choice
-from toros_fem.errors import ParameterError
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.validation import require_choice
 from toros_fem.meshes.gmsh_panels import polygon_meshes
 from toros_fem.meshes.planar import without_bridges
 

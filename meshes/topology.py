@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from toros_fem._types import Bools, Floats, Ints
+from toros_fem.base.array_types import Bools, Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)

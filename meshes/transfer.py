@@ -9,8 +9,8 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from toros_fem._types import Floats, Ints
-from toros_fem.errors import PanelError, PatternError
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import PanelError, PatternError
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.topology import flat_areas
 

@@ -8,8 +8,8 @@ from contextvars import ContextVar
 
 import numpy as np
 
-from toros_fem._validate import require_count
-from toros_fem.errors import MeshSizeError
+from toros_fem.base.errors import MeshSizeError
+from toros_fem.base.validation import require_count
 
 # Such a skin needs about 50 GB: docs/command_line.md.
 MOST_TRIANGLES = 2_000_000

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from toros_fem._mpi import on_first_rank, require_alike
-from toros_fem._types import Bools, Ints
-from toros_fem._validate import require_choice, require_kind, require_positive, whole_numbers
-from toros_fem.errors import SurfaceError
+from toros_fem.base.array_types import Bools, Ints
+from toros_fem.base.errors import SurfaceError
+from toros_fem.base.mpi import on_first_rank, require_alike
+from toros_fem.base.validation import require_choice, require_kind, require_positive, whole_numbers
 from toros_fem.meshes.arrange import arranged
 from toros_fem.meshes.chart import METHODS
 from toros_fem.meshes.cut import cut_open

@@ -16,9 +16,9 @@ from kit.pin import pin
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from toros_fem.equilibrium.solver import EquilibriumSolver
-from toros_fem.materials import Composite
-from toros_fem.mechanics.supports import clamp
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin, cylinder, sew
 
 
@@ -111,8 +111,8 @@ def kept_meshes(request: pytest.FixtureRequest) -> Generator[None]:
 def without_pictures() -> Generator[None]:
     """Runs draw nothing, as where matplotlib is missing: pictures are most of a short run."""
     with pytest.MonkeyPatch.context() as patch:
-        for path in (ROOT / "toros_fem" / "output").glob("*_plot.py"):
-            patch.setitem(sys.modules, f"toros_fem.output.{path.stem}", None)
+        for path in (ROOT / "toros_fem" / "results" / "pictures").glob("*_plot.py"):
+            patch.setitem(sys.modules, f"toros_fem.results.pictures.{path.stem}", None)
         yield
 
 

@@ -6,7 +6,7 @@ import sys
 
 from mpi4py import MPI
 
-from toros_fem.commands.main import run
+from toros_fem.cli.commands.main import run
 
 
 def main() -> int:

@@ -9,11 +9,11 @@ from docutils.statemachine import StringList
 from sphinx.util.docutils import SphinxDirective
 from sphinx.util.nodes import nested_parse_with_titles
 
-from toros_fem.scene_files.materials import KIND_OF, TABLE, roles_of
-from toros_fem.scene_files.sections import TITLES, sections_of
-from toros_fem.scene_files.writing import description
-from toros_fem.scenes.kinds import KINDS, Kind
-from toros_fem.units import write_quantity
+from toros_fem.base.units import write_quantity
+from toros_fem.cli.scene_files.materials import KIND_OF, TABLE, roles_of
+from toros_fem.cli.scene_files.sections import TITLES, sections_of
+from toros_fem.cli.scene_files.writing import description
+from toros_fem.products.kinds import KINDS, Kind
 
 
 def default_of(kind: Kind, key: str) -> str:

@@ -8,8 +8,8 @@ from mpi4py import MPI
 from tube_limits_simulated import Case, simulate
 
 from toros_fem import errors
-from toros_fem.actuators.tube import TubeConfig
 from toros_fem.meshes import Pattern, cylinder
+from toros_fem.products.tubes.tube import TubeConfig
 
 PRESSURES = [2e3, 5e3, 15e3]
 

@@ -7,8 +7,8 @@ from mpi4py import MPI
 from printed_lines import NETS, converge, densities, wall_lines
 from shapely import affinity
 
-from toros_fem.actuators.tube import TubeConfig, plain_tube
 from toros_fem.meshes import Pattern, mirrored
+from toros_fem.products.tubes.tube import TubeConfig, plain_tube
 
 
 def tube(planes: tuple[int, ...] = (), edge: float = 2.8e-3) -> Pattern:

@@ -11,16 +11,17 @@ from helpers.scenes import ROOT, shared
 from mpi4py import MPI
 
 from demos import own_design
-from toros_fem.config import Config
-from toros_fem.scene_files.reading import read_scene
-from toros_fem.scenes import tile, tile_sheet
-from toros_fem.scenes.own_mesh import OwnMeshConfig
+from toros_fem.base.config import Config
+from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.products.own_mesh.own_mesh import OwnMeshConfig
+from toros_fem.products.tile_design import tile
+from toros_fem.products.tiles import pulled_sheet
 
 FOLDER = ROOT / "demos" / "scenes"
 CONFIGS: dict[str, tuple[Config, Callable[[Any], Any]]] = {
     **{name: (demo.config, demo.coarse) for name, demo in DEMOS.items()},
     "tile": (tile.TargetTileConfig(), tile.coarse),
-    "tile_sheet": (tile_sheet.TileSheetConfig(), tile_sheet.coarse),
+    "tile_sheet": (pulled_sheet.TileSheetConfig(), pulled_sheet.coarse),
 }
 # They are no scenes: the one compares six designs, the other is the command `toros unwrap`.
 OTHERS = {"three_field", "unwrap"}

@@ -11,8 +11,8 @@ from mpi4py import MPI
 
 from demos import three_field
 from toros_fem import errors
-from toros_fem.actuators.problem import actuator_problem
-from toros_fem.density.field import random_density
+from toros_fem.design.density.field import random_density
+from toros_fem.products.actuators.problem import actuator_problem
 
 SMALL = three_field.ThreeFieldConfig(
     length=0.08,

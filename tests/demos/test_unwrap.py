@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from demos import unwrap as demo
 from toros_fem import errors
-from toros_fem.commands.unwrap import UnwrapConfig, unwrap_sentence
+from toros_fem.cli.commands.unwrap import UnwrapConfig, unwrap_sentence
 
 
 def test_a_part_from_a_file(comm: MPI.Comm, tmp_path: Path) -> None:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.materials import CURVATURES, Bending, Composite, Material
-from toros_fem.mechanics.model import SkinModel
-from toros_fem.mechanics.supports import clamp
+from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import cylinder, sew
 
 

@@ -18,12 +18,12 @@ from helpers.scenes import TABLE_A, square
 from mpi4py import MPI
 from scipy.sparse import csr_matrix, triu
 
-from toros_fem._mpi import norm
-from toros_fem.equilibrium.solver import EquilibriumSolver
-from toros_fem.materials import Bladder, Composite, Material
-from toros_fem.mechanics.model import SkinModel
-from toros_fem.mechanics.supports import Supports, clamp
-from toros_fem.mechanics.tangent import UpperTangent
+from toros_fem.base.mpi import norm
+from toros_fem.materials.sheet import Bladder, Composite, Material
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.mechanics.skin.tangent import UpperTangent
 from toros_fem.meshes import Skin, sew
 
 RUBBER = Bladder(young=0.29e6, thickness=0.8e-3)  # Dragon Skin 20

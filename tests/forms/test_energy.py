@@ -17,10 +17,10 @@ from helpers.models import (
 from mpi4py import MPI
 from scipy.sparse import csr_matrix, triu
 
-from toros_fem._mpi import norm, total
-from toros_fem.materials import Bending, Composite, Material
-from toros_fem.mechanics.model import SkinModel
-from toros_fem.mechanics.supports import Supports, clamp
+from toros_fem.base.mpi import norm, total
+from toros_fem.materials.sheet import Bending, Composite, Material
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 
 # So thick that stretching does not hide what bending adds.

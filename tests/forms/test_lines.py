@@ -14,7 +14,7 @@ from helpers.scenes import square
 from mpi4py import MPI
 from scipy.sparse import csr_matrix, triu
 
-from toros_fem._mpi import norm
+from toros_fem.base.mpi import norm
 from toros_fem.forms.blocks import Blocks
 from toros_fem.forms.lines import (
     Family,
@@ -23,9 +23,9 @@ from toros_fem.forms.lines import (
     stretching_energy,
     stretching_pairs,
 )
-from toros_fem.materials import Bending, Composite, Material
-from toros_fem.mechanics.relaxed_model import CROSSING, RelaxedModel
-from toros_fem.mechanics.supports import Supports, clamp
+from toros_fem.materials.sheet import Bending, Composite, Material
+from toros_fem.mechanics.skin.relaxed_model import CROSSING, RelaxedModel
+from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Skin, cylinder, sew
 
 FLAT = np.array([[0.0, 0.0], [2.0, 0.1], [0.5, 1.5]])

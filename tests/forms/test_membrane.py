@@ -9,9 +9,9 @@ from helpers.models import SIZE, affine, pressurize, sheet_model
 from helpers.scenes import TABLE_A, table
 from mpi4py import MPI
 
-from toros_fem._mpi import norm
+from toros_fem.base.mpi import norm
 from toros_fem.forms.membrane import barrier_membrane
-from toros_fem.materials import Composite
+from toros_fem.materials.sheet import Composite
 
 
 def stress(stretch: float, other: float, c1: float, c2: float) -> float:

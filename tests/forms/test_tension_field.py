@@ -11,11 +11,11 @@ from helpers.scenes import TABLE_A
 from mpi4py import MPI
 from scipy.optimize import minimize_scalar
 
-from toros_fem._mpi import dot
-from toros_fem.errors import ParameterError
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import dot
 from toros_fem.forms.tension_field import natural_narrowing
-from toros_fem.materials import Bladder, Composite, Knit, Membrane
-from toros_fem.mechanics.model import SkinModel
+from toros_fem.materials.sheet import Bladder, Composite, Knit, Membrane
+from toros_fem.mechanics.skin.model import SkinModel
 
 RESIDUAL = 1e-3
 COMPOSITE = Composite(

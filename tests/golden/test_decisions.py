@@ -17,14 +17,14 @@ from helpers.scenes import shared
 from mpi4py import MPI
 from random_scenes import draw
 
-from toros_fem.actuators.gait import Gait
-from toros_fem.actuators.problem import actuator_problem
-from toros_fem.equilibrium.solver import EquilibriumError
+from toros_fem.mechanics.equilibrium.solver import EquilibriumError
 from toros_fem.meshes import plane_centroids, walker
 from toros_fem.meshes.mirror import mirrored
-from toros_fem.scenes import gripper
-from toros_fem.scenes import walker as walking
-from toros_fem.scenes.kinds import KINDS
+from toros_fem.products.actuators.problem import actuator_problem
+from toros_fem.products.gripper import gripper
+from toros_fem.products.kinds import KINDS
+from toros_fem.products.walker import walker as walking
+from toros_fem.products.walker.gait import Gait
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("kept_meshes", "without_pictures")]
 

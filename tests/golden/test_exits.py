@@ -13,7 +13,7 @@ import pytest
 from helpers.command_runs import changes
 from mpi4py import MPI
 
-from toros_fem.commands.main import run
+from toros_fem.cli.commands.main import run
 
 pytestmark = pytest.mark.one_rank
 

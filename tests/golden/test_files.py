@@ -17,7 +17,7 @@ from helpers.command_runs import SMALL
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
-from toros_fem.commands.main import run
+from toros_fem.cli.commands.main import run
 
 # Two ranks write the same, and take minutes for it.
 pytestmark = [pytest.mark.one_rank, pytest.mark.slow]

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.equilibrium.solver import EquilibriumSolver
-from toros_fem.materials import Bending, Composite
-from toros_fem.mechanics.chambers import Chambers
-from toros_fem.mechanics.dead_loads import Weight
-from toros_fem.mechanics.periodicity import UNIAXIAL, Periodic
-from toros_fem.mechanics.supports import clamp
+from toros_fem.materials.sheet import Bending, Composite
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.chambers import Chambers
+from toros_fem.mechanics.skin.dead_loads import Weight
+from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
+from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import cylinder, sew, tile
-from toros_fem.scenes.kinds import KINDS
-from toros_fem.tiles import TileSolver
+from toros_fem.products.kinds import KINDS
+from toros_fem.products.tiles import TileSolver
 
 Maker = Callable[[MPI.Comm], Any]
 # A coarse tube of some 250 triangles, and robots as coarse.

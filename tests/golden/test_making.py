@@ -15,25 +15,19 @@ from helpers.scenes import square
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.fabrication.cleaning import clean, clean_symmetric
-from toros_fem.fabrication.printability import PrintLimits, printability, printed_cells
-from toros_fem.fabrication.thickness import thickened
-from toros_fem.lines import LaidLines, LineField, LineOptions, lay_lines
-from toros_fem.lines.laid_lines import widened
-from toros_fem.manufacture import (
-    ManufactureOptions,
-    panel_drawings,
-    print_bodies,
-    printed_face,
-    sewn_seams,
-    write_cut_dxf,
-)
-from toros_fem.manufacture.bladder import bladder_drawings
-from toros_fem.manufacture.panel_drawing import PanelDrawing
+from toros_fem.design.lines import LaidLines, LineField, LineOptions, lay_lines
+from toros_fem.design.lines.laid_lines import widened
+from toros_fem.making.panels import ManufactureOptions, panel_drawings, printed_face, sewn_seams
+from toros_fem.making.panels.bladder import bladder_drawings
+from toros_fem.making.panels.panel_drawing import PanelDrawing
+from toros_fem.making.print.cleaning import clean, clean_symmetric
+from toros_fem.making.print.printability import PrintLimits, printability, printed_cells
+from toros_fem.making.print.thickness import thickened
+from toros_fem.making.sheets import print_bodies, write_cut_dxf
+from toros_fem.making.sheets.sewing_order import sewing_order
+from toros_fem.making.sheets.sheets import layout
 from toros_fem.meshes import cylinder, mirrored
 from toros_fem.meshes.sheet import disc, rectangle
-from toros_fem.workshop.sewing_order import sewing_order
-from toros_fem.workshop.sheets import layout
 
 pytestmark = [pytest.mark.one_rank, pytest.mark.usefixtures("kept_meshes")]
 ALONE = MPI.COMM_SELF

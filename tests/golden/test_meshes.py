@@ -13,9 +13,9 @@ from helpers.surfaces import sphere
 from mpi4py import MPI
 
 from toros_fem import meshes as m
-from toros_fem.density.field import random_density
-from toros_fem.density.filters import make_filter
-from toros_fem.density.perimeter import Perimeter
+from toros_fem.design.density.field import random_density
+from toros_fem.design.density.filters import make_filter
+from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.meshes.harmonic_extension import flat_laplacian
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import refine

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import pkgutil
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from pathlib import Path
 from types import ModuleType
 from typing import Any, get_origin
 
@@ -23,9 +23,10 @@ pytestmark = pytest.mark.one_rank
 def faces() -> Iterator[ModuleType]:
     """Yield the package and its sub-packages."""
     yield toros_fem
-    for part in pkgutil.iter_modules(toros_fem.__path__):
-        if part.ispkg and part.name != "toros_fem":  # a checkout's own folder
-            yield importlib.import_module(f"toros_fem.{part.name}")
+    yield importlib.import_module("toros_fem.meshes")
+    folder = Path(toros_fem.__file__).parent
+    for path in sorted(folder.glob("*/**/__init__.py")):
+        yield importlib.import_module(".".join(path.parent.relative_to(folder.parent).parts))
 
 
 def public() -> Iterator[tuple[str, Any]]:
@@ -33,7 +34,7 @@ def public() -> Iterator[tuple[str, Any]]:
     for face in faces():
         for name in getattr(face, "__all__", ()):
             yield name, getattr(face, name)
-    for name, value in vars(toros_fem.errors).items():
+    for name, value in vars(toros_fem.base.errors).items():
         if inspect.isclass(value) and issubclass(value, Exception):
             yield name, value
 

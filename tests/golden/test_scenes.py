@@ -14,24 +14,27 @@ import pytest
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
-from toros_fem.actuators.problem import actuator_problem
-from toros_fem.actuators.tube import plain_tube
-from toros_fem.analysis.trace import trace
-from toros_fem.design.loop import optimize
-from toros_fem.design.options import DesignOptions, Stage
-from toros_fem.design.problem import DesignProblem, Evaluation
-from toros_fem.design.shape_problem import ShapeProblem
-from toros_fem.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.design.loop.loop import optimize
+from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.problem import DesignProblem, Evaluation
+from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
+from toros_fem.design.relaxed.problem import RelaxedProblem, relaxed_problem
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.paths.trace import trace
 from toros_fem.meshes import sew
 from toros_fem.meshes.skin import Skin
-from toros_fem.relaxed.families import FixedDirections, FreeDirections
-from toros_fem.relaxed.problem import RelaxedProblem, relaxed_problem
-from toros_fem.scenes import bend, bend_twist, contract, gripper, inflate, own_mesh, tile, twist
-from toros_fem.scenes import walker as walking
-from toros_fem.scenes.tile_sheet import cross_tile
-from toros_fem.tiles.case import tile_problem
-from toros_fem.tiles.pull_test import pull_sheet
-from toros_fem.tiles.sheet import remesh, tile_sheet
+from toros_fem.products.actuators.problem import actuator_problem
+from toros_fem.products.gripper import gripper
+from toros_fem.products.own_mesh import own_mesh
+from toros_fem.products.tile_design import tile
+from toros_fem.products.tile_design.case import tile_problem
+from toros_fem.products.tiles.pull_test import pull_sheet
+from toros_fem.products.tiles.pulled_sheet import cross_tile
+from toros_fem.products.tiles.sheet import remesh, tile_sheet
+from toros_fem.products.tubes import bend, bend_twist, contract, inflate, twist
+from toros_fem.products.tubes.tube import plain_tube
+from toros_fem.products.walker import walker as walking
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("kept_meshes")]
 

@@ -13,12 +13,12 @@ import pytest
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
-from toros_fem.command_line.exit_codes import MEANING
-from toros_fem.command_line.scripts import option_help
-from toros_fem.commands.main import COMMANDS, run
-from toros_fem.scene_files.materials import FILE, TABLE, roles_of
-from toros_fem.scene_files.sections import sections_of
-from toros_fem.scenes.kinds import KINDS, Kind
+from toros_fem.cli.command_line.exit_codes import MEANING
+from toros_fem.cli.command_line.scripts import option_help
+from toros_fem.cli.commands.main import COMMANDS, run
+from toros_fem.cli.scene_files.materials import FILE, TABLE, roles_of
+from toros_fem.cli.scene_files.sections import sections_of
+from toros_fem.products.kinds import KINDS, Kind
 
 pytestmark = pytest.mark.one_rank
 

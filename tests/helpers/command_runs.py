@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.commands.main import run
+from toros_fem.cli.commands.main import run
 
 # Half a short tube of some 200 triangles that bends a little, without what only takes time.
 SMALL = {

@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from toros_fem.density.cone import ConeFilter
-from toros_fem.density.length_scale import LengthScale, LengthScaleConstraints
-from toros_fem.density.perimeter import Perimeter
-from toros_fem.density.projection import Projection
-from toros_fem.design.shape_problem import ShapeProblem
-from toros_fem.equilibrium.solver import EquilibriumSolver
+from toros_fem.design.density.cone import ConeFilter
+from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.design.density.perimeter import Perimeter
+from toros_fem.design.density.projection import Projection
+from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.measures.shape import ShapeObjective
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin, bend
-from toros_fem.objectives.shape import ShapeObjective
 
 RADIUS = 7e-3
 # Short designs leave the curve over the pressure out, which would take as long as they do, and the

@@ -6,9 +6,9 @@ import numpy as np
 import shapely
 from mpi4py import MPI
 
-from toros_fem.lines.centre_lines import CentreLine
-from toros_fem.lines.field import LineField
-from toros_fem.lines.laid_lines import LaidLines
+from toros_fem.design.lines.centre_lines import CentreLine
+from toros_fem.design.lines.field import LineField
+from toros_fem.design.lines.laid_lines import LaidLines
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.sheet import rectangle
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from mpi4py import MPI
 
-from toros_fem.design.journal import Checkpoint
-from toros_fem.design.options import Iteration
+from toros_fem.design.loop.journal import Checkpoint
+from toros_fem.design.loop.options import Iteration
 
 
 class Stopped(Exception):  # noqa: N818

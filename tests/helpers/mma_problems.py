@@ -7,8 +7,8 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from toros_fem.mma.approximation import Approximation
-from toros_fem.mma.subproblem import Penalty, Solution, solve_subproblem
+from toros_fem.design.mma.approximation import Approximation
+from toros_fem.design.mma.subproblem import Penalty, Solution, solve_subproblem
 
 Problem = Callable[[np.ndarray], tuple[float, np.ndarray, list[float], list[np.ndarray]]]
 

@@ -9,11 +9,11 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from helpers.scenes import square
-from toros_fem.materials import Composite
-from toros_fem.mechanics.load_case import LoadCase
-from toros_fem.mechanics.model import SkinModel
-from toros_fem.mechanics.supports import Supports
-from toros_fem.mechanics.tangent import UpperTangent
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.skin.tangent import UpperTangent
 from toros_fem.meshes import Skin, sew
 
 SIZE = 0.02

@@ -4,11 +4,11 @@ import numpy as np
 from mpi4py import MPI
 
 from helpers.scenes import taylor_rates
-from toros_fem._mpi import dot
-from toros_fem._types import Floats
+from toros_fem.base.array_types import Floats
+from toros_fem.base.mpi import dot
+from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
+from toros_fem.measures.shape import Objective
 from toros_fem.meshes import Skin, bend, compose, twist
-from toros_fem.objectives.cross_sections import CrossSections, label_cross_sections
-from toros_fem.objectives.shape import Objective
 
 LENGTH = 0.06  # of the short tube in m
 TARGET = compose(twist(4.0, LENGTH), bend(1.0, LENGTH))

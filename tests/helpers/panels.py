@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from helpers.surfaces import sphere, torus
 from toros_fem import meshes
-from toros_fem.fabrication.contours import panel_outline
+from toros_fem.making.print.contours import panel_outline
 from toros_fem.meshes import Pattern
 
 KINDS = ("tube", "open tube", "walker", "gripper", "finger", "sphere", "torus", "sheet")

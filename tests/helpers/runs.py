@@ -8,11 +8,11 @@ import numpy as np
 import shapely
 from mpi4py import MPI
 
-from toros_fem._files import write_json, write_table
-from toros_fem.fabrication.svg import write_svg
-from toros_fem.frames import Frame, ShownSkin, write_frame, write_skin
-from toros_fem.frames.files import FOLDER
+from toros_fem.base.files import write_json, write_table
+from toros_fem.making.panels.svg import write_svg
 from toros_fem.meshes import Pattern, bend, cylinder
+from toros_fem.results.frames import Frame, ShownSkin, write_frame, write_skin
+from toros_fem.results.frames.files import FOLDER
 
 LENGTH, DIAMETER = 0.15, 0.02
 STRIPE = shapely.box(0.01, 0.005, 0.03, 0.145).difference(shapely.Point(0.02, 0.07).buffer(6e-3))

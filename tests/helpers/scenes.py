@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.materials import Material
+from toros_fem.materials.sheet import Material
 from toros_fem.meshes import Pattern
 from toros_fem.meshes.pattern import Panel
 from toros_fem.meshes.sheet import one_panel

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from toros_fem.mechanics.supports import Supports, symmetry_plane
+from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Pattern
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from toros_fem.characterisation import TensileTest, uniaxial_curve
-from toros_fem.materials import Material
+from toros_fem.materials.sheet import Material
+from toros_fem.products.fitting import TensileTest, uniaxial_curve
 
 JERSEY = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3)
 C1, C2 = 1.9, 2.2

@@ -8,17 +8,17 @@ import pytest
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from toros_fem.design.loop import optimize
-from toros_fem.design.options import Stage
-from toros_fem.materials import Composite, Material
-from toros_fem.mechanics.periodicity import UNIAXIAL, Periodic
+from toros_fem.design.loop.loop import optimize
+from toros_fem.design.loop.options import Stage
+from toros_fem.materials.sheet import Composite, Material
+from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.meshes import Tile, sew, tile
-from toros_fem.tiles.as_printed import PrintSimulation
-from toros_fem.tiles.case import TileCase, TileConfig, TileResult, tile_problem
-from toros_fem.tiles.objectives import Contrast, ProfileTarget
-from toros_fem.tiles.printed_tile import MEMBRANE, PrintedTile
-from toros_fem.tiles.solver import TileSolver
-from toros_fem.tiles.stiffness_profile import Profile, ProfileSolver
+from toros_fem.products.tile_design.as_printed import PrintSimulation
+from toros_fem.products.tile_design.case import TileCase, TileConfig, TileResult, tile_problem
+from toros_fem.products.tiles.objectives import Contrast, ProfileTarget
+from toros_fem.products.tiles.printed_tile import MEMBRANE, PrintedTile
+from toros_fem.products.tiles.solver import TileSolver
+from toros_fem.products.tiles.stiffness_profile import Profile, ProfileSolver
 
 SIDE = 0.02
 ANGLES = np.arange(12) * np.pi / 12

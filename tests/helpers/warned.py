@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from mpi4py import MPI
 
-from toros_fem.errors import TorosWarning
+from toros_fem.base.errors import TorosWarning
 
 
 def warned(comm: MPI.Comm, match: str) -> AbstractContextManager[Any]:

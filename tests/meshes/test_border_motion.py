@@ -6,8 +6,8 @@ import shapely
 from helpers.scenes import square
 from mpi4py import MPI
 
-from toros_fem.errors import PatternError
-from toros_fem.fabrication.printability import printed_cells
+from toros_fem.base.errors import PatternError
+from toros_fem.making.print.printability import printed_cells
 from toros_fem.meshes import Pattern, cylinder
 from toros_fem.meshes.border_motion import border_motion
 from toros_fem.meshes.snap import snapped, with_flat_points

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers import surfaces
 
-from toros_fem.errors import SurfaceError
+from toros_fem.base.errors import SurfaceError
 from toros_fem.meshes.chart import ChartError, lay_flat
 from toros_fem.meshes.topology import flat_areas
 

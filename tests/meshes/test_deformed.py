@@ -7,12 +7,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.errors import TargetError
-from toros_fem.meshes import (
-    bend,
-    cylinder,
-    from_mesh,
-)
+from toros_fem.base.errors import TargetError
+from toros_fem.meshes import bend, cylinder, from_mesh
 
 
 @pytest.mark.parametrize("suffix", ["obj", "ply", "vtu"])

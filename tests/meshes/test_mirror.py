@@ -10,7 +10,7 @@ from helpers.outlines import volume
 from mpi4py import MPI
 from stability_scenes import fan_tube
 
-from toros_fem.errors import ParameterError, PatternError
+from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.meshes import finger, mirrored, walker
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.sheet import one_panel

@@ -10,15 +10,15 @@ from helpers.surfaces import cap
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem._mpi import norm
-from toros_fem.analysis.error_estimate import estimate_error
-from toros_fem.density.filters import make_filter
-from toros_fem.equilibrium.solver import EquilibriumSolver
-from toros_fem.lines.field import LineField
-from toros_fem.lines.lay_lines import lay_lines
-from toros_fem.materials import Bending, Composite, Knit
-from toros_fem.mechanics.model import SkinModel
-from toros_fem.mechanics.supports import Supports, clamp_where, symmetry_plane
+from toros_fem.base.mpi import norm
+from toros_fem.design.density.filters import make_filter
+from toros_fem.design.lines.field import LineField
+from toros_fem.design.lines.lay_lines import lay_lines
+from toros_fem.materials.sheet import Bending, Composite, Knit
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.readings.error_estimate import estimate_error
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.supports import Supports, clamp_where, symmetry_plane
 from toros_fem.meshes import Pattern, moulded, sew
 from toros_fem.meshes.refine import refine
 from toros_fem.meshes.transfer import make_transfer

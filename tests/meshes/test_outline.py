@@ -5,8 +5,8 @@ import pytest
 from helpers.outlines import check_twins, edges_on, volume
 from mpi4py import MPI
 
-from toros_fem.errors import OutlineError
-from toros_fem.mechanics.supports import symmetry_plane
+from toros_fem.base.errors import OutlineError
+from toros_fem.mechanics.skin.supports import symmetry_plane
 from toros_fem.meshes import two_panels
 
 SQUARE = np.array([[-0.02, -0.02], [0.02, -0.02], [0.02, 0.02], [-0.02, 0.02]])

@@ -10,12 +10,12 @@ from helpers.designs import DESIGN_ALONE
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
-from toros_fem.actuators.case import ActuatorCase
-from toros_fem.actuators.config import ActuatorConfig
-from toros_fem.actuators.run import design_actuator
-from toros_fem.mechanics.supports import pin
+from toros_fem.measures.metrics import Metric, distance
+from toros_fem.mechanics.skin.supports import pin
 from toros_fem.meshes import bend, cylinder, from_mesh, read_surface, unwrap
-from toros_fem.objectives.metrics import Metric, distance
+from toros_fem.products.actuators.case import ActuatorCase
+from toros_fem.products.actuators.config import ActuatorConfig
+from toros_fem.products.actuators.run import design_actuator
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ import pytest
 from helpers.scenes import shared
 from mpi4py import MPI
 
-from toros_fem._mpi import on_first_rank
-from toros_fem.errors import PatternFileError
+from toros_fem.base.errors import PatternFileError
+from toros_fem.base.mpi import on_first_rank
 from toros_fem.meshes import Pattern, cylinder, moulded, read_pattern, write_pattern
 from toros_fem.meshes.pattern_file import ARRAYS, NUMBERS, VERSION
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.errors import OutlineError
+from toros_fem.base.errors import OutlineError
 from toros_fem.meshes import rounded, two_panels
 from toros_fem.meshes.planar import arc, glued
 

@@ -8,7 +8,7 @@ from helpers.outlines import check_twins, edges_on, volume
 from mpi4py import MPI
 from shapely.geometry import Polygon
 
-from toros_fem.errors import OutlineError, ParameterError
+from toros_fem.base.errors import OutlineError, ParameterError
 from toros_fem.meshes import GRIPPER, WALKER, Star, finger, gripper, walker
 
 TWO_ARMS = Star(2, 0.05, 0.01, 0.02, 3e-3, 0.3)

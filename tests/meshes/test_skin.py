@@ -6,7 +6,7 @@ import pytest
 import ufl
 from mpi4py import MPI
 
-from toros_fem._mpi import total
+from toros_fem.base.mpi import total
 from toros_fem.meshes import Skin, Tile, cylinder, sew, tile
 from toros_fem.meshes.distortion import distortion
 from toros_fem.meshes.skin import concatenated_index_map

@@ -6,7 +6,7 @@ import shapely
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.errors import PanelError
+from toros_fem.base.errors import PanelError
 from toros_fem.meshes import Pattern, cylinder, mirrored, two_panels
 from toros_fem.meshes.snap import LEAST_ANGLE, snapped
 from toros_fem.meshes.topology import corner_angles

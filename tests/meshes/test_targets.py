@@ -4,19 +4,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.errors import ParameterError
-from toros_fem.meshes import (
-    WALKER,
-    bend,
-    compose,
-    contract,
-    curl,
-    cylinder,
-    stand,
-    twist,
-    walker,
-)
-from toros_fem.objectives.metrics import bend_angle
+from toros_fem.base.errors import ParameterError
+from toros_fem.measures.metrics import bend_angle
+from toros_fem.meshes import WALKER, bend, compose, contract, curl, cylinder, stand, twist, walker
 
 Z = np.linspace(0, 0.15, 31)
 AXIS = np.column_stack([0 * Z, 0 * Z, Z])

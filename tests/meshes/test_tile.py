@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.errors import ParameterError, PatternError
+from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.meshes import SYMMETRIES, Tile, tile
 from toros_fem.meshes.tile import KINDS
 from toros_fem.meshes.topology import edge_keys

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toros_fem.errors import ParameterError
+from toros_fem.base.errors import ParameterError
 from toros_fem.meshes import SYMMETRIES
 from toros_fem.meshes.tile_symmetry import check_symmetry, unstructured
 from toros_fem.meshes.topology import flat_areas

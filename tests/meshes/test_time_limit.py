@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-from toros_fem.errors import SurfaceError
+from toros_fem.base.errors import SurfaceError
 from toros_fem.meshes import mesh_file, read_surface
 from toros_fem.meshes.time_limit import TimeLimitError, within
 

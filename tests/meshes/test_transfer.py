@@ -5,7 +5,7 @@ import pytest
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
-from toros_fem.errors import PanelError, PatternError
+from toros_fem.base.errors import PanelError, PatternError
 from toros_fem.meshes import Pattern, Tile, bend, cylinder, disc, rectangle, tile, walker
 from toros_fem.meshes.refine import refine
 from toros_fem.meshes.transfer import make_transfer

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.errors import MeshSizeError
+from toros_fem.base.errors import MeshSizeError
 from toros_fem.meshes import cylinder, disc, finger, rectangle, tile, triangle_limit
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.refine import refine

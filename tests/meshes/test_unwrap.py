@@ -10,10 +10,10 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 from toros_fem import errors
-from toros_fem.equilibrium.solver import EquilibriumSolver
-from toros_fem.fabrication.contours import panel_outline
-from toros_fem.materials import Composite
-from toros_fem.mechanics.supports import Supports
+from toros_fem.making.print.contours import panel_outline
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes import Surface, sew, unwrap
 from toros_fem.meshes.surface import volume
 from toros_fem.meshes.topology import corner_angles, lengths

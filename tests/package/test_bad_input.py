@@ -26,21 +26,21 @@ from petsc4py import PETSc
 import toros_fem as tf
 from toros_fem import errors as e
 from toros_fem import meshes as m
-from toros_fem.actuators.problem import actuator_problem
-from toros_fem.equilibrium.solver import EquilibriumResult
-from toros_fem.fabrication.cleaning import require_island_area
-from toros_fem.library import LibraryMaterial, named, read_library, write_material
-from toros_fem.mechanics.chambers import chambers_of_panels
-from toros_fem.mma import MMA, MMAOptions
-from toros_fem.output.files import write_fields
-from toros_fem.output.writer import write_pictures
-from toros_fem.scenes.bend import BendConfig
-from toros_fem.scenes.bend import case as bend_case
-from toros_fem.scenes.gripper import GripperConfig
-from toros_fem.scenes.inflate import InflateConfig
-from toros_fem.scenes.twist import TwistConfig
-from toros_fem.scenes.walker import WalkerConfig
-from toros_fem.tiles import PrintedTile, read_tile
+from toros_fem.design.mma import MMA, MMAOptions
+from toros_fem.making.print.cleaning import require_island_area
+from toros_fem.materials.library import LibraryMaterial, named, read_library, write_material
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult
+from toros_fem.mechanics.skin.chambers import chambers_of_panels
+from toros_fem.products.actuators.problem import actuator_problem
+from toros_fem.products.gripper.gripper import GripperConfig
+from toros_fem.products.tiles import PrintedTile, read_tile
+from toros_fem.products.tubes.bend import BendConfig
+from toros_fem.products.tubes.bend import case as bend_case
+from toros_fem.products.tubes.inflate import InflateConfig
+from toros_fem.products.tubes.twist import TwistConfig
+from toros_fem.products.walker.walker import WalkerConfig
+from toros_fem.results.files import write_fields
+from toros_fem.results.writer import write_pictures
 
 # Characters of the longest message: about three lines of a terminal.
 LONGEST = 320

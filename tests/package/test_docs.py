@@ -12,7 +12,7 @@ import pytest
 from helpers.scenes import ROOT, shared
 from mpi4py import MPI
 
-from toros_fem.scene_files.reading import read_scene
+from toros_fem.cli.scene_files.reading import read_scene
 
 PAGES = [
     ROOT / "README.md",

@@ -20,8 +20,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
 
-from toros_fem.design.journal import Checkpoint
-from toros_fem.errors import (
+from toros_fem.base.errors import (
     CheckpointError,
     LibraryError,
     PatternError,
@@ -33,8 +32,11 @@ from toros_fem.errors import (
     TileFileError,
     TorosError,
 )
-from toros_fem.library import read_library
-from toros_fem.library.writing import material_text
+from toros_fem.cli.scene_files.reading import Scene, read_scene
+from toros_fem.cli.scene_files.writing import scene_text
+from toros_fem.design.loop.journal import Checkpoint
+from toros_fem.materials.library import read_library
+from toros_fem.materials.library.writing import material_text
 from toros_fem.meshes import (
     Pattern,
     Surface,
@@ -45,12 +47,10 @@ from toros_fem.meshes import (
     read_surface,
     write_pattern,
 )
-from toros_fem.runs.files import read_checkpoint, write_checkpoint
-from toros_fem.runs.folder import RunRecord, open_run, read_run
-from toros_fem.scene_files.reading import Scene, read_scene
-from toros_fem.scene_files.writing import scene_text
-from toros_fem.scenes.kinds import KINDS
-from toros_fem.tiles import PrintedTile, read_tile, write_tile
+from toros_fem.products.kinds import KINDS
+from toros_fem.products.tiles import PrintedTile, read_tile, write_tile
+from toros_fem.results.runs.files import read_checkpoint, write_checkpoint
+from toros_fem.results.runs.folder import RunRecord, open_run, read_run
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="readers work on one rank")
 

@@ -102,8 +102,8 @@ def test_wheel(source: Path, site: Path) -> None:
     said = run(sys.executable, "-c", CHECK, cwd=site, PYTHONPATH=str(target))
     assert str(target / "toros_fem" / "meshes" / "pattern.py") in said
     assert not (target / "forms").exists(), "only one package may be installed"
-    page = target / "toros_fem" / "report" / "page"
-    source_page = ROOT / "toros_fem" / "report" / "page"
+    page = target / "toros_fem" / "results" / "report" / "page"
+    source_page = ROOT / "toros_fem" / "results" / "report" / "page"
     assert {p.name for p in page.iterdir()} == {p.name for p in source_page.iterdir()}
     toros = target / "bin" / "toros"
     version = run(sys.executable, toros, "--version", cwd=site, PYTHONPATH=str(target))

@@ -2,137 +2,104 @@
 
 import ast
 import importlib
+import runpy
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from helpers.scenes import ROOT
 
-# From top to bottom: a module may import from its own room and from rooms above it.
+pytestmark = pytest.mark.one_rank
+
+# From top to bottom: a module may import from its own room and from rooms below it.
 ROOMS = [
-    ["errors", "_types", "_version"],
-    ["_compat", "_validate"],
-    ["_mpi"],
-    ["_files"],
-    ["config", "units"],
-    ["toml_files"],
-    ["materials"],
-    ["library"],
-    ["meshes", "forms"],
-    ["density", "objectives", "mma", "lines"],
-    ["contact"],
-    ["mechanics"],
-    ["equilibrium"],
-    ["analysis", "design"],
-    ["relaxed"],
-    ["fabrication"],
-    ["runs"],
-    ["frames"],
-    ["output"],
-    ["manufacture"],
-    ["workshop"],
-    ["report"],
-    ["actuators", "tiles"],
-    ["characterisation"],
-    ["scenes"],
-    ["scene_files"],
-    ["tolerance"],
-    ["command_line"],
-    ["commands"],
-    ["__main__"],
-]
-LEVEL = {name: level for level, names in enumerate(ROOMS) for name in names}
-FOLDERS = ("toros_fem", "forms", "meshes")
+    "cli", "products", "results", "making", "design", "mechanics", "measures", "forms", "meshes",
+    "materials", "base",
+]  # fmt: skip
+MOST_FLOORS = 10
+HOUSE = SimpleNamespace(**runpy.run_path(str(ROOT / "docs" / "draw_rooms.py")))
+SOURCES: list[Path] = HOUSE.sources()
 
 
-def sources() -> list[Path]:
-    return [path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.py"))]
+def room_of(path: Path) -> str:
+    return str(HOUSE.room_of(HOUSE.module_of(path)))
 
 
-def module_of(path: Path) -> str:
-    """Its dotted name, as it is imported."""
-    parts = path.relative_to(ROOT).with_suffix("").parts
-    whole = parts if parts[0] == "toros_fem" else ("toros_fem", *parts)
-    return ".".join(part for part in whole if part != "__init__")
-
-
-def room_of(module: str) -> str:
-    """The folder of a module, or the module itself where it lies in none; "" for the package."""
-    return (*module.split("."), "")[1]
-
-
-def imports(path: Path) -> set[str]:
-    """Modules imported at run time, those for type checking only left out."""
-    found: set[str] = set()
-
-    def visit(node: ast.AST) -> None:
-        if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
-            return
-        if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path} imports relatively"
-            assert node.module is not None
-            found.add(node.module)
-            if node.module.startswith("toros_fem"):
-                found.update(f"{node.module}.{alias.name}" for alias in node.names)
-        for child in ast.iter_child_nodes(node):
-            visit(child)
-
-    visit(ast.parse(path.read_text(encoding="utf-8")))
-    return found
+def ours(path: Path) -> set[str]:
+    """Modules of the package that a file imports, and names that it takes from them."""
+    return {name for name in HOUSE.imports(path) if name.startswith("toros_fem.")}
 
 
 def test_every_module_is_seen() -> None:
     """The tests below look at all that is there, and would not pass on nothing."""
-    seen = {module_of(path) for path in sources()}
-    assert len(seen) == len(sources()) > 130
-    rooms = {room_of(module) for module in seen} - {""}
-    assert rooms == set(LEVEL), "each room has its place in ROOMS, and no place is empty"
-    for room in (name for name in rooms if (ROOT / "toros_fem" / name).is_dir()):
-        files = len(list((ROOT / "toros_fem" / room).glob("*.py")))
-        assert 2 < files <= 15, f"{room} holds {files} files: a room is one subject"
+    assert len({HOUSE.module_of(path) for path in SOURCES}) == len(SOURCES) > 300
+    assert {room_of(path) for path in SOURCES} == {*ROOMS, "", "__main__"}
 
 
-@pytest.mark.parametrize("path", sources(), ids=lambda p: str(p.relative_to(ROOT)))
-def test_imports_go_upwards(path: Path) -> None:
-    room = room_of(module_of(path))
-    if not room:
-        return  # the package itself offers names from everywhere
-    for module in imports(path):
-        if not module.startswith("toros_fem."):
-            continue
-        other = room_of(module)
-        assert other in LEVEL, f"{path} must name the module that {module} comes from"
-        assert other == room or LEVEL[other] < LEVEL[room], f"{path} must not import {module}"
+def test_imports_go_down() -> None:
+    level = {room: ROOMS.index(room) for room in ROOMS}
+    found = [
+        f"{path.relative_to(ROOT)} imports {name}"
+        for path in SOURCES
+        if room_of(path) in level
+        for name in sorted(ours(path))
+        if level[HOUSE.room_of(name)] < level[room_of(path)]
+    ]
+    assert found == []
 
 
-def test_no_module_imports_in_a_circle() -> None:
-    """Inside a room too: files are sorted so that each imports from those before it."""
-    modules = {module_of(path): path for path in sources() if room_of(module_of(path))}
-    waiting = {
-        name: {other for other in imports(path) if other in modules and other != name}
-        for name, path in modules.items()
-        if path.name != "__init__.py"
-    }
-    waiting = {name: {o for o in others if o in waiting} for name, others in waiting.items()}
-    while waiting:
-        ready = {name for name, others in waiting.items() if not others}
-        assert ready, f"these import each other: {sorted(waiting)}"
-        waiting = {name: others - ready for name, others in waiting.items() if name not in ready}
+def test_a_file_names_the_module_that_a_name_comes_from() -> None:
+    """`from toros_fem import x` would tie it to the whole package."""
+    found = [path for path in SOURCES if room_of(path) and "toros_fem" in HOUSE.imports(path)]
+    assert [path for path in found if path.name != "__main__.py"] == []
 
 
-@pytest.mark.parametrize("path", sorted((ROOT / "forms").glob("*.py")), ids=lambda p: p.name)
-def test_forms_are_pure_ufl(path: Path) -> None:
+def test_rooms_stand_on_few_floors() -> None:
+    below = HOUSE.arrows()
+    assert max(HOUSE.floors(below).values()) <= MOST_FLOORS
+
+
+def test_neither_files_nor_folders_import_each_other() -> None:
+    """Faces, which hand names on, are left out."""
+    modules = {HOUSE.module_of(path): path for path in SOURCES if path.name != "__init__.py"}
+    files = {name: (ours(path) & set(modules)) - {name} for name, path in modules.items()}
+    HOUSE.floors(files)
+    folders: dict[str, set[str]] = {}
+    for name, others in files.items():
+        folder = name.rpartition(".")[0]
+        to = {other.rpartition(".")[0] for other in others}
+        folders.setdefault(folder, set()).update(to - {folder})
+    HOUSE.floors(folders)
+
+
+def test_faces_hand_names_on_and_do_nothing_else() -> None:
+    for path in SOURCES:
+        if path.name == "__init__.py" and path.parent.name != "toros_fem":
+            body = ast.parse(path.read_text(encoding="utf-8")).body
+            assert isinstance(body[0], ast.Expr), f"{path} says what it is for"
+            kinds = {type(node) for node in body[1:]}
+            assert kinds <= {ast.ImportFrom, ast.Assign}, path
+
+
+def test_drawing_is_that_of_the_code() -> None:
+    drawing = HOUSE.DRAWING.read_text(encoding="utf-8")
+    assert drawing == HOUSE.svg(), "run python3 docs/draw_rooms.py"
+
+
+def test_forms_are_pure_ufl() -> None:
     allowed = {"ufl", "typing", "collections.abc", "dataclasses", "__future__"}
-    for module in imports(path):
-        assert module in allowed or module.startswith("toros_fem.forms"), module
+    paths = sorted((ROOT / "forms").glob("*.py"))
+    assert len(paths) > 5
+    for path in paths:
+        others = {m for m in HOUSE.imports(path) if not m.startswith("toros_fem.forms")}
+        assert others <= allowed, path
 
 
 def test_versions_differ_in_one_place_only() -> None:
-    for path in sources():
+    for path in SOURCES:
         text = path.read_text(encoding="utf-8")
-        if path.name not in ("_compat.py", "_version.py", "__init__.py", "files.py"):
+        if path.name not in ("compat.py", "versions.py", "__init__.py", "files.py"):
             assert "__version__" not in text, path
         if path.name != "__main__.py":
             assert "COMM_WORLD" not in text, f"{path} must take its communicator"
@@ -142,7 +109,7 @@ def test_demos_share_public_names_only() -> None:
     demos = sorted((ROOT / "demos").glob("*.py"))
     assert len(demos) > 10
     for path in demos:
-        for module in imports(path):
+        for module in HOUSE.imports(path):
             assert module == "__future__" or "._" not in module, module
             if module.startswith("toros_fem") and module.count(".") < 3:
                 importlib.import_module(module.rpartition(".")[0] or module)

@@ -58,15 +58,16 @@ def test_theory_has_every_equation_and_files_that_exist() -> None:
 
 def public_names() -> list[str]:
     """Names in `__all__` of the package and of its rooms, each in its shortest form."""
-    folders = [path.parent.name for path in sorted((ROOT / "toros_fem").glob("*/__init__.py"))]
-    rooms = ["toros_fem", *(f"toros_fem.{name}" for name in ["meshes", *folders])]
+    faces = sorted((ROOT / "toros_fem").glob("*/**/__init__.py"))
+    folders = [".".join(path.parent.relative_to(ROOT).parts) for path in faces]
+    rooms = ["toros_fem", "toros_fem.meshes", *folders]
     names = set()
     for room in rooms:
         module = importlib.import_module(room)
         for name in getattr(module, "__all__", ()):
             public = getattr(toros_fem, name, None) is getattr(module, name)
             names.add(f"{'toros_fem' if public else room}.{name}")
-    return sorted(names - {"toros_fem.__version__", "toros_fem.errors", "toros_fem.meshes"})
+    return sorted(names - {"toros_fem.__version__", "toros_fem.base.errors", "toros_fem.meshes"})
 
 
 @pytest.mark.slow

@@ -1,0 +1,123 @@
+"""Reductions and errors are the same on all ranks."""
+
+import warnings
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from toros_fem.base import mpi
+from toros_fem.base.errors import ParameterError, UnitWarning
+
+
+def test_reductions(comm: MPI.Comm) -> None:
+    ranks = np.arange(1.0, comm.size + 1)
+    own = float(comm.rank + 1)
+    assert mpi.total(comm, own) == ranks.sum()
+    assert mpi.largest(comm, own) == ranks.max()
+    assert mpi.smallest(comm, own) == ranks.min()
+    assert mpi.dot(comm, np.array([own, own]), np.array([1.0, 2.0])) == 3 * ranks.sum()
+    assert mpi.norm(comm, np.array([own])) == pytest.approx(np.linalg.norm(ranks))
+    found = mpi.sum_over_ranks(comm, np.array([[own, 2 * own]]))
+    np.testing.assert_array_equal(found, ranks.sum() * np.array([[1.0, 2.0]]))
+
+
+def test_rows_by_index(comm: MPI.Comm) -> None:
+    """Each rank gives the row of its number; the last row is given by none."""
+    rows = np.array([[comm.rank + 1.0, -1.0]])
+    found = mpi.gather_by_index(comm, np.array([comm.rank]), rows, comm.size + 1)
+    assert found[:-1, 0].tolist() == list(range(1, comm.size + 1))
+    assert (found[:-1, 1] == -1).all()
+    assert (found[-1] == 0).all()
+
+
+def test_an_error_of_one_rank_is_raised_on_all(comm: MPI.Comm) -> None:
+    mpi.raise_together(comm, None)
+    last = comm.size - 1
+    with pytest.raises(ValueError, match=f"rank {last}$"):
+        mpi.raise_together(comm, ValueError(f"rank {last}") if comm.rank == last else None)
+    with pytest.raises(ValueError, match="rank 0$"):
+        mpi.raise_together(comm, ValueError(f"rank {comm.rank}"))
+
+
+def test_first_rank_acts_for_all(comm: MPI.Comm) -> None:
+    calls: list[int] = []
+
+    def act() -> str:
+        calls.append(comm.rank)
+        return f"done on {comm.rank}"
+
+    assert mpi.on_first_rank(comm, act) == "done on 0"
+    assert calls == ([0] if comm.rank == 0 else [])
+
+    def fail() -> None:
+        raise OSError("no space")
+
+    with pytest.raises(OSError, match="no space"):
+        mpi.on_first_rank(comm, fail)
+
+
+def test_equal_arguments_pass(comm: MPI.Comm) -> None:
+    mpi.require_alike(comm, a=1.0, b="x", c=None, d=[1, (2, 3)], e=np.eye(2), f={"g": 1})
+    mpi.require_alike(comm, number=[1, 1.0, np.float64(1)][comm.rank % 3])
+
+
+def test_other_arguments_are_told_on_all_ranks(comm: MPI.Comm) -> None:
+    if comm.size == 1:
+        return
+    for value in (comm.rank, str(comm.rank), [0, comm.rank], np.full(2, comm.rank)):
+        with pytest.raises(ParameterError, match="second differs between the ranks: .* on rank 1"):
+            mpi.require_alike(comm, first=0, second=value)
+
+
+def test_warnings_come_from_one_rank(comm: MPI.Comm) -> None:
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        mpi.warn_together(comm, "odd", UnitWarning)
+    assert len(found) == (1 if comm.rank == 0 else 0)
+
+
+class EndedError(Exception):
+    """What stands for the end of the program."""
+
+
+class Lone:
+    """Two ranks, of which the other one never arrives."""
+
+    size = 2
+
+    def __init__(self) -> None:
+        self.codes: list[int] = []
+
+    def Dup(self) -> "Lone":  # noqa: N802
+        return self
+
+    def Ibarrier(self) -> "Lone":  # noqa: N802
+        return self
+
+    def Test(self) -> bool:  # noqa: N802
+        return False
+
+    def Abort(self, code: int) -> None:  # noqa: N802
+        self.codes.append(code)
+        raise EndedError
+
+
+def test_an_error_of_one_rank_alone_ends_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The error is told before the end, not after it."""
+    monkeypatch.setattr(mpi, "PATIENCE", 0.05)
+    told: list[Exception] = []
+    lone = Lone()
+    with pytest.raises(EndedError), mpi.ending_together(lone, told.append):  # type: ignore[arg-type]
+        raise ValueError("alone")
+    assert [str(error) for error in told] == ["alone"]
+    assert lone.codes == [1]
+
+
+def test_an_error_of_all_ranks_passes(comm: MPI.Comm) -> None:
+    told: list[Exception] = []
+    with pytest.raises(ValueError, match="all"), mpi.ending_together(comm, told.append):
+        raise ValueError("all")
+    with mpi.ending_together(comm, told.append):
+        pass
+    assert not told

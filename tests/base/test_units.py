@@ -1,0 +1,68 @@
+"""Values with units: exact conversion, and what is refused."""
+
+import numpy as np
+import pytest
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.units import DIMENSIONS, read_quantity, write_quantity
+
+pytestmark = pytest.mark.one_rank
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("5 kPa", "Pa", 5e3),
+        ("0.6 mm", "m", 0.6e-3),
+        ("2.15mm", "m", 2.15e-3),
+        ("1.4e0 mm", "m", 1.4e-3),
+        ("1 in", "m", 0.0254),
+        ("20 mm²", "m²", 20e-6),
+        ("20 mm2", "m²", 20e-6),
+        ("180 deg", "deg", 180.0),
+        ("-90°", "deg", -90.0),
+        ("8 %", "%", 8.0),
+        ("8 %", None, 0.08),
+        ("30 g", "kg", 0.03),
+        ("0.1 MPa", "Pa", 1e5),
+        ("200 mbar", "Pa", 2e4),
+        ("2 N/mm", "N/m", 2e3),
+    ],
+)
+def test_quantities_are_the_same_numbers_as_in_python(
+    text: str, unit: str | None, value: float
+) -> None:
+    assert read_quantity(text, unit) == value  # not approximately: runs are repeated bit for bit
+
+
+def test_radians() -> None:
+    assert read_quantity(f"{np.pi!r} rad", "deg") == pytest.approx(180, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "message"),
+    [
+        ("5 mm", "Pa", "'5 mm' is a length, but a pressure or a modulus is needed; known are Pa"),
+        ("5 kPa", None, "'5 kPa' is a pressure or a modulus, but a pure number is needed"),
+        ("5", "Pa", "'5' has no unit; known are Pa, hPa, .*a plain number, without quotes, in Pa"),
+        ("5 furlong", "m", "the unknown unit 'furlong'; known are m, cm, mm"),
+        ("five mm", "m", "'five mm' does not start with a number"),
+        ("", "m", "does not start with a number"),
+        ("nan mm", "m", "does not start with a number"),
+        ("1e999 m", "m", "too large"),
+        ("5 %", "m", "'5 %' is a fraction, but a length is needed"),
+    ],
+)
+def test_refused(text: str, unit: str | None, message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        read_quantity(text, unit)
+
+
+def test_written_quantities_are_read_again() -> None:
+    rng = np.random.default_rng(1)
+    for unit in DIMENSIONS:
+        for value in [0.0, *(10.0 ** rng.uniform(-12, 12, 200) * rng.choice([-1, 1], 200))]:
+            assert read_quantity(write_quantity(float(value), unit), unit) == value
+    assert write_quantity(5e3, "Pa") == "5 kPa"
+    assert write_quantity(26e6, "Pa") == "26 MPa"
+    assert write_quantity(0.15, "m") == "150 mm"

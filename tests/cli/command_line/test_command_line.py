@@ -1,0 +1,271 @@
+"""The command line of scripts: options from fields, help, errors in one line."""
+
+import importlib
+import json
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from demo_runs import DEMOS
+from helpers.scenes import ROOT
+from mpi4py import MPI
+
+from demos import own_design, three_field
+from toros_fem.base.config import Config, quantity
+from toros_fem.base.errors import OutputError
+from toros_fem.cli.command_line.scripts import option_help, run_from_command_line
+from toros_fem.cli.commands.unwrap import UnwrapConfig
+from toros_fem.materials.library import read_library, reinforced
+from toros_fem.products.tile_design import tile
+from toros_fem.products.tiles import pulled_sheet
+from toros_fem.products.tubes.bend import BendConfig
+from toros_fem.products.tubes.tube import coarse_tube
+
+CONFIGS: dict[str, Config] = {
+    **{name: demo.config for name, demo in DEMOS.items()},
+    "own_design": own_design.OwnDesignConfig(),
+    "three_field": three_field.ThreeFieldConfig(),
+    "tile": tile.TargetTileConfig(),
+    "tile_sheet": pulled_sheet.TileSheetConfig(),
+    "unwrap": UnwrapConfig(),
+}
+
+
+@dataclass(frozen=True)
+class Base(Config):
+    """Numbers of all samples; SI units."""
+
+    width: float = quantity(0.5, "width of the sample", "m", above=0)
+    growth: float = quantity(8.0, "growth of the sample", "%", below=100)
+    load: float | None = quantity(None, "load; none leaves it out", "N", above=0)
+
+
+@dataclass(frozen=True)
+class Sample(Base):
+    """Numbers of this sample."""
+
+    count: int = quantity(3, "number of samples", at_least=1)
+    kind: str = quantity("round", "shape", choices=("round", "square"))
+    rigid: bool = quantity(False, "also stiffen the sample")
+    width: float = Base.redefault("width", 0.25)
+
+
+class Script:
+    """A script that records what it is given."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, comm: MPI.Comm = MPI.COMM_WORLD) -> None:
+        self.patch, self.comm = monkeypatch, comm
+        self.given: list[Any] = []
+
+    def run(
+        self, comm: MPI.Comm, output: Path, config: Sample, *, verbose: bool, **files: Any
+    ) -> dict[str, Any]:
+        self.given = [output, config, verbose, files]
+        if config.count == 13:
+            raise OutputError("nothing could be written.")
+        return {"count": config.count}
+
+    def __call__(self, *words: str, **options: Any) -> int:
+        self.patch.setattr(sys, "argv", ["sample.py", *words])
+        return run_from_command_line(
+            self.comm,
+            "A sample.",
+            Sample(),
+            self.run,
+            Path("out"),
+            coarse=lambda config: config.updated(width=1.0, count=2),
+            sentence=lambda summary: f"{summary['count']} made",
+            **options,
+        )
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(comm: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs lie in folders, which shall not stay in the checkout."""
+    monkeypatch.chdir(comm.bcast(tmp_path, root=0))
+
+
+@pytest.fixture
+def script(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Script:
+    """Each rank runs one for itself, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    return Script(monkeypatch, MPI.COMM_SELF)
+
+
+def test_defaults(script: Script, capsys: pytest.CaptureFixture[str]) -> None:
+    assert script() == 0
+    assert script.given == [Path("out"), Sample(), False, {}]
+    assert capsys.readouterr().out == "3 made; see out/\n"
+
+
+def test_options(script: Script) -> None:
+    words = "--width 2e-1 --load 5 --count 4 --kind square --rigid --verbose --output there"
+    assert script(*words.split()) == 0
+    expected = Sample(width=0.2, load=5.0, count=4, kind="square", rigid=True)
+    assert script.given == [Path("there"), expected, True, {}]
+    assert script("--load", "none", "--no-rigid") == 0
+    assert script.given[1] == Sample()
+
+
+def test_other_options_override_the_coarse_variant(script: Script) -> None:
+    assert script("--count", "9", "--coarse") == 0
+    assert script.given[1] == Sample(width=1.0, count=9)
+
+
+def test_files(script: Script) -> None:
+    files, arguments = {"mesh": "a mesh"}, {"target": "a target"}
+    assert script("a.stl", "--mesh", "b.stl", files=files, arguments=arguments) == 0
+    assert script.given[3] == {"mesh": Path("b.stl"), "target": Path("a.stl")}
+    assert script(files=files, arguments=arguments) == 0
+    assert script.given[3] == {"mesh": None, "target": None}
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("--fabric jersey-light --reinforcement tpu-85a --bladder dragon-skin-20", None),
+        ("--fabric jersy-light", "LibraryError: 'jersy-light' is no fabric"),
+        ("--fabric jersey-light --fabric-young 3", "--fabric stands for --fabric-young too"),
+        ("--materials no.toml", "LibraryError: no.toml cannot be read"),
+    ],
+)
+def test_materials_by_name(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    words: str,
+    told: str | None,
+) -> None:
+    chosen: list[Any] = []
+
+    def run(comm: MPI.Comm, output: Path, config: BendConfig, *, verbose: bool) -> dict[str, Any]:
+        chosen.append(config)
+        return {}
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["bend.py", "--coarse", *words.split()])
+    code = run_from_command_line(
+        MPI.COMM_SELF,
+        "A tube.",
+        BendConfig(),
+        run,
+        Path("out"),
+        coarse=coarse_tube,
+        sentence=lambda _: "bent",
+    )
+    if told is not None:
+        assert code == 2
+        assert told in capsys.readouterr().err
+        return
+    record = json.loads(Path("out/state/run.json").read_text(encoding="utf-8"))
+    assert record["inputs"]["materials"]["reinforcement"] == "tpu-85a"
+    composite, library = chosen[0].composite, read_library()
+    assert chosen[0].edge_length == coarse_tube(BendConfig()).edge_length
+    assert composite.reinforcement == reinforced(composite.fabric, library["tpu-85a"].material)
+    assert composite.bladder == library["dragon-skin-20"].bladder
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--widht 3", "unknown option --widht; did you mean --width?"),
+        ("--widht=3", "unknown option --widht; did you mean --width?"),
+        ("--coars", "unknown option --coars; did you mean --coarse?"),
+        ("--zzz 3", "unknown option --zzz; --help lists all options."),
+        ("--width wide", "argument --width: invalid number value: 'wide'"),
+        ("--count 1.5", "argument --count: invalid whole number value: '1.5'"),
+        ("--width none", "argument --width: invalid number value: 'none'"),
+        ("extra", "unrecognized arguments: extra"),
+    ],
+)
+def test_bad_options(
+    script: Script, capsys: pytest.CaptureFixture[str], words: str, message: str
+) -> None:
+    with pytest.raises(SystemExit) as caught:
+        script(*words.split())
+    assert caught.value.code == 2
+    assert capsys.readouterr().err == f"sample.py: {message}\n"
+    assert script.given == []
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--width -1", "ParameterError: width = -1.0 m must be a finite number, above 0."),
+        ("--kind oval", "ParameterError: kind = 'oval' must be one of 'round', 'square'."),
+        ("--count 13", "OutputError: nothing could be written."),
+    ],
+)
+def test_bad_values_end_in_one_line(
+    script: Script, capsys: pytest.CaptureFixture[str], words: str, message: str
+) -> None:
+    assert script(*words.split()) == 2
+    captured = capsys.readouterr()
+    assert captured.err == message + "\n"
+    assert captured.out == ""
+
+
+def test_only_the_first_rank_prints(
+    comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    script = Script(monkeypatch, comm)
+    assert script() == 0
+    assert script("--width", "-1") == 2
+    with pytest.raises(SystemExit):
+        script("--widht", "3")
+    captured = capsys.readouterr()
+    assert bool(captured.out) == bool(captured.err) == (comm.rank == 0)
+
+
+def test_help_groups_options_by_class(script: Script, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        script("--help")
+    assert caught.value.code == 0
+    text = capsys.readouterr().out
+    assert text.startswith("usage: sample.py [options]\n\nA sample.\n")
+    own, base = text.index("Numbers of this sample:"), text.index("Numbers of all samples;")
+    assert own < text.index("--count") < text.index("--rigid") < base < text.index("--width")
+    assert "growth of the sample; in %; below 100; default 8" in text
+
+
+def test_help_of_a_field() -> None:
+    config = Sample()
+    assert option_help(config, "width") == "width of the sample; in m; above 0; default 0.25"
+    assert option_help(config, "load") == (
+        "load; none leaves it out; in N; above 0, or none; default none"
+    )
+    assert option_help(config, "kind") == "shape; one of round, square; default round"
+    assert option_help(config, "rigid") == "also stiffen the sample; default no"
+    assert option_help(config, "count") == "number of samples; at least 1; default 3"
+
+
+def test_every_demo_is_seen() -> None:
+    demos = {path.stem for path in (ROOT / "demos").glob("*.py")}
+    assert demos == set(CONFIGS)
+
+
+@pytest.mark.parametrize("name", list(CONFIGS))
+def test_help_of_the_demos(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Every field of every demo is listed with its meaning, unit, bounds and default."""
+    config, demo = CONFIGS[name], importlib.import_module(f"demos.{name}")
+    monkeypatch.setattr(sys, "argv", [f"{name}.py", "--help"])
+    with pytest.raises(SystemExit):
+        run_from_command_line(
+            MPI.COMM_SELF, str(demo.__doc__), config, demo.run, Path("out"), sentence=str
+        )
+    text = " ".join(capsys.readouterr().out.split()).replace("- ", "-")
+    for field, (kind, _) in config.kinds().items():
+        spec = config.quantity(field)
+        assert spec.meaning, field
+        assert "--" + field.replace("_", "-") in text
+        help_text = option_help(config, field).replace("%%", "%")
+        assert help_text.replace("- ", "-") in text, field
+        if kind is float and spec.unit is None:
+            # A pure number: its meaning must not hide a size.
+            words = ("length", "angle", "thickness", "pressure")
+            named = any(word == field.rpartition("_")[2] for word in words)
+            assert not named, f"{field} needs a unit"

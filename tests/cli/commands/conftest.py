@@ -1,0 +1,19 @@
+"""A design that several commands look at."""
+
+from pathlib import Path
+
+import pytest
+from helpers.command_runs import changes, small_scene
+from helpers.scenes import shared
+from mpi4py import MPI
+
+from toros_fem.cli.commands.main import run
+
+
+@pytest.fixture(scope="session")
+def designed(comm: MPI.Comm, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The scene file of a small design, and the folder of its finished run."""
+    folder = shared(comm, tmp_path_factory.mktemp("designed"))
+    scene = small_scene(comm, folder)
+    assert run(comm, ["design", str(scene), "--output", str(folder / "run"), *changes()]) == 0
+    return scene, folder / "run"

@@ -1,0 +1,161 @@
+"""`toros check`: errors with their line, and the cost of a design."""
+
+import json
+from pathlib import Path
+
+import pytest
+from helpers.command_runs import changes, small_scene
+from helpers.scenes import ROOT, shared
+from mpi4py import MPI
+
+from toros_fem.base.mpi import on_first_rank
+from toros_fem.cli.commands.main import run
+from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.products.tubes import bend
+
+
+def test_cost_of_a_design(
+    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = small_scene(comm, shared(comm, tmp_path))
+    capsys.readouterr()
+    assert run(comm, ["check", str(scene), *changes(estimate_error="true"), "--json"]) == 0
+    captured = capsys.readouterr()
+    if comm.rank:
+        return
+    found = json.loads(captured.out)
+    assert found["kind"] == "bend"
+    assert found["inputs"]["angle"] == 45.0
+    assert found["largest_triangles"] == 4 * found["triangles"]
+    assert 0.2 < found["memory_gib"] < 1
+    assert 0 < found["minutes"][0] < found["minutes"][1]
+    assert found["probe"]["newton_steps"] > 3
+    assert [part["name"] for part in found["parts"]] == [
+        "design, mesh 1 of 1", "prints", "estimate of the error", "curve over the pressure",
+    ]  # fmt: skip
+
+
+def test_triangles_and_unknowns_are_those_of_the_mesh(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    comm = MPI.COMM_SELF
+    scene = small_scene(comm, tmp_path)
+    capsys.readouterr()
+    words = changes(edge_length="2.5 mm")
+    assert run(comm, ["check", str(scene), *words, "--no-probe", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    made = bend.case(comm, read_scene(scene, changes=words[1::2]).config)  # type: ignore[arg-type]
+    assert found["triangles"] == pytest.approx(len(made.pattern.panel), rel=0.1)
+    count = 3 * len(made.pattern.points) + len(made.pattern.edges.ends)
+    assert found["unknowns"] == pytest.approx(count, rel=0.12)
+    assert found["minutes"] is None
+
+
+def test_lines_of_a_reader(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = small_scene(MPI.COMM_SELF, tmp_path)
+    capsys.readouterr()
+    words = ["check", str(scene), *changes(reinforcement="tpu-85a"), "--quiet"]
+    assert run(MPI.COMM_SELF, words) == 0
+    text = capsys.readouterr().out
+    assert text.startswith(f"{scene} is in order: a tube that bends.\nreinforcement  tpu-85a: TPU")
+    assert "\ntriangles   about " in text
+    assert "\ntime        " in text
+    assert "Newton steps on " in text
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("edge_length=1e-6",),
+        ("edge_length=1e-6", "levels=1"),
+        ("diameter=10",),
+        ("start=relaxed", "print_edge_length=1e-6"),
+    ],
+    ids=" ".join,
+)
+def test_too_large_meshes_are_refused(
+    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]
+) -> None:
+    scene = small_scene(comm, shared(comm, tmp_path))
+    options = [part for word in words for part in ("--set", word)]
+    for command in (["check"], ["design", "--output", str(scene.parent / "run")]):
+        capsys.readouterr()
+        assert run(comm, [*command, str(scene), *options]) == 2
+        error = capsys.readouterr().err
+        assert ("MeshSizeError: edge_length = " in error) == (comm.rank == 0)
+    capsys.readouterr()
+    assert run(comm, ["check", str(scene), *options, "--allow-large", "--no-probe"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "message"),
+    [
+        ('pressur = "5 kPa"', 2, "did you mean 'pressure'"),
+        ('pressure = "5 mm"', 2, "pressure"),
+        ("pressure = -1", 2, "at least 0"),
+    ],
+)
+def test_wrong_lines(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], line: str, code: int, message: str
+) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text(f'kind = "bend"\n\n[pressure]\n{line}\n', encoding="utf-8")
+    assert run(MPI.COMM_SELF, ["check", str(path), "--json"]) == code
+    found = json.loads(capsys.readouterr().out)["error"]
+    assert found["type"] == "SceneError"
+    assert message in found["message"]
+    assert found["line"] == 4
+    assert found["file"] == str(path)
+
+
+def test_a_mesh_that_is_not_there(
+    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = shared(comm, tmp_path) / "own.toml"
+    assert run(comm, ["new", "own-mesh", str(path)]) == 0
+    capsys.readouterr()
+    assert run(comm, ["check", str(path)]) == 2
+    assert ("files.mesh: there is no" in capsys.readouterr().err) == (comm.rank == 0)
+
+
+def test_own_mesh(comm: MPI.Comm, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = ROOT / "examples" / "finger.toml"
+    assert run(comm, ["check", str(scene), "--coarse", "--no-probe", "--json"]) == 0
+    captured = capsys.readouterr()
+    if comm.rank == 0:
+        assert json.loads(captured.out)["triangles"] == 1832
+
+
+@pytest.mark.parametrize(("kind", "triangles"), [("inflate", 715), ("tile", 10000)])
+def test_other_kinds(
+    comm: MPI.Comm,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    kind: str,
+    triangles: int,
+) -> None:
+    path = shared(comm, tmp_path) / "scene.toml"
+    assert run(comm, ["new", kind, str(path)]) == 0
+    capsys.readouterr()
+    assert run(comm, ["check", str(path), "--coarse", "--json"]) == 0
+    captured = capsys.readouterr()
+    if comm.rank == 0:
+        found = json.loads(captured.out)
+        assert found["triangles"] == pytest.approx(triangles, rel=0.1)
+        assert 0 < found["minutes"][0] < found["minutes"][1]
+
+
+def test_a_kind_without_an_estimate(
+    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = shared(comm, tmp_path) / "scene.toml"
+    assert run(comm, ["new", "tile-sheet", str(path)]) == 0
+    capsys.readouterr()
+    assert run(comm, ["check", str(path)]) == 0
+    assert ("'tile-sheet' is not estimated." in capsys.readouterr().out) == (comm.rank == 0)
+
+
+def test_reading_is_the_same_on_all_ranks(comm: MPI.Comm, tmp_path: Path) -> None:
+    path = shared(comm, tmp_path) / "broken.toml"
+    on_first_rank(comm, lambda: path.write_text("kind = ", encoding="utf-8"))
+    assert comm.allgather(run(comm, ["check", str(path)])) == [2] * comm.size

@@ -1,0 +1,192 @@
+"""The command line `toros`: help, suggestions, exit codes, JSON."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.scenes import ROOT
+from mpi4py import MPI
+
+from toros_fem.base.errors import NoEquilibriumError, OutputError, ParameterError
+from toros_fem.cli.command_line.command import Answer, Command
+from toros_fem.cli.command_line.exit_codes import MEANING
+from toros_fem.cli.commands import main
+from toros_fem.cli.commands.main import COMMANDS, run
+
+ALONE = MPI.COMM_SELF
+
+
+def replaced(
+    monkeypatch: pytest.MonkeyPatch, action: Callable[[], Answer], name: str = "doctor"
+) -> None:
+    """Let a command do something else."""
+    own = COMMANDS[name]
+    other = Command(
+        name, own.about, own.details, own.examples, own.add_options, lambda comm, given: action()
+    )
+    monkeypatch.setattr(main, "COMMANDS", {**COMMANDS, name: other})
+
+
+def test_help_lists_commands_and_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(ALONE, ["--help"]) == 0
+    text = capsys.readouterr().out
+    for name, command in COMMANDS.items():
+        assert f"\n    {name}" in text
+        assert " ".join(command.about.split()) in " ".join(text.split())
+    for code, meaning in MEANING.items():
+        assert f"{code:3d}  {meaning}" in text
+
+
+@pytest.mark.parametrize("name", list(COMMANDS))
+def test_help_of_a_command(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Every option says what it does and what its default is, and the examples are its own."""
+    assert run(ALONE, [name, "--help"]) == 0
+    text = capsys.readouterr().out
+    assert f"usage: toros {name}" in text
+    assert "examples:\n" in text
+    for line in COMMANDS[name].examples:
+        assert line in text
+        assert f"toros {name}" in line
+    parser = main._parser(ALONE)._subparsers._group_actions[0].choices[name]  # type: ignore
+    for action in parser._actions:
+        if action.dest == "help":
+            continue
+        assert action.help, action.dest
+        if action.option_strings and not action.required:
+            assert "default" in action.help, action.option_strings
+
+
+@pytest.mark.parametrize("name", list(COMMANDS))
+def test_examples_have_their_options(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(ALONE, [name, "--help"]) == 0
+    text = capsys.readouterr().out
+    for line in COMMANDS[name].examples:
+        for word in line.split(f"toros {name}")[1].split():
+            if word.startswith("--"):
+                assert f"  {word}" in text, line
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("unwarp x.stl", "toros: unknown command 'unwarp'; did you mean unwrap?"),
+        ("zzz", "toros: unknown command 'zzz'; known are"),
+        ("doctor --jsn", "toros doctor: unknown option --jsn; did you mean --json?"),
+        ("doctor --zzz", "toros doctor: unknown option --zzz; --help lists all options."),
+        ("unwrap a.stl --method abff", "must be one of 'auto', 'exact', 'abf', 'lscm'"),
+        ("unwrap", "toros unwrap: the following arguments are required: MESH"),
+        ("", "toros: the following arguments are required: COMMAND"),
+        ("doctor extra", "unrecognized arguments: extra"),
+    ],
+)
+def test_wrong_words(capsys: pytest.CaptureFixture[str], words: str, message: str) -> None:
+    assert run(ALONE, words.split()) == 2
+    captured = capsys.readouterr()
+    assert message in captured.err
+    assert captured.out == ""
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (ParameterError("width = −1 m must be above 0."), 2),
+        (NoEquilibriumError("nothing holds it."), 3),
+        (OutputError("the disk is full."), 4),
+        (KeyboardInterrupt(), 130),
+        (ZeroDivisionError("division by zero"), 1),
+    ],
+)
+def test_exit_codes(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    error: BaseException,
+    code: int,
+) -> None:
+    def fail() -> Answer:
+        raise error
+
+    replaced(monkeypatch, fail)
+    assert run(ALONE, ["doctor"]) == code
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert str(error) in captured.err
+    assert ("Traceback" in captured.err) == (code == 1), "a traceback is for faults of the program"
+    assert run(ALONE, ["doctor", "--json"]) == code
+    found = json.loads(capsys.readouterr().out)
+    assert found["command"] == "doctor"
+    assert found["exit_code"] == code
+    assert found["error"] == {"type": type(error).__name__, "message": str(error)}
+
+
+def test_json_alone_is_on_stdout(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import numpy as np
+
+    def chatty() -> Answer:
+        print("a line of the library")
+        figures = {"path": Path("a"), "x": np.float64(0.1), "n": np.arange(2), "nan": np.nan}
+        return Answer("done", figures)
+
+    replaced(monkeypatch, chatty)
+    assert run(ALONE, ["doctor", "--json"]) == 0
+    captured = capsys.readouterr()
+    expected: dict[str, Any] = {"command": "doctor", "exit_code": 0, "path": "a", "x": 0.1}
+    assert json.loads(captured.out) == {**expected, "n": [0, 1], "nan": None}
+    assert "a line of the library" in captured.err
+    assert run(ALONE, ["doctor"]) == 0
+    assert capsys.readouterr().out == "a line of the library\ndone\n"
+    assert run(ALONE, ["doctor", "--quiet"]) == 0
+    captured = capsys.readouterr()
+    assert captured.out == "done\n"
+    assert captured.err == ""
+
+
+def test_log_and_warnings_go_to_stderr(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import logging
+    import warnings
+
+    def spoken() -> Answer:
+        logging.getLogger("toros_fem.mine").info("half of it")
+        warnings.warn("odd, but legal", UserWarning, stacklevel=1)
+        return Answer("done")
+
+    replaced(monkeypatch, spoken)
+    assert run(ALONE, ["doctor"]) == 0
+    captured = capsys.readouterr()
+    assert captured.out == "done\n"
+    first, second = captured.err.splitlines()
+    assert first.endswith(" half of it"), "a batch job's lines begin with the time"
+    assert second.endswith(" warning: odd, but legal")
+    assert run(ALONE, ["doctor", "--quiet"]) == 0
+    assert "half of it" not in capsys.readouterr().err
+
+
+def test_only_the_first_rank_prints(comm: MPI.Comm, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(comm, ["unwrap", "nothing.stl"]) == 2
+    captured = capsys.readouterr()
+    assert ("there is no file nothing.stl" in captured.err) == (comm.rank == 0)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreters")
+def test_a_process_of_its_own() -> None:
+    """The entry point, as a shell sees it."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
+    done = subprocess.run(
+        [sys.executable, "-m", "toros_fem", "unwrap", "nothing.stl", "--json"],
+        env={**environment, "PYTHONPATH": str(ROOT)},
+        text=True,
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 2, done.stderr
+    assert json.loads(done.stdout)["error"]["type"] == "SurfaceError"
+    assert "Traceback" not in done.stderr

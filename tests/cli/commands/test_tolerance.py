@@ -1,0 +1,74 @@
+"""`toros tolerance` on a small design."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from helpers.scenes import shared
+from mpi4py import MPI
+
+from toros_fem.base.errors import OutputError
+from toros_fem.cli.commands.main import run
+from toros_fem.cli.scene_files.scene_of_run import scene_of_run
+
+Designed = tuple[Path, Path]
+FEW = ["--modulus", "none", "--thickness", "none"]
+
+
+@pytest.mark.slow
+def test_figures_table_and_picture(
+    comm: MPI.Comm, designed: Designed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Beside the design, whose page shows them."""
+    folder = shared(comm, tmp_path) / "copy"
+    if comm.rank == 0:
+        shutil.copytree(designed[1], folder)
+    comm.barrier()
+    capsys.readouterr()
+    assert run(comm, ["tolerance", str(folder), "--json", *FEW]) == 0
+    captured = capsys.readouterr()
+    assert run(comm, ["view", str(folder)]) == 0
+    if comm.rank:
+        return
+    found = json.loads(captured.out)
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    assert found["command"] == "tolerance"
+    assert found["pressure_pa"] == summary["pressure_pa"]
+    assert found["nominal"]["angle_deg"] == pytest.approx(summary["angle_deg"], rel=0.1)
+    assert [row["change"] for row in found["variants"]] == [
+        "−0.2 mm", "−0.1 mm", "+0.1 mm", "+0.2 mm", "−5 %", "+5 %",
+    ]  # fmt: skip
+    for row in found["variants"]:
+        first = row["angle_deg_change_first_order"]
+        assert row["angle_deg_change"] == pytest.approx(first, abs=0.15 * abs(first) + 0.1)
+    assert all((folder / name).is_file() for name in found["files"])
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert found["worst"]["angle_deg"]["sentence"] in page
+    assert "print width −0.2 mm" in page
+
+
+@pytest.mark.slow
+def test_a_script_leaves_no_scene(comm: MPI.Comm, designed: Designed, tmp_path: Path) -> None:
+    """The kind is found by the inputs in the summary; of other inputs it is said."""
+    folder = shared(comm, tmp_path) / "copy"
+    if comm.rank == 0:
+        shutil.copytree(designed[1], folder)
+        (folder / "scene.toml").unlink()
+    comm.barrier()
+    words = ["--width", "none", "--output", str(folder / "worn"), "--quiet"]
+    assert run(comm, ["tolerance", str(folder), *FEW, *words]) == 0
+    if comm.rank == 0:
+        path = folder / "summary.json"
+        summary = json.loads(path.read_text(encoding="utf-8"))
+        assert (folder / "worn" / "tolerance.csv").read_text(encoding="utf-8").count("\n") == 3
+        summary["inputs"] = {"colour": 3}
+        path.write_text(json.dumps(summary), encoding="utf-8")
+    comm.barrier()
+    with pytest.raises(OutputError, match="does not say which scene it is of"):
+        scene_of_run(comm, folder)
+
+
+def test_no_design(comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(comm, ["tolerance", str(shared(comm, tmp_path))]) == 4
+    assert ("give the folder of a finished design" in capsys.readouterr().err) == (comm.rank == 0)

@@ -1,0 +1,55 @@
+"""`toros unwrap`: a pattern that others read."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.scenes import ROOT, shared
+from mpi4py import MPI
+
+from toros_fem.cli.commands.main import run
+from toros_fem.meshes import read_pattern, read_surface, unwrap
+
+FINGER = ROOT / "demos" / "surfaces" / "finger.stl"
+
+
+def test_pattern_of_the_finger(
+    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = shared(comm, tmp_path) / "flat"
+    words = ["unwrap", str(FINGER), "--scale", "1e-3", "--output", str(folder), "--json"]
+    assert run(comm, words) == 0
+    captured = capsys.readouterr()
+    pattern = read_pattern(comm, folder / "pattern.npz")
+    expected = unwrap(comm, read_surface(comm, FINGER, 1e-3)).pattern
+    assert np.array_equal(pattern.flat_points, expected.flat_points)
+    assert pattern.panel_names == expected.panel_names
+    if comm.rank == 0:
+        found = json.loads(captured.out)
+        assert found["triangles"] == len(pattern.panel)
+        assert found["pattern"] == str(folder / "pattern.npz")
+        assert {path.name for path in folder.iterdir()} == {
+            "pattern.npz", "pattern.svg", "unwrap.png", "surface.vtu", "summary.json",
+        }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (("--scale", "0"), 2, "scale = 0.0 m must be a finite number, above 0"),
+        ((), 2, "Millimetres? Give scale = 1e-3."),
+        (("--crease-angle", "-5"), 2, "crease_angle = -5.0 deg"),
+        (("--scale", "1e-3", "--component", "3"), 2, "component = 3"),
+        (("--scale", "1e-3", "--output", "/proc/nowhere"), 4, "/proc/nowhere could not be written"),
+    ],
+)
+def test_wrong_values(
+    comm: MPI.Comm,
+    capsys: pytest.CaptureFixture[str],
+    words: tuple[str, ...],
+    code: int,
+    message: str,
+) -> None:
+    assert run(comm, ["unwrap", str(FINGER), *words]) == code
+    assert (message in capsys.readouterr().err) == (comm.rank == 0)

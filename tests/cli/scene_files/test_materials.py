@@ -1,0 +1,213 @@
+"""Materials of a scene by name."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.scenes import shared
+from mpi4py import MPI
+
+from toros_fem.base.errors import LibraryError, SceneError
+from toros_fem.cli.scene_files.materials import FIELDS, roles_of
+from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.cli.scene_files.writing import scene_text
+from toros_fem.materials.library import print_offset, read_library, reinforced, write_material
+from toros_fem.materials.sheet import Bladder, Material
+from toros_fem.products.actuators.config import SkinConfig
+from toros_fem.products.kinds import KINDS
+from toros_fem.products.tubes.bend import BendConfig
+
+LIBRARY = read_library()
+
+
+def scene(folder: Path, text: str, **options: Any) -> Any:
+    path = folder / "my.toml"
+    path.write_text(f'kind = "bend"\n{text}', encoding="utf-8")
+    return read_scene(path, **options)
+
+
+def sheet(name: str) -> Material:
+    """A fabric as the composite has it, whose bounds are those of both materials."""
+    return replace(LIBRARY[name].material, c1=None, c2=None)
+
+
+def test_fields_of_roles_exist() -> None:
+    known = SkinConfig().kinds()
+    assert all(name in known for names in FIELDS.values() for name in names)
+    assert roles_of(KINDS["tile"].config) == ("fabric", "reinforcement")
+    assert roles_of(KINDS["tile-sheet"].config) == ()
+
+
+def test_names_of_the_defaults_are_the_defaults(tmp_path: Path) -> None:
+    text = '[material]\nfabric = "jersey-light"\nreinforcement = "tpu-95a-on-jersey"\n'
+    found = scene(tmp_path, text)
+    assert found.config.composite == BendConfig().composite
+    assert {role: entry.name for role, entry in found.materials.items()} == {
+        "fabric": "jersey-light",
+        "reinforcement": "tpu-95a-on-jersey",
+    }
+
+
+def test_numbers_of_names(tmp_path: Path) -> None:
+    text = """
+        [material]
+        fabric = "rib-knit"
+        reinforcement = "tpu-85a"
+        bladder = "dragon-skin-10"
+        bladder_thickness = "0.3 mm"
+        c1 = 1.7
+        """
+    composite = scene(tmp_path, text).config.composite
+    knit, layer = LIBRARY["rib-knit"], LIBRARY["tpu-85a"]
+    assert composite.fabric == knit.material
+    assert composite.knit.ratio == knit.knit_ratio
+    assert composite.reinforcement == reinforced(knit.material, layer.material)
+    assert composite.print_offset == print_offset(knit.material, layer.material)
+    assert composite.print_side is None
+    assert composite.bladder == Bladder(106e3, 0.3e-3)
+    assert (composite.c1, composite.c2) == (1.7, 2.6)
+
+
+def test_a_print_goes_onto_a_fabric_of_numbers(tmp_path: Path) -> None:
+    text = '[material]\nreinforcement = "tpu-85a"\nfabric_young = "1 MPa"\nthickness = "0.8 mm"\n'
+    composite = scene(tmp_path, text).config.composite
+    layer = LIBRARY["tpu-85a"].material
+    assert composite.reinforcement == reinforced(composite.fabric, layer)
+    assert composite.fabric.young == 1e6
+
+
+def test_later_layers(tmp_path: Path) -> None:
+    """The quick variant, then the command line: each replaces what it names, and no more."""
+    text = """
+        [material]
+        fabric = "swimsuit-knit"
+        reinforcement = "tpu-85a"
+        [coarse]
+        fabric = "jersey-light"
+        reinforcement_young = "3 MPa"
+        """
+    jersey, layer = sheet("jersey-light"), LIBRARY["tpu-85a"].material
+    quick = scene(tmp_path, text, coarse=True).config.composite
+    assert quick.knit is None
+    assert quick.fabric == jersey
+    assert quick.reinforcement.young == 3e6
+    assert quick.reinforcement.thickness == reinforced(jersey, layer).thickness
+    found = scene(tmp_path, text, changes=["fabric_young=0.4 MPa", "material.c2=2.2"])
+    plain = replace(LIBRARY["swimsuit-knit"].material, young=0.4e6)
+    assert found.config.composite.fabric == plain
+    assert found.config.composite.reinforcement == reinforced(plain, layer)
+    assert found.config.c2 == 2.2
+    found = scene(tmp_path, text, coarse=True, changes=["reinforcement = tpu-95a-on-jersey"])
+    assert found.config.composite.reinforcement == LIBRARY["tpu-95a-on-jersey"].material
+    assert found.config.print_offset is None
+    found = scene(tmp_path, text, changes=["print_offset=0.2 mm"])
+    assert found.config.print_offset == 0.2e-3
+
+
+def test_bounds_of_a_print(tmp_path: Path) -> None:
+    """A print has its own bounds, and not wider ones than its fabric."""
+    narrow = replace(LIBRARY["tpu-85a"], name="narrow", c1=1.4, c2=3.0)
+    write_material(tmp_path / "m.toml", narrow)
+    text = """
+        files.materials = "m.toml"
+        [material]
+        fabric = "jersey-light"
+        reinforcement = "narrow"
+        """
+    config = scene(tmp_path, text).config
+    assert (config.reinforcement_c1, config.reinforcement_c2) == (1.4, None)
+    assert config.composite.reinforcement_bounds == (1.4, 2.6)
+    assert config.composite.fabric_bounds == (1.9, 2.6)
+    config = scene(tmp_path, text, changes=["c1=1.3"]).config
+    assert config.composite.reinforcement_bounds == (1.3, 2.6)
+    config = scene(tmp_path, text, changes=["reinforcement=tpu-95a-on-jersey"]).config
+    assert config.composite.shares_bounds
+
+
+def test_a_file_of_ones_own(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder = shared(comm, tmp_path)
+    if comm.rank == 0:
+        mine = replace(LIBRARY["jersey-light"], name="mine", young=77e3)
+        write_material(folder / "sub" / "m.toml", mine)
+        write_material(folder / "other.toml", replace(mine, young=88e3))
+        text = 'kind = "bend"\nfiles.materials = "sub/m.toml"\nmaterial.fabric = "mine"\n'
+        (folder / "my.toml").write_text(text, encoding="utf-8")
+    comm.barrier()
+    path = folder / "my.toml"
+    found = read_scene(path, comm=comm)
+    assert found.config.as_dict()["fabric_young"] == 77e3
+    assert "materials" not in found.files
+    change = f"files.materials={folder / 'other.toml'}"
+    found = read_scene(path, comm=comm, changes=[change])
+    assert found.config.as_dict()["fabric_young"] == 88e3
+    with pytest.raises(SceneError, match="line 3: material.fabric: 'mine' is no fabric"):
+        read_scene(path, comm=comm, changes=["files.materials=none"])
+    with pytest.raises(LibraryError, match=r"no.toml cannot be read"):
+        read_scene(path, comm=comm, changes=["files.materials=no.toml"])
+
+
+WRONG = [
+    ('[material]\nfabric = "jersy-light"', "line 3: material.fabric: .* mean 'jersey-light'"),
+    ('[material]\nfabric = "tpu-85a"', "'tpu-85a' is a print, and a fabric is asked for"),
+    ("[material]\nfabric = 3", "line 3: material.fabric: 3 must be the name of a material"),
+    ('[material]\nfabrik = "x"', "unknown key 'fabrik'; did you mean 'fabric'?"),
+    ('[design]\nfabric = "x"', r"line 3: design.fabric: .* in the table \[material\]"),
+    (
+        '[material]\nfabric = "jersey-light"\n\npoisson = 0.2',
+        "line 5: material.poisson: fabric = 'jersey-light' in line 3 stands for this number too",
+    ),
+    (
+        '[material]\nreinforcement_thickness = 1e-3\nreinforcement = "tpu-85a"',
+        "line 3: material.reinforcement_thickness: reinforcement = 'tpu-85a' in line 4",
+    ),
+    (
+        '[coarse]\nfabric = "rib-knit"\nknit_ratio = 2.0',
+        "line 4: coarse.knit_ratio: fabric = 'rib-knit' in line 3 stands",
+    ),
+    ('[coarse]\nbladder = "ecoflex"', "line 3: coarse.bladder: 'ecoflex' is no rubber of the lib"),
+    ("[files]\nmaterials = 3", "line 3: files.materials: 3 must be a path, in quotes"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), WRONG, ids=range(len(WRONG)))
+def test_wrong_names(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        scene(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (["fabric=x"], "change 'fabric=x': 'x' is no fabric of the library"),
+        (["fabric=3"], "change 'fabric=3': 3 must be the name"),
+        (["material.fabrik=x"], "unknown key; did you mean 'fabric'"),
+        (["fabric=rib-knit", "fabric_young=3"], "fabric stands for fabric_young too"),
+        (["files.materials=3"], "the value must be a path"),
+    ],
+)
+def test_wrong_changes(tmp_path: Path, changes: list[str], message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        scene(tmp_path, "", changes=changes)
+
+
+def test_a_scene_without_knit(tmp_path: Path) -> None:
+    path = tmp_path / "tile.toml"
+    path.write_text('kind = "tile"\nmaterial.fabric = "rib-knit"\n', encoding="utf-8")
+    with pytest.raises(SceneError, match="'rib-knit' has a knit_ratio, which scenes of this kind"):
+        read_scene(path)
+    path.write_text('kind = "tile-sheet"\nmaterial.fabric = "rib-knit"\n', encoding="utf-8")
+    with pytest.raises(SceneError, match="unknown table 'material'"):
+        read_scene(path)
+
+
+def test_written_scene_has_the_numbers_and_says_the_names(tmp_path: Path) -> None:
+    found = scene(tmp_path, '[material]\nfabric = "rib-knit"\nreinforcement = "tpu-85a"\n')
+    text = scene_text(found.kind, found.config, materials=found.materials)
+    assert '\n# fabric = "rib-knit": rib knit of underwear' in text
+    assert '\n# reinforcement = "tpu-85a": TPU 85A, printed layer; data sheet' in text
+    again = scene(tmp_path, text.partition('kind = "bend"\n')[2])
+    assert again.config == found.config
+    assert again.materials == {}
+    assert 'reinforcement = "tpu-95a", bladder = ' in scene_text(found.kind).replace("\n# ", " ")
+    assert "dragon-skin" not in scene_text(KINDS["tile"])

@@ -1,0 +1,280 @@
+"""Scene files: what is read, and how what is wrong is told."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import shared
+from mpi4py import MPI
+
+from toros_fem.base.errors import SceneError
+from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.products.kinds import KINDS
+from toros_fem.products.own_mesh.own_mesh import HeldConfig, OwnMeshConfig
+from toros_fem.products.own_mesh.regions import RegionConfig
+from toros_fem.products.tubes.bend import BendConfig
+
+
+def scene(folder: Path, text: str, **options: Any) -> Any:
+    path = folder / "my.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_scene(path, **options)
+
+
+def test_values_with_and_without_units(tmp_path: Path) -> None:
+    found = scene(
+        tmp_path,
+        """
+        kind = "bend"
+        target = { angle = "3.5 rad", neutral = 0.008 }
+        pressure.pressure = "6 kPa"
+        [skin]
+        length = '12 cm'
+        whole = true
+        [design]
+        levels = "none"
+        seed = 3
+        """,
+    )
+    assert found.kind is KINDS["bend"]
+    assert found.config.angle == pytest.approx(np.degrees(3.5), rel=1e-15)
+    assert found.config == BendConfig(
+        angle=found.config.angle, neutral=0.008, pressure=6e3, length=0.12,
+        whole=True, seed=3,
+    )  # fmt: skip
+    assert found.files == {}
+
+
+@pytest.mark.parametrize("name", list(KINDS))
+def test_quick_variant_is_that_of_the_kind(tmp_path: Path, name: str) -> None:
+    kind = KINDS[name]
+    assert scene(tmp_path, f'kind = "{name}"').config == kind.config
+    assert scene(tmp_path, f'kind = "{name}"', coarse=True).config == kind.coarse(kind.config)
+
+
+def test_what_the_quick_variant_changes_may_be_given(tmp_path: Path) -> None:
+    text = 'kind = "bend"\n[design]\nseed = 5\n[coarse]\niterations = 7\nedge_length = "4 mm"\n'
+    assert scene(tmp_path, text).config == BendConfig(seed=5)
+    found = scene(tmp_path, text, coarse=True).config
+    plain = KINDS["bend"].coarse(BendConfig(seed=5))
+    assert found == plain.updated(iterations=7, edge_length=4e-3)
+
+
+def test_changes_override_all_else(tmp_path: Path) -> None:
+    text = 'kind = "own-mesh"\n[files]\nmesh = "a/b.stl"\n[held]\nwhere = "z < 1 mm"\n'
+    changes = [
+        "pressure=7kPa", "design.levels=none", "bend=30 deg", "iterations=4",
+        "held.where=z < 2 mm and x > 0", "held.components=xy", "files.target=c.ply",
+        "metrics = angle, twist",
+    ]  # fmt: skip
+    found = scene(tmp_path, text, coarse=True, changes=changes)
+    assert found.config.pressure == 7e3
+    assert found.config.bend == 30.0
+    assert found.config.iterations == 4
+    assert found.config.metric_names == ("angle", "twist")
+    assert found.config.held == (HeldConfig(where="z < 2 mm and x > 0", components="xy"),)
+    # Paths of the file are relative to it, those of the command line to the current folder.
+    assert found.files == {"mesh": tmp_path / "a/b.stl", "target": Path("c.ply")}
+
+
+def test_tables_that_may_stand_several_times(tmp_path: Path) -> None:
+    text = """
+        kind = "own-mesh"
+        [[held]]
+        where = "z < 5 mm"
+        [[held]]
+        panels = "tip"
+        components = "xy"
+        [printed]
+        panels = "base, tip"
+        """
+    found = scene(tmp_path, text).config
+    assert isinstance(found, OwnMeshConfig)
+    assert found.held == (
+        HeldConfig(where="z < 5 mm"),
+        HeldConfig(panels="tip", components="xy"),
+    )
+    assert found.printed == (RegionConfig(panels="base, tip"),)
+    assert found.plain == ()
+
+
+WRONG = [
+    ("", "my.toml: it names no kind. Begin with kind"),
+    ("kind = 3", "line 1: kind: 3 is no kind"),
+    ('kind = "bnd"', "line 1: kind: 'bnd' is no kind; did you mean 'bend'?"),
+    ('kind = "bend"\nkind = "twist"', "line 2: .*: this is no TOML"),
+    ('kind = "bend"\n\npressure = 5 kPa', "line 3: .*Text needs quotes, and so do values with"),
+    ('kind = "bend"\n[pressure', "line 2: .*this is no TOML"),
+    ('kind = "bend', "line 1: .*this is no TOML"),
+    (
+        'kind = "bend"\nseed = 3',
+        r"line 2: seed: unknown key 'seed'; it stands in the table \[design\]",
+    ),
+    (
+        'kind = "bend"\n[desing]\nseed = 3',
+        "line 2: desing: unknown table 'desing'; did you mean 'd",
+    ),
+    (
+        'kind = "bend"\n[design]\n\nsed = 3',
+        "line 4: design.sed: unknown key 'sed'; did you mean 'see",
+    ),
+    (
+        'kind = "bend"\n[design]\npresure = 3',
+        r"did you mean 'pressure', in the table \[pressure\]\?",
+    ),
+    (
+        'kind = "bend"\n[design]\npressure = 3',
+        r"design.pressure: .* stands in the table \[pressure\]",
+    ),
+    (
+        'kind = "bend"\n[skin]\nlength = "5 kPa"',
+        "line 3: skin.length: '5 kPa' is a pressure or a mod",
+    ),
+    (
+        'kind = "bend"\n[skin]\nlength = "5"',
+        "line 3: skin.length: '5' has no unit; known are m, cm",
+    ),
+    (
+        'kind = "bend"\n[skin]\nlength = -1',
+        "line 3: skin.length: length = -1.0 m must be a finite nu",
+    ),
+    (
+        'kind = "bend"\n[skin]\nlength = nan',
+        "line 3: skin.length: length = nan m must be a finite nu",
+    ),
+    (
+        'kind = "bend"\n[skin]\nlength = true',
+        'line 3: skin.length: True must be a number, "5 m" for',
+    ),
+    ('kind = "bend"\n[skin]\nlength = [1]', "line 3: skin.length: a list must be a number"),
+    ('kind = "bend"\n[skin]\nlength = 1979-05-27', "skin.length: a date or time must be a number"),
+    ('kind = "bend"\n[skin]\nlength.m = 1', "line 3: skin.length: a table must be a number"),
+    ('kind = "bend"\n[skin]\nmesh = "hexagons"', "skin.mesh: mesh = 'hexagons' must be one of"),
+    ('kind = "bend"\n[skin]\nwhole = "yes"', "line 3: skin.whole: 'yes' must be true or false"),
+    ('kind = "bend"\n[design]\nseed = 1.5', "line 3: design.seed: 1.5 must be a whole number"),
+    (
+        'kind = "bend"\n[design]\nseed = 99999999999999999999',
+        "design.seed: a whole number of 16 digi",
+    ),
+    ('kind = "bend"\n[design]\nseed = "none"', "design.seed: 'none' must be a whole number"),
+    ('kind = "bend"\n[design]\nbeta = 1' + 400 * "0", "design.beta: the number is too large"),
+    ('kind = "bend"\n[design]\nseed = 1' + 5000 * "0", "this is no TOML"),
+    ('kind = "bend"\n[design]\n\nlevels = 9', "line 4: design.levels: levels = 9 is too many"),
+    ('kind = "gripper"\n[skin]\nfinger_length = "30 mm"', "my.toml: the finger starts to bend"),
+    (
+        'kind = "bend"\n[files]\nmesh = "a.stl"',
+        "line 3: files.mesh: unknown key 'mesh'; known are pa",
+    ),
+    ('kind = "tile-sheet"\n[files]\ntile = 3', "line 3: files.tile: 3 must be a path, in quotes"),
+    ('kind = "tile-sheet"\nfiles = "x"', r"line 2: files: must be a table: write \[files\]"),
+    ('kind = "tile-sheet"\ncoarse = 1', r"line 2: coarse: must be a table"),
+    (
+        'kind = "bend"\n[coarse]\nsed = 1',
+        "line 3: coarse.sed: unknown key 'sed'; did you mean 'seed'",
+    ),
+    ('kind = "bend"\n[coarse]\nseed = "x"', "line 3: coarse.seed: 'x' must be a whole number"),
+    (
+        'kind = "own-mesh"\nheld = 3',
+        r"line 2: held: must be a table \[held\], or several \[\[held\]",
+    ),
+    (
+        'kind = "own-mesh"\n[[held]]\nwhere = "z < 1 mm"\n[[held]]\nwhere = "z"',
+        "line 5: held.1.where: w",
+    ),
+    ('kind = "own-mesh"\n[held]\nwhere = "q < 1"', "line 3: held.where: where: 'q', character 1"),
+    (
+        'kind = "own-mesh"\n[held]\nwere = "z < 1"',
+        "held.were: unknown key 'were'; did you mean 'where",
+    ),
+    ('kind = "own-mesh"\n[held]\n', "line 2: held: a region needs where"),
+    (
+        'kind = "own-mesh"\n[objective]\nmetrics = "angel"',
+        "objective.metrics: metrics = 'angel' names",
+    ),
+    ("a = " + 2000 * "[", "my.toml: tables and lists are nested too deeply|this is no TOML"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), WRONG, ids=range(len(WRONG)))
+def test_wrong_files(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(SceneError, match=message) as caught:
+        scene(tmp_path, text)
+    assert caught.value.path == tmp_path / "my.toml"
+    assert len(str(caught.value)) < 1500
+
+
+def test_error_has_line_and_key(tmp_path: Path) -> None:
+    with pytest.raises(SceneError) as caught:
+        scene(tmp_path, 'kind = "bend"\n[skin]\n# a comment\nlength = 0\n')
+    assert (caught.value.line, caught.value.key) == (4, "skin.length")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("seed", "change 'seed': write KEY=VALUE"),
+        ("=3", "write KEY=VALUE"),
+        ("sed=3", "unknown key; did you mean 'seed'"),
+        ("desing.seed=3", "unknown table; did you mean 'design'"),
+        ("skin.seed=3", "unknown key"),
+        ("seed=three", "'three' must be a whole number"),
+        ("pressure=5mm", "'5mm' is a length"),
+        ("files.msh=a", "did you mean 'mesh'"),
+        ("files.mesh=", "the value must be a path"),
+        ("files.mesh=3", "the value must be a path"),
+        ("held.where=z", "is a number; compare it"),
+        ("held.wher=z", "did you mean 'where'"),
+        ("plain.where=z<1", "the file has 2 tables plain"),
+        ("levels=4", "as changed: levels = 4 is too many"),
+    ],
+)
+def test_wrong_changes(tmp_path: Path, change: str, message: str) -> None:
+    text = 'kind = "own-mesh"\n[[plain]]\nwhere = "x < 1"\n[[plain]]\nwhere = "x > 2"\n'
+    with pytest.raises(SceneError, match=message):
+        scene(tmp_path, text, changes=[change])
+
+
+def test_files_that_cannot_be_read(comm: MPI.Comm, tmp_path: Path) -> None:
+    """With a communicator the first rank reads, and all ranks raise."""
+    folder = shared(comm, tmp_path)
+    if comm.rank == 0:
+        (folder / "latin.toml").write_bytes(b'kind = "bend"\n# \xe4\n')
+        (folder / "long.toml").write_bytes(b"#" * 1_000_001)
+        (folder / "dos.toml").write_bytes(
+            b'\xef\xbb\xbfkind = "bend"\r\n[skin]\r\nlength = "1 m"\r\n'
+        )
+    comm.barrier()
+    for name, message in (
+        ("nothing.toml", "nothing.toml cannot be read: .*No such file"),
+        (".", "is a folder; name a scene file"),
+        ("a\0b", "cannot be read"),
+        ("latin.toml", "latin.toml, line 2: no UTF-8 text"),
+        ("long.toml", "longer than 1000000 bytes"),
+    ):
+        with pytest.raises(SceneError, match=message):
+            read_scene(folder / name, comm=comm)
+    found = read_scene(folder / "dos.toml", comm=comm).config
+    assert found == BendConfig(length=1.0)
+    assert comm.allgather(found) == [found] * comm.size
+
+
+def test_files_that_are_not_there(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder = shared(comm, tmp_path)
+    if comm.rank == 0:
+        text = 'kind = "own-mesh"\n[files]\nmesh = "here.stl"\ntarget = "sub/there.stl"\n'
+        (folder / "my.toml").write_text(text, encoding="utf-8")
+        (folder / "here.stl").touch()
+    comm.barrier()
+    found = read_scene(folder / "my.toml", comm=comm)
+    with pytest.raises(SceneError, match=r"my.toml, line 4: files.target: there is no .*there.stl"):
+        found.require_files(comm)
+    change = f"files.target={folder / 'here.stl'}"
+    read_scene(found.path, comm=comm, changes=[change]).require_files(comm)
+    without = read_scene(found.path, comm=comm, changes=["files.target=none"])
+    assert list(without.files) == ["mesh"]
+    without.require_files(comm)
+    other = read_scene(found.path, comm=comm, changes=['files.mesh="no.stl"'])
+    with pytest.raises(SceneError, match="^files.mesh: there is no no.stl") as caught:
+        other.require_files(comm)
+    assert caught.value.line is None

@@ -1,0 +1,78 @@
+"""Scene files that are written: they hold all keys, and are read again as the same."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.cli.scene_files.sections import TITLES, sections_of
+from toros_fem.cli.scene_files.writing import WIDTH, scene_text
+from toros_fem.products.kinds import KINDS
+from toros_fem.products.own_mesh.own_mesh import HeldConfig, OwnMeshConfig
+from toros_fem.products.own_mesh.regions import RegionConfig
+from toros_fem.products.tubes.bend import BendConfig
+
+
+@pytest.mark.parametrize("name", list(KINDS))
+def test_new_file_holds_all_keys_once(tmp_path: Path, name: str) -> None:
+    kind = KINDS[name]
+    path = tmp_path / "new.toml"
+    path.write_text(scene_text(kind), encoding="utf-8")
+    found = read_scene(path)
+    assert found.config == kind.example
+    assert {key: value.name for key, value in found.files.items()} == kind.example_files
+    body, _, quick = path.read_text(encoding="utf-8").partition("\n[coarse]\n")
+    keys = re.findall(r"^#?(\w+) = ", body, re.MULTILINE)
+    regions = {key for of, _ in kind.config.entries().values() for key in of.kinds()}
+    once = [key for key in keys if key not in regions and key not in ("kind", *kind.files)]
+    assert sorted(once) == sorted(kind.config.kinds()), "each key stands in the file, and once"
+    assert max(map(len, body.splitlines())) <= WIDTH
+    # Taking the # away before all keys changes nothing: what stands behind them is the default.
+    live = re.sub(r"^#(?=\w+ = )", "", body.replace("#[", "["), flags=re.MULTILINE)
+    live = re.sub(r'^(\w+) = ""$', r'\1 = "none"', live, flags=re.MULTILINE)
+    live = live.replace('[plain]\nwhere = "none"', '[plain]\nwhere = "z < 1"')
+    live = live.replace('[printed]\nwhere = "none"', '[printed]\nwhere = "z < 1"')
+    path.write_text(live, encoding="utf-8")
+    changed = read_scene(path).config
+    assert changed.updated(**{n: () for n in changed.entries()}) == kind.example.updated(
+        **{n: () for n in changed.entries()}
+    )
+    # The table of the quick variant shows what it changes.
+    path.write_text(body + "\n[coarse]\n" + quick.replace("#", ""), encoding="utf-8")
+    assert read_scene(path, coarse=True).config == kind.coarse(kind.example)
+
+
+def test_each_field_has_its_table() -> None:
+    for name, kind in KINDS.items():
+        tables = sections_of(name, kind.config)
+        assert set(tables) <= set(TITLES)
+        names = [field for fields in tables.values() for field in fields]
+        assert sorted(names) == sorted(kind.config.kinds()), name
+
+
+def test_other_values_are_read_again(tmp_path: Path) -> None:
+    config = OwnMeshConfig(
+        scale=1e-2 / 3,
+        held=(HeldConfig(where='z < 5 mm'), HeldConfig(panels='a"b, c\\d', components="x")),
+        printed=(RegionConfig(where="x > 0", panels="ä"),),
+        bend=1 / 3,
+        bending=None,
+        perimeter_weight=1e-4,
+        pressure=1e5 / 7,
+        seed=12,
+        metrics="angle, distance",
+    )  # fmt: skip
+    path = tmp_path / "own.toml"
+    path.write_text(scene_text(KINDS["own-mesh"], config, {"mesh": "my file.stl"}), "utf-8")
+    found = read_scene(path)
+    assert found.config == config
+    assert found.files == {"mesh": tmp_path / "my file.stl"}
+
+
+def test_what_is_refused() -> None:
+    with pytest.raises(ParameterError, match="config is a BendConfig; .* a OwnMeshConfig"):
+        scene_text(KINDS["own-mesh"], BendConfig())
+    with pytest.raises(ParameterError, match="files names 'mash'"):
+        scene_text(KINDS["own-mesh"], files={"mash": "a"})

@@ -1,0 +1,116 @@
+"""Cone filter: definition, exact response, slope, torus."""
+
+import numpy as np
+import pytest
+from helpers.scenes import square, table
+from helpers.warned import warned
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem.design.density.cone import ConeFilter
+from toros_fem.meshes import Skin, cylinder, sew
+
+
+def test_filter_against_its_definition(tube: Skin) -> None:
+    pattern, radius = tube.pattern, 8e-3
+    cone = ConeFilter(tube, radius)
+    density = np.random.default_rng(0).random(len(pattern.panel))
+    found = tube.gather_cells(cone.forward(density[tube.owned_cells]))
+    distance = np.linalg.norm(pattern.centroids[:, None] - pattern.centroids[None], axis=2)
+    weight = np.maximum(radius - distance, 0) * pattern.areas
+    weight *= pattern.panel[:, None] == pattern.panel[None]
+    assert found == pytest.approx(weight @ density / weight.sum(axis=1), rel=1e-12)
+
+
+def test_filter_of_a_half_plane(comm: MPI.Comm) -> None:
+    """Against the exact response of the cone to a straight edge."""
+    skin = sew(comm, cylinder(comm, 0.05, 0.02, 1.2e-3))
+    pattern, radius = skin.pattern, 9e-3
+    cone = ConeFilter(skin, radius)
+    edge = 0.025
+    step = (pattern.centroids[skin.owned_cells, 1] > edge).astype(float)
+    filtered = skin.gather_cells(cone.forward(step))
+    wall = np.flatnonzero(pattern.panel == pattern.panel_index("wall"))
+    u, v = pattern.centroids[wall].T
+    inner = (u > radius) & (u < u.max() - radius)
+    rows = table("filter_halfplane")
+    exact = np.interp(
+        (v[inner] - edge) / radius,
+        [float(r["d_over_R"]) for r in rows],
+        [float(r["cone2D"]) for r in rows],
+    )
+    assert np.abs(filtered[wall[inner]] - exact).max() < 0.04
+    assert np.abs(filtered[wall[inner]] - exact).mean() < 0.01
+
+
+def test_slope_is_the_gradient_of_the_cone(tube: Skin) -> None:
+    """Against differences of the filtered field, by the definition at shifted points."""
+    pattern = tube.pattern
+    density = np.random.default_rng(0).random(len(pattern.panel))
+    cone = ConeFilter(tube, 8e-3)
+    slope = tube.gather_cells(cone.slope(density[tube.owned_cells]).T)
+    step = 1e-7
+    cells = np.random.default_rng(1).choice(len(pattern.panel), 20, replace=False)
+
+    def value(cell: int, shift: np.ndarray) -> float:
+        distance = np.linalg.norm(pattern.centroids[cell] + shift - pattern.centroids, axis=1)
+        weight = np.maximum(8e-3 - distance, 0) * pattern.areas
+        weight *= pattern.panel == pattern.panel[cell]
+        return float(weight @ density / weight.sum())
+
+    for cell in cells:
+        for axis in range(2):
+            shift = step * np.eye(2)[axis]
+            difference = (value(cell, shift) - value(cell, -shift)) / (2 * step)
+            assert slope[cell, axis] == pytest.approx(difference, rel=1e-4, abs=1e-2)
+
+
+def test_at_points_is_the_filtered_field(tube: Skin) -> None:
+    """Exact at the vertices; the value of the nearest triangle where none is within the radius."""
+    pattern = tube.pattern
+    density = np.random.default_rng(0).random(len(pattern.panel))
+    cone = ConeFilter(tube, 8e-3)
+    found = cone.at_points(density[tube.owned_cells])
+    for point in (0, 11, len(found) - 1):
+        panel = pattern.panel[np.any(pattern.flat_triangles == point, axis=1)][0]
+        distance = np.linalg.norm(pattern.flat_points[point] - pattern.centroids, axis=1)
+        weight = np.maximum(8e-3 - distance, 0) * pattern.areas * (pattern.panel == panel)
+        assert found[point] == pytest.approx(weight @ density / weight.sum(), rel=1e-12)
+    with warned(tube.comm, match="hardly filters"):
+        narrow = ConeFilter(tube, 1e-4)
+    assert narrow.forward(density[tube.owned_cells]) == pytest.approx(density[tube.owned_cells])
+    lone = narrow.at_points((pattern.panel == pattern.panel_index("tip")).astype(float)[
+        tube.owned_cells])  # fmt: skip
+    tip = np.unique(pattern.flat_triangles[pattern.cells_of("tip")])
+    assert np.all(lone[tip] == 1), "the nearest triangle is one of the same panel"
+    assert lone.sum() == len(tip)
+
+
+def test_cone_on_a_torus(comm: MPI.Comm) -> None:
+    """A tile is filtered like the middle one of nine tiles."""
+    size, n, radius = 0.02, 6, 8e-3
+    tile = sew(comm, square(n=n, size=size))
+    density = np.random.default_rng(0).random(2 * n * n)
+    cone = ConeFilter(tile, radius, lattice=size * np.eye(2))
+    found = tile.gather_cells(cone.forward(density[tile.owned_cells]))
+    pattern = tile.pattern
+    every = [pattern.centroids + [i * size, j * size] for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    distance = np.linalg.norm(pattern.centroids[:, None] - np.concatenate(every)[None], axis=2)
+    weight = np.maximum(radius - distance, 0) * np.tile(pattern.areas, 9)
+    expected = weight @ np.tile(density, 9) / weight.sum(axis=1)
+    assert found == pytest.approx(expected, rel=1e-12)
+    slanted = ConeFilter(tile, 6e-3, lattice=size * np.array([[1.0, 0.0], [1.0, 1.0]]))
+    straight = ConeFilter(tile, 6e-3, lattice=size * np.eye(2))
+    mine = density[tile.owned_cells]
+    assert slanted.forward(mine) == pytest.approx(straight.forward(mine), rel=1e-12)
+    with pytest.raises(errors.ParameterError, match="wider than twice the radius"):
+        ConeFilter(tile, 0.011, lattice=size * np.eye(2))
+    with pytest.raises(errors.ParameterError, match="two vectors"):
+        ConeFilter(tile, radius, lattice=np.ones(2))
+
+
+def test_a_radius_too_small_warns(tube: Skin) -> None:
+    with warned(tube.comm, match="under 1.5 edge lengths"):
+        ConeFilter(tube, 3e-3)
+    with pytest.raises(errors.ParameterError, match="radius = -1"):
+        ConeFilter(tube, -1.0)

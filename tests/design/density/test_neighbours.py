@@ -1,0 +1,96 @@
+"""Neighbours inside a panel, and distributed matrices of weights on them."""
+
+import numpy as np
+import pytest
+from helpers.scenes import square
+from mpi4py import MPI
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import dot
+from toros_fem.design.density.neighbours import (
+    Neighbourhood,
+    Pairs,
+    mean_edge,
+    multiply,
+    multiply_transpose,
+    neighbour_matrices,
+)
+from toros_fem.meshes import Skin, mirrored, sew
+
+RADIUS = 8e-3
+
+
+def test_pairs_against_all_distances(tube: Skin, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The pairs of one panel within the radius, for any number of rows searched at once."""
+    pattern = tube.pattern
+    offset = pattern.centroids[None] - pattern.centroids[:, None]
+    distance = np.linalg.norm(offset, axis=2)
+    near = (distance <= RADIUS) & (pattern.panel[:, None] == pattern.panel[None])
+    for at_once in (2_000_000, 1000):
+        monkeypatch.setattr("toros_fem.design.density.neighbours.PAIRS", at_once)
+        search = Neighbourhood(pattern, RADIUS)
+        found, begin = np.zeros_like(near), 0
+        for pairs in search.pairs(pattern.centroids, pattern.panel):
+            row = begin + pairs.row
+            assert not found[row, pairs.cell].any()
+            found[row, pairs.cell] = True
+            assert pairs.offset == pytest.approx(offset[row, pairs.cell])
+            assert pairs.distance == pytest.approx(distance[row, pairs.cell])
+            assert pairs.sums(pairs.distance) == pytest.approx(
+                (near * distance)[begin : begin + pairs.rows].sum(axis=1)
+            )
+            begin += pairs.rows
+        assert np.array_equal(found, near)
+        assert np.array_equal(search.counts(pattern.centroids, pattern.panel), near.sum(axis=1))
+    assert np.array_equal(
+        search.nearest(pattern.centroids, pattern.panel), np.arange(len(pattern.panel))
+    )
+
+
+def test_a_part_has_the_neighbours_of_the_whole() -> None:
+    """Neighbours across a plane of symmetry count as the triangles that they mirror."""
+    pattern = square(n=6, size=0.02)
+    whole = mirrored(pattern, (0,))
+    alone = Neighbourhood(pattern, RADIUS)
+    part, full = Neighbourhood(pattern, RADIUS, whole=whole), Neighbourhood(whole.pattern, RADIUS)
+    count = len(pattern.panel)
+    points, panel = pattern.centroids, pattern.panel
+    assert np.array_equal(part.counts(points, panel), full.counts(points, panel))
+    assert (part.counts(points, panel) > alone.counts(points, panel)).any()
+    cells = np.concatenate([pairs.cell for pairs in part.pairs(points, panel)])
+    mirrors = np.concatenate([pairs.cell for pairs in full.pairs(points, panel)])
+    assert np.array_equal(cells, whole.cell[mirrors])
+    assert cells.max() < count <= mirrors.max()
+
+
+def test_matrices_do_not_depend_on_ranks(tube: Skin, comm: MPI.Comm) -> None:
+    def weigh(pairs: Pairs) -> list[np.ndarray]:
+        return [RADIUS - pairs.distance, pairs.offset[:, 0]]
+
+    def products(skin: Skin, values: np.ndarray) -> list[np.ndarray]:
+        search = Neighbourhood(skin.pattern, RADIUS)
+        matrices = neighbour_matrices(skin, search, weigh, 2)
+        mine = values[skin.owned_cells]
+        acts = (multiply, multiply_transpose)
+        return [skin.gather_cells(act(matrix, mine)) for matrix in matrices for act in acts]
+
+    one, other = np.random.default_rng(0).random((2, len(tube.pattern.panel)))
+    alone = products(sew(MPI.COMM_SELF, tube.pattern), one)
+    for found, expected in zip(products(tube, one), alone, strict=True):
+        assert found == pytest.approx(expected, rel=1e-12, abs=1e-14)
+    assert alone[0] == pytest.approx(alone[1], rel=1e-12), "the distance is symmetric"
+    assert alone[2] == pytest.approx(-alone[3], abs=1e-14), "the offset is antisymmetric"
+    matrix = neighbour_matrices(tube, Neighbourhood(tube.pattern, RADIUS), weigh, 2)[1]
+    a, b = one[tube.owned_cells], other[tube.owned_cells]
+    there = dot(comm, multiply(matrix, a), b)
+    assert dot(comm, a, multiply_transpose(matrix, b)) == pytest.approx(there, rel=1e-12)
+
+
+def test_mean_edge_and_bad_input(comm: MPI.Comm) -> None:
+    skin = sew(comm, square(n=10, size=0.02))
+    # A right triangle of legs a has the area of an equilateral one of edge 1.075 a.
+    assert mean_edge(skin) == pytest.approx(2e-3 * np.sqrt(2 / np.sqrt(3)))
+    with pytest.raises(ParameterError, match="radius = 0"):
+        Neighbourhood(skin.pattern, 0)
+    with pytest.raises(ParameterError, match="two vectors"):
+        Neighbourhood(skin.pattern, 1e-3, np.ones(3))

@@ -1,0 +1,111 @@
+"""Perimeter: exact lengths, the paper's sum, gradients."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from helpers.scenes import square, table, taylor_rates
+from mpi4py import MPI
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.design.density.field import random_density
+from toros_fem.design.density.perimeter import Perimeter, edge_factor
+from toros_fem.meshes import Skin, sew
+
+
+def test_edge_factor_against_the_table() -> None:
+    for row in table("perimeter_soft_erode"):
+        kappa = float(row["kappa = sum_i A_i P_i/(L r_w)"])
+        assert edge_factor(float(row["w"])) == pytest.approx(kappa, abs=2e-6)
+        assert edge_factor(-float(row["w"])) == -edge_factor(float(row["w"]))
+
+
+@pytest.mark.parametrize("sharpness", [0.5, 20.0, -20.0])
+def test_perimeter_of_stripes_on_a_torus(sharpness: float) -> None:
+    """Straight slanting stripes on a periodic tile: the length of their borders, for any w."""
+    size, n = 0.02, 60
+    skin = sew(MPI.COMM_SELF, square(n=n, size=size))
+    u, v = skin.pattern.centroids[skin.owned_cells].T
+    stripes = ((u + 2 * v) % size < 0.45 * size).astype(float)
+    term = Perimeter(skin, 4.2 * size / n, sharpness, lattice=size * np.eye(2))
+    assert term.forward(stripes) == pytest.approx(2 * np.sqrt(5) * size, rel=0.03)
+
+
+@pytest.mark.parametrize("area_weighted", [True, False])
+@pytest.mark.parametrize("sharpness", [0.5, 8.0, -8.0])
+def test_perimeter_taylor(
+    sharpness: float, area_weighted: bool, tube: Skin, comm: MPI.Comm
+) -> None:
+    term = Perimeter(tube, 8e-3, sharpness, area_weighted=area_weighted)
+    projected = random_density(tube, 6, spread=0.4)
+    gradient = term.backward(projected)
+    # Along a random direction of no mean the linear part would all but cancel.
+    direction = gradient / comm.allreduce(np.abs(gradient).max(), op=MPI.MAX)
+    slope = comm.allreduce(float(gradient @ direction))
+    rates = taylor_rates(lambda step: term.forward(projected + step * direction), slope, 1e-1)
+    assert rates == pytest.approx(2, abs=0.1)
+
+
+def test_the_papers_sum_by_its_definition(tube: Skin) -> None:
+    """Eqs. (15, 16) as printed, over the triangles of a panel without weights."""
+    pattern, window, w = tube.pattern, 7e-3, 0.5
+    values = np.random.default_rng(3).random(len(pattern.panel))
+    found = Perimeter(tube, window, w, area_weighted=False).forward(values[tube.owned_cells])
+    distance = np.linalg.norm(pattern.centroids[:, None] - pattern.centroids[None], axis=2)
+    near = (distance <= window) & (pattern.panel[:, None] == pattern.panel[None])
+    mean = (near * np.exp(w * (1 - values))).sum(axis=1) / near.sum(axis=1)
+    assert found == pytest.approx((values - (1 - np.log(mean) / w)).sum(), rel=1e-10)
+
+
+def test_perimeter_of_uniform_print_is_zero(tube: Skin) -> None:
+    make: Callable[[float], float] = lambda value: Perimeter(tube, 7e-3).forward(  # noqa: E731
+        np.full(len(tube.owned_cells), value)
+    )
+    assert abs(make(1.0)) < 1e-12
+    assert abs(make(0.0)) < 1e-12
+    with pytest.raises(ParameterError, match="sharpness = 0"):
+        Perimeter(tube, 7e-3, 0.0)
+
+
+def test_erosion_of_fabric_counts_islands_more_than_of_print() -> None:
+    """A disc smaller than the window; its hole in the print is the other way round."""
+    skin = sew(MPI.COMM_SELF, square(n=60, size=0.02))
+    radius, window = 1.6e-3, 2.4e-3
+    middle = skin.pattern.centroids[skin.owned_cells] - 0.01
+    disc = (np.hypot(*middle.T) < radius).astype(float)
+    of_print, of_fabric = (Perimeter(skin, window, w) for w in (40.0, -40.0))
+    # All of the disc is removed, and a ring as wide as the window is added.
+    border = 2 * np.pi * radius
+    assert of_print.forward(disc) == pytest.approx(np.pi * radius**2 / window, rel=0.05)
+    assert of_fabric.forward(disc) == pytest.approx(border + np.pi * window, rel=0.05)
+    assert of_print.forward(disc) < border < of_fabric.forward(disc)
+    assert of_print.forward(1 - disc) == pytest.approx(of_fabric.forward(disc), rel=1e-10)
+    assert of_fabric.forward(1 - disc) == pytest.approx(of_print.forward(disc), rel=1e-10)
+
+
+@pytest.mark.parametrize("sharpness", [0.5, 20.0, -20.0])
+def test_no_pattern_shortens_the_border(sharpness: float, tube: Skin, comm: MPI.Comm) -> None:
+    """On any mesh and at the borders of panels the length is positive, and its slope 0 at none.
+
+    With the paper's ρ̄ in place of its mean, print on some triangles has a negative length.
+    """
+    areas = tube.pattern.areas[tube.owned_cells]
+    term = Perimeter(tube, 7e-3, sharpness)
+    for uniform in (0.0, 0.4, 1.0):
+        slope = term.backward(np.full(len(areas), uniform))
+        assert np.abs(slope).max() < 1e-10 * areas.max() / abs(edge_factor(sharpness) * 7e-3)
+    steepest = Perimeter(tube, 7e-3, sharpness, area_weighted=False).backward(np.zeros(len(areas)))
+    rewarded = (steepest < 0).astype(float)
+    assert comm.allreduce(float(rewarded @ steepest)) < 0
+    assert term.forward(rewarded) > 0.1
+    for seed in range(3):
+        assert term.forward(random_density(tube, seed, spread=0.4)) > 0
+
+
+def test_integers_are_numbers(comm: MPI.Comm) -> None:
+    skin = sew(comm, square(n=6, size=4.0))
+    printed = (skin.pattern.centroids[:, 0] > 2)[skin.owned_cells]
+    whole, plain = Perimeter(skin, 1, 2), Perimeter(skin, 1.0, 2.0)
+    assert whole.forward(printed.astype(int)) == plain.forward(printed.astype(float)) > 0
+    back = plain.backward(printed.astype(float))
+    assert np.array_equal(whole.backward(printed.astype(int)), back)

@@ -1,0 +1,52 @@
+"""Filter of symmetric designs."""
+
+import numpy as np
+import pytest
+from helpers.tiles import SIDE, random_cells, solver_of, tile_of
+
+from toros_fem.base.mpi import dot
+from toros_fem.design.density.cone import ConeFilter
+from toros_fem.design.density.helmholtz import HelmholtzFilter
+from toros_fem.design.density.symmetric import SymmetricFilter
+from toros_fem.meshes import SYMMETRIES
+
+EDGES = 6
+
+
+RADIUS = 1.6 * SIDE / EDGES
+
+
+@pytest.mark.parametrize("symmetry", SYMMETRIES)
+@pytest.mark.parametrize("kind", ["cone", "helmholtz"])
+def test_symmetric_filter(symmetry: str, kind: str) -> None:
+    """ρ̃ is symmetric for any density; a symmetric density is only filtered."""
+    found = tile_of(EDGES)
+    skin = solver_of(found).skin
+    inner = (ConeFilter(skin, RADIUS, found.lattice) if kind == "cone"
+             else HelmholtzFilter(skin, RADIUS))  # fmt: skip
+    symmetry_maps = found.symmetry_maps(symmetry)
+    symmetric = SymmetricFilter(skin, inner, symmetry_maps)
+    assert (symmetric.name, symmetric.radius) == (kind, RADIUS)
+    density = random_cells(found)[skin.owned_cells]
+    filtered = skin.gather_cells(symmetric.forward(density))
+    for image in symmetry_maps:
+        assert filtered[image] == pytest.approx(filtered, abs=1e-13)
+    assert np.ptp(filtered) > 0.03
+    mean = symmetric.symmetrized(density)
+    assert symmetric.symmetrized(mean) == pytest.approx(mean, abs=1e-15)
+    assert symmetric.forward(mean) == pytest.approx(inner.forward(mean), abs=1e-14)
+    plain = skin.gather_cells(inner.forward(density))
+    assert (np.abs(plain[symmetry_maps[-1]] - plain).max() > 0.01) == (symmetry != "none")
+    # `backward` is the transpose, for values and slopes.
+    other = np.random.default_rng(5).uniform(-1, 1, (2, len(found.wraps)))[:, skin.owned_cells]
+    forth = dot(skin.comm, symmetric.forward(density), other[0])
+    assert dot(skin.comm, density, symmetric.backward(other[0])) == pytest.approx(forth, rel=1e-12)
+    forth = dot(skin.comm, symmetric.slope(density).ravel(), other.ravel())
+    back = dot(skin.comm, density, symmetric.slope_backward(other))
+    assert back == pytest.approx(forth, rel=1e-11)
+    # The slope of a symmetric field rotates with it.
+    slope = skin.gather_cells(symmetric.slope(density).T)
+    for operation, image in zip(SYMMETRIES[symmetry], symmetry_maps, strict=True):
+        assert slope[image] == pytest.approx(slope @ operation.T, abs=1e-12 * np.abs(slope).max())
+    at_points = symmetric.at_points(density)
+    assert at_points == pytest.approx(inner.at_points(mean), abs=1e-14)

@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+from helpers.lines import distance_to_others, largest_jump
+from mpi4py import MPI
+
+from toros_fem.design.lines import LaidLines, LineField, LineOptions, lay_lines
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.sheet import disc, rectangle
+
+DISC = disc(MPI.COMM_SELF, 0.025, 2.5e-3)
+SHEET = rectangle(MPI.COMM_SELF, 0.06, 0.04, 2.5e-3, "unstructured")
+
+
+def rays(pattern: Pattern) -> np.ndarray:
+    return np.arctan2(pattern.centroids[:, 1], pattern.centroids[:, 0])
+
+
+def check_ends(laid: LaidLines) -> None:
+    """Every end lies on the border or on another line."""
+    pattern = laid.pattern
+    border = pattern.flat_points[np.unique(pattern.free_edges)]  # one panel: not sewn
+    low, high = border.min(axis=0), border.max(axis=0)
+    for line in (line for family in laid.centre_lines for line in family):
+        for side, kind in enumerate(line.ends or ()):
+            end = line.points[0 if side == 0 else -1, side]
+            if kind == "line":
+                assert distance_to_others(laid, line, side) < 1e-9
+            else:
+                assert kind == "border"
+                round_off = abs(np.linalg.norm(end) - np.linalg.norm(border, axis=1).max())
+                straight_off = min(np.abs(end - low).min(), np.abs(end - high).min())
+                assert min(round_off, straight_off) < 2e-4
+    assert largest_jump(laid) < 1e-9
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, np.pi / 2, None])
+def test_lines_around_a_point_have_no_open_ends(turn: float | None) -> None:
+    """Rays, spirals, rings, and the field of half a turn around the centre."""
+    angle = rays(DISC) / 2 if turn is None else rays(DISC) + turn
+    field = LineField(DISC, np.full((len(angle), 1), 0.2), angle[:, None])
+    laid = lay_lines(field)
+    check_ends(laid)
+    assert laid.families[0].laid == pytest.approx(0.2, abs=0.02)
+    if turn == np.pi / 2:
+        assert all(line.closed for line in laid.centre_lines[0])
+    elif turn is not None:
+        assert laid.families[0].ends["border"] > laid.families[0].lines / 2
+
+
+@pytest.mark.parametrize("second", [False, True])
+def test_where_a_share_fades_lines_end_on_others(second: bool) -> None:
+    x = SHEET.centroids[:, 0]
+    share = np.clip(0.3 - 0.3 * x / 0.04, 0, 1)
+    shares, angles = [share, np.full(len(x), 0.15)], [np.full(len(x), 0.4), np.full(len(x), 1.7)]
+    count = 2 if second else 1
+    field = LineField(SHEET, np.stack(shares[:count], axis=1), np.stack(angles[:count], axis=1))
+    laid = lay_lines(field, LineOptions(even=5e-3))
+    check_ends(laid)
+    assert laid.families[0].ends["line"] > 0
+    cover = laid.cover(SHEET)
+    if not second:
+        right = x > 0.05
+        assert np.average(cover[right], weights=SHEET.areas[right]) < 0.03
+        left = x < 0.02
+        mean = np.average(share[left], weights=SHEET.areas[left])
+        assert np.average(cover[left], weights=SHEET.areas[left]) == pytest.approx(mean, abs=0.04)
+
+
+def test_noise_does_not_break_lines() -> None:
+    """What changes from triangle to triangle is averaged; without that, still no end is open."""
+    noise = np.random.default_rng(0).standard_normal((4, len(SHEET.panel)))
+    angles = np.array([0.6, -0.6])[:, None] + 0.5 * noise[:2]
+    field = LineField(SHEET, (0.2 * np.exp(0.3 * noise[2:])).T, angles.T)
+    laid = lay_lines(field)
+    check_ends(laid)
+    assert [family.ends for family in laid.families] == [
+        {"border": 2 * family.lines} for family in laid.families
+    ]
+    for family, angle in zip(laid.centre_lines, (0.6, -0.6), strict=True):
+        segments = np.concatenate([line.points[:, 1] - line.points[:, 0] for line in family])
+        double = np.exp(2j * np.arctan2(segments[:, 1], segments[:, 0]))
+        length = np.linalg.norm(segments, axis=1)
+        off = np.angle(double * np.exp(-2j * angle)) / 2
+        assert np.sqrt(np.average(off**2, weights=length)) < np.radians(8)
+    check_ends(lay_lines(field, LineOptions(even=None)))

@@ -1,0 +1,38 @@
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.design.lines.field import LineField
+from toros_fem.meshes.sheet import rectangle
+
+SHEET = rectangle(MPI.COMM_SELF, 0.02, 0.01, 5e-3)
+COUNT = len(SHEET.panel)
+
+
+def test_holds_copies_that_do_not_change() -> None:
+    shares = np.full((COUNT, 2), 0.1)
+    field = LineField(SHEET, shares, np.zeros((COUNT, 2)))
+    shares[:] = 0.5
+    assert field.families == 2
+    assert field.shares.max() == 0.1
+    with pytest.raises(ValueError, match="read-only"):
+        field.angles[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("shares", "angles", "message"),
+    [
+        (np.zeros((COUNT - 1, 1)), np.zeros((COUNT, 1)), "shares has shape"),
+        (np.zeros(COUNT), np.zeros((COUNT, 1)), "shares has shape"),
+        (np.zeros((COUNT, 0)), np.zeros((COUNT, 0)), "shares has shape"),
+        (np.zeros((COUNT, 1)), np.zeros((COUNT, 2)), "same number"),
+        (np.full((COUNT, 1), -0.1), np.zeros((COUNT, 1)), "negative share"),
+        (np.zeros((COUNT, 1)), np.full((COUNT, 1), np.nan), r"angles\[0\]"),
+    ],
+)
+def test_what_does_not_fit_is_refused(shares: Any, angles: Any, message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        LineField(SHEET, shares, angles)

@@ -1,0 +1,79 @@
+import numpy as np
+import pytest
+import shapely
+from mpi4py import MPI
+
+from toros_fem.design.lines.strips import Strip, cleaned, joints_of, ribbons
+from toros_fem.meshes import cylinder
+
+WIDTH = 0.6e-3
+
+
+def strip(nodes: np.ndarray, radii: float | np.ndarray, beyond: tuple[bool, bool]) -> Strip:
+    points = np.stack([nodes[:-1], nodes[1:]], axis=1)
+    radius = np.broadcast_to(radii, len(nodes))
+    return Strip(
+        np.zeros(len(points), dtype=int), points, np.stack([radius[:-1], radius[1:]], 1), beyond
+    )
+
+
+def test_a_straight_strip_is_exactly_as_wide_as_asked() -> None:
+    nodes = np.stack([np.linspace(0, 0.03, 7), np.full(7, 0.002)], axis=1)
+    region = shapely.union_all(ribbons([strip(nodes, 1e-3, (False, False))], 0, [], WIDTH))
+    x, y, right, top = region.bounds
+    assert (y, top) == pytest.approx((1e-3, 3e-3), abs=1e-12)
+    assert (x, right) == pytest.approx((-1e-3, 0.031), abs=1e-12)
+    longer = shapely.union_all(ribbons([strip(nodes, 1e-3, (False, True))], 0, [], WIDTH))
+    assert longer.bounds[0] == pytest.approx(-1e-3, abs=1e-12)
+    assert longer.bounds[2] > 0.031 + 3e-3
+
+
+def test_a_strip_widens_evenly() -> None:
+    nodes = np.stack([np.linspace(0, 0.03, 31), np.zeros(31)], axis=1)
+    radii = np.linspace(0.5e-3, 1.5e-3, 31)
+    region = shapely.union_all(ribbons([strip(nodes, radii, (False, False))], 0, [], WIDTH))
+    for x, radius in ((0.01, 5 / 6 * 1e-3), (0.02, 7 / 6 * 1e-3)):
+        cut = region.intersection(shapely.LineString([(x, -1), (x, 1)]))
+        assert cut.length == pytest.approx(2 * radius, rel=1e-3)
+
+
+def test_a_sharp_turn_is_round() -> None:
+    nodes = np.array([[0, 0], [0.02, 0], [0.02, 0.001], [0, 0.001]])
+    region = shapely.union_all(ribbons([strip(nodes, 1e-3, (False, False))], 0, [], WIDTH))
+    line = shapely.LineString(nodes).buffer(1e-3, quad_segs=32)
+    assert region.symmetric_difference(line).area < 0.02 * line.area
+
+
+def test_no_line_and_no_gap_is_left_that_is_too_thin() -> None:
+    def bar(x: float, width: float) -> shapely.Polygon:
+        return shapely.box(x, 0, x + width, 0.02)
+
+    thin, near = bar(0.0, 0.9 * WIDTH), bar(0.01 + 1.9 * WIDTH, 2 * WIDTH)
+    wide = bar(0.01, 1.1 * WIDTH)
+    region = cleaned(shapely.union_all([thin, wide, near]), WIDTH, 0.5e-6)
+    assert len(shapely.get_parts(region)) == 1, "the thin one is gone, the others are one"
+    assert region.area == pytest.approx(0.02 * 3.9 * WIDTH, rel=1e-2)
+    ring = shapely.Point(0, 0).buffer(3e-3).difference(shapely.Point(0, 0).buffer(0.39e-3))
+    assert len(cleaned(ring, WIDTH, 0.5e-6).interiors) == 0
+    assert len(cleaned(ring, WIDTH, 0.4e-6).interiors) == 1
+    assert cleaned(shapely.Point(0, 0).buffer(0.35e-3), WIDTH, 0.5e-6).is_empty
+
+
+def test_joints_move_one_side_of_a_seam_to_the_other() -> None:
+    tube = cylinder(MPI.COMM_SELF, 0.05, 0.02, 4e-3, planes=())
+    joints = joints_of(tube, ())
+    wall, base, tip = (tube.panel_index(name) for name in ("wall", "base", "tip"))
+    pairs = sorted((joint.panel, joint.source) for joint in joints)
+    rims = [(wall, base), (base, wall), (wall, tip), (tip, wall)]
+    assert pairs == sorted([(wall, wall), (wall, wall), *rims])
+    across = [joint for joint in joints if joint.panel == joint.source]
+    perimeter = np.ptp(tube.corners[..., 0][tube.panel == wall])
+    for joint in across:
+        assert np.allclose(joint.turn, np.eye(2), atol=1e-12)
+        assert np.allclose(np.abs(joint.shift), [perimeter, 0])
+    half = cylinder(MPI.COMM_SELF, 0.05, 0.02, 4e-3, planes=(1,))
+    mirrors = [joint for joint in joints_of(half, (1,)) if np.linalg.det(joint.turn[0]) < 0]
+    for joint in mirrors:
+        moved = np.einsum("kij,kej->kei", joint.turn, joint.edges) + joint.shift[:, None]
+        assert np.allclose(moved, joint.edges, atol=1e-12)
+    assert len([joint for joint in mirrors if joint.panel == wall]) == 2

@@ -1,0 +1,113 @@
+"""A loop that is stopped and goes on is the same, to the last bit, as one that is not."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from helpers.designs import full
+from helpers.loops import OneEntry, Stopped, figures
+from mpi4py import MPI
+
+from toros_fem.base.errors import CheckpointError
+from toros_fem.design.loop.journal import Checkpoint, signature_of
+from toros_fem.design.loop.loop import optimize
+from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.problem import DesignProblem
+from toros_fem.design.relaxed.families import FixedDirections
+from toros_fem.design.relaxed.problem import relaxed_problem
+from toros_fem.materials.sheet import Bending, Composite
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.meshes import Skin, cylinder, sew
+
+OPTIONS = DesignOptions((Stage(3), Stage(3, constrained=True)))
+
+
+def densities(tube: Skin, curvature: str = "quadratic") -> DesignProblem:
+    """With all that a problem has; nothing is shared with an earlier one but the mesh."""
+    composite = Composite(bending=Bending(curvature=curvature))
+    return full(tube, EquilibriumSolver(tube, composite, clamp(tube.pattern, ["base"])), beta=20.0)
+
+
+def families(tube: Skin) -> DesignProblem:
+    design = densities(tube)
+    return relaxed_problem(design, FixedDirections(4, 0.3), 8e-3)  # type: ignore[arg-type]
+
+
+def stopped(make: Callable[[], DesignProblem], options: DesignOptions, rows: int) -> Checkpoint:
+    journal = OneEntry(stop_at=rows)
+    with pytest.raises(Stopped):
+        optimize(make(), options, seed=3, journal=journal)
+    assert journal.kept is not None
+    return journal.kept
+
+
+def check(make: Callable[[], DesignProblem], options: DesignOptions, *rows: int) -> None:
+    whole = optimize(make(), options, seed=3)
+    for count in rows:
+        journal = OneEntry(saved=stopped(make, options, count))
+        again = optimize(make(), options, seed=3, journal=journal)
+        assert journal.rows == len(whole.history) - count, "only what is left is done"
+        assert [figures(r) for r in again.history] == [figures(r) for r in whole.history]
+        assert np.array_equal(again.density, whole.density)
+        assert np.array_equal(again.final.equilibrium.state, whole.final.equilibrium.state)
+        assert again.final.gradient is not None
+        assert whole.final.gradient is not None
+        assert np.array_equal(again.final.gradient, whole.final.gradient)
+        assert again.reason == whole.reason
+        assert again.pressures == whole.pressures
+
+
+@pytest.mark.slow
+def test_densities_go_on_bit_for_bit(tube: Skin) -> None:
+    """Inside each stage, at its start, and after the last row."""
+    check(lambda: densities(tube), OPTIONS, 2, 5, 8)
+
+
+@pytest.mark.slow
+def test_rotations_of_edges_are_kept(tube: Skin) -> None:
+    check(lambda: densities(tube, "midedge"), DesignOptions((Stage(3),)), 2)
+
+
+@pytest.mark.slow
+def test_line_families_go_on_bit_for_bit(tube: Skin) -> None:
+    check(lambda: families(tube), DesignOptions((Stage(4),)), 3)
+
+
+@pytest.mark.slow
+def test_another_number_of_ranks_goes_on(comm: MPI.Comm, tube: Skin) -> None:
+    """What all ranks wrote, one alone goes on with, to the solver's tolerance; and vice versa."""
+    options = DesignOptions((Stage(3, constrained=True),))
+    alone = sew(MPI.COMM_SELF, cylinder(MPI.COMM_SELF, 0.06, 0.02, 4.5e-3))
+    whole = optimize(densities(tube), options, seed=3)
+    together = stopped(lambda: densities(tube), options, 2)
+    by_one = stopped(lambda: densities(alone), options, 2)
+    again = optimize(densities(alone), options, seed=3, journal=OneEntry(saved=together))
+    back = optimize(densities(tube), options, seed=3, journal=OneEntry(saved=by_one))
+    assert again.final.objective == pytest.approx(whole.final.objective, rel=1e-4)
+    assert back.final.objective == pytest.approx(whole.final.objective, rel=1e-4)
+    every = tube.gather_cells(whole.density)
+    assert np.abs(alone.gather_cells(again.density) - every).max() < 1e-3
+    assert np.abs(tube.gather_cells(back.density) - every).max() < 1e-3
+
+
+def test_what_does_not_fit_is_told(tube: Skin) -> None:
+    saved = stopped(lambda: densities(tube), DesignOptions((Stage(1),)), 1)
+    for arrays, numbers in (
+        ({**saved.arrays, "unknowns": saved.arrays["unknowns"][:-1]}, saved.numbers),
+        ({**saved.arrays, "x": saved.arrays["x"][:-7]}, saved.numbers),
+        (saved.arrays, {**saved.numbers, "history": [{"iteration": 0}]}),
+        (saved.arrays, {k: v for k, v in saved.numbers.items() if k != "mma"}),
+        ({k: v for k, v in saved.arrays.items() if k != "density"}, saved.numbers),
+    ):
+        journal = OneEntry(saved=Checkpoint(arrays, numbers))
+        with pytest.raises(CheckpointError, match="does not fit"):
+            optimize(densities(tube), DesignOptions((Stage(1),)), seed=3, journal=journal)
+
+
+def test_a_signature_tells_problems_apart(comm: MPI.Comm, tube: Skin) -> None:
+    one = densities(tube)
+    shorter = densities(sew(comm, cylinder(comm, 0.05, 0.02, 4.5e-3)))
+    assert signature_of(one, OPTIONS) == signature_of(densities(tube), OPTIONS)
+    others = {signature_of(one), signature_of(shorter, OPTIONS), signature_of(one, Stage(1))}
+    assert len(others | {signature_of(one, OPTIONS)}) == 4

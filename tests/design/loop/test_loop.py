@@ -1,0 +1,219 @@
+"""The design loop: stages, stop rules, ranks, failures."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.designs import full, make_problem
+from mpi4py import MPI
+
+from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.loop import optimize
+from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.warm_start import WarmStart
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.solver import (
+    EquilibriumError,
+    EquilibriumResult,
+    EquilibriumSolver,
+)
+from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.meshes import Skin, cylinder, sew
+
+
+def test_stages_switch_constraints_on_and_pressure_moves(
+    tube: Skin, tube_solver: EquilibriumSolver
+) -> None:
+    problem = dataclasses.replace(
+        full(tube, tube_solver, beta=20.0), perimeter=None, perimeter_weight=None
+    )
+    stages = (Stage(6), Stage(12, constrained=True))
+    result = optimize(problem, DesignOptions(stages), start=random_density(tube, 3))
+    free, last = result.history[6], result.history[-1]
+    assert free.stage == 0
+    assert last.stage == 1
+    assert max(free.g_r, free.g_t) > 10 * max(last.g_r, last.g_t), "constraints act"
+    assert last.grey_level < 0.5 * free.grey_level
+    assert result.pressure == last.pressure == result.final.equilibrium.pressure
+    assert result.pressure != problem.pressure
+    assert min(row.pressure for row in result.history) >= 1e3
+    steps = np.diff(np.log([row.pressure for row in result.history])) / np.log(20)
+    assert np.abs(steps).max() <= 0.1 + 1e-9
+
+
+def test_a_run_goes_on_from_a_result(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    problem = full(tube, tube_solver, beta=20.0)
+    first = optimize(problem, DesignOptions((Stage(4),)), start=random_density(tube, 3))
+    more = optimize(problem, DesignOptions((Stage(3),)), start=first.density, after=first)
+    assert [row.iteration for row in more.history] == [0, 1, 2, 3, 4, 4, 5, 6, 7]
+    assert [row.stage for row in more.history] == [0] * 5 + [1] * 4
+    assert more.history[5].objective == pytest.approx(first.final.objective, rel=1e-9)
+    assert more.history[:5] == first.history
+    assert first.initial is not None
+    started = tube.gather_cells(problem.with_passive(random_density(tube, 3)))
+    assert first.initial.density == pytest.approx(started)
+    assert more.initial is first.initial
+    assert more.final.objective < first.final.objective
+    assert more.seconds["equilibrium"] > first.seconds["equilibrium"]
+
+
+def test_a_run_goes_on_on_another_mesh(
+    tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
+) -> None:
+    """Its history goes on, its shape does not fit."""
+    first = optimize(
+        make_problem(tube, tube_solver), DesignOptions((Stage(2),)), start=random_density(tube, 3)
+    )
+    pattern = cylinder(comm, 0.06, 0.02, 5e-3)
+    other = sew(comm, pattern)
+    assert len(pattern.panel) != len(tube.pattern.panel)
+    problem = make_problem(other, EquilibriumSolver(other, Composite(), clamp(pattern, ["base"])))
+    more = optimize(
+        problem,
+        DesignOptions((Stage(1),)),
+        after=WarmStart(random_density(other, 3), first.pressures, history=first.history, level=1),
+    )
+    assert [row.iteration for row in more.history] == [0, 1, 2, 2, 3]
+    assert [row.level for row in more.history] == [0, 0, 0, 1, 1]
+    assert len(more.density) == len(other.owned_cells)
+    assert more.initial is None, "of another mesh, which is not told"
+
+
+def test_a_design_that_is_good_enough_ends_a_stage(
+    tube: Skin, tube_solver: EquilibriumSolver
+) -> None:
+    """And not while its constraints are violated."""
+    problem, start = full(tube, tube_solver, beta=20.0), random_density(tube, 3)
+    every = optimize(problem, DesignOptions((Stage(5),)), start=start).history
+    enough = every[2].objective * 1.001
+    first = next(k for k, row in enumerate(every) if row.objective <= enough)
+    found = optimize(
+        problem, DesignOptions((Stage(5), Stage(5)), target_objective=enough), start=start
+    )
+    assert [row.stage for row in found.history] == [0] * (first + 1) + [1]
+    assert found.reason == f"T is at most {enough:g}."
+    assert problem.length_scale is not None
+    solid, void = problem.length_scale.epsilon
+    stages = (Stage(5, constrained=True),)
+    free = optimize(problem, DesignOptions(stages), start=start).history[1]
+    assert free.g_r > solid or free.g_t > void
+    good = 1.001 * free.objective
+    bound = optimize(problem, DesignOptions(stages, target_objective=good), start=start)
+    assert bound.history[1].objective <= good, "T is good enough"
+    assert len(bound.history) > 2, "the constraints are not"
+
+
+def test_stages_that_are_alike_all_run(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """And what is reported last is the design returned, also when a stage ends at its start."""
+    problem, start = make_problem(tube, tube_solver), random_density(tube, 3)
+    result = optimize(problem, DesignOptions((Stage(2),) * 3), start=start)
+    assert [row.stage for row in result.history] == [0] * 3 + [1] * 3 + [2] * 3
+    plain = 0 * start + 0.5
+    late = optimize(problem, DesignOptions((Stage(2),), seconds=1e-3), start=plain, after=result)
+    assert late.history[-1].objective == late.final.objective != result.final.objective
+
+
+def test_stop_rules(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    problem, start = make_problem(tube, tube_solver), random_density(tube, 3)
+    for options, reason in (
+        (DesignOptions((Stage(9),), x_tol=0.5), "No variable changes by more than 0.5"),
+        (DesignOptions((Stage(9),), kkt_tol=1e3), "The KKT residual is under 1000"),
+        (DesignOptions((Stage(9),), seconds=1e-3), "0.001 s have passed"),
+    ):
+        result = optimize(problem, options, start=start)
+        assert reason in result.reason
+        assert len(result.history) < 4
+    slow = optimize(problem, DesignOptions((Stage(14),), min_relative_decrease=1.0), start=start)
+    assert slow.reason == "T fell by less than 1 of it in 10 steps."
+    assert slow.history[-1].iteration == 10, "it never falls by all of it"
+
+
+def test_conservative_steps_descend(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    options = DesignOptions((Stage(6),), descent="conservative", retries=15)
+    result = optimize(make_problem(tube, tube_solver), options, start=random_density(tube, 3))
+    objectives = [row.objective for row in result.history]
+    assert objectives == sorted(objectives, reverse=True)
+    assert objectives[-1] < 0.5 * objectives[0]
+
+
+def test_ranks_agree_over_ten_iterations(
+    tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
+) -> None:
+    if comm.size == 1:
+        pytest.skip("needs two ranks to compare with one")
+    spread = full(tube, tube_solver, beta=20.0)
+    options = DesignOptions((Stage(6), Stage(4, constrained=True)))
+    one = optimize(spread, options, start=random_density(tube, 3))
+    alone = sew(MPI.COMM_SELF, tube.pattern)
+    solver = EquilibriumSolver(alone, Composite(), clamp(alone.pattern, ["base"]))
+    other = optimize(full(alone, solver, beta=20.0), options, start=random_density(alone, 3))
+    first, last = one.history[0], one.history[-1]
+    first_alone, last_alone = other.history[0], other.history[-1]
+    assert first.objective == pytest.approx(first_alone.objective, rel=1e-9)
+    assert first.gradient_norm == pytest.approx(first_alone.gradient_norm, rel=1e-9)
+    assert last.objective == pytest.approx(last_alone.objective, rel=1e-6)
+    assert last.gradient_norm == pytest.approx(last_alone.gradient_norm, rel=1e-6)
+    assert last.pressure == pytest.approx(last_alone.pressure, rel=1e-6)
+    assert last.g_r == pytest.approx(last_alone.g_r, rel=1e-5)
+
+
+def test_loop_descends_and_is_reproducible(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    seen = []
+    runs = [
+        optimize(
+            make_problem(tube, tube_solver),
+            DesignOptions((Stage(6),)),
+            start=random_density(tube, 3),
+            callback=lambda row, _: seen.append(row.iteration),
+        )
+        for _ in range(2)
+    ]
+    objectives = [row.objective for row in runs[0].history]
+    assert objectives[-1] < 0.2 * objectives[0]
+    assert objectives == [row.objective for row in runs[1].history]
+    assert seen == [*range(7)] * 2
+    assert runs[0].reason == "All 6 iterations are done."
+    assert runs[0].density.min() >= 0
+    assert runs[0].density.max() <= 1
+
+
+def test_a_design_without_equilibrium_is_stepped_back_from(
+    tube: Skin, tube_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Failures of the solver on the way are retried; if they stay, the last design is kept."""
+    problem = make_problem(tube, tube_solver)
+    solve, count = tube_solver.solve, 0
+
+    def failing(broken: range) -> Any:
+        def patched(*args: Any, **kwargs: Any) -> EquilibriumResult:
+            nonlocal count
+            count += 1
+            result = solve(*args, **kwargs)
+            if count in broken:
+                raise EquilibriumError("made to fail", result)
+            return result
+
+        return patched
+
+    monkeypatch.setattr(tube_solver, "solve", failing(range(2, 4)))
+    result = optimize(problem, DesignOptions((Stage(3),)), start=random_density(tube, 3))
+    assert [row.iteration for row in result.history] == [0, 1, 2, 3]
+    assert result.history[1].rejected >= 2
+    count = 0
+    monkeypatch.setattr(tube_solver, "solve", failing(range(3, 99)))
+    result = optimize(problem, DesignOptions((Stage(3),)), start=random_density(tube, 3))
+    assert [row.iteration for row in result.history] == [0, 1]
+    assert "the last design with one" in result.reason
+    assert result.final.objective == result.history[-1].objective
+
+
+def test_continuation_raises_beta(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    problem = make_problem(tube, tube_solver)
+    stages = [Stage(2, beta=beta) for beta in (2.0, 4.0, 8.0)]
+    result = optimize(problem, stages, seed=3)
+    # A row for the start of each stage, and one for each step.
+    assert [row.beta for row in result.history] == [2, 2, 2, 4, 4, 4, 8, 8, 8]
+    assert [row.stage for row in result.history] == [0, 0, 0, 1, 1, 1, 2, 2, 2]
+    assert [row.iteration for row in result.history] == [0, 1, 2, 2, 3, 4, 4, 5, 6]
+    assert problem.projection.beta == 6.0, "the problem is left as it was"

@@ -1,0 +1,82 @@
+"""Densities and pressures as one vector, and the scaled functions that MMA minimises."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helpers.designs import full, make_problem
+
+from toros_fem.base.mpi import dot, total
+from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.options import DesignOptions
+from toros_fem.design.loop.variables import Scaled, Variables
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.meshes import Skin
+
+
+def test_a_vector_and_back(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """Pressures enter as the logarithm between their bounds."""
+    problem = dataclasses.replace(make_problem(tube, tube_solver), pressure_bounds=(1e3, 9e3))
+    variables = Variables(problem, DesignOptions(pressure_move=0.25))
+    density = random_density(tube, 3)
+    x = variables.vector(density, (3e3,))
+    if tube.comm.rank == 0:
+        assert x.array[-1] == pytest.approx(0.5), "3 is the geometric mean of 1 and 9"
+        assert variables.move.array[-1] == 0.25
+    back, pressures = variables.design(x)
+    np.testing.assert_array_equal(back, density)
+    assert pressures == pytest.approx((3e3,))
+    assert x.getSize() == len(tube.pattern.triangles) + 1
+
+
+def test_prescribed_densities_have_no_range(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    passive = np.where(tube.owned_cells % 3 == 0, 0.25, np.nan)
+    problem = dataclasses.replace(make_problem(tube, tube_solver), passive=passive)
+    low, high = Variables(problem, DesignOptions()).bounds
+    given = ~np.isnan(passive)
+    np.testing.assert_array_equal(low.array, np.where(given, 0.25, 0.0))
+    np.testing.assert_array_equal(high.array, np.where(given, 0.25, 1.0))
+
+
+def test_gradient_by_the_variables(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """The derivative by the pressure's logarithm, against a difference of T."""
+    problem = dataclasses.replace(make_problem(tube, tube_solver), pressure_bounds=(1e3, 9e3))
+    variables, density = Variables(problem, DesignOptions()), random_density(tube, 0)
+    base = problem.evaluate(density, pressure=3e3)
+    assert base.gradient is not None
+    gradient = variables.gradient(base, 2.0, base.gradient, base.pressure_gradient)
+    tail = gradient.array[len(density) :].sum()
+    by_pressure = total(tube.comm, tail)
+    step = 1e-4
+    ends = []
+    for sign in (1, -1):
+        x = variables.vector(density, (3e3,))
+        if tube.comm.rank == 0:
+            x.array[-1] += sign * step
+        _, pressures = variables.design(x)
+        state = base.equilibrium.state
+        ends.append(2.0 * problem.simulate(density, state, pressures).objective)
+    assert by_pressure == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-5)
+
+
+def test_scaled_functions(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """T is 10 where a stage starts; constraints ask for half of their value, then for ε."""
+    problem = full(tube, tube_solver, beta=20.0)
+    variables = Variables(problem, DesignOptions())
+    base = problem.evaluate(random_density(tube, 3))
+    scaled = Scaled(problem, variables, constrained=True, target_objective=0.0, start=base)
+    assert scaled.refer(base) == 1.0
+    here, slopes = scaled.values(base), scaled.gradients(base)
+    assert here.objective == pytest.approx(10.0)
+    assert here.rest + (here.residuals**2).sum() == pytest.approx(10.0)
+    assert problem.length_scale is not None
+    assert base.length_scale is not None
+    far = base.length_scale > 2 * problem.length_scale.epsilon
+    assert far.any()
+    np.testing.assert_allclose(here.constraints[far], 1.0)
+    # The gradient of T is scaled as T is.
+    assert base.gradient is not None
+    cells = slopes.objective.array[: len(base.gradient)]
+    ratio = 10.0 / base.objective
+    gap = cells - ratio * base.gradient
+    assert dot(tube.comm, gap, gap) < 1e-20 * dot(tube.comm, cells, cells)

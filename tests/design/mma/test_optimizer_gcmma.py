@@ -1,0 +1,306 @@
+"""GCMMA: every accepted point feasible and no worse, on published nonconvex problems."""
+
+import copy
+
+import numpy as np
+import pytest
+from helpers.mma_problems import Problem, beam, vec
+from mpi4py import MPI
+from scipy.optimize import minimize
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.design.mma.optimizer import MMA, MMAOptions
+
+
+def truss(x: np.ndarray) -> tuple[float, np.ndarray, list[float], list[np.ndarray]]:
+    """Svanberg 1987: weight of the two-bar truss, the stresses of its bars."""
+    root = np.sqrt(1 + x[1] ** 2)
+    values, jacobian = [], []
+    for sign in (1, -1):
+        load = 8 / x[0] + sign / (x[0] * x[1])
+        values.append(0.124 * root * load - 1)
+        slope = np.array([-load / x[0], -sign / (x[0] * x[1] ** 2)])
+        jacobian.append(0.124 * (root * slope + load * np.array([0, x[1] / root])))
+    return x[0] * root, np.array([root, x[0] * x[1] / root]), values, jacobian
+
+
+def large(n: int, variant: int) -> Problem:
+    """Svanberg 2002, section 6: min xᵀSx outside of two ellipsoids, or max xᵀSx inside."""
+    i = np.arange(n)
+    alpha = (i[:, None] + i) / (2 * n - 2)
+    near = (1 + np.abs(i[:, None] - i)) * np.log(n)
+    S, P, Q = (2 + np.sin(4 * np.pi * alpha)) / near, (1 + 2 * alpha) / near, (3 - 2 * alpha) / near
+    sign = 1 if variant == 1 else -1
+
+    def problem(x: np.ndarray) -> tuple[float, np.ndarray, list[float], list[np.ndarray]]:
+        values = [float(sign * (0.5 - x @ A @ x / n)) for A in (P, Q)]
+        return (
+            float(sign * x @ S @ x),
+            2 * sign * S @ x,
+            values,
+            [-2 * sign * A @ x / n for A in (P, Q)],
+        )
+
+    return problem
+
+
+def gcmma(
+    problem: Problem,
+    start: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    outer: int,
+    tolerance: float = MMAOptions.tolerance,
+) -> tuple[np.ndarray, list[tuple[float, float]], MMA, list[float]]:
+    """Run Svanberg's inner loop until the KKT residual is under 1e-7.
+
+    Returns:
+        The last point; value and largest constraint of each accepted point; MMA; and the KKT
+        residual at each evaluated point, infinite for a rejected one.
+    """
+    f, df, values, jacobian = problem(start)
+    mma = MMA(
+        vec(bounds[0]), vec(bounds[1]), len(values), MMAOptions(move=1.0, tolerance=tolerance)
+    )
+    x = vec(start)
+    history: list[tuple[float, float]] = [(f, max(values))]
+    residuals: list[float] = []
+    for _ in range(outer):
+        mma.step(x, f, vec(df), values, [vec(row) for row in jacobian])
+        for _ in range(40):
+            f, df, values, jacobian = problem(x.array)
+            residuals.append(np.inf)
+            if mma.conservative(x, f, values):
+                break
+            mma.retry(x, f, values)
+        else:
+            pytest.fail("no conservative approximation after 40 attempts")
+        history.append((f, max(values)))
+        residuals[-1] = mma.kkt_residual(x, vec(df), values, [vec(row) for row in jacobian])
+        if residuals[-1] < 1e-7:
+            break
+    return x.array.copy(), history, mma, residuals
+
+
+def slsqp(problem: Problem, start: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]) -> float:
+    found = minimize(
+        lambda x: problem(x)[0],
+        start,
+        jac=lambda x: problem(x)[1],
+        bounds=list(zip(*bounds, strict=True)),
+        constraints=[
+            {
+                "type": "ineq",
+                "fun": lambda x: -np.array(problem(x)[2]),
+                "jac": lambda x: -np.array(problem(x)[3]),
+            }
+        ],
+        method="SLSQP",
+        options={"maxiter": 1000, "ftol": 1e-14},
+    )
+    return float(found.fun)
+
+
+def monotone(history: list[tuple[float, float]]) -> bool:
+    f, worst = np.array(history).T
+    return bool(np.diff(f).max() <= 1e-9 * abs(f[0]) and worst.max() <= 1e-8)
+
+
+def test_two_bar_truss() -> None:
+    bounds = (np.array([0.2, 0.1]), np.array([4.0, 1.6]))
+    start = np.array([1.5, 0.5])
+    x, history, mma, _ = gcmma(truss, start, bounds, 40, tolerance=1e-12)
+    assert x == pytest.approx([1.41, 0.38], abs=5e-3), "as published"
+    assert history[-1][0] == pytest.approx(1.51, abs=5e-3), "as published"
+    assert history[-1][0] == pytest.approx(slsqp(truss, start, bounds), rel=1e-9)
+    assert monotone(history)
+    assert mma.state.multipliers is not None
+    assert mma.state.multipliers[0] > 0.1
+    assert mma.state.multipliers[1] == 0
+
+
+@pytest.mark.parametrize(("variant", "start"), [(1, 0.5), (2, 0.25)])
+@pytest.mark.parametrize("seed", [None, 0, 1, 4])
+def test_large_nonconvex_problems(variant: int, start: float, seed: int | None) -> None:
+    """With the default options the residual falls on; a fixed tolerance would let it stall."""
+    n = 100
+    problem = large(n, variant)
+    bounds = (-np.ones(n), np.ones(n))
+    begin = np.full(n, start)
+    if seed is not None:
+        begin *= 1 + 0.2 * np.random.default_rng(seed).uniform(-1, 1, n)
+    _, history, _, residuals = gcmma(problem, begin, bounds, 400)
+    assert monotone(history)
+    assert residuals[-1] < 1e-7
+    assert len(residuals) > len(history), "some first proposals were not conservative"
+    assert len(residuals) == pytest.approx({1: 312, 2: 556}[variant], rel=0.05)
+    if seed is None:
+        assert history[-1][0] == pytest.approx(slsqp(problem, begin, bounds), rel=1e-8)
+
+
+def test_only_what_was_not_conservative_gets_curvature() -> None:
+    """The objective is linear, so its approximation is above it; the constraint is stiff."""
+    n = 50
+    mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), 1)
+    x = vec(np.full(n, 0.5))
+
+    def values(at: np.ndarray) -> list[float]:
+        return [float((at.sum() - 20) ** 2 / 20 - 5.1)]
+
+    mma.step(x, 25.0, vec(np.ones(n)), values(x.array), [vec(np.full(n, (25.0 - 20) / 10))])
+    attempts = 0
+    while not mma.conservative(x, float(x.array.sum()), values(x.array)):
+        attempts += 1
+        assert attempts < 20
+        mma.retry(x, float(x.array.sum()), values(x.array))
+    assert attempts > 0
+    assert mma.state.curvature is not None
+    assert mma.state.curvature[0] == 0
+    assert mma.state.curvature[1] > 0
+    assert x.array.sum() < 25
+    assert values(x.array)[0] <= 0
+
+
+def test_no_design_there_raises_all_curvatures_tenfold() -> None:
+    mma = MMA(vec(np.full(5, 1.0)), vec(np.full(5, 10.0)), 1)
+    x = vec(np.full(5, 5.0))
+    f, df, values, jacobian = beam(x.array)
+    mma.step(x, f, vec(df), values, [vec(row) for row in jacobian])
+    step = [np.abs(x.array - 5).max()]
+    for missing in (np.inf, np.nan, np.inf):
+        assert not mma.conservative(x, missing, values)
+        before = mma.state.curvature
+        mma.retry(x, missing, values)
+        assert before is not None
+        assert mma.state.curvature is not None
+        if before.any():
+            assert mma.state.curvature == pytest.approx(10 * before)
+        step.append(np.abs(x.array - 5).max())
+    assert np.all(np.diff(step) <= 0)
+    assert step[-1] < 0.1 * step[0]
+
+
+def test_rejecting_a_conservative_proposal_shortens_the_step() -> None:
+    mma = MMA(vec(np.zeros(4)), vec(np.ones(4)))
+    x = vec(np.full(4, 0.5))
+    mma.step(x, 0.0, vec(np.ones(4)))
+    step = 0.5 - x.array
+    assert mma.conservative(x, -4 * step[0])
+    for _ in range(3):
+        mma.retry(x, 1.0 if mma.conservative(x, 1.0) else -4 * step[0])
+    assert np.all(0.5 - x.array < 0.9 * step)
+    assert np.all(x.array < 0.5)
+
+
+def test_resumes_exactly_with_curvatures() -> None:
+    n = 20
+    problem = large(n, 1)
+
+    def steps(mma: MMA, x: np.ndarray, count: int) -> np.ndarray:
+        at = vec(x)
+        for _ in range(count):
+            f, df, values, jacobian = problem(at.array)
+            mma.step(at, f, vec(df), values, [vec(row) for row in jacobian])
+            mma.retry(at, np.inf)
+        return at.array.copy()
+
+    def fresh() -> MMA:
+        return MMA(vec(-np.ones(n)), vec(np.ones(n)), 2)
+
+    whole = steps(fresh(), np.full(n, 0.5), 9)
+    first, second = fresh(), fresh()
+    half = steps(first, np.full(n, 0.5), 4)
+    assert first.state.curvature is not None
+    assert first.state.curvature.max() > 0
+    second.state = copy.deepcopy(first.state)
+    assert np.array_equal(steps(second, half, 5), whole)
+    second.state = copy.deepcopy(first.state)
+    assert second.state.curvature is not None
+    second.state.curvature *= 0
+    assert not np.array_equal(steps(second, half, 5), whole)
+
+
+def test_move_limit_of_each_variable() -> None:
+    move = np.array([0.01, 0.1, 0.5, 1.0])
+    upper = np.array([1.0, 2.0, 1.0, 1.0])
+    mma = MMA(vec(np.zeros(4)), vec(upper), move=vec(move))
+    x = vec(0.5 * upper)
+    mma.step(x, 1.0, vec(np.full(4, 1.0)))
+    # The last two are limited by the asymptotes at 0 and 1.
+    assert x.array == pytest.approx(upper * [0.49, 0.4, 0.05, 0.05])
+    for wrong in (0.0, 1.5, np.nan):
+        with pytest.raises(ParameterError, match="move"):
+            MMA(vec(np.zeros(2)), vec(np.ones(2)), move=vec(np.array([0.5, wrong])))
+
+
+def test_kkt_residual() -> None:
+    """By hand: min ½|x − (2, 0.3, 9)|² in [0, 1]², the third fixed, subject to x₁ + x₂ ≤ 1.1."""
+    centre = np.array([2.0, 0.3, 9.0])
+    lower, upper = np.array([0.0, 0.0, 5.0]), np.array([1.0, 1.0, 5.0])
+    mma = MMA(vec(lower), vec(upper), 1)
+
+    def residual(x: list[float], lam: float) -> float:
+        mma.state.multipliers = np.array([lam])
+        at = np.array(x)
+        slope, normal = vec(at - centre), vec(np.array([1.0, 1.0, 0.0]))
+        return mma.kkt_residual(vec(at), slope, [at[0] + at[1] - 1.1], [normal])
+
+    assert residual([1.0, 0.1, 5.0], 0.2) == pytest.approx(0, abs=1e-15)
+    assert residual([1.0, 0.1, 5.0], 0.0) == pytest.approx(0.4), "2 · |0.1 − 0.3|"
+    assert residual([1.0, 0.3, 5.0], 0.0) == pytest.approx(0.2), "the constraint is violated"
+    assert residual([0.8, 0.3, 5.0], 0.5) == pytest.approx(0.3), "down to its bound likewise"
+    assert residual([0.8, 0.2, 5.0], 0.2) == pytest.approx(0.2), "0.2 − clip(0.2 − 2·0.1)"
+    assert residual([0.8, 0.3, 5.0], 0.0) == pytest.approx(0.2), "up to its bound and no further"
+    with pytest.raises(ParameterError, match="for 1 constraints"):
+        mma.kkt_residual(vec(lower), vec(lower))
+
+
+def test_bad_input() -> None:
+    with pytest.raises(ParameterError, match="finite bounds"):
+        MMA(vec(np.zeros(2)), vec(np.array([1.0, np.inf])))
+    mma = MMA(vec(np.zeros(2)), vec(np.ones(2)), 2)
+    with pytest.raises(ParameterError, match="call step first"):
+        mma.conservative(vec(np.ones(2)), 1.0, [0.0, 0.0])
+    mma.step(vec(np.ones(2)), 1.0, vec(np.ones(2)), [0.0, 0.0], [vec(np.ones(2))] * 2)
+    with pytest.raises(ParameterError, match="1 values were given for 2"):
+        mma.retry(vec(np.ones(2)), 1.0, [0.0])
+
+
+def spread(comm: MPI.Comm) -> tuple[np.ndarray, float, int]:
+    """GCMMA on five constraints and distributed variables: the point, its residual, retries."""
+    n, m = 120, 5
+    part = np.array_split(np.arange(n), comm.size)[comm.rank]
+    rng = np.random.default_rng(11)
+    A, centre = rng.random((m, n))[:, part], rng.random(n)[part]
+    lower, upper = np.zeros(len(part)), np.ones(len(part))
+    lower[part == 7] = upper[part == 7] = 0.4
+
+    def evaluate(x: np.ndarray) -> tuple[float, np.ndarray, list[float], list[np.ndarray]]:
+        both = np.concatenate([[((x - centre) ** 2).sum(), x.sum()], A @ x])
+        sums = comm.allreduce(both)
+        values = [float((s / n) ** 2 / 0.03 - 1) for s in sums[2:]]
+        slopes = [2 * s / n / 0.03 * row / n for s, row in zip(sums[2:], A, strict=True)]
+        f = float(sums[0] / n - 4 * (sums[1] / n) ** 2)
+        return f, 2 * (x - centre) / n - 8 * sums[1] / n**2, values, slopes
+
+    mma = MMA(vec(lower, comm), vec(upper, comm), m)
+    x = vec(np.clip(np.full(len(part), 0.2), lower, upper), comm)
+    f, df, values, jacobian = evaluate(x.array)
+    retries = 0
+    for _ in range(25):
+        mma.step(x, f, vec(df, comm), values, [vec(row, comm) for row in jacobian])
+        for _ in range(30):
+            f, df, values, jacobian = evaluate(x.array)
+            if mma.conservative(x, f, values):
+                break
+            retries += 1
+            mma.retry(x, f, values)
+    residual = mma.kkt_residual(x, vec(df, comm), values, [vec(row, comm) for row in jacobian])
+    return np.concatenate(comm.allgather(x.array.copy())), residual, retries
+
+
+def test_five_constraints_distributed_equal_serial(comm: MPI.Comm) -> None:
+    alone, spread_out = spread(MPI.COMM_SELF), spread(comm)
+    assert spread_out[0] == pytest.approx(alone[0], abs=1e-8)
+    assert spread_out[1] == pytest.approx(alone[1], abs=1e-6)
+    assert spread_out[2] == alone[2] > 0
+    assert alone[0][7] == 0.4

@@ -1,0 +1,239 @@
+"""MMA for sums of squares: against independent solvers, and against MMA that sees only the sum."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from helpers.mma_problems import vec
+from mpi4py import MPI
+from scipy.optimize import lsq_linear, minimize
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.design.mma.optimizer import MMA, MMAOptions
+
+Residuals = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def springs(n: int, target: np.ndarray) -> Residuals:
+    """Weighted means of x³, relative to their targets: like stiffnesses of a grey pattern."""
+    rng = np.random.default_rng(2)
+    weight = rng.random((len(target), n)) ** 2
+    weight /= weight.sum(axis=1, keepdims=True)
+
+    def residuals(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return weight @ x**3 / target - 1, 3 * weight * x**2 / target[:, None]
+
+    return residuals
+
+
+def count(residuals: Residuals, n: int, least: float, *, apart: bool) -> tuple[int, np.ndarray]:
+    """Evaluations until the sum of squares is small enough, by the design loop's rule, and x."""
+    x = vec(np.full(n, 0.5))
+    r, slopes = residuals(x.array)
+    mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), residuals=len(r) if apart else 0)
+    tried = 0
+    for _ in range(300):
+        before = float(r @ r)
+        if before <= least:
+            return tried, x.array.copy()
+        if apart:
+            mma.step(x, 0.0, vec(np.zeros(n)), (), (), r, [vec(row) for row in slopes])
+        else:
+            mma.step(x, before, vec(2 * r @ slopes))
+        for attempt in range(5):
+            r, slopes = residuals(x.array)
+            tried += 1
+            if r @ r <= before or attempt == 4:
+                break
+            if apart:
+                mma.retry(x, 0.0, (), r)
+            else:
+                mma.retry(x, float(r @ r))
+    return tried, x.array.copy()
+
+
+def test_few_steps_where_the_sum_takes_many() -> None:
+    residuals = springs(400, np.array([0.10, 0.16, 0.12, 0.14]))
+    tried, x = count(residuals, 400, 1e-8, apart=True)
+    many, _ = count(residuals, 400, 1e-8, apart=False)
+    assert np.all((x >= 0) & (x <= 1))
+    assert tried <= 8
+    assert many >= 2 * tried
+
+
+def linear(n: int, k: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return rng.standard_normal((k, n)) / n, 0.3 * rng.standard_normal(k)
+
+
+def fit(
+    a: np.ndarray, b: np.ndarray, steps: int, budget: float | None = None
+) -> tuple[np.ndarray, MMA]:
+    """Min |Ax − b|² in the unit box, the mean of x under a budget."""
+    n = a.shape[1]
+    rows = 0 if budget is None else 1
+    options = MMAOptions(tolerance=1e-12)
+    mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), rows, options, residuals=len(b))
+    x = vec(np.full(n, 0.4))
+    for _ in range(steps):
+        values = [] if budget is None else [float(x.array.mean() / budget - 1)]
+        jacobian = [vec(np.full(n, 1 / n / (budget or 1.0)))] * rows
+        r = a @ x.array - b
+        mma.step(x, 0.0, vec(np.zeros(n)), values, jacobian, r, [vec(row) for row in a])
+        for _ in range(40):
+            values = [] if budget is None else [float(x.array.mean() / budget - 1)]
+            if mma.conservative(x, 0.0, values, a @ x.array - b):
+                break
+            mma.retry(x, 0.0, values, a @ x.array - b)
+        else:
+            pytest.fail("no conservative approximation after 40 attempts")
+    return x.array.copy(), mma
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_misfit_that_stays_is_the_least(seed: int) -> None:
+    a, b = linear(60, 5, seed)
+    x, mma = fit(a, b, 60)
+    least = 2 * lsq_linear(a, b, (0, 1), tol=1e-13).cost
+    r = a @ x - b
+    assert r @ r == pytest.approx(least, rel=1e-6)
+    assert mma.kkt_residual(vec(x), vec(2 * r @ a)) < 1e-2
+
+
+def test_under_a_constraint() -> None:
+    a, b = linear(60, 5, 7)
+    x, mma = fit(a, b, 80, budget=0.2)
+    found = minimize(
+        lambda x: float(np.sum((a @ x - b) ** 2)),
+        np.full(60, 0.2),
+        jac=lambda x: 2 * (a @ x - b) @ a,
+        bounds=[(0, 1)] * 60,
+        constraints=[{"type": "ineq", "fun": lambda x: 0.2 - x.mean()}],
+        method="SLSQP",
+        options={"maxiter": 500, "ftol": 1e-14},
+    )
+    assert x.mean() == pytest.approx(0.2, rel=1e-6)
+    assert np.sum((a @ x - b) ** 2) == pytest.approx(found.fun, rel=1e-5)
+    assert mma.state.multipliers is not None
+    assert mma.state.multipliers[0] > 0
+
+
+def test_a_term_beside_the_squares() -> None:
+    """Min (mean x − 0.8)² + 0.3 mean x: the mean is 0.65."""
+    n = 50
+    mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), residuals=1)
+    x = vec(np.linspace(0.2, 0.5, n))
+    for _ in range(40):
+        mean, slope = x.array.mean(), np.full(n, 1 / n)
+        mma.step(x, 0.3 * mean, vec(0.3 * slope), (), (), [mean - 0.8], [vec(slope)])
+        for _ in range(30):
+            mean = x.array.mean()
+            if mma.conservative(x, 0.3 * mean, (), [mean - 0.8]):
+                break
+            mma.retry(x, 0.3 * mean, (), [mean - 0.8])
+    assert x.array.mean() == pytest.approx(0.65, abs=1e-5)
+
+
+def test_small_corrections_are_spread_over_all_variables() -> None:
+    """Of all x that meet one linear equation, the one whose largest change is least."""
+    n = 80
+    slope = np.random.default_rng(0).standard_normal(n) / n
+    root = 10**0.5  # as the loop scales it: T is 10
+    mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), residuals=1)
+    x = vec(np.full(n, 0.5))
+    mma.step(x, 0.0, vec(np.zeros(n)), (), (), [root], [vec(1e3 * root * slope)])
+    change = x.array - 0.5
+    assert slope @ change == pytest.approx(-1e-3, rel=0.02)
+    equal = -1e-3 * np.sign(slope) / np.abs(slope).sum()
+    assert change == pytest.approx(equal, rel=0.03)
+
+
+def test_a_retry_moves_on_whichever_sign_overshot() -> None:
+    """It falls to first order and rises again beyond: it is −r that exceeds, and r that holds x."""
+    n = 50
+    mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), 0, MMAOptions(move=0.05), residuals=1)
+    x = vec(np.full(n, 0.5))
+
+    def residual() -> float:
+        d = float(x.array.mean()) - 0.5
+        return 3 - 10 * d - 3000 * max(d, 0.0) ** 2
+
+    mma.step(x, 0.0, vec(np.zeros(n)), (), (), [3.0], [vec(np.full(n, -10 / n))])
+    tried = [float(x.array.mean())]
+    while not mma.conservative(x, 0.0, (), [residual()]):
+        mma.retry(x, 0.0, (), [residual()])
+        tried.append(float(x.array.mean()))
+    assert len(tried) > 2
+    assert residual() ** 2 < 9
+    assert np.all(np.diff(tried) < -1e-3)
+
+
+@pytest.mark.parametrize("factor", [0.3, 9.0, 1e6])
+def test_other_units_change_nothing(factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Curvatures, multipliers and the penalty of a constraint that cannot be met follow."""
+    monkeypatch.setattr("toros_fem.design.mma.optimizer.SMALL", 1e-13)
+    n, k = 60, 3
+    a, b = linear(n, k, 5)
+    place = np.random.default_rng(1).random(n)
+
+    def run(factors: list[float]) -> tuple[list[np.ndarray], float]:
+        mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), 2, MMAOptions(tolerance=1e-12), residuals=k)
+        x = vec(np.full(n, 0.4))
+        found, scale = [], 1.0
+        slopes, kkt = [vec(np.full(n, 5 / n)), vec(np.full(n, 1 / n))], 0.0
+        for one in factors:
+            scale *= one
+            mma.rescale(one)
+            # The second one cannot be met within the move limit: y > 0 remains.
+            values = [5 * x.array.mean() - 1.5, x.array.mean() + 3.0]
+            r, root = a @ x.array - b, scale**0.5
+            rest, gradient = 0.3 * place @ x.array / n, 0.3 * place / n
+            rows = [vec(root * row) for row in a]
+            mma.step(x, scale * rest, vec(scale * gradient), values, slopes, root * r, rows)
+            mma.retry(x, np.inf, [np.inf] * 2, [np.inf] * k)
+            found.append(x.array.copy())
+            kkt = mma.kkt_residual(x, vec(scale * (gradient + 2 * r @ a)), values, slopes)
+        return found, kkt
+
+    same, first = run([1.0, 1.0, 1.0])
+    other, second = run([1.0, factor, factor**0.5])
+    assert np.array(other) == pytest.approx(np.array(same), abs=1e-9)
+    assert second == pytest.approx(first, rel=1e-6)
+    assert np.abs(np.diff(same, axis=0)).max() > 0.01
+
+
+def test_distributed_equals_serial(comm: MPI.Comm) -> None:
+    n, k = 120, 4
+
+    def run(comm: MPI.Comm) -> np.ndarray:
+        a, b = linear(n, k, 3)
+        part = np.array_split(np.arange(n), comm.size)[comm.rank]
+        mine = np.ascontiguousarray(a[:, part])
+        low, high = np.zeros(len(part)), np.ones(len(part))
+        mma = MMA(vec(low, comm), vec(high, comm), residuals=k)
+        x = vec(np.full(len(part), 0.4), comm)
+        slopes = [vec(row, comm) for row in mine]
+        for _ in range(8):
+            r = comm.allreduce(mine @ x.array) - b
+            mma.step(x, 0.0, vec(np.zeros(len(part)), comm), (), (), r, slopes)
+            r = comm.allreduce(mine @ x.array) - b
+            mma.retry(x, 0.0, (), r)
+        return np.concatenate(comm.allgather(x.array.copy()))
+
+    assert run(comm) == pytest.approx(run(MPI.COMM_SELF), abs=1e-9)
+
+
+def test_bad_input() -> None:
+    mma = MMA(vec(np.zeros(3)), vec(np.ones(3)), residuals=2)
+    with pytest.raises(ParameterError, match="0 residuals and 0 gradients were given for 2"):
+        mma.step(vec(np.ones(3)), 0.0, vec(np.ones(3)))
+    mma.step(vec(np.ones(3)), 0.0, vec(np.ones(3)), (), (), [1.0, 2.0], [vec(np.ones(3))] * 2)
+    for residuals in ([1.0], [1.0, 2.0, 3.0]):
+        with pytest.raises(ParameterError, match=f"{len(residuals)} residuals for 2"):
+            mma.retry(vec(np.ones(3)), 0.0, (), residuals)
+    with pytest.raises(ParameterError, match="0 residuals for 2"):
+        mma.conservative(vec(np.ones(3)), 0.0)
+    with pytest.raises(ParameterError, match="4 values were given for 0"):
+        mma.retry(vec(np.ones(3)), 0.0, [0.0] * 4)
+    with pytest.raises(ParameterError, match="factor"):
+        mma.rescale(0.0)

@@ -1,0 +1,67 @@
+"""Numbers of the relaxed design."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.designs import make_problem
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.design.relaxed.find import LEAST_DECREASE, MOVE, RelaxedOptions, find_lines
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.meshes import Skin
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"iterations": (40, 0)}, "^iterations = 0"),
+        ({"more_iterations": 0}, "more_iterations = 0"),
+        ({"radius": 0.0}, "radius = 0.0"),
+        ({"share_weight": 0.0}, "share_weight = 0.0"),
+        ({"width_ratio": -1.0}, "width_ratio = -1.0"),
+        ({"directions": 1}, "directions = 1"),
+        ({"share_limit": 0.95}, "limit = 0.95"),
+        ({"family_limits": (0.5, 0.5)}, "sum_of_limits = 1.0"),
+    ],
+)
+def test_bad_values(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        RelaxedOptions(**wrong)
+
+
+def test_stages() -> None:
+    options = RelaxedOptions(iterations=(7, 9))
+    for number in range(2):
+        rules = options.stage(number)
+        assert [stage.iterations for stage in rules.stages] == [options.iterations[number]]
+        assert rules.mma.move == MOVE
+        assert rules.min_relative_decrease == LEAST_DECREASE
+
+
+def test_two_stages_and_their_continuation(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    design = make_problem(tube, tube_solver)
+    options = RelaxedOptions(directions=4, iterations=(4, 3), more_iterations=2)
+    found = find_lines(design, options, seed=1)
+    assert found.field.families == 2
+    assert found.start.families == 4
+    assert [sum(row.stage == stage for row in found.history) for stage in (0, 1)] == [5, 4]
+    first = [row.objective for row in found.history if row.stage == 0]
+    assert first[-1] < 0.9 * first[0]
+    assert found.objective == found.history[-1].objective
+    wall = found.field.pattern.panel == found.field.pattern.panel_index("wall")
+    assert not found.field.shares[~wall].any()
+    assert np.all(found.field.shares[wall].sum(axis=1) > 0)
+    assert not found.start.shares[~wall].any()
+    assert np.all(found.start.shares[wall] > 0)
+    other_seed = find_lines(design, dataclasses.replace(options, iterations=(1, 1)), seed=2)
+    assert not np.allclose(other_seed.start.shares, found.start.shares)
+    further = find_lines(design, options, after=found)
+    assert further.history[: len(found.history)] == found.history
+    assert further.history[-1].iteration == found.history[-1].iteration + 2
+    assert further.objective <= found.objective
+    assert further.start is found.start
+    other = dataclasses.replace(found, variables=found.variables[1:])
+    with pytest.raises(ParameterError, match="result on"):
+        find_lines(design, options, after=other)

@@ -1,0 +1,111 @@
+"""A skin whose line families are designed: gradients through the whole chain, and ranks."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helpers.designs import make_problem
+from helpers.scenes import taylor_rates
+from mpi4py import MPI
+
+from toros_fem.base.errors import DensityError
+from toros_fem.base.mpi import total
+from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
+from toros_fem.design.relaxed.problem import RelaxedProblem, relaxed_problem
+from toros_fem.mechanics.equilibrium.newton import NewtonStep
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.meshes import Skin
+
+
+def made(
+    skin: Skin, solver: EquilibriumSolver, families: FixedDirections | FreeDirections
+) -> RelaxedProblem:
+    design = dataclasses.replace(make_problem(skin, solver), pressure_bounds=(1e3, 2e4))
+    return relaxed_problem(design, families, 0.015)
+
+
+def variables(skin: Skin, families: FixedDirections | FreeDirections, seed: int) -> np.ndarray:
+    drawn = np.random.default_rng(seed).uniform(0, 1, (len(skin.pattern.panel), families.fields))
+    return drawn[skin.owned_cells].ravel()
+
+
+@pytest.mark.parametrize(
+    "families", [FixedDirections(4, 0.3), FreeDirections((0.2, 0.3))], ids=["fixed", "free"]
+)
+def test_gradient(
+    comm: MPI.Comm,
+    tube: Skin,
+    tube_solver: EquilibriumSolver,
+    families: FixedDirections | FreeDirections,
+) -> None:
+    problem = made(tube, tube_solver, families)
+    x = problem.with_passive(0.2 + 0.6 * variables(tube, families, 0))
+    step = problem.with_passive(variables(tube, families, 1) - 0.5)
+    base = problem.evaluate(x)
+    assert base.gradient is not None
+    state = base.equilibrium.state
+    rates = taylor_rates(
+        lambda h: problem.simulate(x + h * step, state).objective,
+        total(comm, float(base.gradient @ step)),
+        0.01,
+    )
+    assert np.allclose(rates, 2, atol=0.02)
+    assert base.pressure_gradient is not None
+    there, back = (problem.simulate(x, state, 5e3 + s).objective for s in (1.0, -1.0))
+    assert base.pressure_gradient == pytest.approx((there - back) / 2, rel=1e-4)
+
+
+def test_factor_of_crossings_reaches_the_model(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    families, design = FixedDirections(4, 0.3), make_problem(tube, tube_solver)
+    moduli = []
+    for crossing in (0.0, 0.2, 0.4):
+        problem = relaxed_problem(design, families, 0.015, crossing=crossing)
+        found = problem.evaluate(problem.with_passive(variables(tube, families, 0)))
+        problem.solver.model.set_density(found.projected)
+        moduli.append(problem.solver.model.mean_modulus())
+    none, some, twice = moduli
+    assert twice - none == pytest.approx(2 * (some - none), rel=1e-9)
+    assert some > 1.0001 * none
+
+
+def test_where_nothing_is_designed_there_are_no_lines(
+    tube: Skin, tube_solver: EquilibriumSolver
+) -> None:
+    problem = made(tube, tube_solver, FixedDirections(4, 0.3))
+    _, material = problem.fields(problem.start_density(3))
+    given = ~problem.designed
+    assert np.all(material[given, 0] == 1)
+    assert not material[given, 1:5].any()
+    assert np.all(material[~given, 0] == 0)
+    assert np.all(material[~given, 1:5] > 0)
+    low, high = problem.variable_bounds
+    assert not low.any()
+    assert np.array_equal(high.reshape(-1, 4), np.repeat(problem.designed[:, None], 4, axis=1))
+
+
+def test_newton_steps_are_logged_as_those_of_the_design(
+    tube: Skin, tube_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows: list[NewtonStep] = []
+    monkeypatch.setattr(tube_solver, "log", rows.append)
+    problem = made(tube, tube_solver, FixedDirections(4, 0.3))
+    found = problem.simulate(problem.start_density(3))
+    assert len(rows) >= found.equilibrium.steps > 0
+
+
+def test_variables_are_checked(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    problem = made(tube, tube_solver, FixedDirections(4, 0.3))
+    count = len(problem.designed)
+    with pytest.raises(DensityError, match="4 of each owned triangle"):
+        problem.simulate(np.zeros(count))
+    with pytest.raises(DensityError, match=r"leaves \[0, 1\]"):
+        problem.simulate(np.full(4 * count, -0.1))
+
+
+def test_start_does_not_depend_on_ranks(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    problem = made(tube, tube_solver, FixedDirections(4, 0.3))
+    start = tube.gather_cells(problem.start_density(3).reshape(-1, 4))
+    other = tube.gather_cells(problem.start_density(4).reshape(-1, 4))
+    wall = tube.pattern.panel == tube.pattern.panel_index("wall")
+    assert np.log(start[wall]).std() == pytest.approx(0.7, rel=0.05)
+    assert np.abs(other - start)[wall].mean() > 0.01

@@ -1,0 +1,96 @@
+"""Smoothing of fields over triangles: means, bounds, adjoint, seams, ranks."""
+
+import numpy as np
+import pytest
+from helpers.line_fields import two_sheets
+from mpi4py import MPI
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
+from toros_fem.design.relaxed.smoothing import Smoothing
+from toros_fem.meshes import Skin, sew
+
+
+def test_turns_of_charts() -> None:
+    pattern = two_sheets(0.7)
+    seam = pattern.panel[pattern.edges.sides[pattern.edges.inner]]
+    across = seam[:, 0] != seam[:, 1]
+    assert across.sum() == 6
+    assert not pattern.chart_turns[~across].any()
+    sign = np.where(seam[across, 0] == 0, 1, -1)
+    assert pattern.chart_turns[across] == pytest.approx(0.7 * sign)
+
+
+def smoothing(skin: Skin, families: FreeDirections | None = None) -> Smoothing:
+    if families is None:
+        return Smoothing(skin, 0.02, 3)
+    return Smoothing(skin, 0.02, 6, families.transport, families.centre)
+
+
+def test_constants_means_and_bounds(comm: MPI.Comm) -> None:
+    skin = sew(comm, two_sheets(0.7))
+    smooth, own = smoothing(skin), skin.owned_cells
+    assert smooth.forward(np.full(3 * len(own), 0.3)) == pytest.approx(0.3, abs=1e-13)
+    noise = np.random.default_rng(1).uniform(0, 1, (len(skin.pattern.panel), 3))
+    found = skin.gather_cells(smooth.forward(noise[own].ravel()).reshape(-1, 3))
+    areas = skin.pattern.areas
+    assert areas @ found == pytest.approx(areas @ noise)
+    assert noise.min() < found.min()
+    assert found.max() < noise.max()
+    assert found.std() < 0.3 * noise.std()
+
+
+def test_lines_go_straight_on_across_a_turned_seam(comm: MPI.Comm) -> None:
+    turn = 0.7
+    skin = sew(comm, two_sheets(turn))
+    families = FreeDirections()
+    angles = np.array([0.2, 1.5]) + turn * skin.pattern.panel[:, None]
+    x = families.variables(np.full_like(angles, 0.1), angles)[skin.owned_cells]
+    found = smoothing(skin, families).forward(x.ravel()).reshape(-1, 6)
+    assert found == pytest.approx(x, abs=1e-12)
+    # Without the turn of the chart the directions would mix.
+    mixed = Smoothing(skin, 0.02, 6).forward(x.ravel()).reshape(-1, 6)
+    assert np.abs(skin.gather_cells(mixed - x)).max() > 0.1
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_adjoint(comm: MPI.Comm, turned: bool) -> None:
+    skin = sew(comm, two_sheets(0.7))
+    smooth = smoothing(skin, FreeDirections() if turned else None)
+    count = 6 if turned else 3
+    a, b = np.random.default_rng(2).standard_normal((2, len(skin.pattern.panel), count))
+    own, origin = skin.owned_cells, smooth.forward(np.zeros(count * len(skin.owned_cells)))
+    forward = smooth.forward(a[own].ravel()) - origin
+    backward = smooth.backward(b[own].ravel())
+    one, two = float(forward @ b[own].ravel()), float(backward @ a[own].ravel())
+    assert comm.allreduce(one) == pytest.approx(comm.allreduce(two), rel=1e-12)
+
+
+def test_shares_stay_within_their_bounds_across_a_turned_seam(comm: MPI.Comm) -> None:
+    """A turn between two of the fixed directions shares a family out: no share gets below 0."""
+    skin, families = sew(comm, two_sheets(0.4)), FixedDirections(6)
+    smooth = Smoothing(skin, 0.02, 6, families.transport, families.centre)
+    own, areas = skin.owned_cells, skin.pattern.areas
+    for direction in range(6):
+        x = np.zeros((len(areas), 6))
+        x[:, direction] = 1.0
+        found = skin.gather_cells(smooth.forward(x[own].ravel()).reshape(-1, 6))
+        assert found.min() > -1e-13
+        assert found.max() < 1 + 1e-13
+        assert areas @ found.sum(axis=1) == pytest.approx(areas.sum())
+    even = np.full(6 * len(own), 0.3)
+    assert smooth.forward(even) == pytest.approx(0.3, abs=1e-13)
+    a, b = np.random.default_rng(3).standard_normal((2, len(areas), 6))
+    one = float(smooth.forward(a[own].ravel()) @ b[own].ravel())
+    two = float(smooth.backward(b[own].ravel()) @ a[own].ravel())
+    assert comm.allreduce(one) == pytest.approx(comm.allreduce(two), rel=1e-12)
+
+
+def test_triangles_without_fields(comm: MPI.Comm) -> None:
+    skin = sew(comm, two_sheets(0.0))
+    designed = skin.pattern.panel == 0
+    smooth = Smoothing(skin, 0.02, 1, designed=designed)
+    found = skin.gather_cells(smooth.forward(designed[skin.owned_cells].astype(float)))
+    assert found == pytest.approx(designed.astype(float), abs=1e-13)
+    with pytest.raises(ParameterError, match="radius"):
+        Smoothing(skin, 0.0, 1)

@@ -1,0 +1,44 @@
+"""Configuration of the start: options of the relaxed design and of its lines."""
+
+import pytest
+
+from toros_fem import errors
+from toros_fem.design.lines.options import LineOptions
+from toros_fem.design.relaxed.find import RelaxedOptions
+from toros_fem.products.actuators.config import ActuatorConfig
+
+
+def test_defaults_are_those_of_the_options() -> None:
+    config = ActuatorConfig()
+    assert config.relaxed_options == RelaxedOptions(share_weight=0.01)
+    lines, plain = config.line_options, LineOptions()
+    assert lines == LineOptions(widths=(*plain.widths, *plain.widths))
+
+
+def test_numbers_reach_the_options() -> None:
+    config = ActuatorConfig(
+        relaxed_iterations=7, directions=24, share_limit=0.5, smoothing_radius=5e-3,
+        laid_width=4e-3, second_laid_width=0.8e-3, print_width=0.5e-3,
+    )  # fmt: skip
+    found = config.relaxed_options
+    assert (found.iterations, found.directions, found.share_limit) == ((7, 7), 24, 0.5)
+    assert found.radius == 5e-3
+    assert found.width_ratio == 0.2
+    assert config.line_options == LineOptions(widths=(4e-3, 0.8e-3), print_width=0.5e-3)
+    assert config.updated(second_laid_width=None).line_options.widths == (4e-3, 4e-3)
+
+
+def test_bad_values() -> None:
+    with pytest.raises(errors.ParameterError, match="start = 'drawn' must be one of"):
+        ActuatorConfig(start="drawn")
+    with pytest.raises(errors.ParameterError, match="under print_width"):
+        _ = ActuatorConfig(laid_width=0.5e-3, print_edge_length=0.5e-3).line_options
+    ActuatorConfig(print_width=1e-3)  # there are no lines to print
+    with pytest.raises(errors.ParameterError, match="under print_width = 0.001 m"):
+        ActuatorConfig(start="relaxed", print_width=1e-3)
+    with pytest.raises(errors.ParameterError, match="print_edge_length = 0.001 m is over 0.0009"):
+        ActuatorConfig(start="relaxed", print_edge_length=1e-3)
+    with pytest.raises(errors.ParameterError, match="starts = 3, but a relaxed design has one"):
+        ActuatorConfig(start="relaxed", starts=3)
+    with pytest.raises(errors.ParameterError, match="share_limit = 0.95"):
+        ActuatorConfig(share_limit=0.95)

@@ -1,0 +1,144 @@
+"""Lines that come as polygons: on other meshes, on the whole of a part, printed and simulated."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from helpers.designs import make_problem
+from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.errors import PanelError
+from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.loop import DesignResult
+from toros_fem.making.as_printed.as_printed import as_printed
+from toros_fem.making.as_printed.printed_lines import printed_lines
+from toros_fem.making.print.printability import PrintLimits, printed_cells
+from toros_fem.making.print.regions import mirrored_regions, regions_on
+from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.meshes import Pattern, Skin, cylinder, mirrored, two_panels
+
+NOTHING = shapely.Polygon()
+
+
+def slanted_lines(pattern: Pattern, name: str = "wall") -> list[BaseGeometry]:
+    """Lines of 4 mm on one panel, and an island of 1 mm² between two of them."""
+    corners = pattern.corners[pattern.cells_of(name)]
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    lines = [
+        shapely.LineString([low + [x, 0], low + [x + 0.02, high[1] - low[1]]]).buffer(2e-3)
+        for x in np.arange(-0.02, 0.07, 0.012)
+    ]
+    lines.append(shapely.box(*(low + [0.014, 0.012]), *(low + [0.015, 0.013])))
+    regions = [NOTHING] * len(pattern.panel_names)
+    inside = shapely.box(*low, *high)
+    regions[pattern.panel_index(name)] = shapely.union_all(lines).intersection(inside)
+    return regions
+
+
+@pytest.mark.parametrize("planes", [(1,), (0, 1)])
+def test_lines_on_the_whole_of_a_tube(comm: MPI.Comm, planes: tuple[int, ...]) -> None:
+    part = cylinder(comm, 0.06, 0.02, 2e-3, planes=planes)
+    regions, whole = slanted_lines(part), mirrored(part, planes)
+    found = mirrored_regions(part, whole, regions)
+    wall = part.panel_index("wall")
+    images = 2 ** len(planes)
+    assert found[wall].area == pytest.approx(images * regions[wall].area, rel=1e-5)
+    same = printed_cells(whole.pattern, found) == whole.at_cells(
+        printed_cells(part, regions).astype(float)
+    )
+    # But for centroids on a border, which rounding moves across it.
+    assert np.count_nonzero(~same) <= images
+
+
+def test_a_panel_that_is_not_cut_gets_an_image_of_its_own(comm: MPI.Comm) -> None:
+    outline = np.array([[0, 0], [0.04, 0], [0.04, 0.02], [0, 0.02]]) - [0.02, 0.01]
+    part = two_panels(comm, outline, 3e-3, planes=(0,))
+    whole = mirrored(part, (0,))
+    regions = [shapely.box(0.0, 0.0, 0.01, 0.005), shapely.box(0.005, -0.005, 0.01, 0.005)]
+    found = mirrored_regions(part, whole, regions)
+    assert [region.area for region in found] == pytest.approx([1e-4, 1e-4], rel=1e-6)
+    assert found[0].geom_type == "Polygon", "one piece across the cut"
+    assert found[1].geom_type == "MultiPolygon"
+
+
+def test_lines_on_another_mesh_are_scaled_with_its_panels(comm: MPI.Comm) -> None:
+    coarse, fine = (cylinder(comm, 0.06, 0.02, edge) for edge in (5e-3, 1.5e-3))
+    regions = slanted_lines(coarse)
+    found = regions_on(coarse, regions, fine)
+    wall = coarse.panel_index("wall")
+    share = [
+        area / pattern.areas[pattern.cells_of("wall")].sum()
+        for area, pattern in ((regions[wall].area, coarse), (found[wall].area, fine))
+    ]
+    assert share[1] == pytest.approx(share[0], rel=1e-9)
+    assert found[wall].area > 1.005 * regions[wall].area, "the coarse prism has fewer sides"
+    again = regions_on(fine, found, coarse)
+    assert again[wall].symmetric_difference(regions[wall]).area < 1e-9 * regions[wall].area
+
+
+def test_lines_of_other_panels_are_refused(comm: MPI.Comm) -> None:
+    capped, bare = (cylinder(comm, 0.06, 0.02, 5e-3, caps=caps) for caps in ("both", None))
+    with pytest.raises(PanelError, match="2 regions for 3 panels"):
+        regions_on(capped, [NOTHING] * 2, capped)
+    with pytest.raises(PanelError, match="same panels"):
+        regions_on(capped, [NOTHING] * 3, bare)
+
+
+def test_contours_of_a_design_are_printed_alike(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """The same polygons, by way of a density or given directly, make the same print."""
+    problem = make_problem(tube, tube_solver, beta=20.0)
+    density = random_density(tube, 3, spread=0.5)
+    result = DesignResult(problem, density, problem.simulate(density), (), "", {})
+    limits = PrintLimits()
+    first = as_printed(problem, result, limits, island_area=math.inf)
+    near = tube.pattern, problem.shape_of(result.final.equilibrium)
+    lines = printed_lines(
+        problem, tube.pattern, first.regions, limits, island_area=math.inf, near=near
+    )
+    assert first.cleaned.dropped
+    assert lines.cells.tolist() == first.cells.tolist()
+    again = printed_lines(problem, tube.pattern, first.regions, cleaned=first.cleaned, near=near)
+    assert again.after.summary() == first.after.summary()
+    assert first.evaluation is not None
+    assert lines.evaluation is not None
+    assert lines.evaluation.shape == pytest.approx(first.evaluation.shape, rel=1e-6)
+    assert set(np.unique(lines.evaluation.density)) <= {0.0, 1.0}
+
+
+def test_lines_start_from_the_shape_on_a_coarser_mesh(
+    comm: MPI.Comm, tube: Skin, tube_solver: EquilibriumSolver
+) -> None:
+    problem = make_problem(tube, tube_solver)
+    coarse = cylinder(comm, 0.06, 0.02, 6e-3)
+    regions = slanted_lines(coarse)
+    cold = printed_lines(problem, coarse, regions, island_area=2e-6, pressure=3e3)
+    assert any(0.9e-6 < island.area <= 1e-6 for island in cold.cleaned.dropped)
+    assert cold.before.islands
+    assert cold.evaluation is not None
+    assert cold.evaluation.equilibrium.pressure == 3e3
+    near = tube.pattern, problem.shape_of(cold.evaluation.equilibrium)
+    warm = printed_lines(problem, coarse, regions, island_area=2e-6, near=near, pressure=3e3)
+    assert warm.evaluation is not None
+    assert warm.evaluation.shape == pytest.approx(cold.evaluation.shape, rel=1e-6)
+    assert warm.evaluation.equilibrium.steps < cold.evaluation.equilibrium.steps
+    at_the_problems = printed_lines(problem, coarse, regions)
+    assert at_the_problems.evaluation is not None
+    assert at_the_problems.evaluation.equilibrium.pressure == problem.pressure
+
+
+def test_lines_without_equilibrium_say_so(
+    tube: Skin, tube_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = make_problem(tube, tube_solver)
+    near = problem.simulate(random_density(tube, 0)).equilibrium
+
+    def fails(*_: object, **__: object) -> None:
+        raise EquilibriumError("made to fail", near)
+
+    monkeypatch.setattr(tube_solver, "solve", fails)
+    printed = printed_lines(problem, tube.pattern, slanted_lines(tube.pattern))
+    assert printed.evaluation is None
+    assert printed.failure == "made to fail"
+    assert printed.cells.any()

@@ -1,0 +1,153 @@
+"""Regions become a print that can be made: nothing thin, no small holes, no free islands."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from helpers.prints import MM, flawed_tube, metres, worn_alike
+from helpers.scenes import square
+from mpi4py import MPI
+from shapely.geometry import Point, Polygon, box
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.making.print.cleaning import CleanedRegions, clean, clean_symmetric
+from toros_fem.making.print.contours import panel_outline
+from toros_fem.making.print.islands import find_pieces
+from toros_fem.making.print.printability import DEFAULT_LIMITS, printability
+from toros_fem.making.print.regions import mirrored_regions, part_regions
+from toros_fem.meshes import Pattern, cylinder
+from toros_fem.meshes.mirror import mirrored
+
+
+def checked(pattern: Pattern, cleaned: CleanedRegions) -> list[BaseGeometry]:
+    """The print, which keeps all limits, has no islands and survives wear."""
+    found = printability(pattern, cleaned.regions)
+    assert not found.narrow_lines
+    assert not found.narrow_gaps
+    assert not found.free_islands
+    assert all(hole.area >= DEFAULT_LIMITS.hole_area for hole in found.holes)
+    for panel, region in enumerate(cleaned.regions):
+        assert worn_alike(region, panel_outline(pattern, panel), 0.27 * MM)
+    return cleaned.regions
+
+
+def test_a_tube_with_one_flaw_of_each_kind(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.06, 0.02, 4e-3)
+    regions = flawed_tube(pattern, 60)
+    cleaned = clean(pattern, regions, island_area=20e-6)
+    wall = pattern.panel_index("wall")
+    after = checked(pattern, cleaned)[wall]
+    assert [round(1e6 * p.area, 2) for p in cleaned.dropped] == [4.52]
+    assert not cleaned.bridged
+    assert len(cleaned.filled) == 1
+    changed = after.symmetric_difference(regions[wall]).area - cleaned.dropped[0].area
+    assert changed < 0.02 * regions[wall].area
+    for panel in ("base", "tip"):
+        number = pattern.panel_index(panel)
+        assert after is not None
+        assert cleaned.regions[number].equals(panel_outline(pattern, number))
+
+
+def test_large_islands_are_bridged() -> None:
+    pattern = square(n=8)
+    body, island = box(1, 1, 19, 6), box(4, 9, 12, 12)
+    crumb = Point(16, 14).buffer(1)
+    regions = [metres(shapely.MultiPolygon([body, island, crumb]))]
+    cleaned = clean(pattern, regions, island_area=5e-6)
+    assert [len(cleaned.dropped), len(cleaned.bridged)] == [1, 1]
+    (piece,) = shapely.get_parts(checked(pattern, cleaned)[0])
+    added = piece.area - metres(body | island).area
+    assert added == pytest.approx(1.2 * 3 * MM**2, rel=0.2)
+    assert len(clean(pattern, regions, island_area=0.0).bridged) == 2
+    assert len(clean(pattern, regions, island_area=math.inf).dropped) == 2
+
+
+def test_an_island_round_a_corner_of_its_panel_is_removed() -> None:
+    """A straight bridge would leave the panel."""
+    whole = square(n=8)
+    kept = ~np.all(whole.centroids > 0.01, axis=1)  # the shape of an L
+    used, corners = np.unique(whole.flat_triangles[kept], return_inverse=True)
+    pattern = Pattern(
+        flat_points=whole.flat_points[used],
+        flat_triangles=corners.reshape(-1, 3),
+        panel=whole.panel[kept],
+        sewn=np.arange(len(used)),
+        points=whole.points[used],
+        panel_names=whole.panel_names,
+    )
+    regions = [metres(shapely.MultiPolygon([box(4, 14, 9, 19), box(14, 5, 17, 9)]))]
+    cleaned = clean(pattern, regions, island_area=0.0)
+    assert [len(cleaned.dropped), len(cleaned.bridged)] == [1, 0]
+    checked(pattern, cleaned)
+
+
+def test_pieces_that_only_touch_a_seam_are_islands(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.04, 0.02, 2e-3)
+    wall = pattern.panel_index("wall")
+    regions = [panel_outline(pattern, k) for k in range(3)]
+    tip = Polygon([(30, 40), (33, 37), (27, 37)])
+    foot = box(10, 35, 13, 40)
+    regions[wall] = metres(shapely.MultiPolygon([box(20, 0, 40, 20), tip, foot]))
+    attached = [p.attached for p in find_pieces(pattern, regions, DEFAULT_LIMITS.contact)]
+    assert sorted(attached) == [False] + 4 * [True]
+    cleaned = clean(pattern, regions, island_area=20e-6)
+    checked(pattern, cleaned)
+
+
+def test_symmetric_prints_stay_symmetric(comm: MPI.Comm) -> None:
+    """Lines of 0.5 mm on the plane and on the seam, of 0.4 mm across, and slanted ones."""
+    part = cylinder(comm, 0.04, 0.02, 3e-3, planes=(1,))
+    whole = mirrored(part, (1,))
+    wall = part.panel_index("wall")
+    left, _, right, top = panel_outline(part, wall).bounds
+    lines = [
+        box(left, 0, left + 0.25e-3, top),
+        box(right - 0.25e-3, 0, right, top),
+        shapely.LineString([(left, 0.01), (right, 0.03)]).buffer(0.2e-3),
+        box(left, 0.004, right, 0.0044),
+    ]
+    regions = [panel_outline(part, k) for k in range(len(part.panel_names))]
+    regions[wall] = shapely.union_all(lines) & panel_outline(part, wall)
+    onto = mirrored_regions(part, whole, regions)
+    after = checked(whole.pattern, clean_symmetric(part, whole, onto))
+    for one, two in zip(clean(whole.pattern, onto).regions, after, strict=True):
+        assert one.symmetric_difference(two).area < 1e-3 * one.area
+    again = mirrored_regions(part, whole, part_regions(part, after))
+    for one, two in zip(after, again, strict=True):
+        assert one.symmetric_difference(two).area < 1e-6 * one.area
+
+
+def test_bridges_get_mirror_images(comm: MPI.Comm) -> None:
+    """The shortest way from an island on the plane lies on one side only."""
+    part = cylinder(comm, 0.04, 0.02, 3e-3, planes=(1,))
+    whole = mirrored(part, (1,))
+    wall = part.panel_index("wall")
+    left, low, right, top = panel_outline(whole.pattern, wall).bounds
+    middle = (left + right) / 2
+    regions = [panel_outline(whole.pattern, k) for k in range(len(part.panel_names))]
+    body = box(left, low, right, low + 10e-3)
+    at = [middle - 8e-3, middle + 8e-3]
+    arms = [box(x - 1e-3, low, x + 1e-3, top - 15e-3) for x in at]
+    island = box(middle - 10e-3, top - 13e-3, middle + 10e-3, top - 9e-3)
+    regions[wall] = shapely.union_all([body, *arms, island])
+    cleaned = clean_symmetric(part, whole, regions)
+    assert len(cleaned.bridged) == 1
+    after = checked(whole.pattern, cleaned)[wall]
+    assert len(after.interiors) == 1, "two bridges enclose fabric"
+
+
+def test_cleaning_twice_changes_nothing(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.06, 0.02, 4e-3)
+    once = clean(pattern, flawed_tube(pattern, 60), island_area=20e-6)
+    twice = clean(pattern, once.regions, island_area=20e-6)
+    assert not twice.dropped
+    for one, two in zip(once.regions, twice.regions, strict=True):
+        assert one.symmetric_difference(two).area < 1e-4 * one.area
+
+
+@pytest.mark.parametrize("area", [-1e-6, np.nan])
+def test_the_area_must_not_be_negative(area: float) -> None:
+    with pytest.raises(ParameterError, match="island_area"):
+        clean(square(), [box(0, 0, 0.01, 0.01)], island_area=area)

@@ -1,0 +1,189 @@
+"""Widths and gaps are those of shapes that are known."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers.prints import MM, metres
+from shapely.affinity import rotate, translate
+from shapely.geometry import LineString, Point, Polygon, box
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.making.print.widths import Widths, measure_widths
+
+pytestmark = pytest.mark.one_rank
+
+RESOLUTION = 0.03
+PANEL = box(-20, -20, 20, 20)
+
+
+def measured(shape: BaseGeometry, panel: BaseGeometry = PANEL) -> tuple[Widths, Widths]:
+    """Widths and gaps of a shape in mm under limits of 0.6 mm."""
+    return measure_widths(metres(shape), metres(panel), 0, 0.6 * MM, 0.6 * MM, RESOLUTION * MM)
+
+
+def width_of(shape: BaseGeometry, panel: BaseGeometry = PANEL) -> float | None:
+    place = measured(shape, panel)[0].smallest
+    return place.width / MM if place else None
+
+
+def gap_of(shape: BaseGeometry, panel: BaseGeometry = PANEL) -> float | None:
+    place = measured(shape, panel)[1].smallest
+    return place.width / MM if place else None
+
+
+def bar(width: float, length: float = 24) -> Polygon:
+    return box(-length / 2, -width / 2, length / 2, width / 2)
+
+
+def wedge(angle: float, length: float = 10) -> Polygon:
+    half = length * math.tan(math.radians(angle / 2))
+    return Polygon([(0, 0), (length, half), (length, -half)])
+
+
+def test_noise_about_the_limit_is_one_place() -> None:
+    x = np.linspace(-10, 10, 100)
+    above = 0.3 + 0.02 * (-1.0) ** np.arange(100)
+    line = Polygon([*np.column_stack([x, above]), (10, -0.3), (-10, -0.3)])
+    assert len(measured(line)[0].narrow) == 1
+
+
+@pytest.mark.parametrize("angle", [0.0, 17.0, 45.0, 73.3])
+@pytest.mark.parametrize("width", [0.05, 0.3, 0.6, 1.0, 2.5])
+def test_bars(width: float, angle: float) -> None:
+    widths, gaps = measured(rotate(bar(width), angle))
+    assert widths.smallest is not None
+    assert widths.smallest.width / MM == pytest.approx(width, abs=1e-6)
+    assert np.linalg.norm(np.subtract(*widths.smallest.ends)) / MM == pytest.approx(width, abs=1e-6)
+    assert len(widths.narrow) == (width < 0.6), "one stretch is one place"
+    assert gaps.smallest is None
+
+
+@pytest.mark.parametrize("width", [0.05, 0.1, 0.3, 0.77, 2.0])
+def test_bars_whose_samples_do_not_face(width: float) -> None:
+    """Slanted ends: the error is that of a disc between staggered samples."""
+    for fraction in (0.1, 0.37, 0.9):
+        skew = fraction * width
+        line = Polygon([(0, 0), (12, 0), (12 + skew, width), (-skew / 3, width)])
+        bound = min(RESOLUTION**2 / (4 * width), RESOLUTION)
+        found = width_of(rotate(line, 21))
+        assert found is not None
+        assert -1e-9 < found - width < bound
+
+
+def test_necks() -> None:
+    for reach, half in ((4.0, 4.0), (3.02, 0.3)):
+        disc = Point(0, 0).buffer(3, 64)
+        neck = bar(0.25, 2 * half)
+        shape = translate(disc, -reach) | translate(disc, reach) | neck
+        widths, _ = measured(rotate(shape, 33))
+        assert widths.smallest is not None
+        assert widths.smallest.width / MM == pytest.approx(0.25, abs=1e-3)
+        assert np.linalg.norm(widths.smallest.centre) / MM < half
+        assert len(widths.narrow) == 1
+    round_disc = Point(0, 0).buffer(3, 512)
+    overlap = translate(round_disc, -2.99) | translate(round_disc, 2.99)
+    assert width_of(overlap) == pytest.approx(2 * math.sqrt(9 - 2.99**2), abs=2e-3)
+    double_taper = Polygon([(0, -1), (0, 1), (8, 0.25), (16, 1), (16, -1), (8, -0.25)])
+    assert width_of(double_taper) == pytest.approx(0.5, abs=1e-3)
+
+
+def test_rings_and_gaps() -> None:
+    ring = Point(0, 0).buffer(5, 64) - Point(0, 0).buffer(4.2, 64)
+    assert width_of(ring) == pytest.approx(0.8, abs=2e-3)
+    assert gap_of(ring) == pytest.approx(8.4, abs=3e-3), "a hole is as wide as its largest disc"
+    discs = Point(-3.15, 0).buffer(3, 64) | Point(3.15, 0).buffer(3, 64)
+    widths, gaps = measured(discs)
+    assert gaps.smallest is not None
+    assert gaps.smallest.width / MM == pytest.approx(0.3, abs=1e-3)
+    assert gaps.smallest.centre == pytest.approx((0, 0), abs=0.2 * MM)
+    assert len(gaps.narrow) == 1
+    assert not widths.narrow
+    plate = box(-5, -5, 5, 5)
+    assert gap_of(plate - Point(1, 1).buffer(0.15, 64)) == pytest.approx(0.3, abs=1e-3)
+    assert gap_of(plate - rotate(bar(0.2, 6), 30)) == pytest.approx(0.2, abs=1e-3)
+
+
+def test_junctions_and_ends_are_no_narrow_places() -> None:
+    beam = bar(0.8, 20)
+    tee = beam | box(-0.5, 0, 0.5, 12)
+    assert width_of(tee) == pytest.approx(0.8, abs=1e-3)
+    for angle in (40, 60, 90):
+        cross = rotate(beam, 12) | rotate(beam, 12 + angle)
+        widths, gaps = measured(cross)
+        assert widths.smallest is not None
+        assert widths.smallest.width / MM == pytest.approx(0.8, abs=1e-3)
+        assert not gaps.narrow, "nor are the corners between the arms"
+    tip = LineString([(0, 0), (8, 3)]).buffer(0.35, 32)
+    assert width_of(tip) == pytest.approx(0.7, abs=1e-3)
+
+
+def test_shapes_without_facing_sides() -> None:
+    assert width_of(rotate(box(0, 0, 3, 3), 11)) == pytest.approx(3, abs=0.02)
+    assert width_of(box(0, 0, 0.3, 0.3)) == pytest.approx(0.3, abs=0.02)
+    assert width_of(Point(1, 2).buffer(0.25, 64)) == pytest.approx(0.5, abs=0.02)
+    assert width_of(Polygon()) is None
+
+
+def test_tapers() -> None:
+    """Sharper than 28° a wedge is narrow up to where its end begins, else it is a corner."""
+    sharp, blunt = width_of(wedge(20)), width_of(wedge(32))
+    assert sharp is not None
+    assert blunt is not None
+    assert 0.3 < sharp < 0.6
+    assert blunt > 4
+    blunt_end = Polygon([(0, -1), (0, 1), (10, 0.25), (10, -0.25)])
+    assert width_of(blunt_end) == pytest.approx(0.66, abs=0.02)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_jagged_borders(seed: int) -> None:
+    noise = np.random.default_rng(seed).uniform(-0.02, 0.02, (2, 400))
+    x = np.linspace(-10, 10, 400)
+    above, below = np.column_stack([x, 0.4 + noise[0]]), np.column_stack([x, -0.4 + noise[1]])
+    assert 0.75 < (width_of(rotate(Polygon([*above, *below[::-1]]), 30)) or 0) < 0.8
+
+
+def test_the_cut_is_no_side() -> None:
+    panel = box(-10, -10, 10, 10)
+    for angle in (0, 30, 60, 80, 87):
+        line = rotate(bar(0.7, 60), angle) & panel
+        assert width_of(line, panel) == pytest.approx(0.7, abs=1e-3), angle
+    for shape in (box(9, -5, 10, 5), panel, Point(10, 0).buffer(2) & panel):
+        widths, gaps = measured(shape, panel)
+        assert widths == gaps == (None, ())
+    y = np.linspace(-8, 8, 200)
+    wave = Polygon([*np.column_stack([9.7 + 0.35 * np.sin(3 * y), y]), (7, 8), (7, -8)]) & panel
+    assert (width_of(wave, panel) or 0) > 2, "line that brushes the border"
+    touching = Polygon([(0, -2), (0, 2), (10.3, 0)]) & panel
+    assert (width_of(touching, panel) or 0) > 0.4, "tip that pokes at the border"
+    beside = box(8, -5, 9, 5)
+    assert width_of(beside, panel) == pytest.approx(1, abs=1e-3)
+    assert gap_of(beside, panel) is None, "the cloth beside it ends at the cut"
+
+
+def test_slivers_along_the_cut() -> None:
+    panel = box(-10, -10, 10, 10)
+    sliver = box(9.95, -5, 10, 5)
+    assert width_of(sliver, panel) == pytest.approx(0.05, abs=1e-3)
+    assert gap_of(sliver, panel) is None
+    beside = box(8, -5, 9.8, 5)
+    assert gap_of(beside, panel) == pytest.approx(0.2, abs=1e-3)
+    assert width_of(beside, panel) == pytest.approx(1.8, abs=1e-3)
+    corner = Polygon([(9.6, -10), (10, -10), (10, -9.6)])
+    widths, _ = measured(corner, panel)
+    assert len(widths.narrow) == 1, "a crumb in a corner"
+
+
+def test_only_a_part_is_measured() -> None:
+    """Lines, gaps and dots elsewhere do not count, and those inside keep their widths."""
+    lines = [translate(bar(width), 0, y) for width, y in ((1.0, 0), (0.4, 5), (1.5, 6))]
+    shape = lines[0].union(lines[1]).union(lines[2]).union(Point(0, 10).buffer(0.2))
+    part = metres(box(-8, -1, 8, 1))
+    limits = 0.6 * MM, 0.6 * MM, RESOLUTION * MM
+    widths, gaps = measure_widths(metres(shape), metres(PANEL), 0, *limits, part)
+    assert widths.smallest is not None
+    assert widths.smallest.width / MM == pytest.approx(1.0, abs=1e-6)
+    assert widths.narrow == gaps.narrow == ()
+    whole, apart = measured(shape)
+    assert (len(whole.narrow), len(apart.narrow)) == (2, 1)

@@ -1,0 +1,143 @@
+"""Places of panels: apart, inside, along the grain, the same in every run."""
+
+import os
+import subprocess
+import sys
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from shapely.affinity import rotate, translate
+
+from toros_fem.base.errors import SheetError
+from toros_fem.making.sheets.placement import Placement, nest
+
+pytestmark = pytest.mark.one_rank
+
+GAP, MARGIN = 4e-3, 10e-3
+BED = (0.25, 0.21)
+
+
+def leaves(count: int) -> dict[str, shapely.Polygon]:
+    """Irregular panels that all lie around the origin, with many corners."""
+    rng = np.random.default_rng(4)
+    turn = np.linspace(0, 2 * np.pi, 120, endpoint=False)
+    found = {}
+    for k in range(count):
+        wide, phase = rng.uniform(0.02, 0.04), rng.uniform(0, 6)
+        radius = wide * (1 + 0.3 * np.cos(3 * turn + phase))
+        corners = np.column_stack([radius * np.cos(turn), 0.5 * radius * np.sin(turn)])
+        found[f"leaf {k}"] = shapely.Polygon(corners)
+    return found
+
+
+def check(
+    outlines: dict[str, shapely.Polygon], places: list[Placement], size: tuple[float, float]
+) -> None:
+    """Inside the margin, apart by the gap, and each panel of its own size."""
+    assert [place.panel for place in places] == list(outlines)
+    placed = [place.region(outlines[place.panel]) for place in places]
+    inner = shapely.box(MARGIN, MARGIN, size[0] - MARGIN, size[1] - MARGIN).buffer(3e-6)
+    for place, region in zip(places, placed, strict=True):
+        assert inner.covers(region)
+        assert region.area == pytest.approx(outlines[place.panel].area, rel=1e-9)
+        back = place.region_on_panel(region)
+        assert back.symmetric_difference(outlines[place.panel]).area < 1e-9 * region.area
+    for (one, a), (other, b) in combinations(zip(places, placed, strict=True), 2):
+        if one.sheet == other.sheet:
+            assert a.distance(b) > GAP - 3e-6
+
+
+@pytest.mark.parametrize("grain", [None, 0.0, np.pi / 2, 0.3])
+def test_panels_lie_apart_and_along_the_grain(grain: float | None) -> None:
+    outlines = leaves(7)
+    places = nest(outlines, BED, gap=GAP, margin=MARGIN, grain=grain)
+    check(outlines, places, BED)
+    if grain is not None:
+        for place in places:
+            on_sheet = place.angle + grain  # along the roll, up or down
+            assert np.sin(2 * (on_sheet - np.pi / 2)) == pytest.approx(0, abs=1e-12)
+            assert abs(np.cos(on_sheet)) < 1e-9
+
+
+def test_several_sheets_where_one_does_not_do() -> None:
+    outlines, size = leaves(8), (0.12, 0.12)
+    places = nest(outlines, size, gap=GAP, margin=MARGIN)
+    check(outlines, places, size)
+    sheets = {place.sheet for place in places}
+    assert sheets == set(range(len(sheets)))
+    least = sum(shape.area for shape in outlines.values()) / ((0.1 + GAP) ** 2)
+    assert least < len(sheets) <= 2 * np.ceil(least)
+
+
+def test_panels_apart_keep_their_places() -> None:
+    outlines = {
+        name: translate(shape, 0.11 * k + 3, -7)
+        for k, (name, shape) in enumerate(leaves(3).items())
+    }
+    wide = (0.35, 0.21)
+    places = nest(outlines, wide, gap=1e-3, margin=MARGIN, grain=np.pi / 2)
+    assert len({place.offset for place in places}) == 1
+    assert {(place.angle, place.sheet) for place in places} == {(0.0, 0)}
+    low = np.min([place.region(outlines[place.panel]).bounds[:2] for place in places], axis=0)
+    assert low == pytest.approx([MARGIN, MARGIN], abs=1e-9)
+    # Turned with the grain, all alike; no more where they are too close or the sheet too small.
+    turned = nest(outlines, (0.21, 0.35), gap=1e-3, margin=MARGIN, grain=0.0)
+    assert {place.angle for place in turned} == {np.pi / 2}
+    assert len({place.offset for place in turned}) == 1
+    packed = nest(outlines, (0.12, 0.21), gap=1e-3, margin=MARGIN, grain=np.pi / 2)
+    assert len({place.offset for place in packed}) == 3
+
+
+def test_panels_of_a_plane_move_apart_for_their_allowances() -> None:
+    apart = {f"tile {k}": shapely.box(0.05 * k, 0, 0.05 * k + 0.04, 0.1) for k in range(4)}
+    wide = {name: shape.buffer(4.5e-3, join_style="mitre") for name, shape in apart.items()}
+    places = nest(wide, BED, gap=GAP, margin=MARGIN, grain=np.pi / 2)
+    check(wide, places, BED)
+    lefts = [place.region(wide[place.panel]).bounds[0] for place in places]
+    steps = np.diff(lefts)
+    assert steps == pytest.approx([steps[0]] * 3)
+    assert 0.049 + GAP - 3e-6 <= steps[0] <= 0.049 + GAP + 0.02 * 0.05
+    assert {place.offset[1] for place in places} == {places[0].offset[1]}
+
+
+def test_a_panel_as_large_as_the_sheet_fits() -> None:
+    whole = {"wall": shapely.box(0, 0, 0.23, 0.19), "cap": shapely.Point(0, 0).buffer(0.01)}
+    places = nest(whole, BED, gap=GAP, margin=MARGIN, grain=np.pi / 2)
+    check(whole, places, BED)
+    assert [place.sheet for place in places] == [0, 1]
+
+
+def test_a_slanted_panel_is_turned_upright() -> None:
+    strip = rotate(shapely.box(0, 0, 0.22, 0.02), 37)
+    slanted = {"strip": strip, "cap": shapely.box(0, 0, 1e-2, 1e-2)}
+    size = (0.25, 0.08)
+    check(slanted, nest(slanted, size, gap=GAP, margin=MARGIN), size)
+    with pytest.raises(SheetError, match="turned as its grain allows"):
+        nest(slanted, size, gap=GAP, margin=MARGIN, grain=np.pi / 2)
+
+
+def test_too_large_a_panel_is_named() -> None:
+    panels = {"cap": shapely.box(0, 0, 0.02, 0.02), "wall": shapely.box(0, 0, 0.3, 0.2)}
+    with pytest.raises(SheetError) as caught:
+        nest(panels, BED, gap=GAP, margin=MARGIN)
+    for text in ("'wall'", "300.0 × 200.0 mm", "250 × 210 mm", "230.0 × 190.0 mm", "larger bed"):
+        assert text in str(caught.value)
+
+
+def test_another_process_finds_the_same_places() -> None:
+    code = (
+        "from test_placement import *\nprint(nest(leaves(5), (0.12, 0.12), gap=GAP, margin=MARGIN))"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=Path(__file__).parent,
+        env={**os.environ, "RAYON_NUM_THREADS": "1", "PYTHONHASHSEED": "1"},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    here = nest(leaves(5), (0.12, 0.12), gap=GAP, margin=MARGIN)
+    assert found.stdout.strip() == str(here)

@@ -1,0 +1,165 @@
+"""All machine files: the same places everywhere, figures that agree, and no files left over."""
+
+import json
+import sys
+from pathlib import Path
+
+import ezdxf
+import meshio
+import numpy as np
+import pytest
+import shapely
+from helpers.runs import SUMMARY, regions_of, tube
+
+from toros_fem.base.errors import ManufactureFileError, SheetError
+from toros_fem.making.panels import ManufactureOptions
+from toros_fem.making.sheets import made_as, read_regions, write_manufacture
+from toros_fem.making.sheets.write import if_possible
+from toros_fem.meshes import Pattern
+
+SMALL = ManufactureOptions(bed_width=0.1, bed_depth=0.19, layer_height=0.5e-3)
+
+
+@pytest.fixture(scope="module")
+def pattern() -> Pattern:
+    return tube()
+
+
+def test_files_and_manifest_agree(pattern: Pattern, tmp_path: Path) -> None:
+    regions = regions_of(pattern)
+    made = write_manufacture(tmp_path, pattern, regions, SMALL, summary=SUMMARY, title="finger")
+    assert json.loads((tmp_path / "manufacture.json").read_text("utf-8")) == made
+    names = {file["name"] for file in made["files"]}
+    assert names | {"manufacture.json", "make_it.html"} == {p.name for p in tmp_path.iterdir()}
+    assert {sheet["panels"][0] for sheet in made["sheets"]} == {"wall", "base"}, "two sheets"
+    area = sum(region.area for region in regions)
+    assert made["print"]["print_area_mm2"] == pytest.approx(1e6 * area)
+    assert made["print"]["print_volume_mm3"] == pytest.approx(1e9 * area * 0.5e-3)
+    assert made["print"]["print_mass_g"] == pytest.approx(1e3 * area * 0.5e-3 * 1220)
+    for kind in ("beds", "sheets", "panels"):
+        assert sum(part["print_area_mm2"] for part in made[kind]) == pytest.approx(1e6 * area)
+    assert sum(panel["area_mm2"] for panel in made["panels"]) == pytest.approx(
+        1e6 * pattern.areas.sum()
+    )
+    assert [seam["panels"] for seam in made["seams"]] == [
+        ["wall", "wall"],
+        ["wall", "base"],
+        ["wall", "tip"],
+    ]
+    notches = {panel["name"]: panel["notches"] for panel in made["panels"]}
+    wall, base, tip = (len(seam["notches_mm"]) for seam in made["seams"])
+    assert notches == {"wall": 2 * wall + base + tip, "base": base, "tip": tip}
+    front, back = made["bladder"]["sheets"]
+    assert front["cut_size_mm"] == pytest.approx(back["cut_size_mm"])
+    # Half the tube around, and along it with both caps, with welds and a tab.
+    size = np.array([np.pi * 10, 150 + 2 * 10]) + 2 * 6 + [0, 20]
+    assert front["cut_size_mm"] == pytest.approx(size, abs=2.5)
+    assert made["pressure_pa"] == 5e3
+    assert made["metrics"] == {"angle_deg": 88.25}
+
+
+def test_printer_and_cutter_have_the_same_places(pattern: Pattern, tmp_path: Path) -> None:
+    regions = regions_of(pattern)
+    made = write_manufacture(tmp_path, pattern, regions, SMALL)
+    for one, other in zip(read_regions(tmp_path, pattern), regions, strict=True):
+        assert one.symmetric_difference(other).area < 1e-4 * other.area
+    for number in (1, 2):
+        found = [place for place in made["placements"] if place["bed"] == number]
+        assert {place["sheet"] for place in found} == {number}
+        body = meshio.read(tmp_path / f"print_{number}.stl", file_format="stl")
+        corners = body.points[body.cells_dict["triangle"]]
+        upper = corners[np.all(corners[..., 2] > 0.4999, axis=1)][..., :2]
+        printed = shapely.union_all(shapely.polygons(upper))
+        drawn = shapely.Polygon()
+        for line in ezdxf.readfile(tmp_path / f"cut_{number}.dxf").modelspace():
+            if line.dxf.layer == "print":  # the even-odd rule
+                drawn = drawn.symmetric_difference(shapely.Polygon(line.get_points("xy")))
+        assert drawn.difference(printed).area < 1e-4 * drawn.area
+        crosses = printed.difference(drawn.buffer(0.01))
+        assert 0 < crosses.area < 0.1 * drawn.area
+
+
+def test_a_print_on_the_inside_is_read_back_mirrored(pattern: Pattern, tmp_path: Path) -> None:
+    regions = regions_of(pattern)
+    write_manufacture(tmp_path, pattern, regions, SMALL.updated(print_side="inside"))
+    for one, other in zip(read_regions(tmp_path, pattern), regions, strict=True):
+        assert one.symmetric_difference(other).area < 1e-4 * other.area
+
+
+def test_several_beds_lie_on_a_larger_sheet(pattern: Pattern, tmp_path: Path) -> None:
+    wide = SMALL.updated(sheet_width=0.21, sheet_depth=0.2)
+    made = write_manufacture(tmp_path, pattern, regions_of(pattern), wide)
+    assert [len(made[kind]) for kind in ("beds", "sheets")] == [2, 1]
+    for place in made["placements"]:
+        moved = np.subtract(place["offset_on_sheet_mm"], place["offset_on_bed_mm"])
+        assert moved == pytest.approx([100.0 * (place["bed"] - 1), 0.0])
+    names = {file["name"] for file in made["files"]}
+    assert {"print_2.3mf", "cut_1.dxf"} <= names
+    assert "cut_2.dxf" not in names
+
+
+def test_copies_are_placed_like_panels_of_their_own(pattern: Pattern, tmp_path: Path) -> None:
+    regions = regions_of(pattern)
+    made = write_manufacture(tmp_path, pattern, regions, SMALL.updated(copies=3))
+    names = [place["panel"] for place in made["placements"]]
+    assert names == [n + c for c in ("", " (2)", " (3)") for n in pattern.panel_names]
+    area = 3 * sum(region.area for region in regions)
+    assert made["print"]["print_area_mm2"] == pytest.approx(1e6 * area)
+    assert len(made["seams"]) == len(made["sewing"]) == 3
+    assert sum(len(sheet["panels"]) for sheet in made["sheets"]) == 9
+    for one, other in zip(read_regions(tmp_path, pattern), regions, strict=True):
+        assert one.symmetric_difference(other).area < 1e-4 * other.area
+
+
+def test_files_of_an_earlier_call_go(pattern: Pattern, tmp_path: Path) -> None:
+    write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
+    (tmp_path / "cut_by_me.svg").write_text("mine")
+    made = write_manufacture(tmp_path, pattern, regions_of(pattern))
+    names = {file["name"] for file in made["files"]} | {"cut_by_me.svg"}
+    assert names | {"manufacture.json", "make_it.html"} == {p.name for p in tmp_path.iterdir()}
+
+
+def test_a_print_is_as_thick_as_it_was_designed() -> None:
+    assert made_as({"inputs": {"thickness": 0.7e-3}}).layer_height == 0.7e-3
+    thicker = {"thickness": 0.7e-3, "reinforcement_thickness": 0.8e-3}
+    assert made_as({"inputs": thicker}).layer_height == 0.8e-3
+    assert made_as({"inputs": {"print_side": "inside"}}).print_side == "inside"
+    assert made_as({"inputs": {"print_side": None}}) == ManufactureOptions()
+    assert made_as(None) == made_as({}) == ManufactureOptions()
+
+
+def test_wales_of_a_knit_lie_along_the_sheet(pattern: Pattern, tmp_path: Path) -> None:
+    knit = {"inputs": {"knit_ratio": 2.0, "grain_angle": 90.0}}
+    options = made_as(knit).updated(bed_width=0.2, bed_depth=0.2)
+    assert made_as({"inputs": {**knit["inputs"], "knit_ratio": None}}).grain == 90
+    made = write_manufacture(tmp_path, pattern, regions_of(pattern), options)
+    assert {place["angle_deg"] % 180 for place in made["placements"]} == {90.0}
+
+
+def test_what_cannot_be_made_is_said_in_a_line(
+    pattern: Pattern,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def write(options: ManufactureOptions) -> None:
+        write_manufacture(tmp_path, pattern, regions_of(pattern), options)
+
+    narrow = SMALL.updated(bed_width=0.05)
+    with pytest.raises(SheetError, match="'wall'"):
+        write(narrow)
+    if_possible(lambda: write(narrow))
+    assert "no machine files: panel 'wall'" in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "u_nesting", None)
+    if_possible(lambda: write(SMALL))
+    assert "pip install toros_fem[manufacture]" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_files_of_another_pattern_are_refused(pattern: Pattern, tmp_path: Path) -> None:
+    with pytest.raises(ManufactureFileError, match="holds no machine files"):
+        read_regions(tmp_path, pattern)
+    write_manufacture(tmp_path, pattern, regions_of(pattern), SMALL)
+    (tmp_path / "cut_2.svg").unlink()
+    with pytest.raises(ManufactureFileError, match=r"cut_2\.svg"):
+        read_regions(tmp_path, pattern)

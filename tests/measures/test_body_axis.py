@@ -1,0 +1,122 @@
+"""The axis of a body of any shape: targets along it, and metrics that measure them."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.measures.body_axis import body_axis
+from toros_fem.measures.metrics import bend_angle, shortening, twist_angle
+from toros_fem.meshes import bend, compose, contract, cylinder, twist
+from toros_fem.meshes.pattern import Pattern
+
+LENGTH = 0.12
+# Where a tube along z lies after its axes are permuted, and shifted.
+PLACES = {("z", "x"): np.eye(3), ("x", "y"): np.eye(3)[[2, 0, 1]], ("-y", "z"): None}
+SHIFT = np.array([0.3, -0.2, 0.5])
+
+
+@pytest.fixture(scope="module")
+def tube(comm: MPI.Comm) -> Pattern:
+    return cylinder(comm, LENGTH, 0.02, 4e-3)
+
+
+def placed(tube: Pattern, along: str, toward: str) -> tuple[Pattern, np.ndarray]:
+    """The tube with its axis along another direction, and the rows of its frame."""
+    unit = {w: (-1.0 if "-" in w else 1.0) * np.eye(3)["xyz".index(w[-1])] for w in (along, toward)}
+    frame = np.stack([unit[toward], np.cross(unit[along], unit[toward]), unit[along]])
+    moved = Pattern(
+        tube.flat_points, tube.flat_triangles, tube.panel, tube.sewn, tube.points @ frame + SHIFT,
+        tube.panel_names,
+    )  # fmt: skip
+    return moved, frame
+
+
+@pytest.mark.parametrize(("along", "toward"), list(PLACES))
+def test_targets_are_those_of_the_tube(tube: Pattern, along: str, toward: str) -> None:
+    """Moved to another place, the targets are those that the tube along z has."""
+    moved, frame = placed(tube, along, toward)
+    axis = body_axis(moved, along, toward, 0.0, None)
+    assert axis.length == pytest.approx(LENGTH)
+    assert axis.flat_tip
+    cases = [
+        ((1.2, None, None), bend(1.2, LENGTH, neutral=0.01)),
+        ((None, 2.5, None), twist(2.5, LENGTH)),
+        ((None, None, 0.08), contract(0.92)),
+        (
+            (1.2, 2.5, 0.08),
+            compose(twist(2.5, LENGTH), contract(0.92), bend(1.2, 0.92 * LENGTH, neutral=0.01)),
+        ),
+    ]
+    for asked, expected in cases:
+        found = (axis.deformer(*asked, 0.01)(moved.points) - SHIFT) @ frame.T
+        np.testing.assert_allclose(found, expected(tube.points), atol=1e-5)
+
+
+@pytest.mark.parametrize(("along", "toward"), list(PLACES))
+def test_metrics_measure_the_target(tube: Pattern, along: str, toward: str) -> None:
+    moved, _ = placed(tube, along, toward)
+    axis = body_axis(moved, along, toward, 0.0, None)
+    x = axis.deformer(np.radians(70), None, None, 0.01)(moved.points)
+    assert axis.angle_metric(70.0).measure(moved, x) == pytest.approx(70, abs=0.01)
+    assert axis.twist_metric(None).measure(moved, x) == pytest.approx(0, abs=0.01)
+    x = axis.deformer(None, np.radians(300), None, 0.0)(moved.points)
+    assert axis.twist_metric(300.0).measure(moved, x) == pytest.approx(300, abs=0.01)
+    x = axis.deformer(None, None, 0.08, 0.0)(moved.points)
+    assert axis.shortening_metric(8.0).measure(moved, x) == pytest.approx(8, abs=0.01)
+
+
+def test_metrics_agree_with_those_of_the_tube(tube: Pattern) -> None:
+    """On a shape that is no target: the tube's own metrics, which take its wall alone."""
+    axis = body_axis(tube, "z", "x", 0.0, None)
+    deform = compose(twist(1.0, LENGTH), contract(0.9, 1.2), bend(2.0, 0.9 * LENGTH))
+    x = deform(tube.points)
+    assert axis.angle_metric(None).measure(tube, x) == pytest.approx(
+        np.degrees(bend_angle(tube, x)), abs=0.5
+    )
+    assert axis.twist_metric(None).measure(tube, x) == pytest.approx(
+        np.degrees(twist_angle(tube, x)), abs=0.5
+    )
+    assert axis.shortening_metric(None).measure(tube, x) == pytest.approx(
+        100 * shortening(tube, x), abs=2
+    )
+
+
+def test_part_of_the_body_is_deformed(tube: Pattern) -> None:
+    """Before `begin` it stays, beyond `end` it goes on straight."""
+    axis = body_axis(tube, "z", "x", 0.03, 0.09)
+    x = axis.deformer(np.radians(60), np.radians(40), 0.1, 0.0)(tube.points)
+    low, high = tube.points[:, 2] < 0.03, tube.points[:, 2] > 0.09
+    np.testing.assert_allclose(x[low], tube.points[low], atol=1e-15)
+    # A rigid motion: distances stay.
+    before, after = tube.points[high], x[high]
+    np.testing.assert_allclose(
+        np.linalg.norm(after - after[0], axis=1), np.linalg.norm(before - before[0], axis=1)
+    )
+    assert axis.angle_metric(60.0).measure(tube, x) == pytest.approx(60, abs=1e-6)
+    assert axis.twist_metric(40.0).measure(tube, x) == pytest.approx(40, abs=0.01)
+
+
+def test_round_tip(comm: MPI.Comm) -> None:
+    """Without a flat end, the target ends where the tip begins, and is measured there."""
+    tube = cylinder(comm, LENGTH, 0.02, 4e-3)
+    points = tube.points.copy()
+    cap = points[:, 2] > LENGTH - 1e-9
+    points[cap, 2] += 0.01 * np.sqrt(1 - np.minimum(1, np.hypot(*points[cap, :2].T) / 0.0101) ** 2)
+    rounded = Pattern(
+        tube.flat_points, tube.flat_triangles, tube.panel, tube.sewn, points, tube.panel_names
+    )
+    axis = body_axis(rounded, "z", "x", 0.0, None)
+    assert not axis.flat_tip
+    assert axis.end == pytest.approx(axis.length * 11 / 12)
+    x = axis.deformer(1.0, None, None, 0.0)(points)
+    assert axis.angle_metric(None).measure(rounded, x) == pytest.approx(np.degrees(1), abs=1e-6)
+
+
+def test_what_is_refused(tube: Pattern) -> None:
+    with pytest.raises(ParameterError, match="toward = '-z' must be perpendicular to axis = 'z'"):
+        body_axis(tube, "z", "-z", 0.0, None)
+    with pytest.raises(ParameterError, match="begin = 0.08 m and end = 0.06 m must lie"):
+        body_axis(tube, "z", "x", 0.08, 0.06)
+    with pytest.raises(ParameterError, match="between 0 and 0.12 m"):
+        body_axis(tube, "z", "x", 0.0, 0.2)

@@ -1,0 +1,121 @@
+"""Cross-sections: labels, weights, and targets for position and orientation."""
+
+import numpy as np
+import pytest
+from helpers.objectives import LENGTH, TARGET, objective_rates, tube_sections
+from mpi4py import MPI
+from scipy.spatial.transform import Rotation
+
+from toros_fem import errors
+from toros_fem.measures.cross_sections import (
+    CrossSectionObjective,
+    CrossSections,
+    label_cross_sections,
+    section_vertices,
+)
+from toros_fem.meshes import Skin, cylinder, rectangle, sew, twist
+
+
+def test_taylor(tube: Skin, comm: MPI.Comm) -> None:
+    objective = CrossSectionObjective(tube, TARGET(tube.pattern.points), tube_sections(tube))
+    assert objective_rates(objective, tube, comm, 0.05) == pytest.approx(2.0, abs=0.05)
+
+
+def test_sections_do_not_see_swelling(tube: Skin) -> None:
+    """A section scaled about its centre line keeps its mean position and its orientation."""
+    pattern = tube.pattern
+    objective = CrossSectionObjective(tube, TARGET(pattern.points), tube_sections(tube))
+    swollen = TARGET(pattern.points * [1.3, 1.3, 1.0])
+    none = objective.forward(TARGET(pattern.points)[tube.owned_vertices])
+    assert none == pytest.approx(0.0, abs=1e-15)
+    small = objective.forward(swollen[tube.owned_vertices])
+    plain = objective.forward(pattern.points[tube.owned_vertices])
+    assert small < 1e-3 * plain
+
+
+def test_a_whole_turn_is_not_zero(tube: Skin) -> None:
+    """The tip of a tube twisted by 360° is where it was; the sections see the twist."""
+    points = tube.pattern.points
+    goal = tube_sections(tube)
+    only = CrossSections(goal.labels, np.zeros((6, 3)), np.ones(6))
+    objective = CrossSectionObjective(tube, twist(2 * np.pi, LENGTH)(points), only)
+    values = [
+        objective.forward(twist(fraction * 2 * np.pi, LENGTH)(points)[tube.owned_vertices])
+        for fraction in (-0.2, 0.0, 0.2, 0.6, 1.0)
+    ]
+    assert all(np.diff(values) < 0)
+    assert values[-1] < 1e-6 * values[0]
+
+
+def test_small_turn_costs_as_documented(tube: Skin) -> None:
+    points, angle = tube.pattern.points, 1e-3
+    goal = tube_sections(tube)
+    turn = np.zeros(6)
+    turn[0] = 3.0  # the first section against how it is assembled: the whole tube is turned
+    objective = CrossSectionObjective(
+        tube, points, CrossSections(goal.labels, np.zeros((6, 3)), turn)
+    )
+    turned = points @ Rotation.from_rotvec([0, angle, 0]).as_matrix().T
+    found = objective.forward(turned[tube.owned_vertices])
+    assert found == pytest.approx(0.5 * 3.0 * angle**2, rel=1e-5)
+
+
+def test_sections_on_a_line_have_no_orientation(comm: MPI.Comm) -> None:
+    """Slabs of a flat sheet with one row of vertices each; only positions may have weights."""
+    pattern = rectangle(comm, 0.06, 0.02, 5e-3)
+    skin = sew(comm, pattern)
+    label = label_cross_sections(
+        pattern, np.arange(len(pattern.points)), (1, 0, 0), 12, border=False
+    )
+    places, turns = np.ones((12, 3)), np.ones(12)
+    with pytest.raises(errors.TargetError, match=r"section 0 .* lies on a line.* Use fewer"):
+        CrossSectionObjective(skin, pattern.points, CrossSections(label, places, turns))
+    objective = CrossSectionObjective(skin, pattern.points, CrossSections(label, places, 0 * turns))
+    moved = (pattern.points + [1e-3, 2e-3, 0])[skin.owned_vertices]
+    assert objective.forward(moved) == pytest.approx(0.5 * 12 * 5e-6 / pattern.size**2)
+    total = skin.gather_vertices(objective.backward(moved)).sum(axis=0)
+    assert total == pytest.approx(12 * np.array([1e-3, 2e-3, 0]) / pattern.size**2)
+    body = label_cross_sections(pattern, np.arange(len(pattern.points)), (1, 0, 0), 3, border=False)
+    whole = CrossSectionObjective(skin, pattern.points, CrossSections(body, places[:3], turns[:3]))
+    crushed = (pattern.points * [1, 0, 0])[skin.owned_vertices]
+    for act in (whole.forward, whole.backward):
+        with pytest.raises(errors.TargetError, match="section 0 .* lies on a line"):
+            act(crushed)
+
+
+def test_bad_input(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, LENGTH, 0.02, 4.5e-3)
+    skin = sew(comm, pattern)
+    goal = tube_sections(skin)
+    with pytest.raises(errors.ParameterError, match="each needs at least 3"):
+        CrossSections(np.array([0, 0, 1]), goal.position_weights[:2], goal.orientation_weights[:2])
+    with pytest.raises(errors.ParameterError, match=r"must be \(6, 3\)"):
+        CrossSections(goal.labels, goal.position_weights[:2], goal.orientation_weights)
+    with pytest.raises(errors.ParameterError, match="not negative"):
+        CrossSections(goal.labels, -goal.position_weights, goal.orientation_weights)
+    with pytest.raises(errors.ParameterError, match="labels have shape"):
+        CrossSectionObjective(
+            skin,
+            pattern.points,
+            CrossSections(goal.labels[:-1], goal.position_weights, goal.orientation_weights),
+        )
+    with pytest.raises(errors.TargetError, match="the target has shape"):
+        CrossSectionObjective(skin, pattern.points[1:], goal)
+
+
+def test_labels(tube: Skin) -> None:
+    """Slabs of equal length; the ring at the tip is one section more, unless there is none."""
+    pattern = tube.pattern
+    wall = pattern.vertices_of("wall")
+    labels = label_cross_sections(pattern, wall, (0, 0, 1), 3)
+    assert set(np.delete(labels, wall)) == {-1}
+    height = pattern.points[wall, 2] / LENGTH
+    expected = np.where(height > 1 - 1e-9, 3, np.minimum((height * 3).astype(int), 2))
+    assert np.array_equal(labels[wall], expected)
+    sizes = np.bincount(expected)
+    assert [len(group) for group in section_vertices(labels)] == sizes.tolist()
+    assert [len(group) for group in section_vertices(labels, sizes.max())] == [sizes.max()]
+    plain = label_cross_sections(pattern, wall, (0, 0, 1), 3, border=False)
+    assert plain.max() == 2
+    with pytest.raises(errors.ParameterError, match="count = 0"):
+        label_cross_sections(pattern, wall, (0, 0, 1), 0)

@@ -1,0 +1,46 @@
+"""Gap between a skin and a body: distances and objective."""
+
+import numpy as np
+import pytest
+from helpers.scenes import taylor_rates
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem.base.mpi import dot
+from toros_fem.measures.gap import Body, GapObjective
+from toros_fem.meshes import Skin
+
+
+def test_distance_from_bodies() -> None:
+    ball = Body("sphere", 0.04, (0.0, 0.0, 0.1))
+    points = np.array([[0.0, 0.0, 0.13], [0.01, 0.0, 0.1], [0.03, 0.04, 0.1]])
+    distance, gradient = ball.distance(points)
+    assert distance == pytest.approx([0.01, -0.01, 0.03])
+    assert gradient == pytest.approx(np.array([[0, 0, 1], [1, 0, 0], [0.6, 0.8, 0]]))
+    box = Body("box", 0.04, (0.0, 0.0, 0.0))
+    points = np.array([[0.03, 0.0, 0.0], [0.0, -0.01, 0.0], [0.015 + 0.03, 0.015 + 0.04, 0.0]])
+    distance, gradient = box.distance(points)
+    assert distance == pytest.approx([0.01, -0.01, 0.05 - 0.005])
+    assert gradient == pytest.approx(np.array([[1, 0, 0], [0, -1, 0], [0.6, 0.8, 0]]))
+    with pytest.raises(errors.ParameterError, match="shape = 'egg'"):
+        Body("egg", 0.04, (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("shape", ["sphere", "box"])
+def test_taylor_of_the_gap(tube: Skin, comm: MPI.Comm, shape: str) -> None:
+    rng = np.random.default_rng(4)
+    weights = rng.uniform(0, 1, len(tube.pattern.points))
+    objective = GapObjective(tube, Body(shape, 0.03, (0.004, 0.002, 0.03)), weights, 2.0)
+    owned = tube.owned_vertices
+    x = tube.pattern.points[owned] * 1.5
+    direction = tube.pattern.points[:, [1, 2, 0]][owned]
+    slope = dot(comm, objective.backward(x).ravel(), direction.ravel())
+    rates = taylor_rates(lambda h: objective.forward(x + h * direction), slope, 0.02)
+    assert rates == pytest.approx(2.0, abs=0.1)
+    whole = Body(shape, 1, (0, 0, 0), 1)
+    plain = Body(shape, 1.0, (0.0, 0.0, 0.0), 1.0)
+    ones = np.ones(len(weights))
+    listed = GapObjective(tube, whole, [1] * len(weights), 2)  # type: ignore[arg-type]
+    assert listed.forward(x) == GapObjective(tube, plain, ones, 2.0).forward(x) > 0
+    with pytest.raises(errors.ParameterError, match="weights have shape"):
+        GapObjective(tube, Body(shape, 0.03, (0.0, 0.0, 0.0)), weights[1:])

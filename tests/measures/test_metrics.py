@@ -1,0 +1,96 @@
+"""Metrics of shapes that are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scipy.spatial.transform import Rotation
+
+from toros_fem import errors
+from toros_fem.measures.metrics import (
+    Measurement,
+    Metric,
+    bend_angle,
+    distance,
+    length_ratio,
+    shortening,
+    swelling,
+    turn_angle,
+    twist_angle,
+)
+from toros_fem.meshes import bend, contract, cylinder, twist
+
+
+@pytest.mark.parametrize("degrees", [-400.0, -90.0, 0.0, 200.0, 540.0])
+def test_measured_twist(comm: MPI.Comm, degrees: float) -> None:
+    pattern = cylinder(comm, 0.15, 0.02, 4e-3)
+    straight = twist(np.radians(degrees), 0.15)(pattern.points)
+    assert np.degrees(twist_angle(pattern, straight)) == pytest.approx(degrees, abs=0.1)
+    bent = bend(np.radians(120.0), 0.15)(straight)
+    assert np.degrees(twist_angle(pattern, bent)) == pytest.approx(degrees, abs=1.0)
+    assert np.degrees(bend_angle(pattern, bent)) == pytest.approx(120.0, abs=0.5)
+
+
+def test_measured_shortening_and_swelling(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.15, 0.02, 4e-3)
+    short = contract(0.92, 1.4)(pattern.points)
+    assert shortening(pattern, short) == pytest.approx(0.08)
+    assert length_ratio(pattern, short) == pytest.approx(0.92)
+    chord = bend(np.radians(120.0), 0.15)(pattern.points)
+    assert length_ratio(pattern, chord) == pytest.approx(np.sin(np.pi / 3) / (np.pi / 3))
+    assert swelling(pattern, short) == pytest.approx(1.4)
+    turn = Rotation.from_rotvec([1.0, -2.0, 0.5]).as_matrix()
+    assert shortening(pattern, short @ turn.T + 1.0) == pytest.approx(0.08)
+    assert swelling(pattern, short @ turn.T + 1.0) == pytest.approx(1.4)
+
+
+@pytest.mark.parametrize("degrees", [-150.0, 0.0, 90.0, 400.0])
+def test_turn_of_given_sections(comm: MPI.Comm, degrees: float) -> None:
+    """Sections along x that turn towards −z, by more than a whole turn too."""
+    pattern = cylinder(comm, 0.15, 0.02, 4e-3)
+    height = pattern.points[:, 2]
+    sections = [np.flatnonzero(np.abs(height - z) < 4e-3) for z in np.linspace(0.01, 0.14, 14)]
+    assert all(len(section) > 5 for section in sections)
+    lying = pattern.points[:, [2, 0, 1]]
+    moved = lying.copy()
+    for k, section in enumerate(sections):
+        turn = Rotation.from_rotvec([0, np.radians(degrees) * (k + 1) / len(sections), 0])
+        moved[section] = turn.apply(lying[section]) + [0.1 * k, 0, 0]
+    pattern = replace(pattern, points=lying)
+    found = turn_angle(pattern, moved, sections, (1, 0, 0), (0, 0, -1))
+    assert np.degrees(found) == pytest.approx(degrees, abs=1e-6)
+
+
+def test_distance_from_a_target(comm: MPI.Comm) -> None:
+    """Root mean square over the flat area; a rigid motion counts unless it is removed."""
+    pattern = cylinder(comm, 0.15, 0.02, 4e-3)
+    target = bend(1.0, 0.15)(pattern.points)
+    assert distance(pattern, target + [3e-3, 0, 4e-3], target) == pytest.approx(5e-3)
+    turn = Rotation.from_rotvec([1.0, -2.0, 0.5])
+    moved = turn.apply(target) + 1.0
+    assert distance(pattern, moved, target) > 1
+    assert distance(pattern, moved, target, aligned=True) < 1e-12
+    areas = pattern.vertex_areas
+    one = target.copy()
+    one[0] += [0, 2e-3, 0]
+    assert distance(pattern, one, target) == pytest.approx(2e-3 * np.sqrt(areas[0] / areas.sum()))
+
+
+def test_values_have_their_units() -> None:
+    metric = Metric("twist", "deg", 300.0, twist_angle)
+    assert (metric.key, metric.label) == ("twist_deg", "twist in degrees")
+    assert metric.formatted(298.7) == "299°"
+    length = Metric("length", "ratio", None, length_ratio)
+    assert (length.key, length.label) == ("length_ratio", "length over its rest value")
+    with pytest.raises(errors.ParameterError, match="must be identifiers"):
+        Metric("two words", "deg", 1.0, twist_angle)
+
+
+def test_measurements_belong_to_metrics_of_the_same_target() -> None:
+    metric = Metric("angle", "deg", 180.0, lambda _, __: 0.0)
+    measured = Measurement("angle_deg", 180.0, 13e3, 150.0, "a bench")
+    assert measured.belongs_to(metric)
+    assert not measured.belongs_to(replace(metric, target=90.0))
+    assert not measured.belongs_to(replace(metric, target=None))
+    assert not measured.belongs_to(replace(metric, name="twist"))

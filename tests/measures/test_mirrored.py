@@ -1,0 +1,88 @@
+"""Objectives and metrics of a whole skin, from the positions of a part."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from helpers.objectives import LENGTH, objective_rates
+from mpi4py import MPI
+
+from toros_fem.measures.alignment import AlignedObjective
+from toros_fem.measures.cross_sections import (
+    CrossSectionObjective,
+    CrossSections,
+    label_cross_sections,
+)
+from toros_fem.measures.gap import Body, GapObjective
+from toros_fem.measures.metrics import Metric, bend_angle, shortening, swelling, twist_angle
+from toros_fem.measures.mirrored import MirroredObjective
+from toros_fem.measures.shape import Nodes, Objective, ShapeObjective, SumObjective
+from toros_fem.meshes import Skin, bend, cylinder, mirrored, sew
+from toros_fem.meshes.refine import refine
+
+BENT = bend(0.7, LENGTH)
+
+
+@pytest.fixture(scope="module")
+def half(comm: MPI.Comm) -> Skin:
+    return sew(comm, cylinder(comm, LENGTH, 0.02, 4.5e-3, planes=(1,)))
+
+
+def all_terms(nodes: Nodes) -> Objective:
+    """Every kind of objective at once, with weights that vary along the tube."""
+    pattern = nodes.pattern
+    target = BENT(pattern.points)
+    rising = 1.0 + pattern.points[:, 2] / LENGTH
+    labels = label_cross_sections(pattern, pattern.vertices_of("wall"), (0, 0, 1), 4)
+    orientation: np.ndarray = np.arange(1.0, 6.0)
+    sections = CrossSections(labels, np.tile([1.0, 2.0, 3.0], (5, 1)), orientation)
+    return SumObjective(
+        ShapeObjective(nodes, target, rising, rising),
+        CrossSectionObjective(nodes, target, sections),
+        GapObjective(nodes, Body("sphere", 0.02, (0.05, 0.0, 0.03)), rising, 0.1),
+        AlignedObjective(nodes, target, ShapeObjective(nodes, target)),
+    )
+
+
+def shapes(half: Skin) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of a bent and disturbed half, its cut in the plane; and those of the whole."""
+    points = half.pattern.points
+    moved = BENT(points) + 1e-3 * np.random.default_rng(3).standard_normal(points.shape)
+    moved[points[:, 1] == 0, 1] = 0
+    return moved, mirrored(half.pattern, (1,)).at_vertices(moved)
+
+
+def test_value_and_gradient_are_those_of_the_whole(half: Skin, comm: MPI.Comm) -> None:
+    images = mirrored(half.pattern, (1,))
+    skin = sew(comm, images.pattern)
+    here, there = shapes(half)
+    one, other = MirroredObjective(half, images, all_terms), all_terms(skin)
+    value = one.forward(here[half.owned_vertices])
+    assert value == pytest.approx(other.forward(there[skin.owned_vertices]), rel=1e-13)
+    gradient = half.gather_vertices(one.backward(here[half.owned_vertices]))
+    whole = images.signs * skin.gather_vertices(other.backward(there[skin.owned_vertices]))
+    pulled = [np.bincount(images.vertex, column) for column in whole.T]
+    scale = np.abs(gradient).max()
+    assert gradient == pytest.approx(np.stack(pulled, axis=1), abs=1e-12 * scale)
+
+
+def test_taylor(half: Skin, comm: MPI.Comm) -> None:
+    objective = MirroredObjective(half, mirrored(half.pattern, (1,)), all_terms)
+    assert objective_rates(objective, half, comm, 0.05) == pytest.approx(2.0, abs=0.05)
+
+
+@pytest.mark.parametrize("measure", [bend_angle, twist_angle, shortening, swelling])
+def test_metrics_of_the_whole(half: Skin, measure: Callable[..., float]) -> None:
+    """On the half, and on its refinement; the half's own vertices alone give another value."""
+    images = mirrored(half.pattern, (1,))
+    metric = Metric("some", "unit", 0.0, measure)
+    here, there = shapes(half)
+    found = metric.of_whole((1,)).measure(half.pattern, here)
+    assert found == measure(images.pattern, there)
+    assert found != pytest.approx(measure(half.pattern, here), rel=1e-4)
+    finer = refine(half.pattern)
+    found = metric.of_whole((1,)).measure(finer.pattern, finer.at_vertices(here))
+    whole = refine(images.pattern)
+    expected = measure(whole.pattern, whole.at_vertices(there))
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert metric.of_whole(()) is metric

@@ -1,0 +1,126 @@
+"""Residuals along the responses to the pressures."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helpers.designs import make_problem
+
+from toros_fem.base.mpi import dot
+from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.loop import optimize
+from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.measures.motion import motion_along
+from toros_fem.measures.shape import ShapeObjective
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.meshes import Skin
+
+
+def shapes(tube: Skin) -> tuple[ShapeObjective, np.ndarray, list[np.ndarray]]:
+    """An objective, positions and two directions."""
+    points = tube.pattern.points
+    target = points + 0.01 * np.sin(50 * points[:, ::-1])
+    owned = points[tube.owned_vertices]
+    moves = [
+        3.0 * np.cos(40 * owned),
+        np.stack([owned[:, 2], 0 * owned[:, 0], owned[:, 0]], axis=1),
+    ]
+    return ShapeObjective(tube, target), owned, moves
+
+
+def test_squares_are_the_quadratic_part_along_the_directions(tube: Skin) -> None:
+    objective, owned, moves = shapes(tube)
+    motion = motion_along(tube, objective, owned, moves)
+    base = objective.forward(owned) - (motion.offsets**2).sum()
+    for a, b in ((2e-3, 0.0), (-1e-3, 0.1), (0.0, -0.2)):
+        there = owned + a * moves[0] + b * moves[1]
+        squares = (motion.along(there) ** 2).sum()
+        assert objective.forward(there) - squares == pytest.approx(base, rel=1e-9)
+        assert squares != pytest.approx((motion.offsets**2).sum(), rel=1e-3)
+    # Across the directions the residuals stay.
+    across = np.stack([0 * owned[:, 0], owned[:, 1] * owned[:, 2], 0 * owned[:, 0]], axis=1)
+    local = [dot(tube.comm, d.ravel(), across.ravel()) for d in motion.directions]
+    np.testing.assert_allclose(motion.along(owned + across) - motion.offsets, local)
+
+
+def test_directions_that_do_nothing(tube: Skin) -> None:
+    """Or the same as another one: the residuals stay finite."""
+    objective, owned, moves = shapes(tube)
+    assert motion_along(tube, objective, owned, []).offsets.size == 0
+    none = motion_along(tube, objective, owned, [0 * owned])
+    assert none.along(owned + moves[0]) == [0.0]
+    (once,) = motion_along(tube, objective, owned, moves[:1]).offsets
+    twice = motion_along(tube, objective, owned, [moves[0], moves[0]])
+    assert (twice.offsets**2).sum() == pytest.approx(once**2, rel=1e-3)
+    mixed = motion_along(tube, objective, owned, [moves[0], 0 * owned])
+    np.testing.assert_allclose(mixed.offsets, [once, 0.0], rtol=1e-12)
+
+
+class Saddle:
+    """T = ½ Σ (y² − x²)."""
+
+    def forward(self, positions: np.ndarray) -> float:
+        raise NotImplementedError
+
+    def backward(self, positions: np.ndarray) -> np.ndarray:
+        return positions * [-1.0, 1.0, 0.0]
+
+
+def test_a_concave_direction_has_a_finite_residual(tube: Skin) -> None:
+    owned = tube.pattern.points[tube.owned_vertices]
+    moves = [np.tile(row, (len(owned), 1)) for row in np.eye(3)[:2]]
+    found = motion_along(tube, Saddle(), owned, moves)
+    assert np.isfinite(found.offsets).all()
+    assert np.isfinite(found.directions).all()
+    assert np.abs(found.directions).max(axis=(1, 2)).min() > 0
+
+
+def test_taylor_of_the_residual(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """By all densities and the pressure together."""
+    problem = dataclasses.replace(make_problem(tube, tube_solver), pressure_bounds=(1e3, 9e3))
+    density = random_density(tube, 1, spread=0.3)
+    base = problem.evaluate(density, pressure=3e3)
+    near = base.residuals
+    assert near is not None
+    (here,) = near.values(base.equilibrium)
+    assert 0 < here**2 <= base.objective
+    step = (random_density(tube, 5, spread=0.3) - 0.5) * problem.designed
+    slope = dot(tube.comm, near.gradients[0], step) + near.pressure_gradients[0, 0] * 500.0
+    gaps = []
+    for h in 0.1 * 0.5 ** np.arange(5):
+        there = problem.simulate(density + h * step, base.equilibrium.state, 3e3 + 500.0 * h)
+        (value,) = near.values(there.equilibrium)
+        gaps.append(abs(value - here - h * slope))
+        assert abs(value - here) > 5 * gaps[-1] if h == 0.1 else True
+    rates = np.log2(np.array(gaps[:-1]) / gaps[1:])
+    assert rates[-2:] == pytest.approx(2, abs=0.15)
+
+
+def test_the_pressure_alone_can_gain_the_square(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """T without the residual has no slope by the pressure."""
+    problem = dataclasses.replace(make_problem(tube, tube_solver), pressure_bounds=(1e3, 9e3))
+    base = problem.evaluate(random_density(tube, 1, spread=0.3), pressure=3e3)
+    near = base.residuals
+    assert near is not None
+    assert base.pressure_gradient is not None
+    (here,) = near.values(base.equilibrium)
+    part = 2 * here * near.pressure_gradients[0]
+    np.testing.assert_allclose(part, base.pressure_gradient, rtol=1e-7)
+
+
+def test_a_prescribed_pressure_has_no_residual(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    base = make_problem(tube, tube_solver).evaluate(random_density(tube, 1))
+    assert base.residuals is not None
+    assert base.residuals.gradients == []
+    assert base.residuals.values(base.equilibrium).size == 0
+
+
+@pytest.mark.slow
+def test_the_pressure_does_not_swing(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """After the first steps it turns back by less than its move limit."""
+    problem = dataclasses.replace(make_problem(tube, tube_solver), pressure_bounds=(1e3, 2e4))
+    result = optimize(problem, DesignOptions((Stage(12),)), seed=1)
+    pressures = np.log([row.pressure for row in result.history])
+    changes = np.diff(pressures)[5:]
+    turns = changes[1:] * changes[:-1] < 0
+    assert np.abs(changes[1:][turns]).max(initial=0.0) < 0.1 * np.log(20) / 2

@@ -1,0 +1,156 @@
+"""Coulomb's law at vertices: its derivatives, the library's law, and what a step leaves behind."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from helpers.scenes import taylor_rates
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.mechanics.contact.friction import Coulomb
+
+pytestmark = pytest.mark.one_rank
+
+LAW = Coulomb(0.6, 1e-4)
+RNG = np.random.default_rng(0)
+NORMAL = RNG.standard_normal((40, 3))
+# Half of them stick, half slide.
+MOTION = RNG.standard_normal((40, 3)) * 1e-4 * np.repeat([0.3, 3.0], 20)[:, None]
+
+Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@pytest.mark.parametrize(
+    ("function", "derivative"),
+    [
+        (LAW.energy, LAW.force),
+        (LAW.force, LAW.stiffness),
+        (LAW.elastic, LAW.elastic_by_motion),
+    ],
+)
+def test_derivatives_by_the_motion(function: Function, derivative: Function) -> None:
+    along = RNG.standard_normal(MOTION.shape) * 1e-5
+    slopes = np.einsum("i...j,ij->i...", derivative(NORMAL, MOTION), along)
+    weights = RNG.standard_normal(slopes.shape)
+
+    def value(step: float) -> float:
+        return float((weights * function(NORMAL, MOTION + step * along)).sum())
+
+    assert taylor_rates(value, float((weights * slopes).sum()), 0.1) == pytest.approx(2, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("function", "derivative"),
+    [(LAW.force, LAW.force_by_normal), (LAW.elastic, LAW.elastic_by_normal)],
+)
+def test_derivatives_by_the_normal_force(function: Function, derivative: Function) -> None:
+    along = RNG.standard_normal(NORMAL.shape)
+    slopes = np.einsum("ijk,ik->ij", derivative(NORMAL, MOTION), along)
+    weights = RNG.standard_normal(slopes.shape)
+
+    def value(step: float) -> float:
+        return float((weights * function(NORMAL + step * along, MOTION)).sum())
+
+    rates = taylor_rates(value, float((weights * slopes).sum()), 1e-3)
+    assert rates == pytest.approx(2, abs=0.02)
+
+
+def test_the_stiffness_has_no_negative_part() -> None:
+    for matrix in LAW.stiffness(NORMAL, MOTION):
+        assert np.allclose(matrix, matrix.T)
+        assert np.linalg.eigvalsh(matrix).min() > -1e-9 * np.abs(matrix).max()
+
+
+def test_no_motion_and_no_normal_force_are_regular() -> None:
+    nothing = np.zeros((1, 3))
+    for normal, motion in ((NORMAL[:1], nothing), (nothing, MOTION[:1]), (nothing, nothing)):
+        for name in ("energy", "force", "elastic"):
+            assert not getattr(LAW, name)(normal, motion).any()
+        for name in ("stiffness", "force_by_normal", "elastic_by_motion", "elastic_by_normal"):
+            assert np.isfinite(getattr(LAW, name)(normal, motion)).all()
+    assert np.linalg.norm(LAW.stiffness(NORMAL[:1], nothing)) > 0
+
+
+def test_as_the_library_of_contact_has_it() -> None:
+    """Vertices over a plane: force and its derivative, with the normal force as it changes."""
+    ipctk = pytest.importorskip("ipctk")
+    size, thickness, distance = 12, 5e-4, 1e-4
+    normal = np.array([0.1, 0.2, 1.0]) / np.linalg.norm([0.1, 0.2, 1.0])
+    across = np.linalg.qr(normal[:, None], "complete")[0][:, 1:]
+    points = RNG.uniform(0, 1e-2, (size, 2)) @ across.T
+    points += normal * (thickness + distance * RNG.uniform(0.3, 0.9, (size, 1)))
+    mesh = ipctk.CollisionMesh(points)
+    mesh.planes = [ipctk.Hyperplane(normal, np.zeros(3))]
+    barrier = ipctk.BarrierPotential(distance, 1e6, True)
+    near = ipctk.Candidates()
+    near.build(mesh, points, thickness + distance)
+    touching = ipctk.NormalCollisions()
+    touching.use_area_weighting = True
+    touching.build(near, mesh, points, distance, thickness)
+    pairs = ipctk.TangentialCollisions()
+    pairs.build(mesh, points, touching, barrier, LAW.friction)
+    assert len(pairs) == size
+    potential = ipctk.FrictionPotential(LAW.slip)
+    motion = MOTION[14 : 14 + size]
+    pushed = -barrier.gradient(touching, mesh, points).reshape(-1, 3)
+    assert np.linalg.norm(pushed, axis=1).min() > 0
+    force = potential.gradient(pairs, mesh, motion).reshape(-1, 3)
+    assert LAW.force(pushed, motion) == pytest.approx(force, rel=1e-9)
+    assert LAW.energy(pushed, motion).sum() - potential(pairs, mesh, motion) == pytest.approx(
+        -LAW.slip / 3 * LAW.friction * np.linalg.norm(pushed, axis=1).sum(), rel=1e-9
+    ), "the library's energy of no motion is a third of the slip"
+    stiffness = potential.hessian(pairs, mesh, motion).toarray()
+    own = LAW.stiffness(pushed, motion)
+    for k in range(size):
+        block = slice(3 * k, 3 * k + 3)
+        assert own[k] == pytest.approx(stiffness[block, block], rel=1e-6, abs=1e-6 * own[k].max())
+    by_position = potential.force_jacobian(
+        pairs, mesh, points, np.zeros_like(points), motion, barrier,
+        ipctk.FrictionPotential.DiffWRT.LAGGED_DISPLACEMENTS, thickness,
+    ).toarray()  # fmt: skip
+    curvature = barrier.hessian(touching, mesh, points).toarray()
+    by_normal = LAW.force_by_normal(pushed, motion)
+    for k in range(size):
+        block = slice(3 * k, 3 * k + 3)
+        mine = by_normal[k] @ curvature[block, block]  # dN = − Hessian dx, and force = − gradient
+        assert mine == pytest.approx(by_position[block, block], abs=1e-6 * np.abs(mine).max())
+
+
+def test_a_held_load_does_not_creep() -> None:
+    """A spring-loaded vertex: 50 steps under one load leave it and its force where they are."""
+    normal, load, spring = np.array([[0.0, 0.0, 2.0]]), np.array([[0.9, 0.0, 0.0]]), 1e3
+    anchor: Floats = np.zeros((1, 3))
+    place: Floats = anchor
+    places = []
+    for _ in range(50):
+        for _ in range(60):
+            force = LAW.force(normal, place - anchor) + spring * place - load
+            matrix = LAW.stiffness(normal, place - anchor)[0] + spring * np.eye(3)
+            place = place - np.linalg.solve(matrix, force[0])
+        anchor = place - LAW.elastic(normal, place - anchor)
+        places.append(place[0, 0])
+    assert 0 < places[0] < LAW.slip, "it sticks"
+    assert np.ptp(places) < 1e-12 * LAW.slip
+
+
+@pytest.mark.parametrize("steps", [1, 3, 40])
+def test_forces_do_not_depend_on_the_number_of_steps(steps: int) -> None:
+    """There, beyond the slip, and a part of the way back."""
+    normal = np.array([[0.0, 0.0, 2.0]])
+    anchor: Floats = np.zeros((1, 3))
+    place: Floats = anchor
+    for begin, end in ((0.0, 5e-4), (5e-4, 4.6e-4)):
+        for x in np.linspace(begin, end, steps + 1)[1:]:
+            place = np.array([[x, 0.0, 0.0]])
+            force = LAW.force(normal, place - anchor)[0, 0]
+            anchor = place - LAW.elastic(normal, place - anchor)
+    left = 0.6  # of the slip: a part 0.4 of it has gone back
+    assert force == pytest.approx(LAW.friction * 2.0 * (2 - left) * left, rel=1e-9)
+
+
+def test_bad_numbers() -> None:
+    with pytest.raises(ParameterError, match="friction = 0"):
+        Coulomb(0.0, 1e-4)
+    with pytest.raises(ParameterError, match="slip = -1"):
+        Coulomb(0.5, -1.0)

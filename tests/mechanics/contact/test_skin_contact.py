@@ -1,0 +1,213 @@
+"""Barriers of a skin: derivatives, free steps, equilibria, and gradients of these."""
+
+import numpy as np
+import pytest
+from helpers.scenes import square, taylor_rates
+from mpi4py import MPI
+
+from toros_fem.base.mpi import dot, norm, smallest, total
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.contact import Contact, Ground, rigid_sphere
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.meshes import Skin, sew
+
+pytestmark = pytest.mark.slow
+# The inflated tube bulges against a floor and a ball beside it.
+FLOOR = Ground((-0.0112, 0.0, 0.0), (1.0, 0.0, 0.0))
+BALL = rigid_sphere("ball", 0.01, (0.004, 0.0202, 0.035))
+
+
+def soft(skin: Skin) -> np.ndarray:
+    """A little print, unevenly."""
+    return 0.02 + 0.01 * np.cos(3.0 * skin.owned_cells)
+
+
+@pytest.fixture(scope="module")
+def solver(tube: Skin) -> EquilibriumSolver:
+    contact = Contact(ground=FLOOR, bodies=[BALL])
+    return EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), contact=contact)
+
+
+@pytest.fixture(scope="module")
+def touching(solver: EquilibriumSolver) -> EquilibriumResult:
+    return solver.solve(soft(solver.skin), 5e3)
+
+
+def direction(solver: EquilibriumSolver, size: float) -> np.ndarray:
+    model, skin = solver.model, solver.skin
+    drawn = np.random.default_rng(5).standard_normal(skin.pattern.points.shape)
+    out = np.zeros(model.size_local)
+    model.positions(out)[:] = size * drawn[skin.owned_vertices]
+    return out * model.free
+
+
+def test_the_skin_rests_on_floor_and_ball(
+    solver: EquilibriumSolver, touching: EquilibriumResult
+) -> None:
+    model, contact = solver.model, solver.model.contact
+    assert contact is not None
+    assert touching.smallest_distance is not None
+    assert 0 < touching.smallest_distance < contact.sizes.distance
+    assert not contact.crossed(touching.positions, model.motions(touching.state))
+    forces = contact.forces(touching.positions, model.motions(touching.state))
+    skin, ball = np.split(forces, [len(solver.skin.pattern.points)])
+    assert np.linalg.norm(ball.sum(axis=0)) > 0.01
+    # Gradients: minus the forces. The floor pushes up, the ball away from itself.
+    floor = -(skin.sum(axis=0) + ball.sum(axis=0))
+    assert floor[0] > 0.01
+    assert np.abs(floor[1:]).max() < 1e-12
+    reactions = solver.reactions(touching).sum(axis=0)
+    balance = reactions - skin.sum(axis=0)
+    assert np.abs(balance).max() < 1e-8
+
+
+def test_energy_force_and_tangent(solver: EquilibriumSolver, touching: EquilibriumResult) -> None:
+    model, comm = solver.model, solver.skin.comm
+    along = direction(solver, 2e-6)
+    model.set_density(soft(solver.skin))
+    slope = dot(comm, model.residual(touching.state + along), along)
+    base = touching.state + along
+    rates = taylor_rates(lambda h: model.energy(base + h * along), slope, 0.5)
+    assert rates == pytest.approx(2, abs=0.02)
+    factor = solver._factor
+    factor.assemble(base)
+    force, change = model.residual(base), factor.multiply(along)
+    gaps = [
+        norm(comm, model.residual(base + h * along) - force - h * change)
+        for h in 0.25 * 0.5 ** np.arange(5)
+    ]
+    assert np.log2(gaps[-2] / gaps[-1]) == pytest.approx(2, abs=0.05)
+
+
+def test_the_shifted_part_is_semidefinite(
+    solver: EquilibriumSolver, touching: EquilibriumResult
+) -> None:
+    contact, model = solver.model.contact, solver.model
+    assert contact is not None
+    exact, definite = (
+        contact.tangent(touching.positions, model.motions(touching.state), definite=kind)
+        for kind in (False, True)
+    )
+    gap = contact.convexity_gap(touching.positions, model.motions(touching.state))
+    assert gap == pytest.approx(definite - exact)
+    assert gap is not None
+    if solver.skin.comm.rank == 0:
+        assert np.abs(gap).max() > 1e-6 * np.abs(exact).max()
+
+
+def test_gradient_with_active_pairs(
+    solver: EquilibriumSolver, touching: EquilibriumResult, comm: MPI.Comm
+) -> None:
+    skin, model = solver.skin, solver.model
+    density = soft(skin)
+    base = solver.solve(density, 5e3, start=touching.state)
+    weights = np.zeros_like(base.state)
+    model.positions(weights)[:] = np.cos(40 * skin.pattern.points[skin.owned_vertices])
+    adjoint = solver.solve_tangent(-weights, base)
+    gradient = model.density_sensitivity(base.state, adjoint)
+    change = 2e-3 * np.cos(1.0 * skin.owned_cells)
+
+    def value(step: float) -> float:
+        there = solver.solve(density + step * change, 5e3, start=base.state)
+        return total(comm, float(weights @ there.state))
+
+    rates = taylor_rates(value, dot(comm, gradient, change), 1.0)
+    assert rates == pytest.approx(2, abs=0.02)
+
+
+def test_steps_stop_before_they_meet(
+    solver: EquilibriumSolver, touching: EquilibriumResult
+) -> None:
+    model = solver.model
+    along = np.zeros_like(touching.state)
+    model.positions(along)[:, 0] = -0.01
+    fraction = model.largest_step(touching.state, along, 0.9)
+    assert 0 < fraction < 0.05
+    assert np.isfinite(model.energy(touching.state + fraction * along))
+    gap = model.gap(touching.state + fraction * along)
+    assert gap is not None
+    assert smallest(solver.skin.comm, gap) > 0
+
+
+def test_without_contact_nothing_is_imported(comm: MPI.Comm) -> None:
+    skin = sew(comm, square(n=2))
+    fixed = np.ones((9, 3), dtype=bool)
+    fixed[4] = False
+    found = EquilibriumSolver(skin, Composite(), Supports(fixed)).solve(
+        np.zeros(len(skin.owned_cells)), 0.0
+    )
+    assert found.smallest_distance is None
+    assert found.poses is None
+
+
+def test_a_ball_is_pushed_into_the_tube_and_out_again(comm: MPI.Comm, tube: Skin) -> None:
+    """By 6 mm at once, half of the tube's radius and fifty times the gap that it begins with."""
+    contact = Contact(bodies=[rigid_sphere("ball", 0.006, (0.0, 0.0175, 0.035))])
+    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), contact=contact)
+    density = soft(tube)
+    free = solver.solve(density, 2e3)
+    pushed = solver.solve(density, 2e3, start=free, poses=[[0.0, -0.006, 0.0, 0.5, 0.0, 0.0]])
+    assert pushed.poses == ((0.0, -0.006, 0.0, 0.5, 0.0, 0.0),)
+    assert pushed.smallest_distance is not None
+    assert pushed.smallest_distance > 0
+    assert pushed.volume < 0.995 * free.volume
+    assert not solver.model.crossed(pushed.state)
+    model = solver.model
+    assert model.contact is not None
+    forces = model.contact.forces(pushed.positions, model.motions(pushed.state))
+    assert -forces[len(tube.pattern.points) :].sum(axis=0)[1] > 0.05, "the tube pushes it out"
+    back = solver.solve(density, 2e3, start=pushed)
+    assert back.energy == pytest.approx(free.energy, rel=1e-9)
+
+
+def test_a_ball_does_not_pass_through_a_sheet(comm: MPI.Comm) -> None:
+    """Its new place is free, but the sheet is in the way: it is pushed out far."""
+    pattern = square(n=6)
+    skin = sew(comm, pattern)
+    edge = np.isin(np.arange(49), np.unique(pattern.free_edges))
+    ball = rigid_sphere("ball", 0.003, (0.01, 0.01, 0.004))
+    solver = EquilibriumSolver(
+        skin,
+        Composite(),
+        Supports(np.repeat(edge[:, None], 3, axis=1)),
+        contact=Contact(bodies=[ball]),
+    )
+    density = np.zeros(len(skin.owned_cells))
+    rest = solver.solve(density, 0.0)
+    below = solver.solve(density, 0.0, start=rest, poses=[[0.0, 0.0, -0.008, 0.0, 0.0, 0.0]])
+    depth = skin.gather_vertices(below.positions)[:, 2].min()
+    assert depth < -0.007
+    assert "bodies moved by up to 0.008 m" in below.reason
+    assert not solver.model.crossed(below.state)
+
+
+def test_neighbours_of_a_thick_sheet_do_not_cross(comm: MPI.Comm) -> None:
+    """Edges are shorter than the sheet is thick: a sharp fold is within it, but not through it."""
+    flat = square(n=10).points
+    opening, turned = 0.05, np.maximum(flat[:, 0] - 0.01, 0.0)
+    shape = np.column_stack(
+        [
+            np.minimum(flat[:, 0], 0.01) - turned * np.cos(opening),
+            flat[:, 1],
+            turned * np.sin(opening),
+        ]
+    )
+    skin = sew(comm, square(n=10))
+    fixed = np.repeat((flat[:, 0] < 3e-3)[:, None], 3, axis=1)
+    thick = Contact(thickness=0.03, distance=1e-3, stiffness=1e4)
+    solver = EquilibriumSolver(skin, Composite(), Supports(fixed), contact=thick)
+    model, contact = solver.model, solver.model.contact
+    assert contact is not None
+    state = model.state_of(shape[skin.owned_vertices])
+    energy = contact.energy(model.positions(state), model.motions(state), 0.0)
+    assert 0 < energy < np.inf
+    assert contact.count > 0
+    along = direction(solver, 1e-6)
+    model.set_density(np.zeros(len(skin.owned_cells)))
+    slope = dot(comm, model.residual(state), along)
+    rates = taylor_rates(lambda h: model.energy(state + h * along), slope, 1.0)
+    assert rates == pytest.approx(2, abs=0.02)
+    closing = np.zeros_like(state)
+    model.positions(closing)[:, 2] = -2 * model.positions(state)[:, 2]
+    assert model.largest_step(state, closing, 0.9) < 0.5

@@ -1,0 +1,202 @@
+"""Free bodies: a ball lies in a stretched sheet, alone or on the ground as well."""
+
+import json
+
+import numpy as np
+import pytest
+from helpers.scenes import square, taylor_rates
+from mpi4py import MPI
+
+from toros_fem.base.mpi import dot, norm, total
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.contact import Contact, Ground, RigidBody, rigid_box, rigid_sphere
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.skin.supports import clamp_where
+from toros_fem.meshes import sew
+
+pytestmark = pytest.mark.slow
+MASS, SIZE, STRETCH = 0.05, 0.08, 1.05
+WEIGHT = 9.81 * MASS
+THICKNESS = Composite().fabric.thickness
+MIDDLE = STRETCH * SIZE / 2
+
+
+def sheet_with_ball(comm: MPI.Comm, ground: Ground | None = None) -> EquilibriumSolver:
+    """A sheet stretched over a frame by 5 %, and a ball just above it, beside the middle."""
+    flat = square(n=8, size=SIZE).flat_points
+    pattern = square(np.pad(STRETCH * flat, ((0, 0), (0, 1))), n=8, size=SIZE)
+    frame = clamp_where(pattern, lambda x: np.abs(x[:, :2] - MIDDLE).max(axis=1) > 0.999 * MIDDLE)
+    centre = (MIDDLE + 0.003, MIDDLE + 0.001, 0.0201 + THICKNESS / 2)
+    ball = rigid_sphere("ball", 0.02, centre, mass=MASS, edge_length=3e-3)
+    contact = Contact(ground=ground, bodies=[ball])
+    return EquilibriumSolver(sew(comm, pattern), Composite(), frame, contact=contact)
+
+
+def plain(solver: EquilibriumSolver) -> np.ndarray:
+    return np.zeros(len(solver.skin.owned_cells))
+
+
+@pytest.fixture(scope="module")
+def solver(comm: MPI.Comm) -> EquilibriumSolver:
+    return sheet_with_ball(comm)
+
+
+@pytest.fixture(scope="module")
+def lying(solver: EquilibriumSolver) -> EquilibriumResult:
+    return solver.solve(plain(solver), 0.0)
+
+
+def test_the_frame_carries_the_ball(solver: EquilibriumSolver, lying: EquilibriumResult) -> None:
+    """To the solver's tolerance: what little stiffness a free ball has takes no force."""
+    assert lying.smallest_distance is not None
+    assert lying.poses is not None
+    assert lying.smallest_distance > 0
+    assert solver.reactions(lying).sum(axis=0) == pytest.approx(
+        np.array([0, 0, WEIGHT]), abs=1e-8 * WEIGHT
+    )
+    (pose,) = lying.poses
+    # It has rolled into the middle, as far as large triangles have one.
+    assert pose[:2] == pytest.approx([-0.003, -0.001], abs=1e-3)
+    assert -0.03 < pose[2] < -0.01
+    assert np.linalg.norm(pose[3:]) > 0.05
+    contact, model = solver.model.contact, solver.model
+    assert contact is not None
+    assert not contact.crossed(lying.positions, model.motions(lying.state))
+
+
+@pytest.mark.skipif(MPI.COMM_WORLD.size == 1, reason="compares numbers of ranks")
+def test_the_same_ball_on_one_rank(lying: EquilibriumResult, comm: MPI.Comm) -> None:
+    alone = sheet_with_ball(MPI.COMM_SELF)
+    found = alone.solve(plain(alone), 0.0)
+    assert np.array(found.poses) == pytest.approx(np.array(lying.poses), abs=1e-7)
+    assert found.smallest_distance == pytest.approx(lying.smallest_distance, rel=1e-3)
+
+
+def direction(solver: EquilibriumSolver) -> np.ndarray:
+    model, skin = solver.model, solver.skin
+    rng = np.random.default_rng(5)
+    nodes, bodies = rng.standard_normal(skin.pattern.points.shape), rng.standard_normal((1, 6))
+    out = np.zeros(model.size_local)
+    model.positions(out)[:] = 2e-6 * nodes[skin.owned_vertices]
+    if skin.comm.rank == 0:
+        out[-6:] = 2e-6 * bodies
+    return out * model.free
+
+
+def test_energy_force_and_tangent(solver: EquilibriumSolver, lying: EquilibriumResult) -> None:
+    """Taylor tests of both derivatives, the skin and the ball moving and turning."""
+    model, comm = solver.model, solver.skin.comm
+    along = direction(solver)
+    base = lying.state + along
+    slope = dot(comm, model.residual(base), along)
+    rates = taylor_rates(lambda h: model.energy(base + h * along), slope, 0.5)
+    assert rates == pytest.approx(2, abs=0.02)
+    solver._factor.assemble(base)
+    force, change = model.residual(base), solver._factor.multiply(along)
+    gaps = [
+        norm(comm, model.residual(base + h * along) - force - h * change)
+        for h in 0.25 * 0.5 ** np.arange(5)
+    ]
+    assert np.log2(gaps[-2] / gaps[-1]) == pytest.approx(2, abs=0.02)
+
+
+def test_gradient(solver: EquilibriumSolver, lying: EquilibriumResult, comm: MPI.Comm) -> None:
+    """How deep the ball lies, by the density."""
+    model = solver.model
+    density = 0.02 + 0.01 * np.cos(3.0 * solver.skin.owned_cells)
+    base = solver.solve(density, 0.0, start=lying.state)
+    depth = np.zeros_like(base.state)
+    if comm.rank == 0:
+        depth[-4] = 1.0
+    gradient = model.density_sensitivity(base.state, solver.solve_tangent(-depth, base))
+    change = 1e-4 * (1 + 0.5 * np.cos(1.0 * solver.skin.owned_cells))
+
+    def value(step: float) -> float:
+        there = solver.solve(density + step * change, 0.0, start=base.state)
+        return total(comm, float(depth @ there.state))
+
+    rates = taylor_rates(value, dot(comm, gradient, change), 1.0)
+    assert rates == pytest.approx(2, abs=0.02)
+
+
+def test_saved_and_restored(solver: EquilibriumSolver, lying: EquilibriumResult) -> None:
+    density = plain(solver)
+    found = solver.solve(density, 0.0, start=lying.state)
+    unknowns, numbers = solver.save(found)
+    assert unknowns.shape == (solver.model.space.dofmap.index_map.size_global,)
+    solver.forget_last()
+    again = solver.restore(density, unknowns, json.loads(json.dumps(numbers)))
+    assert np.array_equal(again.state, found.state)
+    assert again.poses == found.poses
+    assert solver.solve(density, 0.0, start=again.state).steps == 0
+
+
+def test_on_the_ground_as_well(comm: MPI.Comm) -> None:
+    """A floor close below carries a part of the weight, and frame and floor all of it."""
+    floor = Ground((0.0, 0.0, -0.008))
+    solver = sheet_with_ball(comm, floor)
+    found = solver.solve(plain(solver), 0.0)
+    contact, model = solver.model.contact, solver.model
+    assert contact is not None
+    frame = solver.reactions(found).sum(axis=0)
+    # The barrier's gradient on all vertices: minus the floor's force, all else is in pairs.
+    by_floor = -contact.forces(found.positions, model.motions(found.state)).sum(axis=0)
+    assert frame + by_floor == pytest.approx(np.array([0, 0, WEIGHT]), abs=1e-8 * WEIGHT)
+    assert by_floor[2] > 0.1 * WEIGHT
+    assert frame[2] > 0.1 * WEIGHT
+
+
+def test_a_ball_that_has_turned_far_starts_from_less(
+    solver: EquilibriumSolver, lying: EquilibriumResult
+) -> None:
+    """A whole turn more is the same place; the solver takes it out."""
+    model, comm = solver.model, solver.skin.comm
+    turned = lying.state.copy()
+    motions = comm.bcast(model.motions(turned), root=0)
+    vector = motions[0, 3:]
+    assert model.contact is not None
+    radius = model.contact.contact.bodies[0].radius
+    more = vector * (1 + 2 * np.pi * radius / np.linalg.norm(vector))
+    if comm.rank == 0:
+        turned[-3:] = more
+    found = solver.solve(plain(solver), 0.0, start=turned)
+    assert found.poses is not None
+    assert np.linalg.norm(found.poses[0][3:]) < np.pi
+    assert np.array(found.poses) == pytest.approx(np.array(lying.poses), abs=1e-6)
+
+
+def on_the_floor(
+    comm: MPI.Comm, body: RigidBody, height: float | None
+) -> tuple[EquilibriumSolver, EquilibriumResult]:
+    """A body below a sheet, with the floor at a height in m."""
+    pattern = square(n=2, size=SIZE)
+    floor = None if height is None else Ground((0.0, 0.0, height))
+    frame = clamp_where(pattern, lambda x: np.abs(x[:, :2] - SIZE / 2).max(axis=1) > 0.03)
+    contact = Contact(ground=floor, bodies=[body])
+    solver = EquilibriumSolver(sew(comm, pattern), Composite(), frame, contact=contact)
+    return solver, solver.solve(plain(solver), 0.0, raise_on_failure=False)
+
+
+def test_motions_that_nothing_resists(comm: MPI.Comm) -> None:
+    """A tilted box falls on a side and does not slide; a ball finds a facet to lie on."""
+    box = rigid_box("box", (0.02,) * 3, (0.04, 0.04, -0.02), mass=MASS, edge_length=0.01)
+    box = box.moved(np.array([0.0, 0.0, 0.0, 0.2, 0.1, 0.0]))
+    ball = rigid_sphere("ball", 0.01, (0.04, 0.04, -0.02), mass=MASS, edge_length=4e-3)
+    for body, height in ((box, -0.034), (ball, -0.031)):
+        solver, found = on_the_floor(comm, body, height)
+        assert found.converged, found.reason
+        assert found.poses is not None
+        contact, model = solver.model.contact, solver.model
+        assert contact is not None
+        forces = contact.forces(found.positions, model.motions(found.state))
+        assert -forces.sum(axis=0) == pytest.approx(np.array([0, 0, WEIGHT]), abs=1e-8 * WEIGHT)
+        assert found.poses[0][:2] == pytest.approx([0.0, 0.0], abs=1e-7)
+        assert np.linalg.norm(found.poses[0][3:5]) > 0.1
+
+
+def test_a_body_that_nothing_holds(comm: MPI.Comm) -> None:
+    ball = rigid_sphere("ball", 0.01, (0.04, 0.04, -0.02), mass=MASS, edge_length=4e-3)
+    _, found = on_the_floor(comm, ball, None)
+    assert not found.converged
+    assert found.reason.startswith("A free body falls at the weight of bodies: it")
+    assert found.steps < 100

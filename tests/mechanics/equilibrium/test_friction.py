@@ -1,0 +1,223 @@
+"""Paths with friction: sticking, sliding, held loads, steps, and what a cold solve begins from."""
+
+import json
+
+import numpy as np
+import pytest
+from helpers.scenes import square
+from mpi4py import MPI
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.contact import Contact, Ground, RigidBody, rigid_box
+from toros_fem.mechanics.contact.motion import rotation
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.skin.supports import Supports, clamp_where
+from toros_fem.meshes import sew
+
+pytest.importorskip("ipctk")
+
+FRICTION, THICKNESS, DISTANCE, SLIP = 0.5, 5e-4, 1e-4, 1e-4
+SIDE = 0.02
+
+
+def contact(normal: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Contact:
+    return Contact(
+        Ground(normal=normal),
+        self_contact=False,
+        friction=FRICTION,
+        thickness=THICKNESS,
+        distance=DISTANCE,
+        slip=SLIP,
+    )
+
+
+class Dragged:
+    """A sheet on the ground, pressed down by dead forces and dragged by one edge."""
+
+    def __init__(self, comm: MPI.Comm) -> None:
+        points = square(n=4).points.copy()
+        points[:, 2] = THICKNESS / 2 + 0.9 * DISTANCE
+        pattern = square(points, n=4)
+        edge = clamp_where(pattern, lambda x: x[:, 0] < 1e-9)
+        self.skin = sew(comm, pattern)
+        self.solver = EquilibriumSolver(self.skin, Composite(), edge, contact=contact())
+        self.density = np.ones(len(self.skin.owned_cells))
+        self.force = np.tile([0.0, 0.0, -0.005], (len(points), 1))
+
+    def __call__(self, ahead: float, before: EquilibriumResult | None = None) -> EquilibriumResult:
+        displacement = np.tile([-ahead, 0.0, 0.0], (len(self.force), 1))
+        return self.solver.solve(
+            self.density, 0.0, force=self.force, displacement=displacement, start=before
+        )
+
+    def pull(self, at: EquilibriumResult) -> float:
+        """Force in N by which the edge pulls."""
+        return float(-self.solver.reactions(at)[:, 0].sum())
+
+    def weight(self, at: EquilibriumResult) -> float:
+        """Force in N that presses on the ground."""
+        return float(-self.solver.reactions(at)[:, 2].sum() - self.force[:, 2].sum())
+
+
+@pytest.fixture(scope="module")
+def dragged(comm: MPI.Comm) -> Dragged:
+    return Dragged(comm)
+
+
+def test_a_dragged_sheet_slides_under_full_friction(dragged: Dragged) -> None:
+    at = dragged(0.0)
+    for ahead in (2e-4, 4e-4, 8e-4):
+        at = dragged(ahead, at)
+    assert dragged.pull(at) == pytest.approx(FRICTION * dragged.weight(at), rel=1e-6)
+    assert at.residual < 1e-9
+    back = dragged(4e-4, at)
+    assert dragged.pull(back) == pytest.approx(-FRICTION * dragged.weight(back), rel=1e-6)
+
+
+@pytest.mark.parametrize("ahead", [3e-5, 4e-4])
+def test_a_held_load_does_not_creep(dragged: Dragged, ahead: float) -> None:
+    """Sticking and sliding: 50 steps under one load."""
+    at = dragged(ahead, dragged(0.0))
+    first = at.state.copy()
+    pull = dragged.pull(at)
+    for _ in range(50):
+        at = dragged(ahead, at)
+    assert np.abs(at.state - first).max(initial=0.0) < 1e-6 * SLIP
+    assert dragged.pull(at) == pytest.approx(pull, rel=1e-6)
+
+
+def test_forces_do_not_depend_on_the_number_of_steps(dragged: Dragged) -> None:
+    """Sticking by a part of the slip, then sliding, then a part of the way back."""
+    pulls = []
+    for steps in (1, 4):
+        at, begin, row = dragged(0.0), 0.0, []
+        for end in (5e-5, 4e-4, 3.5e-4):
+            for ahead in np.linspace(begin, end, steps + 1)[1:]:
+                at = dragged(float(ahead), at)
+            begin = end
+            row.append(dragged.pull(at))
+        pulls.append(row)
+    assert pulls[0] == pytest.approx(pulls[1], rel=2e-3)
+    assert pulls[0][0] < 0.9 * pulls[0][1], "it sticks at first"
+
+
+def test_a_start_is_no_begin_of_the_path(dragged: Dragged) -> None:
+    """Arrays tell where the iteration starts: friction begins at the assembled positions."""
+    cold = dragged(2e-4)
+    displacement = np.tile([-2e-4, 0.0, 0.0], (len(dragged.force), 1))
+    moved = dragged(4e-4, dragged(0.0))
+    again = dragged.solver.solve(
+        dragged.density, 0.0, force=dragged.force, displacement=displacement, start=moved.state
+    )
+    assert np.abs(again.state - cold.state).max(initial=0.0) < 1e-6 * SLIP
+
+
+def test_a_trial_is_finished_from_the_same_begin(dragged: Dragged) -> None:
+    before = dragged(1e-4, dragged(0.0))
+    whole = dragged(3e-4, before)
+    displacement = np.tile([-3e-4, 0.0, 0.0], (len(dragged.force), 1))
+    trial = dragged.solver.solve(
+        dragged.density,
+        0.0,
+        force=dragged.force,
+        displacement=displacement,
+        start=before,
+        trial=True,
+    )
+    finished = dragged.solver.finish(trial)
+    assert np.abs(finished.state - whole.state).max(initial=0.0) < 1e-6 * SLIP
+
+
+@pytest.mark.parametrize("steepness", [0.99, 1.01])
+def test_a_sheet_slides_off_a_slope_at_the_angle_of_friction(
+    comm: MPI.Comm, steepness: float
+) -> None:
+    angle = np.arctan(steepness * FRICTION)
+    normal = (float(np.sin(angle)), 0.0, float(np.cos(angle)))
+    along = np.array([np.cos(angle), 0.0, -np.sin(angle)])
+    flat = square(n=3).points
+    points = flat[:, :1] * along + flat[:, 1:2] * [0.0, 1.0, 0.0]
+    points += np.array(normal) * (THICKNESS / 2 + 0.9 * DISTANCE)
+    pattern = square(points, n=3)
+    skin = sew(comm, pattern)
+    free = Supports(np.zeros(points.shape, dtype=bool))
+    few = NewtonOptions(max_steps=12)
+    solver = EquilibriumSolver(skin, Composite(), free, few, contact=contact(normal))
+    force = np.tile([0.0, 0.0, -0.02], (len(points), 1))
+    found = solver.solve(
+        np.zeros(len(skin.owned_cells)), 0.0, force=force, raise_on_failure=False, trial=True
+    )
+    assert found.converged == (steepness < 1)
+    if found.converged:
+        moved = (found.positions - points[skin.owned_vertices]) @ along
+        assert 0.5 * SLIP < moved.min(initial=SLIP) <= moved.max(initial=0.0) < SLIP
+
+
+@pytest.mark.parametrize("steepness", [0.97, 1.03])
+def test_a_free_box_slides_off_a_slope(comm: MPI.Comm, steepness: float) -> None:
+    """A sheet that is held everywhere carries it: by friction up to its angle."""
+    angle = np.arctan(steepness * FRICTION)
+    turn = rotation(np.array([0.0, angle, 0.0]))
+    points = square(n=2).points @ turn.T
+    pattern = square(points, n=2)
+    above = THICKNESS / 2 + 0.7 * DISTANCE
+    flat = rigid_box("box", (0.01, 0.01, 0.006), (0.01, 0.01, 0.003 + above))
+    box = RigidBody("box", flat.points @ turn.T, flat.triangles, mass=0.1)
+    touched = Contact(
+        bodies=[box],
+        self_contact=False,
+        friction=FRICTION,
+        thickness=THICKNESS,
+        distance=DISTANCE,
+        slip=SLIP,
+    )
+    skin = sew(comm, pattern)
+    held = Supports(np.ones(points.shape, dtype=bool))
+    options = NewtonOptions(max_steps=12)
+    solver = EquilibriumSolver(skin, Composite(), held, options, contact=touched)
+    density = np.zeros(len(skin.owned_cells))
+    found = solver.solve(density, 0.0, raise_on_failure=False, trial=True)
+    assert found.converged == (steepness < 1)
+    if not found.converged:
+        return
+    found = solver.finish(found)
+    down = np.array(found.poses)[0, :3] @ turn[:, 0]
+    assert 0.5 * SLIP < down < SLIP
+    carried = -solver.reactions(found).sum(axis=0)
+    assert carried == pytest.approx([0.0, 0.0, -0.981], abs=1e-6)
+    again = solver.solve(density, 0.0, start=found)
+    assert np.array(again.poses) == pytest.approx(np.array(found.poses), abs=1e-6 * SLIP)
+    with pytest.raises(ParameterError, match="no adjoint through friction on free bodies"):
+        solver.solve_tangent(again.state, again, adjoint=True)
+
+
+def test_saved_and_restored(comm: MPI.Comm) -> None:
+    """An equilibrium with friction on a moved body, on its way through a file."""
+    pattern = square(n=3)
+    above = THICKNESS / 2 + 0.7 * DISTANCE
+    box = rigid_box("box", (0.01, 0.01, 0.006), (0.012, 0.011, 0.003 + above))
+    touched = Contact(
+        bodies=[box],
+        self_contact=False,
+        friction=FRICTION,
+        thickness=THICKNESS,
+        distance=DISTANCE,
+    )
+    edge = clamp_where(pattern, lambda x: x[:, 0] < 1e-9)
+    solver = EquilibriumSolver(sew(comm, pattern), Composite(), edge, contact=touched)
+    density = np.ones(len(solver.skin.owned_cells))
+    force = np.tile([0.0, 2e-3, 1e-2], (len(pattern.points), 1))
+    poses = np.array([[0.0, 0.0, 2e-4, 0.0, -0.02, 0.1]])
+    before = solver.solve(density, 0.0, force=force, poses=poses)
+    found = solver.solve(density, 0.0, force=2 * force, poses=poses, start=before)
+    assert found.sliding is not None
+    unknowns, numbers = solver.save(found)
+    restored = solver.restore(density, unknowns, json.loads(json.dumps(numbers)), 2 * force)
+    assert restored.poses == found.poses
+    assert restored.sliding is not None
+    assert np.array_equal(restored.sliding.anchors, found.sliding.anchors)
+    again = solver.solve(density, 0.0, force=2 * force, poses=poses, start=restored)
+    assert again.steps == 0
+    assert np.abs(again.state - found.state).max(initial=0.0) < 1e-6 * SLIP

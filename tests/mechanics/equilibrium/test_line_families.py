@@ -1,0 +1,124 @@
+"""Equilibria of relaxed designs: gradients, continuation, moved supports, ranks."""
+
+import numpy as np
+import pytest
+from helpers.models import line_design
+from helpers.scenes import square, taylor_rates
+from mpi4py import MPI
+from scipy.optimize import brentq
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import DensityError
+from toros_fem.base.mpi import norm, total
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.meshes import Skin, sew
+
+PRESSURE = 5e3
+
+
+@pytest.fixture(scope="module")
+def solver(tube: Skin) -> EquilibriumSolver:
+    options = NewtonOptions(tolerance=1e-12)
+    return EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), options, families=2)
+
+
+@pytest.mark.parametrize("kind", ["density", "shares", "angles"])
+def test_gradient_of_an_objective(solver: EquilibriumSolver, comm: MPI.Comm, kind: str) -> None:
+    """With mid-edge bending, under pressure."""
+    skin, model = solver.skin, solver.model
+    design = line_design(skin, 2, 5)
+    direction = np.zeros_like(design)
+    if kind == "angles":  # all turn the same way, the vectors of random lengths
+        direction[:, 3:5], direction[:, 5:] = -design[:, 5:], design[:, 3:5]
+    else:
+        columns = [0] if kind == "density" else [1, 2]
+        drawn = np.random.default_rng(4).uniform(0, 1, (len(skin.pattern.panel), len(columns)))
+        direction[:, columns] = drawn[skin.owned_cells]
+    weight = skin.pattern.points[skin.owned_vertices][:, [1, 2, 0]]
+    base = solver.solve(design, PRESSURE)
+    rhs = np.zeros_like(base.state)
+    model.positions(rhs)[:] = weight
+    adjoint = solver.solve_tangent(rhs, base)
+    slope = -total(comm, (model.density_sensitivity(base.state, adjoint) * direction).sum())
+
+    def value(h: float) -> float:
+        found = solver.solve(design + h * direction, PRESSURE, start=base.state)
+        return total(comm, (weight * found.positions).sum())
+
+    assert taylor_rates(value, slope, 4e-3) == pytest.approx(2, abs=0.02)
+
+
+def test_lines_along_hold_a_strip(comm: MPI.Comm) -> None:
+    """A strip that is pulled along one family: force and lateral stretch by hand."""
+    size, pull, share = 0.02, 1.3, 0.25
+    pattern = square(n=6, size=size)
+    points = pattern.points
+    fixed = np.zeros(points.shape, dtype=bool)
+    fixed[:, 2], fixed[0, 1] = True, True
+    pulled = points[:, 0] > size * (1 - 1e-9)
+    fixed[(points[:, 0] < 1e-9) | pulled, 0] = True
+    supports = Supports(fixed, displacement=np.where(pulled[:, None], [(pull - 1) * size, 0, 0], 0))
+    skin, composite = sew(comm, pattern), Composite(bending=None)
+    solver = EquilibriumSolver(skin, composite, supports, families=1)
+    result = solver.solve(np.tile([0.0, share, 2.0, 0.0], (len(skin.owned_cells), 1)), 0.0)
+    a, b = (composite.c1 - 1) ** 2, (composite.c2 - 1) ** 2
+    fabric = composite.fabric
+
+    def stress(one: float, two: float) -> float:
+        shear = 2 * fabric.mu * (one - 1) / (1 - (one - 1) ** 2 / a)
+        return shear + fabric.lam * (one + two - 2) / (1 - (one + two - 2) ** 2 / b)
+
+    lateral = brentq(lambda two: stress(two, pull), 0.5, 1.0, xtol=1e-14)
+    found = skin.gather_vertices(result.positions)
+    assert found / size == pytest.approx(points * [pull, lateral, 0] / size, abs=1e-8)
+    force = solver.reactions(result)[pulled, 0].sum()
+    by_hand = fabric.thickness * stress(pull, lateral) / (1 - share)
+    by_hand += share * composite.reinforcement.membrane_stiffness * (pull - 1)
+    assert force == pytest.approx(by_hand * size, rel=1e-7)
+
+
+def test_continuation_in_load_and_in_stiffness_ends_at_the_same_shape(
+    solver: EquilibriumSolver, tube: Skin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Mixes of designs, multiples of one, and none at all are set on the way."""
+    one, two = line_design(tube, 2, 5), line_design(tube, 2, 8)
+    at_one, at_two = (solver.solve(design, PRESSURE).state for design in (one, two))
+    supports = clamp(tube.pattern, ["base"])
+    few = EquilibriumSolver(tube, Composite(), supports, NewtonOptions(max_steps=2), families=2)
+    seen: list[Floats] = []
+    set_density = few.model.set_density
+
+    def watched(design: Floats) -> None:
+        seen.append(design.copy())
+        set_density(design)
+
+    monkeypatch.setattr(few.model, "set_density", watched)
+    near = few.solve(two, PRESSURE)
+    walked = few.solve(one, PRESSURE, start=near.state)
+    for found, expected in ((near, at_two), (walked, at_one)):
+        assert norm(tube.comm, found.state - expected) < 1e-7 * norm(tube.comm, expected)
+    mixed = [d for d in seen if not any(np.array_equal(d, e) for e in (one, two))]
+    assert total(tube.comm, len(mixed)) > 0, "the continuation was needed"
+
+
+def test_a_density_alone_is_refused(solver: EquilibriumSolver, tube: Skin) -> None:
+    with pytest.raises(DensityError, match="cosines and sines of 2 families"):
+        solver.solve(np.zeros(len(tube.owned_cells)), PRESSURE)
+
+
+def test_same_shape_on_any_number_of_ranks(
+    solver: EquilibriumSolver, tube: Skin, comm: MPI.Comm
+) -> None:
+    if comm.size == 1:
+        pytest.skip("needs two ranks to compare with one")
+    found = solver.solve(line_design(tube, 2, 5), PRESSURE)
+    whole = tube.gather_vertices(found.positions)
+    alone = sew(MPI.COMM_SELF, tube.pattern)
+    serial = EquilibriumSolver(
+        alone, Composite(), clamp(tube.pattern, ["base"]), solver.options, families=2
+    )
+    expected = serial.solve(line_design(alone, 2, 5), PRESSURE)
+    assert whole == pytest.approx(alone.gather_vertices(expected.positions), abs=1e-10)

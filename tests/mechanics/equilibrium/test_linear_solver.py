@@ -1,0 +1,141 @@
+"""Factorised tangent: both packages agree, and say what they do."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.models import automatic_tangent, bent_tube, drawn, pressurize
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from toros_fem.base.mpi import norm
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.condensation import Partition, find_partition
+from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.mechanics.skin.tangent import UpperTangent
+from toros_fem.meshes import Skin, cylinder, sew
+
+
+@pytest.fixture
+def mumps() -> Iterator[None]:
+    options = PETSc.Options("toros_")
+    options["pc_factor_mat_solver_type"] = "mumps"
+    yield
+    options.delValue("pc_factor_mat_solver_type")
+
+
+def test_both_packages_agree(comm: MPI.Comm, mumps: None) -> None:
+    """On one rank, where both can be had; also after a matrix that is not positive definite."""
+    pattern = cylinder(MPI.COMM_SELF, 0.05, 0.02, 6e-3)
+    skin = sew(MPI.COMM_SELF, pattern)
+    model = SkinModel(skin, Composite(), clamp(pattern, ["base"]))
+    model.set_density(np.full(len(pattern.panel), 0.5))
+    pressurize(model, 1e5)
+    by_mumps = TangentFactor(model)
+    PETSc.Options("toros_").delValue("pc_factor_mat_solver_type")
+    by_cholmod = TangentFactor(model)
+    assert (by_mumps.package, by_cholmod.package) == ("mumps", "cholmod")
+    rhs = model.residual(model.assembled)
+    solutions = []
+    for factor in (by_mumps, by_cholmod):
+        factor.assemble(model.assembled)
+        verdicts = [factor.factorise(shift) for shift in (0.0, 1e-3, 1e3, 0.0, 1e3)]
+        assert verdicts == [False, False, True, False, True]
+        assert factor.count == 5
+        solutions.append(factor.solve(rhs))
+    assert by_cholmod.ordering is None
+    assert by_mumps.ordering in {"AMD", "AMF", "SCOTCH", "PORD", "METIS", "QAMD"}
+    gap = np.linalg.norm(solutions[0] - solutions[1])
+    assert np.linalg.norm(solutions[0]) > 0
+    assert gap < 1e-10 * np.linalg.norm(solutions[0])
+
+
+def test_shift_and_diagonal_are_added(tube: Skin) -> None:
+    """K + τ M + δ D with D the mean diagonal of a vertex, zero at fixed components."""
+    model = SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]))
+    model.set_density(np.full(len(tube.owned_cells), 0.5))
+    factor = TangentFactor(model)
+    tangent = UpperTangent(model)
+    factor.assemble(model.assembled)
+    assert np.all(factor.scale[~model.free] == 0)
+    assert np.all(factor.scale[model.free] > 0)
+    diagonals = []
+    for shift, diagonal in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0)):
+        factor.fill(shift, diagonal)
+        diagonals.append(factor.values[tangent.diagonal])
+    assert diagonals[1] - diagonals[0] == pytest.approx(factor.scale, rel=1e-12, abs=1e-9)
+    material = diagonals[2] - diagonals[0]
+    assert material.min() >= 0
+    assert material[model.free].min() > 0
+
+
+def test_product_and_old_factors(comm: MPI.Comm, tube: Skin) -> None:
+    """K x belongs to the last `assemble`, the solution to the last `factorise`."""
+    model = SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]))
+    model.set_density(np.full(len(tube.owned_cells), 0.5))
+    factor = TangentFactor(model)
+    factor.assemble(model.assembled)
+    assert factor.factorise(1.0)
+    x, count = drawn(model, 5), factor.count
+    old = factor.solve(x)
+    assert norm(comm, old) > 0
+
+    state = bent_tube(model)
+    factor.assemble(state)
+    product = factor.multiply(x + 3.0 * ~model.free)
+    assert np.all(product[~model.free] == 0)
+    exact = automatic_tangent(model, state)
+    vector, expected = exact.createVecs()
+    vector.array[:] = x
+    exact.mult(vector, expected)
+    assert norm(comm, product - expected.array) < 1e-12 * norm(comm, product)
+    assert np.array_equal(factor.solve(x), old)
+    factor.fill(2.0)
+    assert np.array_equal(factor.solve(x), old)
+    assert factor.count == count
+
+
+def test_without_the_direct_calls_petsc_factorises(
+    comm: MPI.Comm, tube: Skin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where CHOLMOD's header is missing, or too many unknowns lie between the parts."""
+    model = SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]))
+    model.set_density(np.full(len(tube.owned_cells), 0.5))
+    own = TangentFactor(model)
+    monkeypatch.setattr("toros_fem.mechanics.equilibrium.cholmod.library", lambda comm: None)
+    other = TangentFactor(model)
+    monkeypatch.undo()
+    monkeypatch.setattr("toros_fem.mechanics.equilibrium.linear_solver.LARGEST_INTERFACE", -1)
+    third = TangentFactor(model)
+    where = "one rank" if comm.size == 1 else f"{comm.size} ranks"
+    assert own.describe().startswith(f"CHOLMOD on {where}")
+    package = "CHOLMOD" if comm.size == 1 else "MUMPS"
+    assert other.describe().startswith(f"{package} through PETSc on {where}")
+    assert third.describe() == other.describe()
+    solutions = []
+    for factor in (own, other):
+        factor.assemble(model.assembled)
+        assert factor.factorise(1.0)
+        solutions.append(factor.solve(drawn(model, 2)))
+    assert norm(comm, solutions[1] - solutions[0]) < 1e-9 * norm(comm, solutions[0])
+
+
+@pytest.mark.parametrize(("text", "threads"), [("", 1), ("2", 2), ("4,2", 4), ("0", 1), ("x", 1)])
+def test_threads_are_those_that_the_user_allows(
+    text: str, threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+    pattern = cylinder(MPI.COMM_SELF, 0.05, 0.02, 6e-3)
+    model = SkinModel(sew(MPI.COMM_SELF, pattern), Composite(), clamp(pattern, ["base"]))
+
+    def find(*arguments: Any, threads: int) -> Partition:
+        asked.append(threads)
+        return find_partition(*arguments, threads=threads)
+
+    monkeypatch.setattr("toros_fem.mechanics.equilibrium.linear_solver.find_partition", find)
+    monkeypatch.setenv("OMP_NUM_THREADS", text)
+    TangentFactor(model)
+    assert asked == [threads]

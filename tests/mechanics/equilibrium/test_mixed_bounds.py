@@ -1,0 +1,137 @@
+"""Equilibria of a print that hardly stretches on a fabric that does, and their gradients."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.designs import make_problem
+from helpers.scenes import taylor_rates
+from helpers.warned import warned
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem.base.mpi import total
+from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.loop import optimize
+from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.materials.sheet import Composite
+from toros_fem.measures.metrics import Metric, length_ratio
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.stretch_bounds import singular_values
+from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.meshes import Skin
+
+# The print reaches the bound of its stretch under the pressures of these tests.
+SOFT = replace(Composite().reinforcement, young=2e6)
+TIGHT = Composite(reinforcement=replace(SOFT, c1=1.05))
+
+
+@pytest.fixture(scope="module")
+def solver(tube: Skin) -> EquilibriumSolver:
+    return EquilibriumSolver(tube, TIGHT, clamp(tube.pattern, ["base"]))
+
+
+def print_of(skin: Skin, seed: int) -> np.ndarray:
+    """Stripes at a random angle across the wall, with soft borders; all of the ends."""
+    pattern, rng = skin.pattern, np.random.default_rng(seed)
+    x, y = pattern.centroids.T
+    turn, start = rng.uniform(0, np.pi), rng.uniform(0, 2 * np.pi)
+    wave = np.sin(2 * np.pi * (x * np.cos(turn) + y * np.sin(turn)) / 0.015 + start)
+    wall = pattern.panel == pattern.panel_index("wall")
+    return np.where(wall, 1 / (1 + np.exp(-8 * wave)), 1.0)[skin.owned_cells]
+
+
+def largest_stretch(solver: EquilibriumSolver, state: np.ndarray, where: np.ndarray) -> float:
+    bounds, model = solver.model.bounds, solver.model
+    big, _ = singular_values(bounds.gradient(model.corners(state)))
+    stretches = solver.skin.gather_cells(big)
+    return float(stretches[solver.skin.gather_cells(where.astype(float)) > 0.5].max())
+
+
+def test_random_prints_inflate_within_their_bounds(solver: EquilibriumSolver) -> None:
+    """From 5 to 20 kPa; then all that is print becomes fabric, and the other way round."""
+    printed_most = []
+    for seed, pressure in enumerate((5e3, 8e3, 12e3, 16e3, 20e3)):
+        density = print_of(solver.skin, seed)
+        found = solver.solve(density, pressure)
+        assert found.stretch_use < 1
+        printed_most.append(largest_stretch(solver, found.state, density > 0.999))
+        assert largest_stretch(solver, found.state, density < 1e-3) > 1.2
+        swapped = solver.solve(1 - density, pressure, start=found.state)
+        assert swapped.stretch_use < 1
+        assert largest_stretch(solver, swapped.state, density < 1e-3) < 1.051
+    assert 1.049 < max(printed_most) < 1.051, "the bound must matter"
+
+
+def test_bounds_that_carry_the_load(tube: Skin) -> None:
+    """Ten times the stretch that the bound leaves: the forces keep their digits."""
+    narrow = Composite(reinforcement=replace(SOFT, c1=1.02, c2=1.04))
+    solver = EquilibriumSolver(tube, narrow, clamp(tube.pattern, ["base"]))
+    density = print_of(tube, 2)
+    found = solver.solve(density, 20e3)
+    assert found.residual <= solver.options.tolerance
+    assert found.stretch_use > 0.98
+    assert 1.015 < largest_stretch(solver, found.state, density > 0.999) < 1.021
+
+
+def test_a_start_outside_narrower_bounds_is_taken_inside(tube: Skin) -> None:
+    """A trial too: a design step that prints stretched fabric costs no failed solve."""
+    solver = EquilibriumSolver(tube, TIGHT, clamp(tube.pattern, ["base"]))
+    plain = solver.solve(np.zeros(len(tube.owned_cells)), 5e3)
+    density = print_of(tube, 1)
+    trial = solver.solve(density, 5e3, start=plain.state, trial=True)
+    assert trial.converged
+    found = solver.finish(trial)
+    cold = solver.solve(density, 5e3)
+    assert found.energy == pytest.approx(cold.energy, rel=1e-8)
+    assert found.volume == pytest.approx(cold.volume, rel=1e-6)
+    # Outside the bounds of either material no mixture exists.
+    with pytest.raises(errors.ParameterError, match=r"c1 = 1.05, c2 = 2.6 of the print"):
+        solver.solve(density, 5e3, start=3 * solver.model.assembled)
+
+
+def test_a_print_that_stretches_further_is_odd(tube: Skin) -> None:
+    wide = Composite(reinforcement=replace(SOFT, c1=2.5), bending=None)
+    with warned(tube.comm, "stretches no further than without"):
+        EquilibriumSolver(tube, wide, clamp(tube.pattern, ["base"]))
+
+
+def test_failures_state_both_bounds(tube: Skin, solver: EquilibriumSolver) -> None:
+    failed = solver.solve(np.zeros(len(tube.owned_cells)), 1e9, trial=True, raise_on_failure=False)
+    assert not failed.converged
+    assert "(c1 = 1.9, c2 = 2.6 of the fabric, c1 = 1.05, c2 = 2.6 of the print)" in failed.reason
+
+
+def test_a_design_goes_on_as_densities_change(tube: Skin, solver: EquilibriumSolver) -> None:
+    result = optimize(make_problem(tube, solver), DesignOptions((Stage(4),)), seed=1)
+    values = [row.objective for row in result.history]
+    assert len(values) >= 4
+    assert values[-1] < 0.9 * values[0]
+    assert result.final.equilibrium.stretch_use < 1
+
+
+def test_taylor_of_the_whole_chain(tube: Skin, solver: EquilibriumSolver, comm: MPI.Comm) -> None:
+    """Filter, projection, equilibrium, objective, with a print at its bound: rate 2."""
+    problem = replace(
+        make_problem(tube, solver), metrics=(Metric("length", "ratio", None, length_ratio),)
+    )
+    density = random_density(tube, 2, spread=0.3)
+    base = problem.evaluate(density)
+    assert base.gradient is not None
+    state = base.equilibrium.state
+    direction = np.random.default_rng(9).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
+    slope = total(comm, float(base.gradient @ direction))
+    change = problem.projection.backward(
+        base.filtered, problem.filter.forward(direction * problem.designed)
+    )
+    rate = problem.metric_derivatives(base, [change * problem.designed])["length_ratio"][0]
+    rates = taylor_rates(
+        lambda h: problem.simulate(density + h * direction, state).objective, slope, 1e-3
+    )
+    assert rates == pytest.approx(2, abs=0.05)
+    there, back = (
+        problem.metrics_of(problem.simulate(density + h * direction, state).equilibrium)
+        for h in (1e-3, -1e-3)
+    )
+    expected = (there["length_ratio"] - back["length_ratio"]) / 2e-3
+    assert rate == pytest.approx(expected, rel=1e-3)

@@ -1,0 +1,154 @@
+"""Newton's method: reuse of factors, large steps, its history, and saddles that it leaves."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from helpers.models import dense_tangent
+from helpers.scenes import square
+from mpi4py import MPI
+from stability import Stage
+from stability_report import Request
+
+from toros_fem.base.mpi import norm
+from toros_fem.materials.sheet import Composite, Material
+from toros_fem.mechanics.equilibrium.newton import NewtonStep, RegularisedNewton
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.meshes import Skin, sew
+
+
+def test_neighbouring_design_takes_few_steps(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    rng = np.random.default_rng(1)
+    base = 0.5 + 0.3 * rng.random(len(tube.pattern.panel))
+    near = base + 0.01 * rng.random(len(base))
+    first = tube_solver.solve(base[tube.owned_cells], 2e3)
+    warm = tube_solver.solve(near[tube.owned_cells], 2e3, start=first.state)
+    assert warm.history[0].modified, "the factors at hand predict the change"
+    assert warm.steps <= 2
+    assert warm.factorisations == warm.steps + 1, "the last one serves stability and adjoint"
+    cold = tube_solver.solve(near[tube.owned_cells], 2e3)
+    assert norm(tube.comm, warm.state - cold.state) < 1e-8 * norm(tube.comm, cold.state)
+
+
+def test_older_factors_take_the_place_of_factorisations(
+    tube: Skin, tube_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On large skins; here as many iterations are allowed as there."""
+    monkeypatch.setattr("toros_fem.mechanics.equilibrium.newton.CG_COST", 0.3)
+    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    rng = np.random.default_rng(1)
+    base = (0.5 + 0.3 * rng.random(len(tube.pattern.panel)))[tube.owned_cells]
+    near = base + 0.1 * rng.random(len(tube.pattern.panel))[tube.owned_cells]
+    first = solver.solve(base, 2e3)
+    warm = solver.solve(near, 2e3, start=first.state)
+    inexact = [row for row in warm.history if row.inexact]
+    assert inexact
+    assert all(0 < row.iterations < 20 and row.shift == 0 for row in inexact)
+    assert any(f"cg {row.iterations}" in str(row) for row in inexact)
+    assert warm.factorisations < warm.steps + 1
+    direct = tube_solver.solve(near, 2e3, start=tube_solver.solve(base, 2e3).state)
+    assert not any(row.inexact for row in direct.history), "few unknowns are factorised"
+    assert norm(tube.comm, warm.state - direct.state) < 1e-8 * norm(tube.comm, direct.state)
+    assert warm.residual <= 1e-10
+
+
+def test_swelling_at_once(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """From the assembled tube to where the fabric saturates: by the diagonal it took 130 steps."""
+    result = tube_solver.solve(np.zeros(len(tube.owned_cells)), 20e3)
+    assert result.converged
+    assert result.history[0].pressure == result.history[-1].pressure == 20e3
+    assert result.steps <= 30
+
+
+def test_log_shows_the_quadratic_tail(tube: Skin) -> None:
+    logged: list[NewtonStep | str] = []
+    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), log=logged.append)
+    result = solver.solve(np.full(len(tube.owned_cells), 0.4), 2e3)
+    rows = [row for row in logged if isinstance(row, NewtonStep)]
+    assert tuple(rows) == result.history
+    tail = [
+        (row.residual, after.residual)
+        for row, after in pairwise(rows)
+        if not row.modified and row.shift == 0 and row.step == 1 and row.residual < 1e-2
+    ]
+    assert tail
+    assert all(after < 10 * max(before**1.5, 1e-11) for before, after in tail)
+    assert "newton" in str(rows[0])
+    assert "end" in str(rows[-1])
+
+
+def test_saddle_is_left(comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sheet compressed in its plane is stationary when flat, and lower when buckled."""
+    size, squeeze = 0.02, 0.9
+    flat = square(n=6, size=size).flat_points
+    points = np.column_stack([flat[:, 0] * squeeze, flat[:, 1], 0 * flat[:, 0]])
+    pattern = square(points, n=6, size=size)
+    fixed = np.zeros((len(points), 3), dtype=bool)
+    fixed[(flat[:, 0] < 1e-9) | (flat[:, 0] > size - 1e-9)] = True
+    skin = sew(comm, pattern)
+    cloth = Material(young=1e6, poisson=0.0, thickness=0.5e-3)
+    solver = EquilibriumSolver(skin, Composite(fabric=cloth), Supports(fixed))
+    plain = np.zeros(len(skin.owned_cells))
+    solver.model.set_density(plain)
+    start = solver.model.assembled
+    assert norm(comm, solver.model.residual(start)) < 1e-10 * 50 * size
+    assert np.linalg.eigvalsh(dense_tangent(solver.model, start))[0] < 0
+    escapes = 0
+    softest = RegularisedNewton._softest
+
+    def counted(self: RegularisedNewton, residual: np.ndarray, seed: int) -> np.ndarray:
+        nonlocal escapes
+        escapes += 1
+        return softest(self, residual, seed)
+
+    monkeypatch.setattr(RegularisedNewton, "_softest", counted)
+    result = solver.solve(plain, 0.0)
+    assert escapes > 0
+    assert result.converged
+    assert np.linalg.eigvalsh(dense_tangent(solver.model, result.state))[0] > 0
+    height = skin.gather_vertices(result.positions)[:, 2]
+    # A strip 10 % too short for its cloth bows by about size (2/pi) sqrt(1 - 0.9).
+    assert np.abs(height).max() == pytest.approx(size * 2 / np.pi * np.sqrt(0.1), rel=0.25)
+
+
+def test_stretched_sheet_wrinkles(comm: MPI.Comm) -> None:
+    """Pulled around a stiff island a thin sheet leaves its plane: flat it is at a saddle."""
+    size, stretch = 0.02, 1.4
+    flat = square(n=8, size=size).flat_points
+    points = np.column_stack([stretch * flat[:, 0], flat[:, 1], 0 * flat[:, 0]])
+    pattern = square(points, n=8, size=size)
+    fixed = np.zeros(points.shape, dtype=bool)
+    fixed[(flat[:, 0] < 1e-9) | (flat[:, 0] > size - 1e-9)] = True
+    in_plane = fixed.copy()
+    in_plane[:, 2] = True
+    skin = sew(comm, pattern)
+    cloth = Material(young=0.1e6, poisson=0.3, thickness=0.05e-3)
+    stiff = Material(young=30e6, poisson=0.3, thickness=0.05e-3)
+    composite = Composite(fabric=cloth, reinforcement=stiff)
+    middle = pattern.centroids - size / 2
+    island = (np.linalg.norm(middle, axis=1) < size / 3).astype(float)[skin.owned_cells]
+    kept_flat = EquilibriumSolver(skin, composite, Supports(in_plane)).solve(island, 0.0)
+    assert np.abs(kept_flat.positions[:, 2]).max() < 1e-12 * size
+    solver = EquilibriumSolver(skin, composite, Supports(fixed))
+    model = solver.model
+    model.set_density(island)
+    pull = norm(comm, model.reaction(kept_flat.state))
+    assert norm(comm, model.residual(kept_flat.state)) < 1e-9 * pull, "stationary"
+    assert np.linalg.eigvalsh(dense_tangent(model, kept_flat.state))[0] < 0, "but no minimum"
+    result = solver.solve(island, 0.0, start=kept_flat.state)
+    assert result.converged
+    assert np.linalg.eigvalsh(dense_tangent(model, result.state))[0] > 0
+    height = skin.gather_vertices(result.positions)[:, 2]
+    assert np.abs(height).max() > 1e-3 * size, "it has left the plane"
+    assert result.energy < kept_flat.energy * (1 - 1e-6)
+
+
+def test_rounding_ends_a_solve_with_few_steps() -> None:
+    """A slender stiff tube at a low pressure, where older factors once hid the rounding."""
+    stage = Stage("slender")
+    density = stage.density(Request("slender", "random", 1e4, 16.6))
+    result = stage.solver(1e4).solve(density, 16.6)
+    assert result.converged
+    assert 1e-10 < result.residual < 1e-7
+    assert result.steps <= 40

@@ -1,0 +1,146 @@
+"""The path through an equilibrium: snaps, singular points, states that are connected."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from helpers.scenes import TABLE_A
+from mpi4py import MPI
+
+from toros_fem.base.array_types import Floats
+from toros_fem.materials.sheet import Composite, Material
+from toros_fem.mechanics.equilibrium.continuation import Attempt
+from toros_fem.mechanics.equilibrium.path import PathPoint, find_jump
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.meshes import cylinder, sew
+from toros_fem.meshes.sheet import rectangle
+
+LENGTH, WIDTH = 0.06, 0.01
+
+
+class Arch:
+    """A strip between walls that are too close, so that it stands up or hangs down."""
+
+    def __init__(self, comm: MPI.Comm) -> None:
+        rise = 2 / np.pi * np.sqrt(0.03) * LENGTH
+
+        def place(flat: Floats) -> Floats:
+            u, v = flat.T
+            return np.column_stack([0.97 * u, v, rise * np.sin(np.pi * u / LENGTH)])
+
+        pattern = rectangle(comm, LENGTH, WIDTH, 5e-3, "right", place)
+        u = pattern.flat_points[:, 0]
+        ends = (u < 1e-9) | (u > LENGTH - 1e-9)
+        self.middle = np.abs(u - LENGTH / 2) < 1e-9
+        self.skin = sew(comm, pattern)
+        composite = Composite(reinforcement=Material(2e6, 0.3, 1e-3))
+        held = Supports(np.repeat(ends[:, None], 3, axis=1))
+        self.said: list[str] = []
+        self.solver = EquilibriumSolver(self.skin, composite, held, log=self._listen)
+        self.density = np.ones(len(self.skin.owned_cells))
+
+    def _listen(self, row: object) -> None:
+        if isinstance(row, str):
+            self.said.append(row)
+
+    def pushed(self, force: float, start: EquilibriumResult | None = None) -> EquilibriumResult:
+        """Push the middle down by a force in N."""
+        forces = np.zeros((len(self.middle), 3))
+        forces[self.middle, 2] = -force / self.middle.sum()
+        begin = None if start is None else start.state
+        return self.solver.solve(self.density, 0.0, force=forces, start=begin)
+
+    def height(self, result: EquilibriumResult) -> float:
+        return float(self.skin.gather_vertices(result.positions)[self.middle, 2].mean())
+
+
+@pytest.fixture(scope="module")
+def arch(comm: MPI.Comm) -> Arch:
+    return Arch(comm)
+
+
+def test_a_snap_is_told_and_a_path_without_one_is_not(arch: Arch) -> None:
+    free = arch.pushed(0.0)
+    assert free.condition.snapped is None  # its start, the assembled shape, is no equilibrium
+    below = arch.pushed(6e-3, free)
+    assert below.condition.snapped is False
+    assert arch.height(below) > 5e-3
+    beyond = arch.pushed(8e-3, below)
+    assert beyond.condition.snapped is True
+    assert arch.height(beyond) < -5e-3
+    assert "snapped" in beyond.reason
+    assert "snapped" in arch.said[-1]
+    # It stays below when the force goes, far from where it was: no jump.
+    back = arch.pushed(0.0, beyond)
+    assert back.condition.snapped is False
+    assert arch.height(back) == pytest.approx(-arch.height(free), rel=1e-3)
+
+
+def test_a_step_far_over_the_snap_is_a_snap(arch: Arch) -> None:
+    assert arch.pushed(50e-3, arch.pushed(0.0)).condition.snapped is True
+
+
+def test_a_limit_point_is_seen_from_near(arch: Arch) -> None:
+    free = arch.pushed(0.0)
+    early = arch.pushed(5e-3, free)
+    assert early.condition.critical_load is None
+    near = arch.pushed(6.8e-3, early)
+    critical = near.condition.critical_load
+    assert critical is not None
+    assert 1.0 < critical < 1.05
+    assert "limit point or a bifurcation" in near.reason
+    # It does snap there, and not before.
+    assert arch.pushed(0.5 * (1 + critical) * 6.8e-3 * 0.99, near).condition.snapped is False
+    assert arch.pushed(critical * 6.8e-3 * 1.01, near).condition.snapped is True
+
+
+def test_a_completed_trial_knows_its_path(arch: Arch) -> None:
+    """As on a path of loads, which is made of trials that are completed."""
+    free = arch.pushed(0.0)
+    for force, snapped in ((6e-3, False), (25e-3, True)):
+        forces = np.zeros((len(arch.middle), 3))
+        forces[arch.middle, 2] = -force / arch.middle.sum()
+        trial = arch.solver.solve(arch.density, 0.0, force=forces, start=free.state, trial=True)
+        assert trial.condition.snapped is None
+        free = arch.solver.finish(trial)
+        assert free.condition.snapped is snapped
+        assert arch.solver.solve_tangent(np.ones_like(free.state), free).any()
+
+
+def test_a_skin_blown_up_to_its_bounds_says_so(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured")
+    skin = sew(comm, pattern)
+    plain = np.zeros(len(skin.owned_cells))
+    far = Composite(fabric=TABLE_A, c1=1e3, c2=1e3, bending=None)
+    blown = EquilibriumSolver(skin, far, clamp(pattern, ["base"])).solve(plain, 2.5e3)
+    assert blown.condition.blown_up
+    assert "only the stretch bounds hold it" in blown.reason
+    cloth = Composite(fabric=TABLE_A, bending=None)
+    held = EquilibriumSolver(skin, cloth, clamp(pattern, ["base"])).solve(plain, 2.5e3)
+    assert not held.condition.blown_up
+    assert held.condition.sentences == ""
+
+
+def jump_of(path: Callable[[float], float], end: float) -> tuple[bool | None, float]:
+    """The answer for a path of one number that is known."""
+    one = np.zeros(1)
+    load = LoadCase(one)
+    begin, last = (PathPoint(one, load, np.array([x])) for x in (path(0.0), end))
+    found, reached = find_jump(
+        lambda a, b: float(abs(a - b)[0]),
+        lambda _, f: Attempt(np.array([path(f)]), 1, 1),
+        begin,
+        last,
+    )
+    return found, float(reached[0])
+
+
+def test_jumps_of_known_paths() -> None:
+    assert jump_of(lambda f: f, 1.0) == (False, 1.0)
+    assert jump_of(lambda f: f**4, 1.0) == (False, 1.0)
+    for place in (0.02, 0.3, 0.77, 0.99):
+        assert jump_of(lambda f, p=place: 0.1 * f + (f > p), 1.1) == (True, 1.1)  # type: ignore[misc]
+    # The path is smooth, but the end that was found lies elsewhere.
+    assert jump_of(lambda f: f, 3.0)[1] == 1.0

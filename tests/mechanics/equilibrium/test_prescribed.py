@@ -1,0 +1,44 @@
+"""Prescribed displacements: fixed components jump, free ones follow harmonically."""
+
+import numpy as np
+import pytest
+from helpers.scenes import square
+from mpi4py import MPI
+
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.meshes import sew
+
+SIZE = 0.02
+
+
+@pytest.fixture(scope="module")
+def strip(comm: MPI.Comm) -> SkinModel:
+    """A flat sheet with two opposite borders fixed."""
+    pattern = square(size=SIZE)
+    x = pattern.points[:, 0]
+    ends = (x < 1e-9) | (x > SIZE * (1 - 1e-9))
+    fixed = np.repeat(ends[:, None], 3, axis=1)
+    return SkinModel(sew(comm, pattern), Composite(bending=None), Supports(fixed))
+
+
+def test_a_pulled_strip_is_stretched_evenly(strip: SkinModel) -> None:
+    points = strip.skin.pattern.points
+    pull = np.where(points[:, :1] > SIZE / 2, [[0.3 * SIZE, 0.0, 0.1 * SIZE]], 0.0)
+    place = PrescribedDisplacement(strip)
+    moved = strip.skin.gather_vertices(strip.positions(place(strip.assembled, pull)))
+    assert moved == pytest.approx(points + points[:, :1] * [0.3, 0.0, 0.1], abs=1e-7 * SIZE)
+    # From there, back to the assembled positions.
+    state = place(place(strip.assembled, pull), None)
+    assert strip.skin.gather_vertices(strip.positions(state)) == pytest.approx(
+        points, abs=1e-7 * SIZE
+    )
+
+
+def test_free_components_keep_their_place_where_nothing_jumps(strip: SkinModel) -> None:
+    state = strip.assembled
+    state[strip.free] += 1e-3 * SIZE
+    placed = PrescribedDisplacement(strip)(state, None)
+    assert np.array_equal(placed, state)

@@ -1,0 +1,92 @@
+"""The SNES: its arguments and results, and other types of SNES on the same functions."""
+
+import numpy as np
+import pytest
+from petsc4py import PETSc
+
+from toros_fem.base.mpi import norm
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.snes import Attempts, SnesSolver
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.meshes import Skin
+
+
+@pytest.fixture(scope="module")
+def snes(tube: Skin) -> SnesSolver:
+    """The short tube at 1 kPa with a uniform design."""
+    model = SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]))
+    model.set_density(np.full(len(tube.owned_cells), 0.5))
+    model.set_load(LoadCase(np.array([1e3])))
+    return SnesSolver(model, NewtonOptions())
+
+
+def test_a_solve_returns_its_history(snes: SnesSolver) -> None:
+    found = snes(snes.newton.model.assembled)
+    assert found.converged
+    assert found.outcome > 0
+    assert found.steps == len(found.history) > 1
+    assert {row.pressure for row in found.history} == {1e3}
+    assert found.history[-1].step == 0
+    again = snes(found.state)
+    assert len(again.history) == 1, "a history of its own"
+
+
+def test_factors_are_reused_on_request(snes: SnesSolver) -> None:
+    model = snes.newton.model
+    base = snes(model.assembled)
+    model.set_load(LoadCase(np.array([1.01e3])))
+    by_old_factors = snes(base.state, near=True)
+    snes(base.state)
+    snes.newton.stable(base.state)
+    by_new_factors = snes(base.state)
+    model.set_load(LoadCase(np.array([1e3])))
+    assert by_old_factors.history[0].modified
+    assert not by_new_factors.history[0].modified
+    gap = norm(model.skin.comm, by_old_factors.state - by_new_factors.state)
+    assert gap < 1e-8 * norm(model.skin.comm, by_new_factors.state)
+
+
+def test_max_steps_of_one_solve(snes: SnesSolver) -> None:
+    stopped = snes(snes.newton.model.assembled, max_steps=1)
+    assert stopped.outcome == int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
+    assert sum(row.step > 0 and not row.modified for row in stopped.history) == 1
+    assert snes(snes.newton.model.assembled).converged, "the limit was that of one solve"
+
+
+def test_attempts_add_up(snes: SnesSolver) -> None:
+    """Only an attempt that converged leaves factors for the next one."""
+    model = snes.newton.model
+    attempts = Attempts(snes)
+    before = snes.factor.count
+    failed = attempts(model.assembled, 1)
+    assert not failed.converged
+    found = attempts(model.assembled)
+    assert not found.history[0].modified
+    model.set_load(LoadCase(np.array([1.01e3])))
+    near = attempts(found.state)
+    model.set_load(LoadCase(np.array([1e3])))
+    assert near.history[0].modified
+    assert attempts.history == [*failed.history, *found.history, *near.history]
+    assert attempts.steps + attempts.modified_steps == sum(row.step > 0 for row in attempts.history)
+    assert attempts.factorisations == snes.factor.count - before
+    assert attempts.last is near.state
+
+
+def test_another_snes_finds_the_same(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    """The energy, its gradient and its tangent are the SNES's: any of its types can run on them."""
+    options = PETSc.Options()
+    options["toros_snes_type"] = "newtonls"
+    try:
+        other = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    finally:
+        options.delValue("toros_snes_type")
+    density = np.ones(len(tube.owned_cells))
+    own = tube_solver.solve(density, 1e3)
+    found = other.solve(density, 1e3, start=own.state + 1e-6 * tube_solver.model.free)
+    assert found.converged
+    gap = norm(tube.comm, found.state - own.state)
+    assert gap < 1e-8 * norm(tube.comm, own.state)

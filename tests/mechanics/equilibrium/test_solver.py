@@ -1,0 +1,433 @@
+"""Equilibrium against exact states, and its errors."""
+
+import pickle
+import weakref
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.models import dense_tangent, pressurize
+from helpers.scenes import TABLE_A, square, table
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem.base.mpi import free_dropped, norm
+from toros_fem.materials.sheet import CURVATURES, SEAMS, Bending, Composite, Material
+from toros_fem.mechanics.contact import Contact, Ground
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.supports import Supports, clamp, clamp_where, pin, symmetry_plane
+from toros_fem.meshes import Pattern, Skin, cylinder, finger, sew, two_panels, walker
+from toros_fem.meshes.pattern import Panel
+from toros_fem.products.actuators.legs import rest_on_body
+
+RADIUS = 0.01
+
+
+def fabric(skin: Skin) -> np.ndarray:
+    return np.zeros(len(skin.owned_cells))
+
+
+@pytest.mark.parametrize("stretch", ["1.10000000", "1.40000000", "0.90000000"])
+def test_uniaxial_tension_finds_the_lateral_stretch(comm: MPI.Comm, stretch: str) -> None:
+    rows = [r for r in table("gent_uniaxial") if r["mat"] == "A"]
+    row = min(rows, key=lambda r: abs(float(r["stretch"]) - float(stretch)))
+    pull = float(row["stretch"])
+    size = 0.02
+    flat = square(size=size).flat_points
+    # The held borders keep their assembled place, so the stretch is put in there.
+    points = np.column_stack([flat[:, 0] * pull, flat[:, 1], 0 * flat[:, 0]])
+    pattern = square(points, size=size)
+    fixed = np.zeros((len(points), 3), dtype=bool)
+    fixed[:, 2] = True
+    ends = (flat[:, 0] < 1e-9) | (flat[:, 0] > size - 1e-9)
+    fixed[ends, 0] = True
+    fixed[0, 1] = True
+    composite = Composite(fabric=TABLE_A, c1=float(row["c1"]), c2=float(row["c2"]), bending=None)
+    skin = sew(comm, pattern)
+    result = EquilibriumSolver(skin, composite, Supports(fixed)).solve(fabric(skin), 0.0)
+    assert result.converged
+    found = skin.gather_vertices(result.positions)
+    expected = flat * [pull, float(row["lateral_stretch"])]
+    assert found[:, :2] / size == pytest.approx(expected / size, abs=2e-8)
+
+
+@pytest.mark.parametrize("row", table("gent_cylinder_ngon"), ids=lambda r: f"{r['mat']}-"
+                         f"{r['n_circumference']}-{r['P_Pa']}")  # fmt: skip
+def test_exact_polygonal_tube(comm: MPI.Comm, row: dict[str, str]) -> None:
+    """The exact state of the inflated n-gon tube is in balance, around as well as along."""
+    sides, pressure = int(row["n_circumference"]), float(row["P_Pa"])
+    edge = 2 * np.pi * RADIUS / sides
+    pattern = cylinder(comm, 6 * edge, 2 * RADIUS, edge, mesh="structured")
+    factor = 1.0 if row["mat"] == "A" else 100.0
+    cloth = Material(TABLE_A.young * factor, TABLE_A.poisson, TABLE_A.thickness)
+    skin = sew(comm, pattern)
+    composite = Composite(fabric=cloth, c1=1.8, c2=2.0, bending=None)
+    model = SkinModel(skin, composite, clamp(pattern, ["base"]))
+    model.set_density(fabric(skin))
+    pressurize(model, pressure)
+    swell, lengthen = float(row["lambda_theta"]), float(row["lambda_z"])
+    state = (model.assembled.reshape(-1, 3) * [swell, swell, lengthen]).ravel()
+    force = skin.gather_vertices(model.residual(state).reshape(-1, 3))
+    load = skin.gather_vertices(model.volume_gradient(state).reshape(-1, 3)) * pressure
+    caps = np.union1d(pattern.vertices_of("base"), pattern.vertices_of("tip"))
+    inner = np.setdiff1d(np.arange(len(pattern.points)), caps)
+    assert np.linalg.norm(force[inner]) <= 1e-8 * np.linalg.norm(load[inner])
+    # Along the tube: the thrust on the tip is what the wall pulls with.
+    area = 0.5 * sides * np.sin(2 * np.pi / sides) * (RADIUS * swell) ** 2
+    assert abs(force[caps, 2].sum()) <= 1e-8 * pressure * area
+
+
+def test_capped_cylinder_away_from_its_ends(comm: MPI.Comm) -> None:
+    sides = 16
+    edge = 2 * np.pi * RADIUS / sides
+    pattern = cylinder(comm, 0.12, 2 * RADIUS, edge, mesh="structured")
+    skin = sew(comm, pattern)
+    composite = Composite(fabric=TABLE_A, c1=1.8, c2=2.0, bending=None)
+    solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
+    result = solver.solve(fabric(skin), 5e3)
+    x = skin.gather_vertices(result.positions)
+    height = pattern.points[:, 2]
+    middle = np.abs(height - 0.06) < 0.0101
+    wall = np.intersect1d(pattern.vertices_of("wall"), np.flatnonzero(middle))
+    row = next(
+        r for r in table("gent_cylinder_ngon")
+        if (r["mat"], r["n_circumference"], r["P_Pa"]) == ("A", "16", "5000")
+    )  # fmt: skip
+    centre = x[wall].mean(axis=0)
+    radius = np.linalg.norm(x[wall, :2] - centre[:2], axis=1)
+    assert radius / RADIUS == pytest.approx(float(row["lambda_theta"]), rel=1e-3)
+    slope = np.polyfit(height[wall], x[wall, 2], 1)[0]
+    assert slope == pytest.approx(float(row["lambda_z"]), rel=1e-3)
+
+
+def test_result_tells_what_happened(tube_solver: EquilibriumSolver) -> None:
+    skin, comm = tube_solver.skin, tube_solver.skin.comm
+    rng = np.random.default_rng(0)
+    density = rng.random(len(skin.pattern.panel))[skin.owned_cells]
+    result = tube_solver.solve(density, 5e3)
+    assert result.converged
+    assert result.reason == "A stable equilibrium was found at 5000 Pa."
+    assert result.residual <= 1e-9
+    assert 0 < result.steps <= result.factorisations
+    assert result.history[-1].residual == result.residual
+    energies = [row.energy for row in result.history]
+    assert np.all(np.diff(energies) <= 1e-12 * abs(energies[-1])), "each step lowers the energy"
+    assert 0 < result.stretch_use < 1
+    model = tube_solver.model
+    assert norm(comm, model.residual(result.state)) < 1e-8 * 5e3 * norm(
+        comm, model.volume_gradient(result.state)
+    )
+    again = tube_solver.solve(density, 5e3, start=result.state)
+    assert again.steps == 0
+    # The same state by another way: up in small steps, and back down from a higher pressure.
+    higher = tube_solver.solve(density, 8e3, start=result.state)
+    back = tube_solver.solve(density, 5e3, start=higher.state)
+    assert norm(comm, back.state - result.state) < 1e-7 * norm(comm, result.state)
+
+
+@pytest.mark.parametrize("seams", SEAMS)
+def test_flat_pillow_inflates(comm: MPI.Comm, seams: str) -> None:
+    """A start of no volume, with no stiffness across its plane but bending."""
+    size = 0.05
+    one = square(n=6, size=size)
+    # The lower panel is laid mirrored, so that it faces down and its diagonals cross the upper.
+    below = one.points * [-1, 1, 1] + [size, 0, 0]
+    pattern = Pattern.from_panels(
+        [
+            Panel("top", one.flat_points, one.flat_triangles, one.points),
+            Panel("bottom", one.flat_points, one.flat_triangles, below),
+        ],
+        tolerance=1e-6,
+    )
+    assert len(pattern.free_edges) == 0
+    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
+    at = [int(np.argmin(np.linalg.norm(pattern.points[:, :2] - corner, axis=1)))
+          for corner in ([0, 0], [size, 0], [size, size])]  # fmt: skip
+    fixed[at[0]], fixed[at[1], 1:], fixed[at[2], 2] = True, True, True
+    skin = sew(comm, pattern)
+    bending = Bending(seams=seams)
+    solver = EquilibriumSolver(skin, Composite(bending=bending), Supports(fixed))
+    result = solver.solve(fabric(skin), 500.0)
+    assert result.converged
+    assert result.volume > 0.1 * size**3
+    assert np.linalg.eigvalsh(dense_tangent(solver.model, result.state))[0] > 0
+
+
+def test_a_trial_is_completed(tube: Skin, comm: MPI.Comm) -> None:
+    """A trial costs no factorisation at its end; completed, it is the equilibrium."""
+    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    density = fabric(tube) + 0.3
+    base = solver.solve(density, 2e3)
+    changed = density + np.where(tube.owned_cells % 2, 0.02, -0.02)
+    trial = solver.solve(changed, 2.02e3, start=base.state, trial=True)
+    assert trial.converged
+    assert trial.residual <= 1e-6
+    with pytest.raises(errors.ParameterError, match="tangent is that of another state"):
+        solver.solve_tangent(trial.state, trial)
+    found = solver.finish(trial)
+    assert found.residual <= 1e-10
+    assert found.factorisations >= 1
+    assert solver.finish(found) is found
+    solver.solve_tangent(found.state, found)
+    assert "stable" in found.reason
+    assert "stable" not in trial.reason
+    direct = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    exact = direct.solve(changed, 2.02e3).state
+    assert norm(comm, found.state - exact) < 1e-8 * norm(comm, exact)
+    # Rejected trials, completed or not, do not take away the design that the next one starts from.
+    for pressure in (2.01e3, 2.02e3):
+        near = solver.solve(changed, pressure, start=base.state, trial=True)
+        assert near.history[0].modified, "the tangent predictor"
+    again = solver.solve(density, 2e3, start=base.state, trial=True)
+    assert again.converged
+    assert again.history[0].residual < 1e-9, "the start is that design's own equilibrium"
+    for _ in range(2):
+        solver.solve(density + 0.01, 2e3)
+    with pytest.raises(errors.ParameterError, match=r"not known any more.* Solve for it again"):
+        solver.finish(trial)
+
+
+def test_a_trial_that_fails_is_not_continued(tube: Skin) -> None:
+    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    with pytest.raises(EquilibriumError) as caught:
+        solver.solve(fabric(tube), 1e9, trial=True)
+    assert caught.value.result.load_factor == 0
+    assert len(caught.value.result.history) <= 60
+
+
+@pytest.mark.slow
+def test_nothing_remains_of_a_failed_solve(tube: Skin, comm: MPI.Comm) -> None:
+    density = fabric(tube)
+    solver = EquilibriumSolver(
+        tube,
+        Composite(),
+        clamp(tube.pattern, ["base"]),
+        NewtonOptions(max_steps=30, min_increment=0.5),
+    )
+    first = solver.solve(density, 10.0)
+    failed = solver.solve(density, 1e13, raise_on_failure=False)
+    assert not failed.converged
+    assert failed.pressure > 1e6
+    with pytest.raises(errors.ParameterError, match="tangent is that of another state"):
+        solver.solve_tangent(first.state, first)
+    after = solver.solve(density, 10.3, start=first.state)
+    assert after.steps > 0
+    model = solver.model
+    load = 10.3 * norm(comm, model.volume_gradient(after.state))
+    assert norm(comm, model.residual(after.state)) < 1e-8 * load
+    # The residual told is that of the state returned.
+    pressurize(model, failed.pressure)
+    load = failed.pressure * norm(comm, model.volume_gradient(failed.state))
+    assert norm(comm, model.residual(failed.state)) / load == pytest.approx(failed.residual)
+    assert failed.residual < 1e-5  # so near to the stretch bounds rounding allows no better
+
+
+@pytest.mark.slow
+def test_beyond_the_limit_point(comm: MPI.Comm) -> None:
+    """Without a barrier in reach the tube has a limit pressure; above it nothing holds.
+
+    With bounds of a thousand the barrier is in reach: the tube is found where that stops it.
+    """
+    limit = float(table("stvk_limit_pressures")[0]["capped_cyl_lambda_theta_at_Pmax"])
+    assert limit == pytest.approx(2.28856)
+    pattern = cylinder(comm, 0.04, 2 * RADIUS, 5e-3, mesh="structured")
+    skin = sew(comm, pattern)
+    far = Composite(fabric=TABLE_A, c1=1e3, c2=1e3, bending=None)
+    stopped = EquilibriumSolver(skin, far, clamp(pattern, ["base"])).solve(fabric(skin), 2.5e3)
+    assert stopped.converged
+    assert stopped.stretch_use > 0.99
+    composite = Composite(fabric=TABLE_A, c1=1e5, c2=1e5, bending=None)
+    few = NewtonOptions(max_steps=40)
+    solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]), few)
+    below = solver.solve(fabric(skin), 1.2e3)
+    assert below.converged
+    with pytest.raises(EquilibriumError, match="was found at 2500 Pa, at once") as caught:
+        solver.solve(fabric(skin), 2.5e3)
+    last = caught.value.result
+    assert not last.converged
+    assert np.isfinite(last.state).all()
+    assert "Lower the load" in last.reason
+    # The state balances that fraction of the load, and no more.
+    model = solver.model
+    for pressure, balanced in ((2500 * last.load_factor, True), (2500.0, False)):
+        pressurize(model, pressure)
+        load = pressure * norm(comm, model.volume_gradient(last.state))
+        assert (norm(comm, model.residual(last.state)) < 1e-8 * load) == balanced
+    # The long tube's limit; this one is short and held at its base, which carries it further.
+    assert 1811 < last.pressure < 2500
+    # Ranks exchange errors as pickles: the result must survive.
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert isinstance(again, EquilibriumError)
+    assert str(again) == str(caught.value)
+    assert np.array_equal(again.result.state, last.state)
+    assert (again.steps, again.factorisations) == (last.steps, last.factorisations)
+    silent = solver.solve(fabric(skin), 2.5e3, raise_on_failure=False)
+    assert not silent.converged
+    assert silent.pressure == last.pressure
+
+
+def test_bad_input(tube_solver: EquilibriumSolver, comm: MPI.Comm) -> None:
+    skin = tube_solver.skin
+    for pressure in (-1.0, float("nan"), float("inf")):
+        with pytest.raises(errors.ParameterError, match="pressure = "):
+            tube_solver.solve(fabric(skin), pressure)
+    bad = fabric(skin)
+    if comm.rank == comm.size - 1:  # one rank alone sees it, all must raise
+        bad[0] = 1.5
+    with pytest.raises(errors.DensityError, match="1.5"):
+        tube_solver.solve(bad, 1e3)
+    bad = fabric(skin)
+    if comm.rank == 0:
+        bad[0] = np.nan
+    with pytest.raises(errors.DensityError, match=r"triangle \d+ is nan"):
+        tube_solver.solve(bad, 1e3)
+    with pytest.raises(errors.DensityError, match="shape"):
+        tube_solver.solve(np.zeros(3), 1e3)
+    with pytest.raises(errors.ParameterError, match="leaves the stretch bounds"):
+        tube_solver.solve(fabric(skin), 1e3, start=3 * tube_solver.model.assembled)
+    with pytest.raises(errors.PanelError, match="no panel is named 'side'"):
+        clamp(skin.pattern, ["side"])
+
+
+def test_open_skin_under_pressure(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured", caps=None)
+    skin = sew(comm, pattern)
+    solver = EquilibriumSolver(skin, Composite(), clamp(pattern, ["wall"]))
+    with pytest.raises(errors.OpenSkinError, match="edges are free"):
+        solver.solve(fabric(skin), 1e3)
+
+
+def half_tube(*, mirrored: bool) -> Pattern:
+    """Half a capped tube, y > 0, on a structured grid; or both halves, exact mirror images."""
+    length, radius, around, rows = 0.04, 0.01, 7, 8
+    angles, heights = np.linspace(0, np.pi, around), np.linspace(0, length, rows)
+    ring = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    chord = np.linalg.norm(ring[1] - ring[0])
+    u, v = np.meshgrid(chord * np.arange(around), heights)
+    node = np.arange(around * rows).reshape(rows, around)
+    a, b, c, d = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
+    grid = np.stack([np.stack([a, b, c], 2), np.stack([b, d, c], 2)], 2).reshape(-1, 3)
+    flat = np.column_stack([u.ravel(), v.ravel()])
+    wall = np.column_stack([np.tile(ring, (rows, 1)), v.ravel()])
+    disc = np.concatenate([ring, np.zeros((1, 2))])
+    first = np.arange(around - 1)
+    fan = np.stack([first, first + 1, np.full(around - 1, around)], axis=1)
+    sheets: list[tuple[str, Any, Any, Any]] = [("wall", flat, grid, wall)]
+    for name, height in (("base", 0.0), ("tip", length)):
+        face = np.column_stack([disc, np.full(len(disc), height)])
+        turned = (disc * [1, -1], fan[:, ::-1]) if name == "base" else (disc, fan)
+        sheets.append((name, *turned, face))
+    panels = [Panel(*sheet) for sheet in sheets]
+    if mirrored:
+        panels += [
+            Panel(f"{name} mirrored", plane * [-1, 1], triangles[:, ::-1], points * [1, -1, 1])
+            for name, plane, triangles, points in sheets
+        ]
+    return Pattern.from_panels(panels, tolerance=1e-6)
+
+
+@pytest.mark.parametrize("curvature", [None, *CURVATURES])
+def test_half_a_tube_equals_the_whole(comm: MPI.Comm, curvature: str | None) -> None:
+    """Positions, energy and volume."""
+    composite = Composite(bending=Bending(curvature) if curvature else None)
+    half, whole = half_tube(mirrored=False), half_tube(mirrored=True)
+    fixed = clamp(half, ["base"]) | symmetry_plane(half, 1)
+    results, places = [], []
+    for pattern, supports in ((half, fixed), (whole, clamp(whole, ["base", "base mirrored"]))):
+        skin = sew(comm, pattern)
+        solver = EquilibriumSolver(skin, composite, supports)
+        density = (pattern.points[pattern.triangles].mean(axis=1)[:, 0] > 5e-3).astype(float)
+        results.append(solver.solve(density[skin.owned_cells], 2e3))
+        places.append(skin.gather_vertices(results[-1].positions))
+    one, two = results
+    assert 2 * one.volume == pytest.approx(two.volume, rel=1e-8)
+    assert 2 * one.energy == pytest.approx(two.energy, rel=1e-8)
+    there = np.linalg.norm(whole.points[:, None] - half.points, axis=2).argmin(axis=0)
+    assert np.abs(places[1][there] - places[0]).max() < 1e-8 * half.size
+    assert np.abs(places[0] - half.points).max() > 0.02 * half.size
+
+
+def test_bad_symmetry_planes(comm: MPI.Comm) -> None:
+    half = half_tube(mirrored=False)
+    with pytest.raises(errors.ParameterError, match="axis = 3"):
+        symmetry_plane(half, 3)
+    with pytest.raises(errors.ParameterError, match="no free edge lies in the plane x = 0"):
+        symmetry_plane(half, 0)
+    # Held at its base alone, half a tube is open.
+    skin = sew(comm, half)
+    solver = EquilibriumSolver(skin, Composite(bending=None), clamp(half, ["base"]))
+    with pytest.raises(errors.OpenSkinError, match="edges are free"):
+        solver.solve(np.zeros(len(skin.owned_cells)), 1e3)
+
+
+def test_a_dropped_solver_is_freed(comm: MPI.Comm, tube: Skin) -> None:
+    """Its parts and PETSc's refer to each other; the factors are most of a run's memory."""
+    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    solver.solve(np.full(len(tube.owned_cells), 0.5), 5e3)
+    model, factor = weakref.ref(solver.model), weakref.ref(solver._factor)
+    del solver
+    free_dropped(comm)
+    assert model() is None
+    assert factor() is None
+
+
+def half_finger(comm: MPI.Comm) -> tuple[Skin, Supports]:
+    pattern = finger(comm, 4e-3, planes=(1,))
+    mount = clamp_where(pattern, lambda x: x[:, 0] < 0.0151)
+    return sew(comm, pattern), mount | symmetry_plane(pattern, 1)
+
+
+@pytest.mark.parametrize("scene", ["pillow", "finger", "walker"])
+def test_flat_skins_with_contact_start_apart(comm: MPI.Comm, scene: str) -> None:
+    """Inflated, layers do not touch: where nothing holds them the state is that without contact."""
+    pytest.importorskip("ipctk")
+    if scene == "finger":
+        skin, supports = half_finger(comm)
+    elif scene == "walker":
+        pattern = walker(comm, 4e-3, planes=(0, 1))
+        skin, supports = sew(comm, pattern), rest_on_body(pattern, 0.02, (0, 1))
+    else:
+        side = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.015
+        pattern = two_panels(comm, side, 4e-3)
+        skin, supports = sew(comm, pattern), pin(pattern, "bottom")
+    composite = Composite(TABLE_A, bending=Bending(seams="hinged"))
+    energies = []
+    for contact in (Contact(), None):
+        solver = EquilibriumSolver(skin, composite, supports, contact=contact)
+        found = solver.solve(fabric(skin), 2e3)
+        energies.append(found.energy)
+        assert found.converged
+        if contact is not None:
+            assert found.smallest_distance is not None
+            assert found.smallest_distance > 0
+            begin = solver.model.assembled
+            assert solver.model.refusal(begin) is None
+            assert solver.model.admits(found.state)
+    if scene != "finger":  # its mount holds layers as far apart as the fabric is thick
+        assert energies[0] == pytest.approx(energies[1], rel=1e-9)
+
+
+def test_starts_that_contact_forbids_are_refused(comm: MPI.Comm) -> None:
+    pytest.importorskip("ipctk")
+    skin, supports = half_finger(comm)
+    solver = EquilibriumSolver(skin, Composite(TABLE_A), supports, contact=Contact())
+    flat = skin.pattern.points[skin.owned_vertices]
+    with pytest.raises(
+        errors.ParameterError,
+        match=r"act on the start: faces overlap by 0\.\d+ mm at vert.* of 'top' and 'bottom'",
+    ):
+        solver.solve(fabric(skin), 1e3, start=flat)
+    assert not solver.model.admits(solver.model.state_of(flat))
+    inside_out = solver.model.assembled
+    solver.model.positions(inside_out)[:, 2] *= -1
+    found = solver.solve(fabric(skin), 1e3, start=inside_out)
+    assert found.converged
+    ground = Contact(ground=Ground((0, 0, 0)))
+    with pytest.raises(
+        errors.ParameterError, match=r"assembled shape.* overlap.* the ground, near"
+    ):
+        EquilibriumSolver(skin, Composite(TABLE_A), supports, contact=ground).solve(
+            fabric(skin), 1e3
+        )

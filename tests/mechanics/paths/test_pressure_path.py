@@ -1,0 +1,61 @@
+"""A skin through a sequence of pressures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.scenes import TABLE_A
+from mpi4py import MPI
+
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.solver import (
+    EquilibriumError,
+    EquilibriumResult,
+    EquilibriumSolver,
+)
+from toros_fem.mechanics.paths.trace import trace
+from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.meshes import Skin, cylinder, sew
+
+
+def test_a_path_is_followed(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    density = np.full(len(tube.owned_cells), 0.3)
+    points = list(trace(tube_solver, density, [500.0, 1e3, 2e3]))
+    alone = tube_solver.solve(density, 2e3)
+    assert points[-1].result.volume == pytest.approx(alone.volume, rel=1e-8)
+    assert [point.result.pressure for point in points] == [500.0, 1e3, 2e3]
+    begun = list(trace(tube_solver, density, [2e3], start=alone.positions))
+    assert begun[0].result.steps <= 1
+
+
+def test_increments_shrink_where_no_stable_state_is_near(
+    tube: Skin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    finish = solver.finish
+    tried: list[float] = []
+
+    def unstable_at_first(trial: EquilibriumResult) -> EquilibriumResult:
+        tried.append(trial.pressure)
+        if len(tried) == 1:
+            raise EquilibriumError("no stable equilibrium", replace(trial, converged=False))
+        return finish(trial)
+
+    monkeypatch.setattr(solver, "finish", unstable_at_first)
+    density = np.full(len(tube.owned_cells), 0.3)
+    points = list(trace(solver, density, [1e3, 2e3]))
+    assert tried[:2] == [2e3, 1250.0]
+    assert points[-1].result.pressure == 2e3
+
+
+@pytest.mark.slow
+def test_a_path_names_the_point_where_it_ends(comm: MPI.Comm) -> None:
+    """Without a barrier in reach a tube has a limit pressure: what comes before is yielded."""
+    pattern = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured")
+    skin = sew(comm, pattern)
+    composite = Composite(fabric=TABLE_A, c1=1e5, c2=1e5, bending=None)
+    solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
+    path = trace(solver, np.zeros(len(skin.owned_cells)), [1e3, 3e3])
+    assert next(path).result.pressure == 1e3
+    with pytest.raises(EquilibriumError, match="the path ends between 1000 and 3000 Pa, after"):
+        next(path)

@@ -1,0 +1,146 @@
+"""Refinement, and the error that it estimates."""
+
+import numpy as np
+import pytest
+from accuracy_bending import spine
+from helpers.scenes import square
+from mpi4py import MPI
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.materials.sheet import Bending, Composite
+from toros_fem.measures.metrics import bend_angle
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.solver import (
+    EquilibriumError,
+    EquilibriumResult,
+    EquilibriumSolver,
+)
+from toros_fem.mechanics.readings.error_estimate import estimate_error
+from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
+from toros_fem.meshes import Pattern, cylinder, sew
+from toros_fem.meshes.refine import refine
+
+
+def angle(pattern: Pattern, positions: np.ndarray) -> float:
+    return float(np.degrees(bend_angle(pattern, positions)))
+
+
+@pytest.mark.parametrize("mesh", ["structured", "unstructured"])
+def test_refinement_keeps_the_skin(comm: MPI.Comm, mesh: str) -> None:
+    pattern = cylinder(comm, 0.05, 0.02, 6e-3, mesh=mesh)
+    finer = refine(pattern)
+    fine = finer.pattern
+    assert len(fine.panel) == 4 * len(pattern.panel)
+    assert len(fine.free_edges) == 0
+    assert len(fine.seams) == 2 * len(pattern.seams)
+    assert np.bincount(finer.cell, fine.areas) == pytest.approx(pattern.areas, rel=1e-12)
+    assert len(fine.points) - len(fine.panel) / 2 == 2, "Euler's formula for a sphere"
+    # A linear field is taken over exactly.
+    field = pattern.points @ [1.0, -2.0, 0.5]
+    assert finer.at_vertices(field) == pytest.approx(fine.points @ [1.0, -2.0, 0.5], abs=1e-15)
+
+
+@pytest.mark.slow
+def test_estimate_covers_the_error_on_the_tube(comm: MPI.Comm) -> None:
+    """Against a mesh refined twice."""
+    reached = []
+    estimate = None
+    pattern = cylinder(comm, 0.09, 0.02, 6.5e-3)
+    for level in range(3):
+        skin = sew(comm, pattern)
+        solver = EquilibriumSolver(skin, Composite(), clamp(pattern, ["base"]))
+        density = spine(pattern)[skin.owned_cells]
+        result = solver.solve(density, 3e3)
+        reached.append(angle(pattern, skin.gather_vertices(result.positions)))
+        if level == 0:
+            (estimate,) = estimate_error(solver, density, result, [angle])
+        pattern = refine(pattern).pattern
+    assert estimate is not None
+    assert estimate.value == reached[0]
+    assert 0.5 * estimate.error < abs(reached[2] - reached[0]) < estimate.error
+
+
+def test_supports_and_forces_of_a_refined_sheet(comm: MPI.Comm) -> None:
+    """A built-in cantilever, bent by a load that each mesh spreads for itself."""
+    pattern = square(n=6)
+    size = pattern.points[:, 0].max()
+    supports = build_in(pattern, pattern.points[:, 0] < 1e-9)
+    solver = EquilibriumSolver(sew(comm, pattern), Composite(), supports)
+
+    def weight(of: Pattern) -> np.ndarray:
+        return np.outer(of.vertex_areas, [0.0, 0.0, 1.0])
+
+    def tip(of: Pattern, positions: np.ndarray) -> float:
+        return float(positions[of.points[:, 0] > size * (1 - 1e-9), 2].mean())
+
+    density = np.ones(len(solver.skin.owned_cells))
+    result = solver.solve(density, 0.0, force=weight(pattern))
+    (found,) = estimate_error(solver, density, result, [tip], weight)
+    D = 26e6 * 0.5e-3**3 / 12 / (1 - 0.3**2)
+    exact = size**4 / (8 * D)  # of a wide strip; the narrow one is up to 1/(1 - nu^2) softer
+    assert exact < found.refined < exact / (1 - 0.3**2)
+    assert abs(found.value - exact) < found.error < 0.5 * exact
+    assert str(found).startswith(f"{found.value:.6g}")
+
+
+def test_half_a_tube_is_refined_with_its_plane(comm: MPI.Comm) -> None:
+    """A square cut at a symmetry plane, its other borders held: the refined one is held alike."""
+    pattern = square(n=4)
+    edge = pattern.points[:, 1] > 0.02 * (1 - 1e-9)
+    supports = symmetry_plane(pattern, 0) | build_in(pattern, edge)
+    solver = EquilibriumSolver(sew(comm, pattern), Composite(), supports)
+    density = np.ones(len(solver.skin.owned_cells))
+
+    def weight(of: Pattern) -> np.ndarray:
+        return np.asarray(of.vertex_areas[:, None] * [0.0, 0.0, 1.0])
+
+    def corner(of: Pattern, positions: np.ndarray) -> float:
+        return float(positions[np.argmin(of.points[:, 0] + of.points[:, 1]), 2])
+
+    def fixed(of: Pattern) -> Supports:
+        far = of.points[:, 1] > 0.02 * (1 - 1e-9)
+        return symmetry_plane(of, 0) | build_in(of, far)
+
+    result = solver.solve(density, 0.0, force=weight(pattern))
+    (by_rule,) = estimate_error(solver, density, result, [corner], weight)
+    (by_hand,) = estimate_error(solver, density, result, [corner], weight, fixed)
+    assert by_rule.refined == pytest.approx(by_hand.refined, rel=1e-8)
+    assert by_rule.refined != by_rule.value
+
+
+def test_a_refined_mesh_that_is_not_reached_at_once(
+    comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The load is raised anew, with the same result; unless the estimate is to be direct."""
+    pattern = cylinder(comm, 0.05, 0.02, 6e-3)
+    solver = EquilibriumSolver(sew(comm, pattern), Composite(), clamp(pattern, ["base"]))
+    density = spine(pattern)[solver.skin.owned_cells]
+    result = solver.solve(density, 1e3)
+    (at_once,) = estimate_error(solver, density, result, [angle], direct=True)
+
+    def fails(_: EquilibriumSolver, trial: EquilibriumResult) -> EquilibriumResult:
+        raise EquilibriumError("made to fail", trial)
+
+    monkeypatch.setattr(EquilibriumSolver, "finish", fails)
+    with pytest.raises(EquilibriumError, match="made to fail"):
+        estimate_error(solver, density, result, [angle], direct=True)
+    (anew,) = estimate_error(solver, density, result, [angle])
+    assert anew.refined == pytest.approx(at_once.refined, rel=1e-5)
+    assert anew.error > 0.01
+
+
+def test_what_is_not_refined(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.05, 0.02, 6e-3)
+    skin, supports = sew(comm, pattern), clamp(pattern, ["base"])
+    density = np.zeros(len(skin.owned_cells))
+    solver = EquilibriumSolver(skin, Composite(bending=Bending(rest="assembled")), supports)
+    with pytest.raises(ParameterError, match="moulded shape is not known"):
+        estimate_error(solver, density, solver.solve(density, 100.0), [angle])
+    solver = EquilibriumSolver(skin, Composite(), supports, NewtonOptions(max_steps=1))
+    failed = solver.solve(density, 20e3, raise_on_failure=False)
+    with pytest.raises(ParameterError, match="no equilibrium to refine"):
+        estimate_error(solver, density, failed, [angle])
+    solver = EquilibriumSolver(skin, Composite(), supports)
+    force = np.full(pattern.points.shape, 1e-6)
+    with pytest.raises(ParameterError, match="found with dead forces"):
+        estimate_error(solver, density, solver.solve(density, 100.0, force=force), [angle])

@@ -1,0 +1,65 @@
+"""Entries found by pairs of blocks, against the plain way over all pairs of unknowns."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from toros_fem.materials.sheet import Bending, Composite
+from toros_fem.mechanics.skin.block_pairs import BlockPairs
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.meshes import Pattern, Skin, sew
+from toros_fem.meshes.pattern import Panel
+
+
+@pytest.fixture(scope="module")
+def tetrahedron(comm: MPI.Comm) -> Skin:
+    """Four triangles: each meets the fourth vertex across all its edges."""
+    points = 0.01 * np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)], dtype=float)
+    edge = np.linalg.norm(points[1] - points[0])
+    flat = edge * np.array([(0, 0), (1, 0), (0.5, np.sqrt(0.75))])
+    faces = [(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)]
+    panels = [
+        Panel(f"face {k}", flat, np.array([[0, 1, 2]]), points[list(face)])
+        for k, face in enumerate(faces)
+    ]
+    return sew(comm, Pattern.from_panels(panels, tolerance=1e-6))
+
+
+def plain(model: SkinModel) -> tuple[np.ndarray, np.ndarray]:
+    """Key and weight of every number of the triangles; −1 where a component is fixed or absent."""
+    index_map = model.space.dofmap.index_map
+    local = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    number = index_map.local_to_global(local)
+    row, dofs, present = model.tangent_layout
+    one, two = np.triu_indices(dofs.shape[1])
+    i, j = dofs[:, one], dofs[:, two]
+    low, high = np.minimum(number[i], number[j]), np.maximum(number[i], number[j])
+    there = present[:, one] & present[:, two] & ~model.fixed[i] & ~model.fixed[j]
+    keys, weights = np.empty_like(low), np.empty(low.shape)
+    keys[row] = np.where(there, low * index_map.size_global + high, -1)
+    weights[row] = np.where((low == high) & (one != two) & there, 2.0, 1.0)
+    return keys.ravel(), weights.ravel()
+
+
+@pytest.mark.parametrize("scene", ["tube", "tetrahedron"])
+@pytest.mark.parametrize(
+    "bending", [None, Bending(), Bending(curvature="quadratic"), Bending(seams="hinged")]
+)
+def test_same_entries_as_over_all_pairs_of_unknowns(
+    scene: str, bending: Bending | None, tube: Skin, tetrahedron: Skin
+) -> None:
+    skin = tube if scene == "tube" else tetrahedron
+    fixed = np.random.default_rng(3).random(skin.pattern.points.shape) < 0.5  # many in part
+    fixed[0] = True
+    model = SkinModel(skin, Composite(bending=bending), Supports(fixed))
+    pairs = BlockPairs(model)
+    keys, weights = plain(model)
+    assert pairs.count == len(keys)
+    assert np.array_equal(pairs.keys, np.unique(keys[keys >= 0]))
+    found = pairs.places(np.arange(len(pairs.keys) + 1))
+    assert np.array_equal(np.append(pairs.keys, -1)[found], keys)
+    twice = pairs.twice[keys[pairs.twice] >= 0]
+    assert np.array_equal(np.sort(twice), np.flatnonzero(weights == 2))
+    if scene == "tetrahedron" and bending == Bending() and len(skin.owned_cells):
+        assert len(twice) > 0

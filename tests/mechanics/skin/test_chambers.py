@@ -1,0 +1,298 @@
+"""Several pressure chambers: walls between them, balance, gradients, symmetry."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helpers.models import pressurize
+from helpers.scenes import TABLE_A, box, part_of, taylor_rates
+from mpi4py import MPI
+from scipy.sparse import csr_matrix
+
+from toros_fem import errors
+from toros_fem.base.mpi import norm, total
+from toros_fem.design.density.cone import ConeFilter
+from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.loop import optimize
+from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.materials.sheet import Composite
+from toros_fem.measures.shape import ShapeObjective
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.chambers import Chambers, Lid, Wall, chambers_of_panels, find_walls
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
+from toros_fem.mechanics.skin.tangent import UpperTangent
+from toros_fem.meshes import Pattern, Skin, cylinder, sew
+
+LENGTH, RADIUS = 0.06, 0.01
+
+
+def centres(pattern: Pattern) -> np.ndarray:
+    return pattern.points[pattern.triangles].mean(axis=1)
+
+
+def halves(pattern: Pattern) -> Chambers:
+    """The lower and the upper half of a tube along z."""
+    return Chambers(("lower", "upper"), (centres(pattern)[:, 2] > LENGTH / 2).astype(int))
+
+
+def sectors(pattern: Pattern, count: int) -> Chambers:
+    """Chambers side by side along a tube, which meet at the middle of both caps."""
+    x, y, _ = centres(pattern).T
+    of_cell = ((np.arctan2(y, x) + np.pi) / (2 * np.pi) * count).astype(int)
+    return Chambers(tuple("abcdef"[:count]), of_cell)
+
+
+@pytest.fixture(scope="module")
+def grid(comm: MPI.Comm) -> Skin:
+    return sew(comm, cylinder(comm, LENGTH, 2 * RADIUS, 5e-3, mesh="structured"))
+
+
+@pytest.fixture(scope="module")
+def two(grid: Skin) -> EquilibriumSolver:
+    fixed = clamp(grid.pattern, ["base"])
+    return EquilibriumSolver(grid, Composite(), fixed, chambers=halves(grid.pattern))
+
+
+def moved(model: SkinModel) -> np.ndarray:
+    """A smooth state away from symmetry, the same on any number of ranks but for rotations."""
+    state = model.assembled
+    x, y, z = model.positions(state).T.copy()
+    s = z / LENGTH
+    model.positions(state).T[:] = 1.1 * x + 0.01 * s**2, 1.05 * y + 0.002 * s, 1.05 * z + 0.1 * x
+    return state
+
+
+def drawn(model: SkinModel, seed: int) -> np.ndarray:
+    whole = np.random.default_rng(seed).standard_normal(model.skin.pattern.points.shape)
+    direction = np.zeros(model.size_local)
+    model.positions(direction)[:] = whole[model.skin.owned_vertices]
+    return direction * model.free
+
+
+@pytest.mark.parametrize("count", [0, 2, 3, 4])
+def test_equal_pressures_are_one_chamber(grid: Skin, count: int) -> None:
+    """Energy, force and tangent to rounding, wherever the origin is."""
+    fixed, sheet = clamp(grid.pattern, ["base"]), Composite(bending=None)
+    chambers = sectors(grid.pattern, count) if count else halves(grid.pattern)
+    models = [SkinModel(grid, sheet, fixed), SkinModel(grid, sheet, fixed, chambers)]
+    values = []
+    for model in models:
+        model.set_density(np.zeros(len(grid.owned_cells)))
+        pressurize(model, *[3e3] * len(model.load.pressures))
+        state = moved(model)
+        model.positions(state)[:] += [0.1, 0.2, -0.3]  # chambers that are closed bodies do not mind
+        tangent = UpperTangent(model)
+        entries = np.zeros(len(tangent.columns))
+        tangent.assemble(state, entries)
+        shape = (model.size_local, model.space.dofmap.index_map.size_global)
+        rows = csr_matrix((entries, tangent.columns, tangent.indptr), shape=shape)
+        values.append((model.energy(state), model.residual(state), rows, model.volumes(state)))
+    one, many = values
+    assert many[0] == pytest.approx(one[0], rel=1e-11)
+    assert norm(grid.comm, many[1] - one[1]) < 1e-12 * norm(grid.comm, one[1])
+    gap = (many[2] - one[2]).tocsr().data
+    assert norm(grid.comm, gap) < 1e-12 * norm(grid.comm, one[2].data)
+    assert many[3].sum() == pytest.approx(one[3].sum(), rel=1e-12)
+    there = moved(models[1])
+    shifted = there.copy()
+    models[1].positions(shifted)[:] += [0.1, 0.2, -0.3]
+    assert models[1].volumes(shifted) == pytest.approx(models[1].volumes(there), rel=1e-10)
+    shares = models[1].volumes(models[1].assembled) / one[3].sum()
+    assert shares.min() > 0.1, "each is a body"
+
+
+def test_derivatives_with_two_pressures(two: EquilibriumSolver) -> None:
+    """Force and tangent, walls included, against the energy."""
+    model, comm = two.model, two.skin.comm
+    model.set_density(np.full(len(two.skin.owned_cells), 0.2))
+    pressurize(model, 8e4, 1e4)  # so high that the walls weigh
+    state, direction = moved(model), drawn(model, 3)
+    slope = total(comm, model.residual(state) @ direction)
+    rates = taylor_rates(lambda h: model.energy(state + h * direction), slope, 1e-6)
+    assert rates == pytest.approx(2, abs=0.1)
+    tangent = UpperTangent(model)
+    entries = np.zeros(len(tangent.columns))
+    tangent.assemble(state, entries)
+    index_map = model.space.dofmap.index_map
+    shape = (model.size_local, index_map.size_global)
+    upper = csr_matrix((entries, tangent.columns, tangent.indptr), shape=shape).toarray()
+    upper = np.concatenate(comm.allgather(upper))
+    whole = np.concatenate(comm.allgather(direction))
+    product = (upper + upper.T - np.diag(upper.diagonal())) @ whole
+    product = product[index_map.local_range[0] : index_map.local_range[1]]
+    step = 1e-7
+    ends = [model.residual(state + sign * step * direction) for sign in (1, -1)]
+    expected = np.asarray((ends[0] - ends[1]) / (2 * step), dtype=np.float64)
+    assert norm(comm, product - expected) < 1e-7 * norm(comm, expected)
+    material = np.zeros_like(entries)
+    tangent.assemble(state, material, geometric=0.0)
+    pressurize(model, 0.0, 0.0)
+    without = np.zeros_like(entries)
+    tangent.assemble(state, without, geometric=0.0)
+    assert np.array_equal(material, without), "no pressure in the material part"
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_derivatives_of_a_wall(closed: bool) -> None:
+    rng = np.random.default_rng(0)
+    weights, kept = rng.random(5), np.ones(3) if closed else np.array([1.0, 0.0, 1.0])
+    wall = Wall(np.arange(5), closed, (0, 1), weights / weights.sum(), kept)
+    x, y = rng.standard_normal((2, 5, 3))
+    slope = float((wall.gradient(x) * y).sum())
+    rates = taylor_rates(lambda h: wall.volume(x + h * y), slope, 0.01)
+    assert rates == pytest.approx(2, abs=0.1)
+    gap = wall.gradient(x + 0.5 * y) - wall.gradient(x - 0.5 * y)  # quadratic: exact
+    assert (wall.hessian(x) @ y.ravel()).reshape(5, 3) == pytest.approx(gap, rel=1e-12, abs=1e-14)
+
+
+def test_derivatives_of_a_lid() -> None:
+    rng = np.random.default_rng(0)
+    lid = Lid(np.arange(4), np.array([[0, 1], [1, 2], [2, 3]]), np.array([0, 0, 0.7]), (0, -1))
+    x, y = rng.standard_normal((2, 4, 3))
+    slope = float((lid.gradient(x) * y).sum())
+    rates = taylor_rates(lambda h: lid.volume(x + h * y), slope, 0.01)
+    assert rates == pytest.approx(2, abs=0.1)
+    gap = lid.gradient(x + 0.5 * y) - lid.gradient(x - 0.5 * y)  # quadratic: exact
+    hessian = lid.hessian(x)
+    assert (hessian @ y.ravel()).reshape(4, 3) == pytest.approx(gap, rel=1e-12, abs=1e-14)
+    blocks = np.abs(hessian).reshape(4, 3, 4, 3).max(axis=(1, 3)) > 0
+    assert np.array_equal(blocks, lid.linked)
+
+
+def test_axial_balance_across_a_wall(comm: MPI.Comm) -> None:
+    """Each part of a tube pulls along with its pressure times the section; the wall takes the rest.
+
+    At the assembled shape, a prism, what the border's nodes receive along z is known exactly.
+    """
+    pattern = cylinder(comm, LENGTH, 2 * RADIUS, 5e-3, mesh="structured")
+    skin = sew(comm, pattern)
+    composite = Composite(fabric=TABLE_A, bending=None)
+    solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]), chambers=halves(pattern))
+    low, high = 1e3, 4e3
+    found = solver.solve(np.zeros(len(skin.owned_cells)), (high, low))
+    assert found.converged
+    assert found.pressure == high
+    assert found.pressures == (high, low)
+    assert sum(found.volumes) == pytest.approx(found.volume)
+    assert "4000 and 1000 Pa" in found.reason
+    # The pressure in a closed body has no resultant force, so that the supports bear none in sum.
+    pull = skin.gather_vertices(solver.model.positions(solver.model.reaction(found.state)))
+    area = np.pi * RADIUS**2
+    assert np.abs(pull.sum(axis=0)).max() < 1e-7 * high * area
+    # The assembled prism: the lower chamber pushes up with P·A on the ring it is cut at.
+    gradient = solver.model.volume_gradient(solver.model.assembled, 0)
+    thrust = solver.model.positions(gradient)[:, 2]
+    sides = round(2 * np.pi * RADIUS / 5e-3)
+    polygon = 0.5 * sides * np.sin(2 * np.pi / sides) * RADIUS**2
+    assert total(comm, thrust.sum()) == pytest.approx(polygon, rel=1e-12)
+    # Stretches along: where the pressure is higher the tube is longer.
+    z, height = skin.gather_vertices(found.positions)[:, 2], pattern.points[:, 2]
+    ring = [z[np.isclose(height, h)].mean() for h in LENGTH * np.array([0.25, 0.5, 0.75])]
+    assert ring[1] - ring[0] > ring[2] - ring[1]
+
+
+@pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (0.03, -0.02, 0.05)])
+@pytest.mark.parametrize(("planes", "along"), [((1,), False), ((0, 1), False), ((1,), True)])
+def test_cut_skin_equals_the_whole(
+    comm: MPI.Comm, planes: tuple[int, ...], along: bool, at: tuple[float, ...]
+) -> None:
+    """A wall across the axis, and one along it that goes through one plane, anywhere."""
+    pattern = box()
+    middle = centres(pattern)
+    pattern = dataclasses.replace(pattern, points=pattern.points + at)
+    part = part_of(pattern, np.all([middle[:, k] > 0 for k in planes], axis=0))
+
+    def solver_of(of: Pattern) -> EquilibriumSolver:
+        fixed = clamp(of, ["bottom"])
+        if of is part:
+            for k in planes:
+                fixed = fixed | symmetry_plane(of, k, at[k])
+        side = (centres(of) - at)[:, 0] > 0 if along else (centres(of) - at)[:, 2] > 0.01
+        chambers = Chambers(("one", "other"), side.astype(int))
+        composite = Composite(bending=None, fabric=TABLE_A)
+        return EquilibriumSolver(sew(comm, of), composite, fixed, chambers=chambers)
+
+    one, other = solver_of(pattern), solver_of(part)
+    assert other.model.chambers is not None
+    wall = find_walls(part, other.model.chambers, other.model.supports)[0]
+    assert not wall.closed
+    found, cut = (s.solve(np.zeros(len(s.skin.owned_cells)), (900.0, 300.0)) for s in (one, other))
+    share = 0.5 ** len(planes)
+    assert np.array(cut.volumes) == pytest.approx(share * np.array(found.volumes), rel=1e-9)
+    whole, piece = (
+        one.skin.gather_vertices(found.positions),
+        other.skin.gather_vertices(cut.positions),
+    )
+    place = [int(np.argmin(np.linalg.norm(pattern.points - p, axis=1))) for p in part.points]
+    assert piece == pytest.approx(whole[place], abs=1e-9)
+
+
+def test_a_wall_that_crosses_the_skin_is_told(grid: Skin) -> None:
+    """Three chambers side by side bend the tube; far apart, the walls give way."""
+    fixed = clamp(grid.pattern, ["base"])
+    solver = EquilibriumSolver(grid, Composite(), fixed, chambers=sectors(grid.pattern, 3))
+    plain = np.zeros(len(grid.owned_cells))
+    bent = solver.solve(plain, (3e3, 2e3, 2e3))
+    assert min(bent.volumes) > 0
+    assert "crosses" not in bent.reason
+    tip = grid.pattern.vertices_of("tip")
+    assert np.linalg.norm(grid.gather_vertices(bent.positions)[tip].mean(axis=0)[:2]) > LENGTH / 4
+    crossed = solver.solve(plain, (4e3, 1e3, 1e3), start=bent.state)
+    assert min(crossed.volumes) < 0
+    assert "has a volume of -" in crossed.reason
+
+
+def test_gradient_by_each_pressure(grid: Skin, two: EquilibriumSolver) -> None:
+    points = grid.pattern.points
+    problem = ShapeProblem(
+        two, ShapeObjective(grid, points * [1, 1, 1.1]), ConeFilter(grid, 8e-3), (2e3, 5e3),
+        pressure_bounds=(None, (1e3, 2e4)),
+    )  # fmt: skip
+    density = random_density(grid, 2, spread=0.3)
+    base = problem.evaluate(density)
+    assert base.pressure_gradient is not None
+    assert base.pressure_gradient[0] == 0
+    both = dataclasses.replace(problem, pressure_bounds=(1e3, 2e4))
+    base = both.evaluate(density)
+    assert base.pressure_gradient is not None
+    state = base.equilibrium.state
+    for k in range(2):
+        step = np.eye(2)[k]
+        ends = [problem.simulate(density, state, np.array([2e3, 5e3]) + s * step).objective
+                for s in (1.0, -1.0)]  # fmt: skip
+        assert base.pressure_gradient[k] == pytest.approx((ends[0] - ends[1]) / 2, rel=1e-4)
+    result = optimize(problem, DesignOptions((Stage(3),)), start=density)
+    assert result.history[-1].objective < result.history[0].objective
+    assert result.pressures[0] == 2e3
+    assert result.pressures[1] != 5e3
+    assert result.pressure == max(result.pressures)
+
+
+def test_panels_as_chambers_and_errors(grid: Skin, two: EquilibriumSolver) -> None:
+    pattern = grid.pattern
+    made = chambers_of_panels(pattern, {"ends": ["base", "tip"], "side": ["wall"]})
+    assert made.of_cell[pattern.cells_of("tip")].tolist() == [0] * len(pattern.cells_of("tip"))
+    fixed = clamp(pattern, ["base"])
+    assert len(find_walls(pattern, made, fixed)) == 2
+    with pytest.raises(errors.ParameterError, match="'tip' belongs to no chamber"):
+        chambers_of_panels(pattern, {"ends": ["base"], "side": ["wall"]})
+    with pytest.raises(errors.ParameterError, match="given twice"):
+        chambers_of_panels(pattern, {"ends": ["base", "tip"], "side": ["wall", "tip"]})
+    with pytest.raises(errors.ParameterError, match="names holds 'a' twice"):
+        Chambers(("a", "a"), made.of_cell)
+    with pytest.raises(errors.ParameterError, match="each of 0 to 2"):
+        Chambers(("a", "b", "c"), made.of_cell)
+    with pytest.raises(errors.ParameterError, match="this pattern has"):
+        find_walls(pattern, Chambers(("a", "b"), np.array([0, 1])), fixed)
+    with pytest.raises(errors.ParameterError, match="one for each of the 2"):
+        two.solve(np.zeros(len(grid.owned_cells)), (1e3, 1e3, 1e3))
+    four = sectors(pattern, 3).of_cell.copy()
+    four[pattern.cells_of("tip")] = 3
+    with pytest.raises(errors.ParameterError, match="meets others at three points or more"):
+        find_walls(pattern, Chambers(tuple("abcd"), four), fixed)
+    opened = cylinder(grid.comm, LENGTH, 2 * RADIUS, 5e-3, mesh="structured", caps=None)
+    side = (centres(opened)[:, 0] > 0).astype(int)
+    with pytest.raises(errors.ParameterError, match="both ends fixed in symmetry planes"):
+        find_walls(opened, Chambers(("a", "b"), side), clamp(opened, ["wall"]))

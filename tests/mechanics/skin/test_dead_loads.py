@@ -1,0 +1,150 @@
+"""Dead loads in the simulation and in the design: the skin's own weight, and what it holds."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem.base.mpi import total
+from toros_fem.design.density.cone import ConeFilter
+from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.materials.sheet import Bladder, Composite
+from toros_fem.measures.shape import ShapeObjective
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.chambers import Chambers
+from toros_fem.mechanics.skin.dead_loads import Weight, point_force, spread_force
+from toros_fem.mechanics.skin.supports import clamp, displace
+from toros_fem.meshes import Skin, sew
+
+HEAVY = Weight(fabric=0.2, reinforcement=2.0, gravity=(9.0, 0.0, -3.0))
+
+
+@pytest.fixture(scope="module")
+def heavy(tube: Skin) -> EquilibriumSolver:
+    return EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), weight=HEAVY)
+
+
+def test_supports_bear_the_weight_and_what_is_held(
+    tube: Skin, heavy: EquilibriumSolver, comm: MPI.Comm
+) -> None:
+    density = random_density(tube, 3, spread=0.4)
+    areas = tube.pattern.areas[tube.owned_cells]
+    mass = total(comm, float(areas @ (0.2 + 1.8 * density)))
+    fixed = spread_force(tube.pattern, "tip", [0.02, -0.01, 0.0])
+    assert fixed.sum(axis=0) == pytest.approx([0.02, -0.01, 0.0], abs=1e-15)
+    others = np.setdiff1d(np.arange(len(fixed)), tube.pattern.vertices_of("tip"))
+    assert not fixed[others].any()
+    result = heavy.solve(density, 3e3, force=fixed)
+    assert "its own weight" in result.reason
+    pull = heavy.reactions(result).sum(axis=0)
+    expected = -mass * np.array(HEAVY.gravity) - [0.02, -0.01, 0.0]
+    assert pull == pytest.approx(expected, abs=1e-8 * np.abs(expected).max())
+    alone = heavy.solve(density, 0.0)
+    assert heavy.reactions(alone).sum(axis=0) == pytest.approx(
+        -mass * np.array(HEAVY.gravity), abs=1e-8
+    )
+
+
+def test_gradient_under_weight_and_force(tube: Skin, heavy: EquilibriumSolver) -> None:
+    """The weight changes with the density, and matters."""
+    pattern = tube.pattern
+    problem = ShapeProblem(
+        heavy,
+        ShapeObjective(tube, pattern.points + [0.01, 0, 0]),
+        ConeFilter(tube, 7e-3),
+        2e3,
+        force=spread_force(pattern, "tip", [0.05, 0.0, 0.0]),
+    )
+    density = random_density(tube, 4, spread=0.3)
+    base = problem.evaluate(density)
+    assert base.gradient is not None
+    gradient = tube.gather_cells(base.gradient)
+    state = base.equilibrium.state
+    cells = np.random.default_rng(1).choice(pattern.cells_of("wall"), 3, replace=False)
+    for cell in cells:
+        ends = [
+            problem.simulate(density + sign * 1e-4 * (tube.owned_cells == cell), state).objective
+            for sign in (1, -1)
+        ]
+        difference = (ends[0] - ends[1]) / 2e-4
+        assert gradient[cell] == pytest.approx(difference, rel=1e-4, abs=1e-9)
+    light = dataclasses.replace(HEAVY, fabric=1.1, reinforcement=1.1)
+    other = EquilibriumSolver(tube, Composite(), clamp(pattern, ["base"]), weight=light)
+    without = dataclasses.replace(problem, solver=other).evaluate(density, state)
+    assert without.gradient is not None
+    gap = np.abs(tube.gather_cells(without.gradient) - gradient)[cells]
+    assert gap.max() > 1e-2 * np.abs(gradient[cells]).max()
+
+
+def test_bad_loads(tube: Skin) -> None:
+    with pytest.raises(errors.ParameterError, match="fabric = -1"):
+        Weight(-1.0, 1.0)
+    with pytest.raises(errors.ParameterError, match="gravity has shape"):
+        Weight(1.0, 1.0, (0.0, 9.81))  # type: ignore[arg-type]
+    with pytest.raises(errors.ParameterError, match="must be a finite vector"):
+        spread_force(tube.pattern, "tip", [1.0, np.inf, 0.0])
+    with pytest.raises(errors.PanelError, match="no panel is named 'top'"):
+        spread_force(tube.pattern, "top", [1.0, 0.0, 0.0])
+
+
+def test_ranks_agree_on_a_scene_that_has_it_all(tube: Skin, comm: MPI.Comm) -> None:
+    """Two chambers, a moved end, weight, a held load and a bladder; cold, then warm."""
+    if comm.size == 1:
+        pytest.skip("needs two ranks to compare with one")
+    pattern = tube.pattern
+    upper = pattern.points[pattern.triangles].mean(axis=1)[:, 2] > 0.03
+    supports = clamp(pattern, ["base"]) | displace(pattern, ["tip"], [0.004, 0.0, 0.006])
+    composite = dataclasses.replace(Composite(), bladder=Bladder(0.29e6, 0.2e-3))
+    force = spread_force(pattern, "wall", [0.0, 0.1, 0.0])
+    whole = np.random.default_rng(5).random(len(pattern.panel))
+    found = []
+    for skin in (tube, sew(MPI.COMM_SELF, pattern)):
+        chambers = Chambers(("lower", "upper"), upper.astype(int))
+        solver = EquilibriumSolver(skin, composite, supports, chambers=chambers, weight=HEAVY)
+        density = whole[skin.owned_cells]
+        cold = solver.solve(density, (4e3, 1e3), force=force)
+        warm = solver.solve(density, (2e3, 3e3), force=force, start=cold.state)
+        for result in (cold, warm):
+            found.append((skin.gather_vertices(result.positions), result, solver))
+    for (x, result, _), (y, alone, _) in zip(found[:2], found[2:], strict=True):
+        assert x == pytest.approx(y, abs=1e-8 * pattern.size)
+        assert result.volumes == pytest.approx(alone.volumes, rel=1e-7)
+    assert found[1][2].reactions(found[1][1]) == pytest.approx(
+        found[3][2].reactions(found[3][1]), abs=1e-6
+    )
+
+
+def test_force_at_a_point(tube: Skin) -> None:
+    """It has the right sum and the right moment, wherever it acts."""
+    pattern, pull = tube.pattern, np.array([0.3, -0.2, 0.5])
+    corner = pattern.points[pattern.triangles[7]]
+    inside = np.array([0.2, 0.5, 0.3]) @ corner
+    found = point_force(pattern, inside, pull)
+    assert found[pattern.triangles[7]] == pytest.approx(np.outer([0.2, 0.5, 0.3], pull), abs=1e-12)
+    assert np.cross(pattern.points, found).sum(axis=0) == pytest.approx(
+        np.cross(inside, pull), abs=1e-15
+    )
+    panel = pattern.panel_names[pattern.panel[7]]
+    flat = point_force(pattern, [0.2, 0.5, 0.3] @ pattern.corners[7], pull, panel)
+    assert flat == pytest.approx(found, abs=1e-12)
+    vertex = int(pattern.triangles[7, 1])
+    alone = point_force(pattern, pattern.points[vertex] * 1.0001, pull)
+    assert alone[vertex] == pytest.approx(pull, rel=0.01)
+    assert alone.sum(axis=0) == pytest.approx(pull)
+
+
+def test_force_beside_the_skin(tube: Skin) -> None:
+    pattern = tube.pattern
+    with pytest.raises(errors.ParameterError, match="away from the assembled skin; at most"):
+        point_force(pattern, [0.1, 0.0, 0.0], [0, 0, 1])
+    with pytest.raises(errors.ParameterError, match="away from panel 'tip'"):
+        point_force(pattern, [0.1, 0.0], [0, 0, 1], "tip")
+    with pytest.raises(errors.ParameterError, match="need the name of their panel"):
+        point_force(pattern, [0.0, 0.0], [0, 0, 1])
+    with pytest.raises(errors.ParameterError, match="force.* must be a finite vector"):
+        point_force(pattern, [0.0, 0.0], [0, np.nan, 1], "tip")
+    with pytest.raises(errors.PanelError, match="no panel is named 'top'"):
+        point_force(pattern, [0.0, 0.0], [0, 0, 1], "top")

@@ -1,0 +1,313 @@
+"""Knitted fabric: exact off-axis tension, what is printed, panels, halves, refinement."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.models import (
+    SIZE,
+    affine,
+    bent_tube,
+    drawn,
+    line_design,
+    pressurize,
+)
+from helpers.scenes import square, taylor_rates
+from mpi4py import MPI
+from scipy.optimize import minimize, root
+
+from toros_fem.base.errors import PanelError, ParameterError
+from toros_fem.base.mpi import norm, total
+from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.materials.sheet import Bending, Composite, Knit, Material
+from toros_fem.measures.metrics import twist_angle
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.readings.error_estimate import estimate_error
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.mechanics.skin.relaxed_model import RelaxedModel
+from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
+from toros_fem.mechanics.skin.tangent import UpperTangent
+from toros_fem.meshes import Pattern, Skin, cylinder, mirrored, sew
+from toros_fem.meshes.tile import tile
+from toros_fem.products.tiles.solver import TileSolver
+
+RATIO = 3.0
+MEMBRANE = Composite(bending=None)
+
+
+def density_and_stress(F: np.ndarray, angle: float, k: float) -> tuple[float, np.ndarray]:
+    """Energy per flat area of the default fabric with fibres, and its derivative by F (2 × 2)."""
+    material, d = MEMBRANE.fabric, np.array([np.cos(angle), np.sin(angle)])
+    mu, lam = (material.thickness * value for value in (material.mu, material.lam))
+    a, b = (MEMBRANE.c1 - 1) ** 2, (MEMBRANE.c2 - 1) ** 2
+    left, stretches, right = np.linalg.svd(F)
+    e, total_strain = stretches - 1, stretches.sum() - 2
+    length = np.linalg.norm(F @ d)
+    energy = -mu * a * np.log(1 - e**2 / a).sum() - lam / 2 * b * np.log(1 - total_strain**2 / b)
+    by_stretch = 2 * mu * e / (1 - e**2 / a) + lam * total_strain / (1 - total_strain**2 / b)
+    fibres = k * (1 - 1 / length) * np.outer(F @ d, d)
+    return energy + k / 2 * (length - 1) ** 2, left @ np.diag(by_stretch) @ right + fibres
+
+
+def knitted(angle: float) -> Composite:
+    return replace(MEMBRANE, knit=Knit(RATIO, angle))
+
+
+def free_across(stretch: float, angle: float) -> tuple[np.ndarray, float]:
+    """F and nominal stress in N/m of a sheet pulled along x that may narrow and shear freely."""
+    k = knitted(angle).course_stiffness
+
+    def value(free: np.ndarray) -> tuple[float, np.ndarray]:
+        F = np.array([[stretch, free[0]], [0.0, free[1]]])
+        if np.linalg.det(F) <= 0 or np.abs(np.linalg.svd(F)[1] - 1).max() > 0.9:
+            return np.inf, np.zeros(2)
+        energy, stress = density_and_stress(F, angle, k)
+        return energy, stress[:, 1]
+
+    near = minimize(value, [0.0, 0.95], jac=True, method="BFGS").x
+    # The energy is flat to half the digits; its slope is not.
+    found = root(lambda free: value(free)[1], near, tol=1e-13).x
+    assert found == pytest.approx(near, abs=1e-4)
+    F = np.array([[stretch, found[0]], [0.0, found[1]]])
+    stress = density_and_stress(F, angle, k)[1]
+    assert np.abs(stress[:, 1]).max() < 1e-11  # N/m
+    return F, float(stress[0, 0])
+
+
+@pytest.mark.parametrize("degrees", [0, 15, 30, 45, 60, 90])
+def test_off_axis_tension_of_a_tile(comm: MPI.Comm, degrees: float) -> None:
+    """Free lateral stretch and free shear against the minimum of the energy density."""
+    angle = np.radians(degrees)
+    made = tile(comm, (0.01, 0.01), 2.5e-3, "crossed")
+    skin = sew(comm, made.pattern)
+    solver = TileSolver(skin, knitted(angle), Periodic(made))
+    for stretch in (0.9, 1.3):
+        gradient = np.array([[stretch, 0], [0, 1], [0, 0]])
+        state = solver.solve(np.zeros(len(skin.owned_cells)), 0.0, gradient)
+        expected, stress = free_across(stretch, angle)
+        assert solver.model.mean_gradient(state.state)[:2] == pytest.approx(expected, abs=1e-6)
+        force = solver.model.mean_force(state.state)[0, 0] / solver.area
+        assert force == pytest.approx(stress, rel=1e-6)
+
+
+@pytest.mark.parametrize("degrees", [15, 45, 90])
+def test_off_axis_tension_of_a_sheet_by_forces(comm: MPI.Comm, degrees: float) -> None:
+    """An open sheet under the stress of that stretch; the grain is given by panel."""
+    angle, pattern = np.radians(degrees), square(n=4, size=SIZE)
+    F, stress = free_across(1.25, angle)
+    points = pattern.points
+    x, y = points[:, 0], points[:, 1]
+    share = np.where((y < 1e-9) | (y > SIZE - 1e-9), 0.5, 1.0) * SIZE / 4
+    force = np.zeros(points.shape)
+    force[:, 0] = stress * share * ((x > SIZE - 1e-9).astype(float) - (x < 1e-9))
+    fixed = np.zeros(points.shape, dtype=bool)
+    fixed[:, 2], fixed[0], fixed[4, 1] = True, True, True
+    skin = sew(comm, pattern)
+    composite = replace(MEMBRANE, knit=Knit(RATIO, {pattern.panel_names[0]: angle}))
+    solver = EquilibriumSolver(skin, composite, Supports(fixed))
+    found = solver.solve(np.zeros(len(skin.owned_cells)), 0.0, force=force)
+    expected = np.column_stack([points[:, :2] @ F.T, np.zeros(len(points))])
+    assert skin.gather_vertices(found.positions) / SIZE == pytest.approx(expected / SIZE, abs=1e-6)
+
+
+def test_gradient_of_a_knitted_tile(comm: MPI.Comm) -> None:
+    """Stress along, and lateral stretch, by the density between fabric and print."""
+    made = tile(comm, (0.01, 0.01), 2.5e-3, "crossed")
+    skin = sew(comm, made.pattern)
+    solver = TileSolver(skin, knitted(0.5), Periodic(made), NewtonOptions(tolerance=1e-12))
+    rng = np.random.default_rng(3)
+    density, step = rng.uniform(0.05, 0.4, (2, len(made.pattern.panel)))[:, skin.owned_cells]
+    gradient = np.array([[1.1, 0], [0, 1], [0, 0]])
+    base = solver.solve(density, 0.4, gradient)
+    along = np.array([[1.0, 0], [0, 0], [0, 0]])
+    slope = total(comm, solver.stress_gradient(base, along) @ step)
+
+    def stress(h: float) -> float:
+        return float(solver.solve(density + h * step, 0.4, gradient, start=base).stress[0, 0])
+
+    assert taylor_rates(stress, slope, 1e-2) == pytest.approx(2, abs=0.05)
+
+
+def test_moduli_at_small_strain() -> None:
+    along, across = knitted(0.0).moduli
+    h = MEMBRANE.fabric.thickness
+    assert free_across(1 + 1e-5, 0.0)[1] == pytest.approx(1e-5 * along * h, rel=1e-4)
+    assert free_across(1 + 1e-5, np.pi / 2)[1] == pytest.approx(1e-5 * across * h, rel=1e-4)
+    assert along / across == pytest.approx(RATIO, rel=1e-14)
+    assert MEMBRANE.moduli == (0.1e6, 0.1e6)
+    assert MEMBRANE.course_stiffness == 0
+
+
+@pytest.fixture(scope="module")
+def pair(tube: Skin) -> list[SkinModel]:
+    """The tube with bending, of knitted and of isotropic fabric."""
+    models = []
+    for knit in (Knit(RATIO, 0.4), None):
+        composite = Composite(knit=knit)
+        model = SkinModel(tube, composite, clamp(tube.pattern, ["base"]))
+        pressurize(model, 2e3)
+        models.append(model)
+    return models
+
+
+def test_printed_fabric_stays_what_it_is(pair: list[SkinModel], comm: MPI.Comm) -> None:
+    """And between both, stiffness is linear in the density."""
+    state, cells = bent_tube(pair[0]), len(pair[0].skin.owned_cells)
+    gaps = []
+    for density in (1.0, 0.25, 0.0):
+        residuals = []
+        for model in pair:
+            model.set_density(np.full(cells, density))
+            residuals.append(model.residual(state))
+        gaps.append(residuals[0] - residuals[1])
+        moduli = [model.mean_modulus() for model in pair]
+        added = (1 - density) * pair[0].composite.course_stiffness
+        assert moduli[0] - moduli[1] == pytest.approx(added, rel=1e-9, abs=1e-9)
+    scale = norm(comm, gaps[2])
+    assert scale > 0
+    assert norm(comm, gaps[0]) < 1e-10 * scale
+    assert norm(comm, gaps[1] - 0.75 * gaps[2]) < 1e-10 * scale
+
+
+def test_sensitivity_and_tangent(pair: list[SkinModel], comm: MPI.Comm) -> None:
+    model = pair[0]
+    state, adjoint = bent_tube(model), drawn(model, 1)
+    rng = np.random.default_rng(9)
+    low, high = rng.random((2, len(model.skin.pattern.panel)))[:, model.skin.owned_cells]
+    work = []
+    for density in (low, high):
+        model.set_density(density)
+        work.append(total(comm, model.residual(state) @ adjoint))
+    slope = total(comm, model.density_sensitivity(state, adjoint) @ (high - low))
+    assert slope == pytest.approx(work[1] - work[0], rel=1e-9)
+    tangent = UpperTangent(model)
+    entries = np.zeros(len(tangent.columns))
+    tangent.assemble(state, entries)
+    expected = tangent.multiply(entries, adjoint)
+    base, errors = model.residual(state), []
+    for step in 1e-5 * 2.0 ** -np.arange(4):
+        gap = model.residual(state + step * adjoint) - base - step * expected
+        errors.append(norm(comm, gap))
+    assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(2, abs=0.05)
+
+
+def test_courses_bend(comm: MPI.Comm) -> None:
+    """A sheet rolled around a tube: k h²/12 more along its courses, nothing across them."""
+    pattern = cylinder(comm, 0.06, 0.02, 4e-3, mesh="structured", caps=None)
+    # Without Poisson's ratio the free ends of the prism want no other angle than they have.
+    cloth, strip = Material(0.1e6, 0.0, 0.5e-3), Material(26e6, 0.0, 0.5e-3)
+    plain = Composite(fabric=cloth, reinforcement=strip, bending=Bending("average"))
+    skin, energies = sew(comm, pattern), []
+    for knit in (None, Knit(RATIO), Knit(RATIO, np.pi / 2)):
+        model = SkinModel(skin, replace(plain, knit=knit), clamp(pattern, ["wall"]))
+        model.set_density(np.zeros(len(skin.owned_cells)))
+        energies.append(model.energy(model.assembled))
+    assert energies[1] == pytest.approx(RATIO * energies[0], rel=1e-9)
+    assert energies[2] == pytest.approx(energies[0], rel=1e-9)
+
+
+def test_lines_on_a_knit(comm: MPI.Comm) -> None:
+    """The gaps between the lines take the stretch of the courses too."""
+    pattern = square(size=SIZE)
+    fixed = np.zeros(pattern.points.shape, dtype=bool)
+    fixed[[0, 1, 10]] = True
+    skin, angle = sew(comm, pattern), 0.7
+    F = np.array([[1.2, 0.15], [-0.1, 0.8], [0.2, 0.1]])
+    design, energies, moduli = line_design(skin, 2, 2), [], []
+    for composite in (knitted(angle), MEMBRANE):
+        model = RelaxedModel(skin, composite, Supports(fixed), 2)
+        model.set_density(design)
+        energies.append(model.energy(affine(model, F)))
+        moduli.append(model.mean_modulus())
+    part = (1 - design[:, 0]) / (1 - design[:, 1:3].sum(axis=1)) * pattern.areas[skin.owned_cells]
+    k = knitted(angle).course_stiffness * total(comm, part.sum())
+    stretch = np.linalg.norm(F @ [np.cos(angle), np.sin(angle)])
+    assert energies[0] - energies[1] == pytest.approx(k / 2 * (stretch - 1) ** 2, rel=1e-9)
+    assert moduli[0] - moduli[1] == pytest.approx(k / SIZE**2, rel=1e-9)
+
+
+def test_an_isotropic_scene_pays_nothing(pair: list[SkinModel]) -> None:
+    """No field and no constant more than the forms need."""
+    with_it, without = (
+        [*model.ufl_forms.tangent.coefficients(), *model.ufl_forms.tangent.constants()]
+        for model in pair
+    )
+    assert len(with_it) == len(without) + 3, "the directions, two stiffnesses"
+
+
+@pytest.mark.parametrize("grain", [0.0, np.pi / 2])
+def test_half_a_knitted_tube_is_the_whole(comm: MPI.Comm, grain: float) -> None:
+    half = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured", planes=(1,))
+    more = mirrored(half, (1,))
+    shapes = []
+    for pattern in (half, more.pattern):
+        supports = clamp(pattern, ["base"])
+        if pattern is half:
+            supports |= symmetry_plane(pattern, 1)
+        skin = sew(comm, pattern)
+        solver = EquilibriumSolver(skin, Composite(knit=Knit(RATIO, grain)), supports)
+        found = solver.solve(np.full(len(skin.owned_cells), 0.01), 3e3)
+        shapes.append(skin.gather_vertices(found.positions))
+    assert shapes[1] == pytest.approx(more.at_vertices(shapes[0]), abs=1e-9)
+
+
+def test_refinement_keeps_the_grain(comm: MPI.Comm) -> None:
+    """A strip pulled along its courses is affine: a finer mesh finds the same width."""
+    pattern = square(n=3, size=SIZE)
+    points = pattern.points
+    fixed = np.zeros(points.shape, dtype=bool)
+    fixed[:, 2], fixed[0, 1] = True, True
+    pulled = points[:, 0] > SIZE * (1 - 1e-9)
+    fixed[(points[:, 0] < 1e-9) | pulled, 0] = True
+    supports = Supports(fixed, displacement=np.where(pulled[:, None], [0.2 * SIZE, 0, 0], 0))
+    skin = sew(comm, pattern)
+    composite = replace(MEMBRANE, knit=Knit(RATIO, {pattern.panel_names[0]: 0.0}))
+    solver = EquilibriumSolver(skin, composite, supports)
+    density = np.zeros(len(skin.owned_cells))
+    result = solver.solve(density, 0.0)
+
+    def width(_: Pattern, positions: np.ndarray) -> float:
+        return float(np.ptp(positions[:, 1]) / SIZE)
+
+    (estimate,) = estimate_error(solver, density, result, [width])
+    expected = free_across(1.2, 0.0)[0][1, 1]
+    assert estimate.value == pytest.approx(expected, abs=1e-7)
+    assert estimate.refined == pytest.approx(expected, abs=1e-7)
+
+
+def test_refined_design_keeps_the_grain(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.04, 0.02, 6e-3)
+    knit = Knit(RATIO, {"wall": 0.7, "base": 0.0, "tip": 0.1})
+    design = ShapeDesign(
+        comm,
+        pattern,
+        target=pattern.points,
+        supports=clamp(pattern, ["base"]),
+        filter_radius=1e-2,
+        pressure=2e3,
+        composite=Composite(knit=knit, bending=None),
+        length_scale=None,
+    )
+    finer, shapes = design.refined(), []
+    assert len(finer.skin.pattern.panel) == 4 * len(pattern.panel)
+    for solver in (design.solver, finer.solver):
+        skin = solver.skin
+        found = solver.solve(np.full(len(skin.owned_cells), 0.01), 2e3)
+        shapes.append(skin.gather_vertices(found.positions))
+        assert solver.model.composite.knit == knit
+    # The oblique courses turn the tip; both meshes agree on it, coarse as they are.
+    twist = [twist_angle(d.skin.pattern, x) for d, x in zip((design, finer), shapes, strict=True)]
+    assert abs(twist[0]) > np.radians(5)
+    assert twist[1] == pytest.approx(twist[0], rel=0.15)
+
+
+def test_grain_must_fit_the_panels(tube: Skin) -> None:
+    supports = clamp(tube.pattern, ["base"])
+    bare = replace(MEMBRANE, knit=Knit(RATIO, {"wall": 0.0}))
+    with pytest.raises(ParameterError, match="no angle for the panels 'base', 'tip'"):
+        SkinModel(tube, bare, supports)
+    wrong = replace(MEMBRANE, knit=Knit(RATIO, {"wal": 0.0}))
+    with pytest.raises(PanelError, match="no panel is named 'wal'"):
+        SkinModel(tube, wrong, supports)

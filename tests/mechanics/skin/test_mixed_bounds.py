@@ -1,0 +1,217 @@
+"""Two materials with bounds of their own: energy, force, tangent and sensitivity of mixtures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from helpers.models import (
+    affine,
+    automatic_tangent,
+    bent_tube,
+    drawn,
+    line_design,
+    pressurize,
+    sheet_model,
+    upper_rows,
+)
+from helpers.scenes import taylor_rates
+from mpi4py import MPI
+from scipy.sparse import csr_matrix, triu
+
+from toros_fem.base.mpi import norm, total
+from toros_fem.materials.sheet import Composite, Membrane
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.relaxed_model import RelaxedModel
+from toros_fem.mechanics.skin.stretch_bounds import MixedBounds
+from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.meshes import Skin
+
+# A print that hardly stretches.
+TIGHT = replace(Composite(), reinforcement=replace(Composite().reinforcement, c1=1.2, c2=1.35))
+WRINKLING = replace(TIGHT, bending=None, membrane=Membrane("tension-field", 1e-3))
+FLAT = replace(TIGHT, bending=None)
+
+
+@pytest.fixture(scope="module", params=[TIGHT, WRINKLING], ids=["eq. (1)", "tension field"])
+def model(request: pytest.FixtureRequest, tube: Skin) -> SkinModel:
+    made = SkinModel(tube, request.param, clamp(tube.pattern, ["base"]))
+    rng = np.random.default_rng(8)
+    made.set_density(rng.uniform(0, 0.6, len(tube.pattern.panel))[tube.owned_cells])
+    pressurize(made, 1e3)
+    return made
+
+
+def stretched(model: SkinModel) -> np.ndarray:
+    """A smooth state inside the bounds of all mixtures."""
+    state = bent_tube(model)
+    return np.asarray(model.assembled + 0.5 * (state - model.assembled))
+
+
+def test_force_is_the_derivative_of_the_energy(model: SkinModel) -> None:
+    state, direction, comm = stretched(model), drawn(model, 2), model.skin.comm
+    slope = total(comm, model.residual(state) @ direction)
+    rates = taylor_rates(lambda h: model.energy(state + h * direction), slope, 1e-6)
+    assert rates == pytest.approx(2, abs=0.1)
+
+
+def test_closed_form_tangent_equals_the_automatic_one(model: SkinModel) -> None:
+    comm, state = model.skin.comm, stretched(model)
+    closed = upper_rows(model, state)
+    begin = model.space.dofmap.index_map.local_range[0]
+    rows, columns, values = automatic_tangent(model, state).getValuesCSR()
+    automatic = triu(csr_matrix((values, columns, rows), shape=closed.shape), k=begin)
+    assert norm(comm, (closed - automatic).tocsr().data) <= 1e-11 * norm(comm, closed.data)
+
+
+def test_sensitivity_to_the_density(model: SkinModel) -> None:
+    """Of the residual, by the adjoint and along a change: order 2, the bounds' part included."""
+    comm, state, adjoint = model.skin.comm, stretched(model), drawn(model, 1)
+    cells = model.skin.owned_cells
+    density = np.random.default_rng(8).uniform(0, 0.6, len(model.skin.pattern.panel))[cells]
+    change = np.random.default_rng(9).uniform(-1, 1, len(model.skin.pattern.panel))[cells]
+
+    def work(step: float) -> float:
+        model.set_density(density + step * change)
+        return total(comm, float(model.residual(state) @ adjoint))
+
+    slope = total(comm, float(model.density_sensitivity(state, adjoint) @ change))
+    rates = taylor_rates(work, slope, 1e-2)
+    model.set_density(density)
+    assert rates == pytest.approx(2, abs=0.1)
+    along = total(comm, model.density_variation(state, change) @ adjoint)
+    assert along == pytest.approx(slope, rel=1e-10)
+
+
+def test_line_families_between_mixed_bounds(tube: Skin) -> None:
+    """The fabric between the lines has the bounds of its density; the gradient is theirs too."""
+    model = RelaxedModel(tube, TIGHT, clamp(tube.pattern, ["base"]), 2)
+    comm, state, adjoint = tube.comm, stretched(model), drawn(model, 1)
+    design = line_design(tube, 2, 3)
+    change = np.zeros_like(design)
+    change[:, :3] = np.random.default_rng(4).uniform(-1, 1, (len(tube.pattern.panel), 3))[
+        tube.owned_cells
+    ]
+
+    def work(step: float) -> float:
+        model.set_density(design + step * change)
+        return total(comm, float(model.residual(state) @ adjoint))
+
+    slope = total(comm, float((sensitivity_at(model, design, state, adjoint) * change).sum()))
+    assert taylor_rates(work, slope, 2e-3) == pytest.approx(2, abs=0.1)
+
+
+def sensitivity_at(
+    model: RelaxedModel, design: np.ndarray, state: np.ndarray, adjoint: np.ndarray
+) -> np.ndarray:
+    model.set_density(design)
+    return model.density_sensitivity(state, adjoint)
+
+
+def test_energy_is_that_of_the_mixed_bounds(comm: MPI.Comm) -> None:
+    """Of a homogeneous sheet by hand, also where strains are tiny."""
+    model = sheet_model(comm, FLAT)
+    area = float(model.skin.pattern.areas.sum())
+    fabric, printed = FLAT.fabric, FLAT.reinforcement
+    for rho in (0.0, 0.3, 1.0):
+        model.set_density(np.full(len(model.skin.owned_cells), rho))
+        mu, lam = (
+            (1 - rho) * fabric.thickness * getattr(fabric, name)
+            + rho * printed.thickness * getattr(printed, name)
+            for name in ("mu", "lam")
+        )
+        a, b = (0.9 - 0.7 * rho) ** 2, (1.6 - 1.25 * rho) ** 2
+        for x, y in ((0.15, -0.05), (1e-7, 2e-7)):
+            logs = [np.log1p(-x * x / a), np.log1p(-y * y / a), np.log1p(-((x + y) ** 2) / b)]
+            expected = -mu * a * (logs[0] + logs[1]) - lam / 2 * b * logs[2]
+            state = affine(model, np.array([[1 + x, 0], [0, 1 + y], [0, 0]]))
+            assert model.energy(state) == pytest.approx(area * expected, rel=1e-7)
+
+
+def test_print_stiffens_at_every_stretch(comm: MPI.Comm) -> None:
+    """∂ψ/∂ρ̄ ≥ 0 up to where the mixture's barrier is, and nothing jumps at ρ̄ = 0."""
+    model = sheet_model(comm, FLAT)
+    before, areas = np.inf, float(model.skin.pattern.areas.sum())
+    for stretch in (0.85, 1.1, 1.4, 1.8):
+        state = affine(model, np.array([[stretch, 0], [0, 1], [0, 0]]))
+        values = []
+        for rho in (0.0, 1e-9, 0.01, 0.1, 0.3, 0.6, 0.9, 1.0):
+            model.set_density(np.full(len(model.skin.owned_cells), rho))
+            values.append(model.energy(state) / areas)
+        finite = np.isfinite(values)
+        assert np.all(np.diff(np.array(values)[finite]) > 0)
+        assert np.all(np.diff(finite.astype(int)) <= 0), "once outside, outside"
+        assert values[1] == pytest.approx(values[0], rel=1e-5)
+        assert finite.sum() <= before if stretch > 1 else finite.all()
+        before = finite.sum() if stretch > 1 else before
+
+
+def test_each_triangle_has_bounds_of_its_own(comm: MPI.Comm) -> None:
+    model = sheet_model(comm, FLAT)
+    cells, count = model.skin.owned_cells, len(model.skin.pattern.panel)
+    density: np.ndarray = np.linspace(0.0, 1.0, count)
+    model.set_density(density[cells])
+    bounds = model.bounds
+    assert isinstance(bounds, MixedBounds)
+    state = affine(model, np.array([[1.15, 0], [0, 1.0], [0, 0]]))
+    use = model.skin.gather_cells(bounds.use(model.corners(state)))
+    expected = np.maximum(0.15 / (0.9 - 0.7 * density), 0.15 / (1.6 - 1.25 * density))
+    assert use == pytest.approx(expected, rel=1e-12)
+    assert not model.loosen_bounds(state)
+    state = affine(model, np.array([[1.3, 0], [0, 1.0], [0, 0]]))
+    assert model.energy(state) == np.inf
+    assert bounds.worst_of_start(model.corners(state)) == pytest.approx(0.3 / 0.9)
+    assert model.loosen_bounds(state)
+    assert np.isfinite(model.energy(state))
+    assert bounds.worst(model.corners(state)) < 1
+    near, rounds = affine(model, np.diag([1.195, 1.0, 0])[:, :2]), 0
+    while model.loosened and rounds < 10:
+        model.narrow_bounds(near, None)
+        rounds += 1
+    assert 1 < rounds < 10
+    assert np.isfinite(model.energy(near))
+    assert model.energy(state) == np.inf, "all bounds are back"
+
+
+def test_shared_bounds_compile_the_usual_forms(comm: MPI.Comm) -> None:
+    """Bounds of the materials that are alike make the forms of one pair, and equal bits."""
+    one = Composite(c1=1.5, c2=2.0, bending=None)
+    own = replace(
+        one,
+        fabric=replace(one.fabric, c1=1.5, c2=2.0),
+        reinforcement=replace(one.reinforcement, c1=1.5, c2=2.0),
+        c1=1.9,
+    )
+    models = [sheet_model(comm, composite) for composite in (one, own)]
+    results = []
+    for model in models:
+        assert not isinstance(model.bounds, MixedBounds)
+        assert not any(
+            isinstance(c, fem.Function) and c is not model.q and c is not model.density
+            for c in ufl.algorithms.analysis.extract_coefficients(model.ufl_forms.energy)
+        )
+        model.set_density(np.full(len(model.skin.owned_cells), 0.3))
+        results.append(model.residual(affine(model, np.diag([1.2, 0.9, 0])[:, :2])))
+        assert not model.loosen_bounds(affine(model, np.diag([3.0, 3.0, 0])[:, :2]))
+    assert np.array_equal(results[0], results[1])
+
+
+def test_bounds_are_narrowed_along_a_predicted_motion(comm: MPI.Comm) -> None:
+    """The push is the change of the force by the bounds; a motion that leads inside is taken."""
+    model = sheet_model(comm, FLAT)
+    model.set_density(np.full(len(model.skin.owned_cells), 0.9))
+    state = affine(model, np.array([[1.5, 0], [0, 1.0], [0, 0]]))
+    assert model.loosen_bounds(state)
+    push, before = model.push_of_bounds(state), model.residual(state)
+    still = model.narrow_bounds(state, 0 * state)
+    # The way from the bound 2 to 1.27 stays outside but for its first part.
+    assert np.array_equal(still, state)
+    changed = model.residual(state) - before
+    cosine = total(comm, float(push @ changed)) / (norm(comm, push) * norm(comm, changed))
+    assert cosine > 0.99
+    assert model.loosened
+    inside = affine(model, np.array([[1.1, 0], [0, 1.0], [0, 0]]))
+    there = model.narrow_bounds(state, inside - state)
+    assert np.array_equal(there, state + (inside - state))
+    assert not model.loosened

@@ -1,0 +1,88 @@
+"""Patch space: numbers of unknowns, and what triangles see of each other."""
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, la
+from mpi4py import MPI
+
+from toros_fem.base.mpi import total
+from toros_fem.materials.sheet import CURVATURES, Bending
+from toros_fem.mechanics.skin.hinges import find_hinges
+from toros_fem.mechanics.skin.patch_space import Patch, make_patch
+from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.meshes import Skin
+
+
+def patch_of(skin: Skin, curvature: str | None, *, lattice: bool = False, bodies: int = 0) -> Patch:
+    if curvature is None:
+        return make_patch(skin, None, rotations=False, lattice=lattice, bodies=bodies)
+    hinges = find_hinges(skin, Bending(curvature), clamp(skin.pattern, ["base"]), 0.3)
+    rotations = curvature == "midedge"
+    return make_patch(skin, hinges, rotations=rotations, lattice=lattice, bodies=bodies)
+
+
+@pytest.mark.parametrize("curvature", [None, *CURVATURES])
+@pytest.mark.parametrize("lattice", [False, True])
+def test_number_of_unknowns(tube: Skin, curvature: str | None, lattice: bool) -> None:
+    """Three a vertex; with rotations one an edge (Euler: E = V + F − 2); six of a lattice."""
+    vertices, cells = len(tube.pattern.points), len(tube.pattern.panel)
+    expected = 3 * vertices + 6 * lattice
+    expected += (vertices + cells - 2) * (curvature == "midedge")
+    patch = patch_of(tube, curvature, lattice=lattice)
+    assert patch.space.dofmap.index_map.size_global == expected
+    seen = {None: 9, "average": 18, "quadratic": 18, "midedge": 21}[curvature] + 6 * lattice
+    assert patch.space.dofmap.list.shape[1] == seen
+    assert total(tube.comm, patch.position_count) == 3 * vertices
+    assert patch.lattice_dofs.shape == ((2, 3) if lattice else (0, 3))
+
+
+def test_triangles_see_their_corners_and_flaps(tube: Skin, comm: MPI.Comm) -> None:
+    """The vertex across each edge is the far one of the neighbour in the pattern."""
+    patch = patch_of(tube, "average")
+    vertex = np.full(patch.space.dofmap.list.max() + 1, -1)
+    vertex[patch.position_dofs] = tube.vertex[:, None]
+    owned = len(tube.owned_cells)
+    seen = vertex[patch.space.dofmap.list[:owned].reshape(owned, 6, 3)[:, :, 0]]
+    across: dict[frozenset[int], set[int]] = {}
+    for row in tube.pattern.triangles:
+        triangle = [int(v) for v in row]
+        for i in range(3):
+            edge = frozenset((triangle[i], triangle[(i + 1) % 3]))
+            across.setdefault(edge, set()).add(triangle[(i + 2) % 3])
+    own = {frozenset(int(v) for v in tube.pattern.triangles[cell]) for cell in tube.owned_cells}
+    assert {frozenset(int(v) for v in corners) for corners in seen[:, :3]} == own
+    for row in seen:
+        corners, flaps = [int(v) for v in row[:3]], [int(v) for v in row[3:]]
+        for i in range(3):
+            edge = frozenset((corners[(i + 1) % 3], corners[(i + 2) % 3]))
+            assert across[edge] == {corners[i], flaps[i]}
+
+
+@pytest.mark.parametrize("curvature", [None, "midedge"])
+@pytest.mark.parametrize("lattice", [False, True])
+def test_unknowns_of_bodies(tube: Skin, curvature: str | None, lattice: bool) -> None:
+    """The first rank owns them, all know them, and no triangle sees them."""
+    comm = tube.comm
+    plain = patch_of(tube, curvature, lattice=lattice)
+    patch = patch_of(tube, curvature, lattice=lattice, bodies=2)
+    index_map = patch.space.dofmap.index_map
+    assert index_map.size_global == plain.space.dofmap.index_map.size_global + 12
+    assert patch.body_dofs.shape == (2, 6)
+    assert plain.body_dofs.shape == (0, 6)
+    assert not np.isin(patch.space.dofmap.list, patch.body_dofs).any()
+    assert np.isin(patch.space.dofmap.list, patch.lattice_dofs).any() == lattice
+    assert (patch.body_dofs < index_map.size_local).all() == (comm.rank == 0)
+    known = index_map.local_to_global(patch.body_dofs.ravel())
+    assert np.array_equal(known, comm.bcast(known, root=0))
+
+    state = fem.Function(patch.space)
+    if comm.rank == 0:
+        state.x.array[patch.body_dofs] = np.arange(12.0).reshape(2, 6)
+    state.x.scatter_forward()
+    assert np.array_equal(state.x.array[patch.body_dofs], np.arange(12.0).reshape(2, 6))
+    # Forms see the skin alone: what they assemble is zero there.
+    form = fem.form(ufl.dot(state, ufl.TestFunction(patch.space)) * ufl.dx)
+    assembled = fem.assemble_vector(form)
+    assembled.scatter_reverse(la.InsertMode.add)
+    assert not assembled.array[patch.body_dofs].any()

@@ -1,0 +1,162 @@
+"""Periodic tiles: mean deformation gradient, its force, and its rows of the tangent."""
+
+import numpy as np
+import pytest
+from helpers.scenes import taylor_rates
+from mpi4py import MPI
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import norm, total
+from toros_fem.materials.sheet import Bending, Composite
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED, Periodic, PeriodicModel
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.mechanics.skin.tangent import UpperTangent
+from toros_fem.meshes import Tile, sew, tile
+
+SIDE = 0.01
+SKEWED = np.array([[1.08, 0.06], [-0.03, 0.95], [0.0, 0.0]])
+
+
+@pytest.fixture(scope="module")
+def square_tile(comm: MPI.Comm) -> Tile:
+    return tile(comm, (SIDE, SIDE), SIDE / 4)
+
+
+def model_of(found: Tile, comm: MPI.Comm, composite: Composite) -> PeriodicModel:
+    """Every component of F̄ and of all vertices but one is free in the plane."""
+    skin = sew(comm, found.pattern)
+    fixed = np.zeros(found.pattern.points.shape, dtype=bool)
+    fixed[0] = True
+    turns_fixed = ((False, False), (True, False), (True, True))
+    model = PeriodicModel(skin, composite, Supports(fixed), Periodic(found, turns_fixed))
+    density = np.random.default_rng(5).uniform(0, 1, len(found.wraps))
+    model.set_density(density[skin.owned_cells])
+    model.images.turn(0.4)
+    return model
+
+
+@pytest.fixture(scope="module", params=[None, "midedge"])
+def periodic(request: pytest.FixtureRequest, square_tile: Tile, comm: MPI.Comm) -> PeriodicModel:
+    bending = None if request.param is None else Bending(request.param)
+    return model_of(square_tile, comm, Composite(bending=bending))
+
+
+def stretched(model: PeriodicModel) -> np.ndarray:
+    """A state of a mean deformation, with waves in all components."""
+    state = model.assembled
+    c, s = np.cos(0.4), np.sin(0.4)
+    flat = model.positions(state)[:, :2] @ np.array([[c, -s], [s, c]])
+    x, y = (2 * np.pi * model.positions(state)[:, :2] / SIDE).T
+    waves = np.column_stack([np.sin(x), np.cos(y), np.sin(x + y)])
+    model.positions(state)[:] = flat @ SKEWED.T + 0.02 * SIDE * waves
+    model.set_mean_gradient(state, SKEWED)
+    return state
+
+
+def drawn(model: PeriodicModel) -> np.ndarray:
+    """A direction in all free unknowns, F̄ included, the same on any number of ranks."""
+    rng = np.random.default_rng(6)
+    direction = np.zeros(model.size_local)
+    whole = rng.standard_normal(model.skin.pattern.points.shape)
+    model.positions(direction)[:] = whole[model.skin.owned_vertices]
+    model.set_mean_gradient(direction, rng.standard_normal((3, 2)))
+    return direction * model.free
+
+
+def test_mean_gradient_is_read_back(periodic: PeriodicModel) -> None:
+    state = periodic.assembled
+    assert periodic.mean_gradient(state) == pytest.approx(np.eye(3)[:, :2])
+    periodic.set_mean_gradient(state, SKEWED)
+    assert periodic.mean_gradient(state) == pytest.approx(SKEWED, rel=1e-15)
+
+
+def test_force_is_the_derivative_of_the_energy(periodic: PeriodicModel) -> None:
+    comm, state, direction = periodic.skin.comm, stretched(periodic), drawn(periodic)
+    slope = total(comm, periodic.residual(state) @ direction)
+    rates = taylor_rates(lambda h: periodic.energy(state + h * direction), slope, 2e-7)
+    assert rates == pytest.approx(2, abs=0.1)
+
+
+def test_mean_force_is_the_derivative_by_the_mean_gradient(periodic: PeriodicModel) -> None:
+    state, force = stretched(periodic), periodic.mean_force(stretched(periodic))
+    for at in np.ndindex(2, 2):
+        change = np.zeros((3, 2))
+        change[at] = 1e-6
+        energies = []
+        for sign in (1, -1):
+            moved = state.copy()
+            periodic.set_mean_gradient(moved, SKEWED + sign * change)
+            energies.append(periodic.energy(moved))
+        slope = (energies[0] - energies[1]) / 2e-6
+        assert force[at] == pytest.approx(slope, rel=1e-6, abs=1e-7 * np.abs(force).max())
+
+
+def test_tangent_with_its_rows_of_the_mean_gradient(periodic: PeriodicModel) -> None:
+    """K times a direction that changes F̄ too, against differences of the force."""
+    model, comm = periodic, periodic.skin.comm
+    state, direction = stretched(model), drawn(model)
+    tangent = UpperTangent(model)
+    assert tangent.periodic is not None
+    values = np.zeros(len(tangent.columns))
+    tangent.assemble(state, values)
+    size = model.space.dofmap.index_map.size_global
+    begin, end = model.space.dofmap.index_map.local_range
+    upper = np.zeros((model.size_local, size))
+    rows = np.repeat(np.arange(model.size_local), np.diff(tangent.indptr))
+    upper[rows, tangent.columns] = values
+    whole = np.concatenate(comm.allgather(upper))
+    product = (whole + np.triu(whole, 1).T) @ np.concatenate(comm.allgather(direction))
+    step = 1e-7
+    ends = [model.residual(state + sign * step * direction) for sign in (1, -1)]
+    expected = np.asarray((ends[0] - ends[1]) / (2 * step))
+    found = product[begin:end] * model.free
+    assert norm(comm, found - expected) < 1e-6 * norm(comm, expected)
+    # The change of the force with F̄ alone, as the tile's response needs it.
+    change = np.random.default_rng(7).standard_normal((3, 2))
+    unknowns = model.tangent_layout[1].shape[1]
+    entries = np.zeros(len(model.skin.cell) * unknowns * (unknowns + 1) // 2)
+    model.tangent_entries(state, entries)
+    by_gradient = tangent.periodic.force(entries, change) * model.free
+    ends = []
+    for sign in (1, -1):
+        moved = state.copy()
+        model.set_mean_gradient(moved, SKEWED + sign * 1e-6 * change)
+        ends.append(model.residual(moved))
+    expected = np.asarray((ends[0] - ends[1]) / 2e-6)
+    assert norm(comm, by_gradient - expected) < 1e-6 * norm(comm, expected)
+
+
+def test_images_lie_one_lattice_step_away(square_tile: Tile, comm: MPI.Comm) -> None:
+    """In a homogeneous state each triangle sees a copy of itself, at the border as inside."""
+    model = model_of(square_tile, comm, Composite(bending=None))
+    state = model.assembled
+    c, s = np.cos(0.4), np.sin(0.4)
+    turned = np.array([[c, -s], [s, c]])
+    model.positions(state)[:] = model.positions(state)[:, :2] @ turned @ SKEWED.T
+    model.set_mean_gradient(state, SKEWED)
+    assert model.images.moved.any()
+    one, two = np.linalg.svd(SKEWED, compute_uv=False)
+    c1, c2 = model.composite.c1, model.composite.c2
+    single = max(abs(one - 1), abs(two - 1)) / (c1 - 1)
+    expected = max(single, abs(one + two - 2) / (c2 - 1))
+    assert model.bounds.worst(model.corners(state)) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_skin_that_does_not_repeat_has_none_of_it() -> None:
+    for name in ("periodic", "images", "lattice_dofs", "mean_gradient", "mean_force"):
+        assert not hasattr(SkinModel, name)
+
+
+def test_prescribed_components_are_fixed(square_tile: Tile, comm: MPI.Comm) -> None:
+    skin = sew(comm, square_tile.pattern)
+    fixed = np.zeros(square_tile.pattern.points.shape, dtype=bool)
+    fixed[0] = True
+    rest = Periodic(square_tile, ALL_PRESCRIBED)
+    model = PeriodicModel(skin, Composite(bending=None), Supports(fixed), rest)
+    assert model.fixed[model.lattice_dofs].all()
+    assert rest.length == pytest.approx(SIDE)
+    with pytest.raises(ParameterError, match="may turn the tile"):
+        Periodic(square_tile, ((True, False), (False, False), (True, True)))
+    with pytest.raises(ParameterError, match="3 × 2 of True or False"):
+        Periodic(square_tile, ((True, True),))

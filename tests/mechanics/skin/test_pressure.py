@@ -1,0 +1,68 @@
+"""Pressure of chambers: weighted volumes, and where walls contribute."""
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from toros_fem.base.mpi import norm
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.skin.chambers import Chambers
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.meshes import Skin, cylinder, sew
+
+LENGTH, RADIUS = 0.05, 0.01
+
+
+@pytest.fixture(scope="module")
+def grid(comm: MPI.Comm) -> Skin:
+    return sew(comm, cylinder(comm, LENGTH, 2 * RADIUS, 5e-3, mesh="structured"))
+
+
+def model_of(skin: Skin, chambers: Chambers | None) -> SkinModel:
+    fixed = clamp(skin.pattern, ["base"])
+    return SkinModel(skin, Composite(bending=None), fixed, chambers)
+
+
+def parts(skin: Skin, height: float) -> Chambers:
+    middle = skin.pattern.points[skin.pattern.triangles].mean(axis=1)[:, 2]
+    return Chambers(("lower", "upper"), (middle > height).astype(int))
+
+
+def test_volumes_of_two_parts_of_a_prism(grid: Skin) -> None:
+    """Each chamber is a prism over the same polygon."""
+    model = model_of(grid, parts(grid, LENGTH / 2))
+    sides = round(2 * np.pi * RADIUS / 5e-3)
+    area = 0.5 * sides * np.sin(2 * np.pi / sides) * RADIUS**2
+    assert model.volumes(model.assembled) == pytest.approx([area * LENGTH / 2] * 2, rel=1e-12)
+    assert model_of(grid, None).volume(model.assembled) == pytest.approx(area * LENGTH, rel=1e-12)
+
+
+def test_gradients_of_chambers_add_up(grid: Skin) -> None:
+    """To that of the whole: what the wall has on one side it lacks on the other."""
+    two, one = model_of(grid, parts(grid, LENGTH / 2)), model_of(grid, None)
+    state = 1.1 * one.assembled
+    each = [two.volume_gradient(state, k) for k in range(2)]
+    whole = one.volume_gradient(state)
+    scale = norm(grid.comm, whole)
+    assert norm(grid.comm, each[0] + each[1] - whole) < 1e-12 * scale
+    assert norm(grid.comm, two.volume_gradient(state) - whole) < 1e-12 * scale
+    assert min(norm(grid.comm, part) for part in each) > 0.1 * scale
+
+
+def test_the_wall_is_in_the_tangent_of_its_border_alone(grid: Skin) -> None:
+    two, one = model_of(grid, parts(grid, LENGTH / 2)), model_of(grid, None)
+    assert one.further_pairs.shape == (2, 0)
+    rows, columns = two.further_pairs
+    assert np.all(rows <= columns)
+    border = int(grid.comm.allreduce(len(np.unique(rows))))
+    assert border == 3 * round(2 * np.pi * RADIUS / 5e-3)
+
+
+def test_open_skin_has_no_volume(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, LENGTH, 2 * RADIUS, 5e-3, mesh="structured", caps=None)
+    skin = sew(comm, pattern)
+    model = SkinModel(skin, Composite(bending=None), clamp(pattern, ["wall"]))
+    assert not model.closed
+    assert model.volume(model.assembled) == 0
+    assert not model.volume_gradient(model.assembled).any()

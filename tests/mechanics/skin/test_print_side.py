@@ -1,0 +1,278 @@
+"""A print on one face of the fabric against the exact bimorph strip and ring."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, la
+from helpers.models import (
+    automatic_tangent,
+    bent_tube,
+    dense_tangent,
+    drawn,
+    line_design,
+    pressurize,
+    upper_rows,
+)
+from helpers.scenes import taylor_rates
+from mpi4py import MPI
+from scipy.sparse import csr_matrix, triu
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import norm, total
+from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material, Membrane
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.relaxed_model import RelaxedModel
+from toros_fem.mechanics.skin.supports import Supports, build_in, clamp, symmetry_plane
+from toros_fem.meshes import Pattern, Skin, cylinder, sew
+from toros_fem.meshes.sheet import rectangle
+
+PRINT = Material(1e6, 0.3, 1e-3)
+OFFSET = 1e-3
+# Bounds so wide that eq. (1) is St. Venant-Kirchhoff's energy to 1e-6.
+SIDED = Composite(Material(1e5, 0.3, 1e-3), PRINT, c1=1e3, c2=1e3, print_side="outside")
+LENGTH, WIDTH, RADIUS = 0.04, 0.01, 0.02
+
+
+def in_plane(pattern: Pattern) -> Supports:
+    """Three components that hold a ring in its plane without straining it."""
+    x, y, z = pattern.points.T
+    fixed = np.zeros(pattern.points.shape, dtype=bool)
+    fixed[np.argmax(x - abs(z)), 1] = fixed[np.argmin(x + abs(z)), 1] = True
+    fixed[np.argmax(y - abs(z)), 0] = True
+    return Supports(fixed)
+
+
+def without_poisson(composite: Composite) -> Composite:
+    fabric, strip = composite.fabric, composite.reinforcement
+    return replace(
+        composite,
+        fabric=replace(fabric, poisson=0.0),
+        reinforcement=replace(strip, poisson=0.0),
+    )
+
+
+def printed(
+    comm: MPI.Comm,
+    pattern: Pattern,
+    composite: Composite,
+    supports: Supports,
+    pressure: float = 0.0,
+    force: np.ndarray | None = None,
+) -> tuple[Skin, EquilibriumResult]:
+    """Equilibrium of a skin that is printed everywhere."""
+    skin = sew(comm, pattern)
+    solver = EquilibriumSolver(skin, composite, supports, NewtonOptions(tolerance=1e-12))
+    return skin, solver.solve(np.ones(len(skin.owned_cells)), pressure, force=force)
+
+
+@pytest.mark.parametrize("side", ["outside", "inside"])
+def test_pulled_strip_curls_towards_the_print(comm: MPI.Comm, side: str) -> None:
+    """Along N the curvature is N e/D about the print's middle, across −ν of it: a patch test."""
+    pattern = rectangle(comm, LENGTH, WIDTH, 4e-3, "unstructured")
+    points, border = pattern.points, pattern.free_edges
+    force = np.zeros(points.shape)
+    pull = 1e-6  # N/m, so little that it does not straighten what it curls
+    for end, sign in ((0.0, -1), (LENGTH, 1)):
+        for edge in border[(np.abs(points[border, 0] - end) < 1e-9).all(axis=1)]:
+            force[edge, 0] += sign * pull * np.linalg.norm(np.subtract(*points[edge])) / 2
+    corner = [int(np.argmin(np.abs(points[:, :2] - at).sum(axis=1)))
+              for at in ((0, 0), (LENGTH, 0), (0, WIDTH))]  # fmt: skip
+    fixed = np.zeros(points.shape, dtype=bool)
+    fixed[corner, 2], fixed[corner[0]], fixed[corner[1], 1] = True, True, True
+    composite = replace(SIDED, print_side=side)
+    skin, found = printed(comm, pattern, composite, Supports(fixed), force=force)
+    x, y, z = skin.gather_vertices(found.positions).T
+    table = np.column_stack([np.ones(len(x)), x, y, x * x / 2, x * y, y * y / 2])
+    fit = np.linalg.lstsq(table, z, rcond=None)[0]
+    expected = pull * OFFSET / (PRINT.young * PRINT.thickness**3 / 12)
+    # The normal is +z, and z'' > 0 lifts the ends.
+    sign = 1 if side == "outside" else -1
+    curvature = sign * expected * np.array([1, 0, -PRINT.poisson])
+    assert fit[3:] == pytest.approx(curvature, abs=1e-5 * expected)
+    assert np.abs(table @ fit - z).max() < 1e-6 * np.ptp(z)
+
+
+@pytest.mark.parametrize("side", ["outside", "inside"])
+def test_rolled_strip_bends_about_the_print(comm: MPI.Comm, side: str) -> None:
+    """D − B²/A = E h³/12; the fabric's middle is longer or shorter by e times the angle."""
+    angle, errors = np.pi / 2, []
+    composite = without_poisson(replace(SIDED, print_side=side))
+    for edge in (5e-3, 2.5e-3):
+        pattern = rectangle(comm, LENGTH, WIDTH, edge, "right")
+        points, border = pattern.points, pattern.free_edges
+        tip = points[:, 0] > LENGTH - 1e-9
+        ends = border[tip[border].all(axis=1)]
+        normals = np.tile([np.cos(angle), 0, np.sin(angle)], (len(ends), 1))
+        free = np.zeros(points.shape, dtype=bool)
+        held = build_in(pattern, points[:, 0] < 1e-9) | Supports(free, ends, normals)
+        skin, found = printed(comm, pattern, composite, held)
+        # Turned upwards, the face of the normal +z is the inner one of the bend.
+        strain = OFFSET * angle / LENGTH * (1 if side == "outside" else -1)
+        radius = LENGTH * (1 + strain) / angle
+        D = PRINT.young * PRINT.thickness**3 / 12
+        energy = D / 2 * (angle / LENGTH) ** 2 * LENGTH * WIDTH
+        place = skin.gather_vertices(found.positions)[tip].mean(axis=0)
+        errors.append([place[0] / radius - 1, place[2] / radius - 1, found.energy / energy - 1])
+    coarse, fine = np.abs(errors)
+    assert np.all(fine < 4e-3)
+    assert np.all(fine < coarse / 2)
+
+
+@pytest.mark.parametrize("curvature", CURVATURES)
+def test_printed_ring(comm: MPI.Comm, curvature: str) -> None:
+    """Of given curvature 1/R, the print's middle has the strain ε ± e/R; E h of it is P R (1 + ε).
+
+    Without a pressure the ring gets narrower by e with the print outside, wider with it inside.
+    """
+    stiffness, z = PRINT.membrane_stiffness, 0.01
+    patterns = [
+        cylinder(comm, z, 2 * RADIUS, edge, mesh="structured", caps=None) for edge in (4e-3, 2e-3)
+    ]
+    for side, pressure in (("outside", 0.0), ("inside", 2e3)):
+        composite = replace(SIDED, bending=Bending(curvature), print_side=side)
+        errors = []
+        for pattern in patterns:
+            held = symmetry_plane(pattern, 2) | symmetry_plane(pattern, 2, z) | in_plane(pattern)
+            skin, found = printed(
+                comm, pattern, without_poisson(composite), held, pressure=pressure
+            )
+            place = skin.gather_vertices(found.positions)
+            strain = np.hypot(place[:, 0], place[:, 1]).mean() / RADIUS - 1
+            by_print = pressure * RADIUS * (1 + strain) / stiffness
+            errors.append(strain + composite.eccentricity / RADIUS - by_print)
+        coarse, fine = np.abs(errors) / (OFFSET / RADIUS)
+        assert fine < 2e-3
+        assert fine < coarse / 3
+
+
+def random_design(model: SkinModel, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return np.asarray(rng.random(len(model.skin.pattern.panel))[model.skin.owned_cells])
+
+
+@pytest.fixture(scope="module")
+def sides(tube: Skin) -> dict[str | None, SkinModel]:
+    """The tube with the print outside, inside, and in the middle."""
+    models = {}
+    for side in ("outside", "inside", None):
+        composite = Composite(print_side=side)
+        models[side] = SkinModel(tube, composite, clamp(tube.pattern, ["base"]))
+        pressurize(models[side], 2e3)
+    return models
+
+
+def test_fabric_is_unchanged(sides: dict[str | None, SkinModel], comm: MPI.Comm) -> None:
+    """And what a print adds is linear in the density, its coupling opposite on both sides."""
+    state = bent_tube(sides[None])
+    gaps = {}
+    for density in (0.0, 0.25, 1.0):
+        force = {}
+        for side, model in sides.items():
+            model.set_density(np.full(len(model.skin.owned_cells), density))
+            force[side] = model.residual(state)
+        gaps[density] = force["outside"] - force["inside"]
+        both = force["outside"] + force["inside"] - 2 * force[None]
+        if density == 0:
+            assert norm(comm, both) == norm(comm, gaps[density]) == 0
+    scale = norm(comm, gaps[1.0])
+    assert scale > 0
+    assert norm(comm, gaps[0.25] - gaps[1.0] / 4) < 1e-10 * scale
+
+
+def test_a_skin_without_a_side_pays_nothing(sides: dict[str | None, SkinModel]) -> None:
+    with_it, without = (
+        [*sides[side].ufl_forms.tangent.coefficients(), *sides[side].ufl_forms.tangent.constants()]
+        for side in ("outside", None)
+    )
+    assert len(with_it) == len(without) + 2, "two stiffnesses"
+    assert sides["outside"].size_local == sides[None].size_local
+
+
+def test_material_part_makes_the_tangent_positive(sides: dict[str | None, SkinModel]) -> None:
+    model = sides["inside"]
+    model.set_density(random_design(model, 3))
+    noise = np.random.default_rng(3).standard_normal(model.skin.pattern.points.shape)
+    state = model.assembled
+    model.positions(state)[:] += 2e-4 * noise[model.skin.owned_vertices]
+    K, M = (dense_tangent(model, state, geometric) for geometric in (1.0, 0.0))
+    scale = 1 / np.sqrt(np.abs(np.diag(K)))
+    K, M = (scale[:, None] * matrix * scale for matrix in (K, M))
+    assert np.linalg.eigvalsh(K)[0] < -0.1
+    lowest = np.linalg.eigvalsh(M)
+    assert lowest[0] > -1e-12 * lowest[-1]
+    assert np.linalg.eigvalsh(K + 2 * M)[0] > 0
+
+
+def test_adjoint_gradient(tube: Skin, comm: MPI.Comm) -> None:
+    """Taylor test of a functional of the equilibrium by the density."""
+    composite = Composite(print_side="outside")
+    options = NewtonOptions(tolerance=1e-12)
+    solver = EquilibriumSolver(tube, composite, clamp(tube.pattern, ["base"]), options)
+    model = solver.model
+    density, direction = 0.1 + 0.3 * random_design(model, 1), random_design(model, 2) - 0.5
+    base = solver.solve(density, 1e3)
+    rhs = drawn(model, 4)
+    rhs[model.positions(rhs).size :] = 0
+    adjoint = solver.solve_tangent(rhs, base)
+    slope = -total(comm, float(model.density_sensitivity(base.state, adjoint) @ direction))
+
+    def value(step: float) -> float:
+        found = solver.solve(density + step * direction, 1e3, start=base.state)
+        return total(comm, float(rhs @ (found.state - base.state)))
+
+    assert taylor_rates(value, slope, 4e-2) == pytest.approx(2, abs=0.05)
+
+
+def test_tangent_of_lines(tube: Skin, comm: MPI.Comm) -> None:
+    """Variation and tangent of smeared lines on one face against those of `ufl.derivative`."""
+    thick = Composite(Material(1e5, 0.3, 5e-3), Material(26e5, 0.3, 5e-3), print_side="inside")
+    model = RelaxedModel(tube, thick, clamp(tube.pattern, ["base"]), 2)
+    model.set_density(line_design(tube, 2, 1))
+    state = bent_tube(model)
+    closed = model.residual(state)
+    test = ufl.TestFunction(model.space)
+    vector = fem.assemble_vector(fem.form(ufl.derivative(model.ufl_forms.energy, model.q, test)))
+    vector.scatter_reverse(la.InsertMode.add)
+    automatic = vector.array[: model.size_local] * model.free
+    assert norm(comm, closed - automatic) <= 1e-13 * norm(comm, closed)
+    entries = upper_rows(model, state)
+    begin = model.space.dofmap.index_map.local_range[0]
+    rows, columns, values = automatic_tangent(model, state).getValuesCSR()
+    expected = triu(csr_matrix((values, columns, rows), shape=entries.shape), k=begin)
+    assert norm(comm, (entries - expected).tocsr().data) <= 1e-12 * norm(comm, entries.data)
+
+
+def test_lines_around_a_tube(comm: MPI.Comm) -> None:
+    """Widened by a tenth: outside, s k e ε Λ per area more than in the middle, inside less."""
+    pattern = cylinder(comm, 0.06, 0.02, 4e-3, mesh="structured", caps=None)
+    skin, energies = sew(comm, pattern), {}
+    for side in ("outside", "inside"):
+        composite = replace(SIDED, print_side=side)
+        model = RelaxedModel(skin, composite, clamp(pattern, ["wall"]), 1)
+        model.set_density(np.tile([0.0, 0.25, 1.0, 0.0], (len(skin.owned_cells), 1)))
+        state = model.assembled
+        model.positions(state)[:, :2] *= 1.1
+        energies[side] = model.energy(state)
+    sides = round(np.pi * 0.02 / 4e-3)
+    bend = 2 * np.pi / (sides * 0.02 * np.sin(np.pi / sides))
+    density = 0.25 * PRINT.membrane_stiffness * OFFSET * 0.1 * bend
+    gap = energies["outside"] - energies["inside"]
+    assert gap == pytest.approx(2 * density * pattern.areas.sum(), rel=1e-9)
+
+
+def test_wrong_sides() -> None:
+    with pytest.raises(ParameterError, match="print_side = 'left'"):
+        Composite(print_side="left")
+    with pytest.raises(ParameterError, match="bending = None"):
+        Composite(print_side="inside", bending=None)
+    with pytest.raises(ParameterError, match="tension field"):
+        Composite(print_side="inside", membrane=Membrane("tension-field"))
+    with pytest.raises(ParameterError, match="print_offset"):
+        Composite(print_offset=0.0)
+    assert Composite(print_side="inside").eccentricity == -0.5e-3
+    assert Composite(print_side="outside", print_offset=1e-4).eccentricity == 1e-4
+    assert Composite(print_offset=1e-4).eccentricity == 0

@@ -1,0 +1,216 @@
+"""The relaxed model: its designs, their checks and sensitivity, and what it measures by."""
+
+import numpy as np
+import pytest
+from helpers.models import SIZE, affine, bent_tube, dense_tangent, drawn, line_design, pressurize
+from helpers.scenes import square, taylor_rates
+from mpi4py import MPI
+
+from toros_fem.base.errors import DensityError, ParameterError
+from toros_fem.base.mpi import norm, total
+from toros_fem.materials.sheet import Bladder, Composite, Material
+from toros_fem.mechanics.skin.dead_loads import Weight
+from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.relaxed_model import (
+    CROSSING,
+    MAX_COVER,
+    RelaxedModel,
+    crossing_of_widths,
+)
+from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.meshes import Skin, sew
+
+
+@pytest.fixture(scope="module")
+def model(tube: Skin) -> RelaxedModel:
+    """A tube with all terms: bending, rubber, weight and pressure."""
+    composite = Composite(bladder=Bladder(0.3e6, 0.5e-3))
+    made = RelaxedModel(tube, composite, clamp(tube.pattern, ["base"]), 2, weight=Weight(0.2, 2.0))
+    made.set_density(line_design(tube, 2, 1))
+    made.set_load(LoadCase(np.array([1e3]), weight_fraction=1.0))
+    return made
+
+
+@pytest.mark.parametrize("columns", [[0], [1, 2], [3, 4, 5, 6]])
+def test_sensitivity_by_each_kind_of_column(model: RelaxedModel, columns: list[int]) -> None:
+    """∂(residual · adjoint) by density, by shares and by angles, whose vectors have any length."""
+    comm, state, adjoint = model.skin.comm, bent_tube(model), drawn(model, 1)
+    base = line_design(model.skin, 2, 1)
+    rng = np.random.default_rng(9)
+    direction: np.ndarray = np.zeros((len(model.skin.pattern.panel), 7))
+    direction[:, columns] = rng.standard_normal((len(direction), len(columns)))
+    direction = direction[model.skin.owned_cells]
+    if columns != [0]:
+        direction[:, columns] += 0.5 * base[:, columns]
+
+    def value(h: float) -> float:
+        model.set_density(base + h * direction)
+        return total(comm, model.residual(state) @ adjoint)
+
+    model.set_density(base)
+    sensitivity = model.density_sensitivity(state, adjoint)
+    assert sensitivity.shape == base.shape
+    slope = total(comm, (sensitivity * direction).sum())
+    if columns == [0]:  # it is linear
+        assert value(0.1) - value(0.0) == pytest.approx(0.1 * slope, rel=1e-9)
+    else:
+        assert taylor_rates(value, slope, 1e-2) == pytest.approx(2, abs=0.02)
+    model.set_density(base)
+
+
+def test_only_the_direction_of_an_angle_counts(model: RelaxedModel) -> None:
+    state, base = bent_tube(model), line_design(model.skin, 2, 1)
+    residual = model.residual(state)
+    longer = base.copy()
+    longer[:, 3:] *= 3.0
+    model.set_density(longer)
+    assert model.residual(state) == pytest.approx(residual, rel=1e-12, abs=1e-15)
+    along, straight = base.copy(), base.copy()
+    along[:, 3:], straight[:, 3:5], straight[:, 5:] = 0.0, 1.0, 0.0
+    found = []
+    for design in (along, straight):
+        model.set_density(design)
+        found.append(model.residual(state))
+    assert np.array_equal(found[0], found[1]), "the zero vector is the first axis"
+    model.set_density(along)
+    assert not model.density_sensitivity(state, drawn(model, 3))[:, 3:].any()
+    model.set_density(base)
+
+
+def test_without_lines_it_is_the_plain_model(model: RelaxedModel) -> None:
+    plain = SkinModel(model.skin, model.composite, model.supports, weight=model.weight)
+    plain.set_load(model.load)
+    state, base = bent_tube(plain), line_design(model.skin, 2, 1)
+    bare = np.where(np.arange(7) > 0, 0.0, base)
+    plain.set_density(base[:, 0])
+    model.set_density(bare)
+    force = plain.residual(state)
+    assert norm(model.skin.comm, model.residual(state) - force) < 1e-13 * norm(
+        model.skin.comm, force
+    )
+    assert model.energy(state) == pytest.approx(plain.energy(state), rel=1e-12)
+    assert model.mean_modulus() == pytest.approx(plain.mean_modulus(), rel=1e-14)
+    model.set_density(base)
+
+
+def test_parallel_families_are_one(tube: Skin) -> None:
+    """Two families along one direction, and one of both shares."""
+    supports = clamp(tube.pattern, ["base"])
+    forces, moduli = [], []
+    design = line_design(tube, 1, 5)
+    halves = np.column_stack(
+        [design[:, 0], 0.3 * design[:, 1], 0.7 * design[:, 1], *[design[:, 2]] * 2]
+        + [design[:, 3]] * 2
+    )
+    for rows in (design, halves):
+        model = RelaxedModel(tube, Composite(), supports, (rows.shape[1] - 1) // 3)
+        model.set_density(rows)
+        pressurize(model, 1e3)
+        forces.append(model.residual(bent_tube(model)))
+        moduli.append(model.mean_modulus())
+    assert norm(tube.comm, forces[0] - forces[1]) < 1e-12 * norm(tube.comm, forces[0])
+    assert moduli[0] == pytest.approx(moduli[1], rel=1e-13)
+
+
+def test_lines_are_heavy(tube: Skin) -> None:
+    """As printed fabric is, by the area that they cover."""
+    supports, weight = clamp(tube.pattern, ["base"]), Weight(0.2, 2.0)
+    model = RelaxedModel(tube, Composite(bending=None), supports, 2, weight=weight)
+    model.set_density(np.tile([0.1, 0.2, 0.3, 1, 0, 0, 1], (len(tube.owned_cells), 1)))
+    model.set_load(LoadCase(np.array([0.0]), weight_fraction=1.0))
+    force = model.positions(model.applied_load(model.assembled) + 0.0)
+    model.set_state(model.assembled)
+    free = model.positions(model.free.astype(float))[:, 2] > 0
+    whole = tube.pattern.vertex_areas[tube.owned_vertices][free].sum()
+    pull = total(tube.comm, force[:, 2].sum())
+    assert pull == pytest.approx(-9.81 * (0.2 + 0.6 * 1.8) * total(tube.comm, whole), rel=1e-10)
+
+
+def test_mean_modulus_is_that_of_fabric_and_lines(tube: Skin) -> None:
+    strip = Material(26e6, 0.2, 0.4e-3)
+    composite = Composite(reinforcement=strip, bending=None)
+    model = RelaxedModel(tube, composite, clamp(tube.pattern, ["base"]), 2)
+    model.set_density(np.tile([0.0, 0.2, 0.3, 1, 0, 0, 1], (len(tube.owned_cells), 1)))
+    fabric, ratio = composite.fabric, 26e6 * 0.4e-3 / 50
+    crossings = 0.2**2 * 0.3 + 0.3**2 * 0.2
+    sine = np.sin(np.pi / 4) ** 4  # between t = 0 and t = 45 degrees
+    factor = 1 / 0.5 + CROSSING * ratio * crossings * sine
+    expected = factor * fabric.thickness * (2 * fabric.mu + fabric.lam) + 0.5 * 26e6 * 0.4e-3
+    assert model.mean_modulus() == pytest.approx(expected, rel=1e-12)
+
+
+def test_wide_lines_across_thin_ones_stiffen_less(tube: Skin) -> None:
+    assert crossing_of_widths(1.0) == pytest.approx(CROSSING, rel=1e-15)
+    assert crossing_of_widths(4.0) == pytest.approx(0.21509 * CROSSING, rel=1e-4)
+    assert crossing_of_widths(0.25) == pytest.approx(crossing_of_widths(4.0), rel=1e-14)
+    with pytest.raises(ParameterError, match="ratio = 0"):
+        crossing_of_widths(0)
+    supports, design = clamp(tube.pattern, ["base"]), line_design(tube, 2, 4)
+    energies = []
+    for crossing in (0.0, 0.2, 0.4):
+        model = RelaxedModel(tube, Composite(bending=None), supports, 2, crossing=crossing)
+        model.set_density(design)
+        energies.append(model.energy(bent_tube(model)))
+    none, some, twice = energies
+    assert twice - none == pytest.approx(2 * (some - none), rel=1e-9)
+    assert some > 1.001 * none
+
+
+def test_rounding_of_the_energy_is_bounded(comm: MPI.Comm) -> None:
+    """On states that differ by rounding: what Newton's line search relies on."""
+    pattern = square(size=SIZE)
+    fixed = np.zeros(pattern.points.shape, dtype=bool)
+    fixed[[0, 1, 10]] = True
+    skin = sew(comm, pattern)
+    model = RelaxedModel(skin, Composite(bending=None), Supports(fixed), 2)
+    model.set_density(line_design(skin, 2, 3))
+    rng = np.random.default_rng(2)
+    state = affine(model, np.array([[1.3, 0], [0, 0.8], [0, 0]]))
+    energies = []
+    for _ in range(20):
+        signs = rng.choice([-1.0, 1.0], pattern.points.size).reshape(-1, 3)
+        energies.append(model.energy(state * (1 + 2**-52 * signs[skin.owned_vertices].ravel())))
+    assert 0 < max(energies) - min(energies) < model.energy_rounding()
+
+
+def test_material_part_makes_the_tangent_positive(tube: Skin) -> None:
+    """Lines in compression buckle; the shift of Newton's method does not."""
+    model = RelaxedModel(tube, Composite(), clamp(tube.pattern, ["base"]), 2)
+    model.set_density(line_design(tube, 2, 3))
+    pressurize(model, 5e3)
+    noise = np.zeros(model.size_local)
+    directions = np.random.default_rng(3).standard_normal(tube.pattern.points.shape)
+    model.positions(noise)[:] = 2e-4 * directions[tube.owned_vertices]
+    state = model.assembled + noise * model.free
+    K, M = (dense_tangent(model, state, geometric) for geometric in (1.0, 0.0))
+    scale = 1 / np.sqrt(np.abs(np.diag(M)))
+    K, M = (scale[:, None] * matrix * scale for matrix in (K, M))
+    assert np.linalg.eigvalsh(K)[0] < -0.01
+    lowest = np.linalg.eigvalsh(M)
+    assert lowest[0] > -1e-12 * lowest[-1]
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "message"),
+    [
+        (0, 1.2, r"is 1\.2; it must lie in \[0, 1\]"),
+        (1, -0.01, "no share below 0"),
+        (2, 0.9, f"their sum at most {MAX_COVER}"),
+        (5, np.nan, "must be finite"),
+    ],
+)
+def test_designs_are_checked(model: RelaxedModel, column: int, value: float, message: str) -> None:
+    design = line_design(model.skin, 2, 1)
+    model.check(design)
+    cell = np.flatnonzero(model.skin.owned_cells == 7)  # on one rank alone; all ranks raise
+    design[cell, column] = value
+    with pytest.raises(DensityError, match=message):
+        model.check(design)
+
+
+def test_shapes_are_checked(model: RelaxedModel, tube: Skin) -> None:
+    with pytest.raises(DensityError, match="density, shares, cosines and sines of 2 families"):
+        model.check(line_design(tube, 2, 1)[:, :-1])
+    with pytest.raises(ParameterError, match="families = 0 must be a whole number"):
+        RelaxedModel(tube, Composite(), clamp(tube.pattern, ["base"]), 0)

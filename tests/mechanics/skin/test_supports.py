@@ -1,0 +1,195 @@
+"""Supports that move, and supports that hold nothing but rigid motion."""
+
+import numpy as np
+import pytest
+from helpers.scenes import TABLE_A, box, part_of, square, table
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem.base.mpi import norm
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.readings.error_estimate import estimate_error
+from toros_fem.mechanics.skin.supports import (
+    Supports,
+    clamp,
+    clamp_where,
+    displace,
+    pin,
+    symmetry_plane,
+)
+from toros_fem.meshes import Skin, cylinder, sew
+
+SIZE = 0.02
+
+
+def strip(n: int) -> tuple[Skin, Supports, np.ndarray]:
+    """A flat sheet held along x at two sides, and nowhere across; its pulled side."""
+    pattern = square(n=n, size=SIZE)
+    points = pattern.points
+    fixed = np.zeros(points.shape, dtype=bool)
+    fixed[:, 2] = True
+    pulled = points[:, 0] > SIZE * (1 - 1e-9)
+    fixed[(points[:, 0] < 1e-9) | pulled, 0] = True
+    fixed[0, 1] = True
+    return sew(MPI.COMM_WORLD, pattern), Supports(fixed), pulled
+
+
+@pytest.mark.parametrize("stretch", ["1.10000000", "1.40000000", "0.90000000"])
+def test_pulled_strip_has_the_exact_reaction(stretch: str) -> None:
+    """On a mesh so fine that the pulled triangles alone could not take the way."""
+    rows = [r for r in table("gent_uniaxial") if r["mat"] == "A"]
+    row = min(rows, key=lambda r: abs(float(r["stretch"]) - float(stretch)))
+    pull = float(row["stretch"])
+    skin, fixed, pulled = strip(12)
+    composite = Composite(fabric=TABLE_A, c1=float(row["c1"]), c2=float(row["c2"]), bending=None)
+    way = np.where(pulled[:, None], [(pull - 1) * SIZE, 0, 0], 0)
+    supports = Supports(fixed.fixed, displacement=way)
+    solver = EquilibriumSolver(skin, composite, supports)
+    result = solver.solve(np.zeros(len(skin.owned_cells)), 0.0)
+    assert "supports moved by up to" in result.reason
+    found = skin.gather_vertices(result.positions)
+    expected = skin.pattern.points * [pull, float(row["lateral_stretch"]), 0]
+    assert found / SIZE == pytest.approx(expected / SIZE, abs=2e-8)
+    force = solver.reactions(result)[pulled].sum(axis=0)
+    stress = float(row["nominal_stress_Pa"])
+    assert force[0] / (SIZE * TABLE_A.thickness) == pytest.approx(stress, rel=1e-6, abs=0.02)
+    assert np.abs(force[1:]).max() < 1e-9 * abs(force[0])
+    assert solver.reactions(result).sum(axis=0) == pytest.approx(0, abs=1e-9 * abs(force[0]))
+
+
+def test_pulled_tube(tube: Skin, comm: MPI.Comm) -> None:
+    """Its end is where it was put, by any way; what pulls there is held at the other."""
+    pattern = tube.pattern
+    base = clamp(pattern, ["base"])
+    density = np.full(len(tube.owned_cells), 0.1)
+    solver = EquilibriumSolver(
+        tube, Composite(), base | displace(pattern, ["tip"], [0.01, 0, 0.006])
+    )
+    result = solver.solve(density, 2e3)
+    tip = pattern.vertices_of("tip")
+    there = tube.gather_vertices(result.positions)[tip]
+    assert there == pytest.approx(pattern.points[tip] + [0.01, 0, 0.006], abs=1e-15)
+    force = solver.reactions(result)
+    fixed, scale = solver.model.supports.fixed, np.abs(force).max()
+    assert np.all(force[~fixed] == 0)
+    assert scale > 0
+    # A closed body's pressure has no resultant.
+    assert np.abs(force.sum(axis=0)).max() < 1e-8 * scale
+    # A warm start that moves the end, and one that takes it back to its assembled place.
+    way = np.where(pattern.points[:, 2:] > 0.0599, [-0.004, 0.0, 0.008], 0.0)
+    warm = solver.solve(density, 2e3, displacement=way, start=result.state)
+    cold = solver.solve(density, 2e3, displacement=way)
+    assert norm(comm, warm.state - cold.state) < 1e-6 * norm(comm, cold.state)
+    rest = solver.solve(density, 2e3, displacement=0 * way, start=cold.state)
+    plain = EquilibriumSolver(tube, Composite(), base | clamp(pattern, ["tip"]))
+    other = plain.solve(density, 2e3, start=result.state)
+    assert norm(comm, rest.state - other.state) < 1e-6 * norm(comm, rest.state)
+
+
+def test_a_pull_too_far_tells_how_far_it_came(comm: MPI.Comm) -> None:
+    skin, fixed, pulled = strip(4)
+    way = np.where(pulled[:, None], [1.5 * SIZE, 0, 0], 0)
+    solver = EquilibriumSolver(
+        skin, Composite(fabric=TABLE_A, bending=None), Supports(fixed.fixed, displacement=way)
+    )
+    found = solver.solve(np.zeros(len(skin.owned_cells)), 0.0, raise_on_failure=False)
+    assert not found.converged
+    assert 0.5 < found.load_factor < 0.7
+    assert "supports moved by up to 0.03 m" in found.reason
+
+
+def test_estimate_knows_the_displacement(comm: MPI.Comm) -> None:
+    skin, fixed, pulled = strip(4)
+    way = np.where(pulled[:, None], [0.1 * SIZE, 0, 0], 0)
+    solver = EquilibriumSolver(
+        skin, Composite(fabric=TABLE_A, bending=None), Supports(fixed.fixed, displacement=way)
+    )
+    density = np.zeros(len(skin.owned_cells))
+    result = solver.solve(density, 0.0)
+    (found,) = estimate_error(solver, density, result, [lambda _, x: float(np.ptp(x[:, 1]))])
+    assert found.refined == pytest.approx(found.value, rel=1e-7)
+
+
+def test_displacements_join_and_are_checked(tube: Skin) -> None:
+    pattern = tube.pattern
+    up = displace(pattern, ["tip"], [0, 0, 1e-3])
+    both = clamp(pattern, ["base"]) | up
+    tip = pattern.vertices_of("tip")
+    assert both.displacement is not None
+    assert np.all(both.displacement[tip] == [0, 0, 1e-3])
+    assert np.abs(both.displacement).sum() == pytest.approx(1e-3 * len(tip))
+    last = (both | clamp(pattern, ["tip"])).displacement
+    assert last is not None
+    assert not last.any(), "the second counts"
+    with pytest.raises(errors.ParameterError, match="displacement has shape"):
+        Supports(up.fixed, displacement=np.zeros((2, 3)))
+    with pytest.raises(errors.ParameterError, match=r"must be a finite vector \(3,\)"):
+        displace(pattern, ["tip"], [1.0, 2.0])
+
+
+def turned_onto(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Points after the rigid motion that brings them nearest to others (Kabsch 1976)."""
+    a, b = points - points.mean(axis=0), others - others.mean(axis=0)
+    u, _, v = np.linalg.svd(a.T @ b)
+    flip = np.diag([1, 1, np.sign(np.linalg.det(u @ v))])
+    return a @ u @ flip @ v + others.mean(axis=0)
+
+
+def test_pins_bear_nothing(tube: Skin, comm: MPI.Comm) -> None:
+    """A free skin under pressure: no reactions, and the shape that symmetry gives."""
+    pattern = box()
+    quarter = part_of(pattern, np.all(pattern.points[pattern.triangles][:, :, :2].mean(1) > 0, 1))
+    sheet = Composite(fabric=TABLE_A, bending=None)
+    skin = sew(comm, pattern)
+    solver = EquilibriumSolver(skin, sheet, pin(pattern))
+    assert solver.model.supports.fixed.sum() == 6
+    found = solver.solve(np.zeros(len(skin.owned_cells)), 1e3)
+    assert found.converged
+    force = np.abs(solver.reactions(found)).max()
+    assert force < 1e-9 * 1e3 * SIZE**2
+    one_height = np.zeros(quarter.points.shape, dtype=bool)
+    one_height[int(np.argmin(np.linalg.norm(quarter.points, axis=1))), 2] = True
+    fixed = symmetry_plane(quarter, 0) | symmetry_plane(quarter, 1) | Supports(one_height)
+    cut = sew(comm, quarter)
+    other = EquilibriumSolver(cut, sheet, fixed).solve(np.zeros(len(cut.owned_cells)), 1e3)
+    place = [int(np.argmin(np.linalg.norm(pattern.points - p, axis=1))) for p in quarter.points]
+    there = cut.gather_vertices(other.positions)
+    whole = skin.gather_vertices(found.positions)[place]
+    assert turned_onto(whole, there) == pytest.approx(there, abs=1e-7 * SIZE)
+    # With bending and a design, a tube pinned at its base alone.
+    pinned = EquilibriumSolver(tube, Composite(), pin(tube.pattern, "base"))
+    rng = np.random.default_rng(0)
+    density = rng.random(len(tube.pattern.panel))[tube.owned_cells]
+    result = pinned.solve(density, 2e3)
+    force = np.abs(pinned.reactions(result)).max()
+    assert force < 1e-8 * 2e3 * np.pi * 0.01**2
+
+
+def test_what_cannot_be_pinned(comm: MPI.Comm) -> None:
+    for made in (square(), cylinder(comm, 0.06, 0.02, 5e-3, mesh="structured")):
+        assert pin(made).fixed.sum() == 6
+        pin(made).require_no_rigid_motion(made)
+    with pytest.raises(errors.PanelError, match="no panel is named 'top'"):
+        pin(square(), "top")
+    line = square(square().points * [1, 0, 0])
+    with pytest.raises(errors.ParameterError, match="lie on a line"):
+        pin(line)
+
+
+def test_region_by_coordinates(comm: MPI.Comm) -> None:
+    pattern = cylinder(comm, 0.06, 0.02, 4.5e-3)
+    fixed = clamp_where(pattern, lambda x: x[:, 2] < 1e-6).fixed
+    np.testing.assert_array_equal(fixed, clamp(pattern, ["base"]).fixed)
+    with pytest.raises(errors.ParameterError, match="holds no vertex; the skin spans"):
+        clamp_where(pattern, lambda x: x[:, 2] > 1.0)
+    with pytest.raises(errors.ParameterError, match="where returned float64"):
+        clamp_where(pattern, lambda x: x[:, 2])  # type: ignore[arg-type, return-value]
+
+
+def test_supports_that_leave_a_rigid_motion(comm: MPI.Comm) -> None:
+    pattern = square()
+    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
+    fixed[[0, 1]] = True  # it may still turn about the line through both
+    with pytest.raises(errors.ParameterError, match="leave 1 of the 6 rigid motions free"):
+        EquilibriumSolver(sew(comm, pattern), Composite(), Supports(fixed))

@@ -1,0 +1,161 @@
+"""A case: its objective, and that a part of a symmetric skin is designed as the whole."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import shapely
+from helpers.symmetry import rests
+from mpi4py import MPI
+
+from toros_fem.base.errors import PanelError
+from toros_fem.design.density.field import random_density
+from toros_fem.design.loop.loop import optimize
+from toros_fem.design.loop.options import Stage
+from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.making.as_printed.as_printed import as_printed
+from toros_fem.making.as_printed.printed_lines import printed_lines
+from toros_fem.measures.cross_sections import (
+    CrossSectionObjective,
+    CrossSections,
+    label_cross_sections,
+)
+from toros_fem.measures.gap import Body, GapObjective
+from toros_fem.measures.shape import ShapeObjective
+from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.meshes import WALKER, Pattern, Skin, bend, stand, walker
+from toros_fem.products.actuators.case import ActuatorCase, Touching
+from toros_fem.products.actuators.config import ActuatorConfig
+from toros_fem.products.actuators.legs import rest_on_body
+from toros_fem.products.actuators.problem import actuator_problem
+from toros_fem.products.tubes.tube import CrossSectionTubeConfig, bend_metric, cross_section_case
+
+LEG = ActuatorConfig(
+    seams="hinged",
+    filter_radius=0.011,
+    pressure=4e3,
+    constrained_iterations=0,
+)
+
+
+@pytest.fixture(scope="module")
+def quarter(comm: MPI.Comm) -> Pattern:
+    return walker(comm, 7e-3, planes=(0, 1))
+
+
+def leg_problem(
+    comm: MPI.Comm, pattern: Pattern, planes: tuple[int, ...], supports: Supports
+) -> ShapeProblem:
+    """A leg to be turned down, on a part or on the whole."""
+    target = stand(1.0, 0.03, directions=WALKER.directions, root=WALKER.root)
+    case = ActuatorCase(pattern, target(pattern.points), supports, metrics=(), symmetry=planes)
+    return actuator_problem(comm, case, LEG)
+
+
+def test_a_part_is_designed_as_the_whole(comm: MPI.Comm, quarter: Pattern) -> None:
+    """Objective and gradient, with the whole held at one vertex of each symmetry plane."""
+    part = leg_problem(comm, quarter, (0, 1), rests(quarter, (0, 1)))
+    assert part.whole is not None
+    pattern = part.whole.pattern
+    whole = leg_problem(comm, pattern, (), rests(pattern, ()))
+    drawn = part.solver.skin.gather_cells(random_density(part.solver.skin, 5, 0.5, 0.5))
+    drawn = np.where(quarter.panel == 1, 0.5 + 0.5 * drawn, 0.3 * drawn)
+
+    def evaluated(problem: ShapeProblem, density: np.ndarray) -> tuple[float, np.ndarray]:
+        skin = problem.solver.skin
+        found = problem.evaluate(density[skin.owned_cells])
+        assert found.gradient is not None
+        size = skin.pattern.size**2
+        return found.shape * size, skin.gather_cells(found.gradient) * size
+
+    value, gradient = evaluated(part, drawn)
+    value_whole, gradient_whole = evaluated(whole, part.whole.at_cells(drawn))
+    assert value_whole == pytest.approx(value, rel=1e-6)
+    scale = np.abs(gradient).max()
+    assert 4 * gradient_whole == pytest.approx(part.whole.at_cells(gradient), abs=1e-5 * scale)
+
+
+def test_a_part_is_printed_whole(comm: MPI.Comm, quarter: Pattern) -> None:
+    supports = rest_on_body(quarter, WALKER.body_radius, (0, 1))
+    problem = leg_problem(comm, quarter, (0, 1), supports)
+    skin = problem.solver.skin
+    result = optimize(problem, [Stage(2)], start=random_density(skin, 1))
+    made = as_printed(problem, result)
+    assert problem.whole is not None
+    assert made.pattern is problem.whole.pattern
+    for region in made.regions:
+        for flip in ([-1, 1], [1, -1]):
+            there = np.array(region.bounds).reshape(2, 2)
+            assert np.sort(there * flip, axis=0) == pytest.approx(there, abs=1e-9)
+    cells = made.cells[: len(quarter.panel)]
+    assert np.array_equal(made.cells, problem.whole.at_cells(cells.astype(float)) > 0)
+    assert made.evaluation is not None
+    assert skin.gather_cells(made.evaluation.projected) == pytest.approx(cells.astype(float))
+
+
+def test_objective_is_the_sum_of_the_terms_given(tube: Skin) -> None:
+    """The whole shape counts if nothing else does, or if it has weights of its own."""
+    pattern = tube.pattern
+    target = pattern.points * [1.0, 1.0, 1.1]
+    labels = label_cross_sections(pattern, pattern.vertices_of("wall"), (0, 0, 1), 3)
+    sections = CrossSections(labels, np.ones((4, 3)), np.ones(4))
+    touching, body = np.ones(len(pattern.points)), Body("sphere", 0.03, (0.0, 0.0, 0.1))
+    weights = 1.0 + np.arange(len(pattern.points)) / len(pattern.points)
+    plain = ActuatorCase(pattern, target, clamp(pattern, ["base"]), metrics=())
+    positions = (1.2 * pattern.points)[tube.owned_vertices]
+    terms = {
+        "shape": ShapeObjective(tube, target).forward(positions),
+        "weighted": ShapeObjective(tube, target, weights).forward(positions),
+        "sections": CrossSectionObjective(tube, target, sections).forward(positions),
+        "gap": GapObjective(tube, body, touching, 2.0).forward(positions),
+    }
+    for changes, expected in [
+        ({}, ["shape"]),
+        ({"cross_sections": sections}, ["sections"]),
+        ({"touching": Touching(body, touching, 2.0)}, ["gap"]),
+        ({"touching": Touching(body, touching, 2.0), "weights": weights}, ["gap", "weighted"]),
+        ({"cross_sections": sections, "weights": weights}, ["sections", "weighted"]),
+    ]:
+        case = dataclasses.replace(plain, **changes)  # type: ignore[arg-type]
+        total = sum(terms[name] for name in expected)
+        assert case.objective(tube).forward(positions) == pytest.approx(total, rel=1e-12)
+
+
+def test_an_aligned_objective_ignores_rigid_motion(tube: Skin) -> None:
+    pattern = tube.pattern
+    case = ActuatorCase(
+        pattern, pattern.points + 0.3, clamp(pattern, ["base"]), metrics=(), aligned=True
+    )
+    there = pattern.points[tube.owned_vertices]
+    assert case.objective(tube).forward(there) == pytest.approx(0.0, abs=1e-12)
+    free = dataclasses.replace(case, aligned=False)
+    assert free.objective(tube).forward(there) > 0.1
+
+
+def test_a_case_whose_mesh_follows_lines(comm: MPI.Comm) -> None:
+    """Targets move with the vertices; the print of lines on half a tube is that of the whole."""
+    config = CrossSectionTubeConfig(length=0.06, edge_length=3e-3, filter_radius=6e-3, pressure=4e3)
+    target = bend(np.radians(60), 0.06, neutral=0.01)
+    case = cross_section_case(comm, config, target, [bend_metric(60.0)], (1,))
+    corners = case.pattern.corners[case.pattern.cells_of("wall")]
+    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    rings = shapely.union_all([shapely.box(low[0], v, high[0], v + 4e-3) for v in (0.01, 0.03)])
+    regions = [rings if name == "wall" else shapely.Polygon() for name in case.pattern.panel_names]
+    found = case.following(comm, regions)
+    moved = np.any(found.pattern.points != case.pattern.points, axis=1)
+    assert np.count_nonzero(moved) > 20
+    assert np.array_equal(found.target[~moved], case.target[~moved])
+    assert np.abs(found.target - target(found.pattern.points)).max() < 0.02 * 3e-3
+    problem = actuator_problem(comm, found, config)
+    printed = printed_lines(problem, case.pattern, regions)
+    assert printed.evaluation is not None
+    assert problem.whole is not None
+    assert printed.pattern is problem.whole.pattern
+    exact = 2 * rings.area / printed.pattern.areas[printed.pattern.cells_of("wall")].sum()
+    wall = printed.pattern.cells_of("wall")
+    areas = printed.pattern.areas[wall]
+    assert areas @ printed.cells[wall] / areas.sum() == pytest.approx(exact, rel=0.01)
+    assert printed.after.smallest_width is not None
+    assert printed.after.smallest_width.width == pytest.approx(4e-3, rel=1e-3)
+    with pytest.raises(PanelError, match="1 regions for 3 panels"):
+        case.following(comm, regions[:1])

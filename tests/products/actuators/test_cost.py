@@ -1,0 +1,108 @@
+"""Cost of a design before it runs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from toros_fem.base.errors import MeshSizeError
+from toros_fem.meshes import triangle_limit
+from toros_fem.products.actuators.cost import (
+    Cost,
+    Part,
+    affordable,
+    cost,
+    probe,
+    probe_config,
+    sized,
+)
+from toros_fem.products.tubes import bend, contract
+
+SMALL = bend.BendConfig(length=0.06, edge_length=1e-3, filter_radius=2e-3)
+
+
+def test_the_probe_has_a_coarse_mesh() -> None:
+    """Two edges of the coarsest useful mesh; lengths of filter and widths grow alike."""
+    coarse = probe_config(SMALL)
+    assert coarse.edge_length == pytest.approx(SMALL.coarsest_edge / 2)
+    factor = coarse.edge_length / SMALL.edge_length
+    assert coarse.filter_radius == pytest.approx(factor * SMALL.filter_radius)
+    assert probe_config(SMALL.updated(edge_length=3e-3)).edge_length == 3e-3
+
+
+def test_triangles_of_the_finest_mesh(comm: MPI.Comm) -> None:
+    made = sized(comm, bend.case, probe_config(SMALL), SMALL)
+    found = cost(SMALL, made, comm.size)
+    pattern = bend.case(comm, SMALL).pattern
+    assert found.triangles == pytest.approx(len(pattern.panel), rel=0.07)
+    unknowns = 3 * len(pattern.points) + len(pattern.edges.ends)
+    assert found.unknowns == pytest.approx(unknowns, rel=0.1)
+    assert found.largest == 4 * found.triangles
+    assert cost(SMALL.updated(estimate_error=False), made, 1).memory < found.memory
+    assert cost(SMALL, made, 2).memory > cost(SMALL, made, 1).memory
+
+
+def test_parts_of_a_design(comm: MPI.Comm) -> None:
+    made = sized(comm, bend.case, probe_config(SMALL), SMALL)
+    parts = {part.name: part for part in cost(SMALL, made, 1).parts}
+    first, second = parts["design, mesh 1 of 2"], parts["design, mesh 2 of 2"]
+    assert second.triangles == pytest.approx(4 * first.triangles, rel=0.01)
+    assert first.newton_steps[0] > SMALL.iterations
+    longer = cost(SMALL.updated(iterations=2 * SMALL.iterations), made, 1)
+    assert longer.parts[0].newton_steps[0] > first.newton_steps[0]
+    config = contract.ContractConfig()
+    lines = cost(config, sized(comm, contract.case, probe_config(config), config), 1)
+    assert [part.name for part in lines.parts][:2] == ["relaxed design", "laying of lines"]
+
+
+def test_time_grows_with_the_mesh_and_the_steps() -> None:
+    def seconds(triangles: int, steps: int) -> tuple[float, float]:
+        part = Part("design", triangles, (steps, 2 * steps))
+        return Cost(triangles, triangles, 0, 0.0, (part,)).seconds(0.1, 1000)
+
+    none = seconds(1000, 0)
+    low, high = np.subtract(seconds(1000, 50), none)
+    assert low == pytest.approx(5.0)
+    assert high == pytest.approx(10.0)
+    finer = np.subtract(seconds(4000, 50), none)
+    # Between linear growth and that of the factorisation.
+    assert 2 * low < finer[0] < 4**1.43 * low
+
+
+def test_a_probe_makes_real_steps(comm: MPI.Comm) -> None:
+    coarse = probe_config(SMALL)
+    tried = probe(comm, bend.case(comm, coarse), coarse)
+    assert tried.newton_steps > 5
+    assert tried.per_step == tried.seconds / tried.newton_steps > 0
+    assert comm.allgather(tried) == [tried] * comm.size
+
+
+def test_meshes_are_checked_before_the_first_is_made(comm: MPI.Comm) -> None:
+    made = []
+
+    def case(comm: MPI.Comm, config: bend.BendConfig) -> object:
+        made.append(config.edge_length)
+        return bend.case(comm, config)
+
+    coarse = SMALL.at_level(0)
+    with triangle_limit(3000):
+        maker = affordable(case, SMALL)  # type: ignore[arg-type,type-var]
+        with pytest.raises(MeshSizeError, match="edge_length = 0.001 m gives about"):
+            maker(comm, coarse)
+    maker = affordable(case, SMALL)  # type: ignore[arg-type,type-var]
+    made.clear()
+    maker(comm, coarse)
+    assert made == [coarse.edge_length], "the mesh that was checked is taken"
+
+
+def test_a_first_mesh_that_is_too_large_itself(comm: MPI.Comm) -> None:
+    """Its area is known all the same."""
+    with triangle_limit(200):
+        with pytest.raises(MeshSizeError) as caught:
+            sized(comm, bend.case, SMALL, SMALL)
+        area = caught.value.area
+    assert area == pytest.approx(np.pi * 0.02 * 0.07 / 2)
+    other = replace(SMALL, edge_length=2e-3)
+    found = sized(comm, bend.case, other, other)
+    assert found.area == pytest.approx(area, rel=0.02)

@@ -1,0 +1,225 @@
+"""Designs from noise by line families: rounds, what is asked next, and the files at the end."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from helpers.designs import DESIGN_ALONE
+from helpers.scenes import shared
+from mpi4py import MPI
+
+from toros_fem.base.errors import NoEquilibriumError, ParameterError
+from toros_fem.design.lines.widths import width_changes
+from toros_fem.making.print.regions import regions_on
+from toros_fem.products.actuators import discovery, space_mapping
+from toros_fem.products.actuators.case import ActuatorCase
+from toros_fem.products.actuators.discovery import (
+    Discovery,
+    densities_last,
+    discover,
+    metrics_on_coarser_mesh,
+)
+from toros_fem.products.actuators.line_widths import LARGEST, mended_widths
+from toros_fem.products.actuators.run import design_actuator
+from toros_fem.products.tubes import twist
+
+pytestmark = pytest.mark.usefixtures("without_pictures")
+
+TINY = twist.TwistConfig().updated(
+    start="relaxed",
+    length=0.06,
+    relaxed_edge_length=5e-3,
+    relaxed_iterations=5,
+    directions=6,
+    print_edge_length=2.2e-3,
+    laid_width=2.5e-3,
+    corrections=1,
+    density_iterations=2,
+    cross_sections=4,
+    twist=60.0,
+    pressure=8e3,
+    **DESIGN_ALONE,
+)
+
+
+@pytest.fixture(scope="module")
+def found(comm: MPI.Comm) -> Discovery:
+    return discover(comm, twist.case, TINY)
+
+
+@pytest.mark.slow
+def test_a_round_asks_for_what_the_print_missed(found: Discovery) -> None:
+    first, second = found.rounds
+    assert first.asked == {"twist_deg": 60.0}
+    missed = 60.0 - first.metrics["twist_deg"]
+    step = np.clip(missed / 60, -space_mapping.LARGEST_STEP, space_mapping.LARGEST_STEP)
+    assert second.asked["twist_deg"] == pytest.approx(60 * (1 + step))
+    assert first.error == pytest.approx(abs(missed) / 60)
+    assert found.best.error == min(first.error, second.error)
+    # The relaxed design goes on from the first one's families.
+    assert len(second.relaxed.history) > len(first.relaxed.history)
+    assert second.relaxed.history[: len(first.relaxed.history)] == first.relaxed.history
+
+
+@pytest.mark.slow
+def test_the_print_is_that_of_the_lines(found: Discovery) -> None:
+    best = found.best
+    pattern = found.problem.skin.pattern
+    wall = pattern.panel == pattern.panel_index("wall")
+    printed = pattern.areas[wall & best.printed.cells].sum()
+    region = best.printed.regions[pattern.panel_index("wall")]
+    assert printed == pytest.approx(region.area, rel=0.1)
+    assert best.printed.after.summary()["islands"] == 0
+    assert found.result().final is best.printed.evaluation
+
+
+@pytest.mark.slow
+def test_the_print_on_a_coarser_mesh(comm: MPI.Comm, found: Discovery) -> None:
+    with pytest.raises(ParameterError, match="no coarser mesh to compare with"):
+        metrics_on_coarser_mesh(comm, twist.case, TINY, found)
+    ratio, other = metrics_on_coarser_mesh(
+        comm, twist.case, TINY.updated(print_edge_length=2e-3), found
+    )
+    assert ratio == pytest.approx(1.25)  # edges as long as lines are wide
+    assert other["twist_deg"] == pytest.approx(found.best.metrics["twist_deg"], rel=0.2)
+    assert other["twist_deg"] != pytest.approx(found.best.metrics["twist_deg"], rel=1e-4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [0.99, 1.01])
+def test_widths_mend_what_a_print_misses(comm: MPI.Comm, found: Discovery, ratio: float) -> None:
+    best = found.best
+    aim = space_mapping.Aim(ratio * best.metrics["twist_deg"], 60.0)
+    wider = mended_widths(
+        comm, found.problem, best.printed, best.laid, best.metrics, {"twist_deg": aim}
+    )
+    assert wider is not None
+    assert [f.length for f in wider.families] == [f.length for f in best.laid.families]
+    assert wider.area != pytest.approx(best.laid.area, rel=1e-3)
+    # The print's tangent tells what these widths do, on its own mesh.
+    assert wider.drawing is not None
+    assert best.laid.drawing is not None
+    pattern, cells = found.problem.skin.pattern, found.problem.skin.owned_cells
+    under = [regions_on(best.laid.pattern, r, pattern) for r in best.laid.under]
+    changes = width_changes(best.laid.drawing, pattern, under, 1)
+    families = zip(wider.drawing.families, best.laid.drawing.families, strict=True)
+    change = np.array([np.log(new.radius / old.radius) for new, old in families])
+    assert np.abs(change).max() <= np.log1p(LARGEST) + 1e-12
+    density = changes.density(cells, change)
+    evaluation = best.printed.evaluation
+    assert evaluation is not None
+    rate = found.problem.metric_derivatives(evaluation, [density])["twist_deg"][0]
+    assert rate == pytest.approx((ratio - 1) * best.metrics["twist_deg"], rel=0.6)
+    far = space_mapping.Aim(3 * best.metrics["twist_deg"], 60.0)
+    assert (
+        mended_widths(
+            comm, found.problem, best.printed, best.laid, best.metrics, {"twist_deg": far}
+        )
+        is None
+    ), "widths cannot do that"
+
+
+@pytest.mark.slow
+def test_densities_go_on_from_the_lines(comm: MPI.Comm, found: Discovery) -> None:
+    designed = densities_last(comm, TINY, found)
+    assert designed is not None
+    result, printed = designed
+    rows = [row for row in result.history if row.level == 1]
+    assert len(rows) == 1 + TINY.density_iterations
+    lines = found.best.printed.evaluation
+    assert lines is not None
+    assert rows[0].shape == pytest.approx(lines.shape, rel=0.5)
+    assert rows[0].g_r > 0  # the widths are constrained
+    assert printed.evaluation is not None
+
+
+@pytest.mark.slow
+def test_files_of_a_run(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder = shared(comm, tmp_path)
+    config = TINY.updated(corrections=0, density_iterations=1)
+    summary = design_actuator(comm, folder, twist.case, config).summary
+    assert summary["start"] == "random"
+    assert summary["relaxed"]["triangles"] < summary["triangles"]
+    assert [f["width_mm"] for f in summary["lines"]["families"]] == [2.5, 2.5]
+    assert summary["length_ratio"] > 0.5
+    lines, last = (abs(figures["twist_deg"] - 60) for figures in (summary["lines"], summary))
+    assert (last < lines) == summary["densities_kept"]
+    if comm.rank == 0:
+        written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        assert written["relaxed"]["steps"] == summary["relaxed"]["steps"]
+        for name in ("pattern.svg", "skin.vtu", "history.csv"):
+            assert (folder / name).stat().st_size > 0
+
+
+def test_what_is_asked_next_solves_a_linear_response() -> None:
+    """Two metrics that disturb each other: Broyden's steps end at what gives the targets."""
+    targets = {"a": 10.0, "b": -2.0}
+    aims = {key: space_mapping.Aim(target, abs(target)) for key, target in targets.items()}
+    response = np.array([[0.7, 0.1], [-0.4, 0.9]])
+    size, rounds = np.array([10.0, 2.0]), []
+    asked = dict(targets)
+    for _ in range(8):
+        scaled = np.array(list(asked.values())) / size
+        metrics = dict(zip(targets, size * (response @ scaled + [0.0, 0.1]), strict=True))
+        rounds.append(SimpleNamespace(asked=asked, metrics=metrics))
+        asked = space_mapping.asked_next(rounds, aims)
+    last = rounds[-1].metrics
+    assert last == pytest.approx(targets, rel=1e-4)
+    for before, after in pairwise(rounds):
+        change = np.array([after.asked[k] - before.asked[k] for k in targets]) / size
+        assert np.abs(change).max() <= space_mapping.LARGEST_STEP + 1e-12
+
+
+def test_distance_from_targets() -> None:
+    aims = {"a": space_mapping.Aim(2.0, 4.0), "b": space_mapping.Aim(0.0, 1.0)}
+    assert space_mapping.largest_error({"a": 4.0, "b": -0.25, "c": 9.0}, aims) == 0.5
+    assert space_mapping.largest_error({}, aims) == np.inf
+    assert space_mapping.largest_error({"c": 9.0}, {}) == 0.0
+
+
+@dataclass(frozen=True)
+class Untold(twist.TwistConfig):
+    """Numbers of a tube whose targets are in no field."""
+
+    TARGETS: ClassVar[Mapping[str, str]] = {}
+
+
+NO_LINES = SimpleNamespace(field=None, positions=None, pressures=())
+
+
+@pytest.mark.parametrize("key", ["twist_deg", None])
+def test_targets_that_cannot_be_asked_for_end_after_a_round(
+    comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch, key: str | None
+) -> None:
+    metrics = {} if key is None else {key: 30.0}
+    problem = SimpleNamespace(metrics=(), metrics_of=lambda _: metrics)
+    printed = SimpleNamespace(evaluation=SimpleNamespace(equilibrium=None))
+    monkeypatch.setattr(discovery, "_printed", lambda *_: (None, [], problem, printed))
+    monkeypatch.setattr(discovery, "_laid", lambda *_: SimpleNamespace(families=()))
+    monkeypatch.setattr(discovery, "find_lines", lambda *_, **__: NO_LINES)
+
+    def case(comm: MPI.Comm, config: Untold) -> ActuatorCase:
+        made = twist.case(comm, config)
+        return made if key else replace(made, metrics=())
+
+    found = discover(comm, case, Untold(**TINY.as_dict()).updated(corrections=3))
+    assert len(found.rounds) == 1
+    assert found.best.error == (0.5 if key else 0.0)
+
+
+def test_without_any_print_in_equilibrium_the_reason_is_told(
+    comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    printed = SimpleNamespace(evaluation=None, failure="It fails.")
+    problem = SimpleNamespace(metrics=())
+    monkeypatch.setattr(discovery, "_printed", lambda *_: (None, [], problem, printed))
+    monkeypatch.setattr(discovery, "_laid", lambda *_: SimpleNamespace(families=()))
+    monkeypatch.setattr(discovery, "find_lines", lambda *_, **__: NO_LINES)
+    with pytest.raises(NoEquilibriumError, match=r"It fails\. Ask for less"):
+        discover(comm, twist.case, TINY)

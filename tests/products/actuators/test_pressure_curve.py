@@ -1,0 +1,180 @@
+"""The curve of a print's metrics over the pressure: where it begins, passes and ends."""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.designs import make_problem
+from helpers.scenes import TABLE_A, shared
+from mpi4py import MPI
+from shapely import Polygon
+
+from toros_fem.base.array_types import Bools
+from toros_fem.design.loop.problem import Evaluation
+from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.materials.sheet import Bending, Composite
+from toros_fem.measures.metrics import Measurement, Metric, bend_angle
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.skin.chambers import Chambers
+from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.meshes import Skin, cylinder, sew
+from toros_fem.products.actuators.config import ActuatorConfig
+from toros_fem.products.actuators.pressure_curve import (
+    PressureCurve,
+    curve_figures,
+    trace_pressure_curve,
+)
+
+ANGLE = Metric("angle", "deg", 60.0, lambda of, x: float(np.degrees(bend_angle(of, x, sections=5))))
+Print = Evaluation[EquilibriumResult]
+
+
+def inner_side(skin: Skin) -> Bools:
+    """A print along half of the tube, at x > 0: it keeps its length, so the tube bends there."""
+    pattern = skin.pattern
+    x = pattern.points[pattern.triangles].mean(axis=1)[:, 0]
+    return np.asarray((x > 0)[skin.owned_cells])
+
+
+@pytest.fixture(scope="module")
+def problem(tube: Skin, tube_solver: EquilibriumSolver) -> ShapeProblem:
+    return replace(make_problem(tube, tube_solver), metrics=(ANGLE,))
+
+
+@pytest.fixture(scope="module")
+def made(problem: ShapeProblem) -> Print:
+    return problem.simulate_binary(inner_side(problem.skin), pressure=3e3)
+
+
+@pytest.fixture(scope="module")
+def curve(problem: ShapeProblem, made: Print) -> PressureCurve:
+    return trace_pressure_curve(problem, made, 8e3, 4, [7e3, 4e3, 9e3])
+
+
+def test_a_curve_passes_through_the_print(
+    problem: ShapeProblem, made: Print, curve: PressureCurve
+) -> None:
+    (at,) = [point for point in curve.points if point.result.pressure == 3e3]
+    assert at.result is made.equilibrium
+    assert at.metrics == problem.metrics_of(made.equilibrium)
+    above = [p.result.pressure for p in curve.points if p.result.pressure > 1.5e3]
+    assert above == pytest.approx([2e3, 3e3, 4e3, 6e3, 7e3, 8e3])
+    assert curve.failure_above is curve.failure_below is None
+
+
+def test_volume_and_bend_rise_with_the_pressure(curve: PressureCurve) -> None:
+    """The volume as the energy has it at every stable equilibrium, the bend of this print too."""
+    assert np.diff([point.result.pressure for point in curve.points]).min() > 0
+    assert np.diff([point.result.volume for point in curve.points]).min() > 0
+    assert np.diff([point.metrics["angle_deg"] for point in curve.points]).min() > 0
+
+
+def test_a_curve_begins_where_the_skin_is_filled(
+    problem: ShapeProblem, made: Print, curve: PressureCurve
+) -> None:
+    """Below, the flat print unrolls; halving the pressure finds where this begins."""
+    model = problem.solver.model
+    assembled = sum(model.volumes(model.assembled))
+    first, unfilled_at = curve.points[0].result, curve.unfilled_at
+    assert first.volume >= assembled
+    assert unfilled_at is not None
+    assert unfilled_at == pytest.approx(first.pressure / 2)
+    empty = problem.solver.solve(made.projected, unfilled_at, start=first.state)
+    assert empty.volume < assembled
+
+
+@pytest.mark.slow
+def test_an_empty_skin_bends_since_its_print_is_flat(tube: Skin) -> None:
+    """Without pressure it bends back; moulded in its assembled shape, or without print, not."""
+    printed, angles = inner_side(tube).astype(float), {}
+    for name, density, rest in (
+        ("flat", printed, "flat"), ("moulded", printed, "assembled"), ("plain", 0 * printed, "flat")
+    ):  # fmt: skip
+        composite = Composite(bending=Bending(rest=rest))
+        solver = EquilibriumSolver(tube, composite, clamp(tube.pattern, ["base"]))
+        found = tube.gather_vertices(solver.solve(density, 0.0).positions)
+        angles[name] = ANGLE.measure(tube.pattern, found)
+    assert angles["flat"] < -3
+    assert abs(angles["moulded"]) < 0.1
+    assert abs(angles["plain"]) < 0.5
+
+
+def test_chambers_keep_the_ratios_of_their_pressures(tube: Skin) -> None:
+    """Of a print at more than the largest pressure the curve leads down alone."""
+    upper = tube.pattern.points[tube.pattern.triangles].mean(axis=1)[:, 2] > 0.03
+    chambers = Chambers(("low", "high"), upper.astype(int))
+    supports = clamp(tube.pattern, ["base"])
+    solver = EquilibriumSolver(tube, Composite(), supports, chambers=chambers)
+    problem = replace(make_problem(tube, solver), metrics=(ANGLE,))
+    made = problem.simulate_binary(inner_side(tube), pressure=(1e3, 2e3))
+    curve = trace_pressure_curve(problem, made, 1e3, 1)
+    pressures = np.array([point.result.pressures for point in curve.points])
+    assert pressures[-2:].tolist() == [[500.0, 1e3], [1e3, 2e3]]
+    assert pressures[:, 1] == pytest.approx(2 * pressures[:, 0])
+
+
+def printed_as(made: Print | None) -> Any:
+    return SimpleNamespace(
+        evaluation=made, regions=[Polygon()] * 3, failure="" if made else "It fails."
+    )
+
+
+CONFIG = ActuatorConfig(curve_pressure=4e3, curve_steps=2)
+
+
+@pytest.mark.slow
+def test_files_and_figures(
+    comm: MPI.Comm, tmp_path: Path, problem: ShapeProblem, made: Print
+) -> None:
+    folder = shared(comm, tmp_path)
+    measured = [
+        Measurement("angle_deg", 60.0, 3.5e3, 40.0, "a bench"),
+        Measurement("angle_deg", 60.0, 9e3, 50.0, "another"),
+        Measurement("angle_deg", 90.0, 4e3, 70.0, "of another target"),
+    ]
+    entry = curve_figures(folder, problem, printed_as(made), CONFIG, measured)["curve"]
+    comm.barrier()
+    with (folder / "curve.csv").open(encoding="utf-8") as file:
+        rows = [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    assert list(rows[0]) == ["pressure_pa", "volume_m3", "stretch_use", "angle_deg"]
+    assert [row["pressure_pa"] for row in rows[-4:]] == [2e3, 3e3, 3.5e3, 4e3]
+    assert rows[-3]["angle_deg"] == problem.metrics_of(made.equilibrium)["angle_deg"]
+    assert entry["points"] == len(rows)
+    assert entry["lowest_pa"] == rows[0]["pressure_pa"] > entry["unfilled_at_pa"]
+    assert entry["highest_pa"] == 4e3
+    found = [(m["measured"], m["simulated"]) for m in entry["measured"]]
+    assert found == [(40.0, rows[-2]["angle_deg"]), (50.0, None)]
+    assert (folder / "curve.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_left_out_or_without_a_print(
+    comm: MPI.Comm, tmp_path: Path, problem: ShapeProblem, made: Print
+) -> None:
+    folder = shared(comm, tmp_path) / "none"
+    off = CONFIG.updated(curve_pressure=None)
+    assert curve_figures(folder, problem, printed_as(made), off) == {}
+    failed = curve_figures(folder, problem, printed_as(None), CONFIG)
+    assert failed == {"curve": {"failure": "It fails."}}
+    assert not folder.exists()
+
+
+@pytest.mark.slow
+def test_a_curve_ends_where_there_is_no_equilibrium(comm: MPI.Comm, tmp_path: Path) -> None:
+    """Without a barrier in reach a tube has a limit pressure, and files and figures say so."""
+    folder = shared(comm, tmp_path)
+    skin = sew(comm, cylinder(comm, 0.04, 0.02, 4e-3, mesh="structured"))
+    composite = Composite(fabric=TABLE_A, c1=1e5, c2=1e5, bending=None)
+    solver = EquilibriumSolver(skin, composite, clamp(skin.pattern, ["base"]))
+    problem = replace(make_problem(skin, solver), metrics=(ANGLE,))
+    made = problem.simulate_binary(np.zeros(len(skin.owned_cells), dtype=bool), pressure=1e3)
+    config = CONFIG.updated(curve_pressure=6e3)
+    entry = curve_figures(folder, problem, printed_as(made), config)["curve"]
+    assert entry["failure_above"].startswith("the path ends between 1000 and 3000 Pa, after")
+    assert entry["failure_below"] is None
+    assert entry["highest_pa"] == 1e3
+    comm.barrier()
+    assert (folder / "curve.png").exists()

@@ -1,0 +1,81 @@
+"""Simulation of a scene's plain skin, and of the print of an earlier design."""
+
+import json
+from pathlib import Path
+
+import pytest
+from helpers.scenes import shared
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem.meshes.pattern_file import NAME, write_pattern
+from toros_fem.products.actuators.simulate import simulate_actuator, simulation_sentence
+from toros_fem.products.kinds import KINDS
+from toros_fem.products.tubes import bend, inflate
+
+SMALL = bend.BendConfig(
+    length=0.08,
+    edge_length=4.5e-3,
+    filter_radius=7e-3,
+    angle=45.0,
+    levels=1,
+    iterations=6,
+    constrained_iterations=2,
+    polish_iterations=0,
+    corrections=0,
+    estimate_error=False,
+    curve_pressure=None,
+    curve_steps=2,
+    seed=7,
+)
+
+
+def test_plain_skin_is_that_of_inflate(comm: MPI.Comm, tmp_path: Path) -> None:
+    """The same tube by another way: its length at the same pressure is the same."""
+    folder = shared(comm, tmp_path)
+    found = simulate_actuator(comm, folder / "bend", bend.case, SMALL)
+    assert found["angle_deg"] == pytest.approx(0, abs=0.5)
+    config = inflate.InflateConfig(
+        length=0.08, edge_length=4.5e-3, highest_pressure=5e3, pressure=2.5e3, levels=2
+    )
+    other = inflate.run(comm, folder / "inflate", config.updated(whole=True))
+    assert 100 * found["length_ratio"] == pytest.approx(other["length_percent"], rel=5e-3)
+    comm.barrier()
+    written = json.loads((folder / "bend" / "summary.json").read_text(encoding="utf-8"))
+    assert written["inputs"] == SMALL.as_dict()
+    assert written["failure"] is None
+    for name in ("curve.csv", "curve.png", "shapes.png", "skin.vtu"):
+        assert (folder / "bend" / name).exists()
+    assert simulation_sentence(found).endswith("at 5.00 kPa, plain skin")
+
+
+@pytest.mark.slow
+def test_print_of_a_design(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder = shared(comm, tmp_path)
+    designed = bend.run(comm, folder / "designed", SMALL)
+    comm.barrier()
+    simulate = KINDS["bend"].simulate
+    assert simulate is not None
+    again = simulate.run(comm, folder / "again", SMALL, pattern=folder / "designed")
+    # Both are equilibria of one print, found along different paths.
+    assert again["angle_deg"] == pytest.approx(designed["angle_deg"], abs=0.01)
+    assert again["length_ratio"] == pytest.approx(designed["length_ratio"], rel=1e-4)
+    assert simulation_sentence(again).endswith("as printed")
+    finer = SMALL.updated(edge_length=3.5e-3)
+    other = simulate.run(comm, folder / "finer", finer, pattern=folder / "designed" / NAME)
+    assert other["triangles"] > 1.3 * again["triangles"]
+    assert other["angle_deg"] == pytest.approx(again["angle_deg"], rel=0.3)
+
+
+def test_what_is_refused(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder = shared(comm, tmp_path)
+    with pytest.raises(errors.ParameterError, match="pressure = 0.0 Pa must be above 0"):
+        simulate_actuator(comm, folder, bend.case, SMALL.updated(pressure=0.0))
+    with pytest.raises(errors.PatternFileError, match="nothing.npz cannot be read"):
+        simulate_actuator(comm, folder, bend.case, SMALL, pattern=folder / "nothing.npz")
+    pattern = bend.case(comm, SMALL).pattern
+    if comm.rank == 0:
+        write_pattern(folder / "plain.npz", pattern)
+    comm.barrier()
+    with pytest.raises(errors.PatternFileError, match="does not say which triangles are printed"):
+        simulate_actuator(comm, folder, bend.case, SMALL, pattern=folder / "plain.npz")

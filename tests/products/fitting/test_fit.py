@@ -1,0 +1,173 @@
+"""Constants of synthetic tests are found again, with intervals that hold them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.scenes import ROOT
+from helpers.tensile_tests import C1, C2, JERSEY, TRUE, synthetic
+
+from toros_fem import FitOptions, fit_material, read_tensile_tests
+from toros_fem.base.errors import MeasurementError, ParameterError
+from toros_fem.products.fitting import Given, TensileTest
+
+pytestmark = pytest.mark.one_rank
+
+BY_HESSIAN = FitOptions(intervals="hessian")
+
+
+def test_exact_data_give_the_exact_constants() -> None:
+    result = fit_material([synthetic()], BY_HESSIAN)
+    for name, value in TRUE.items():
+        assert result.estimates[name].value == pytest.approx(value, rel=1e-5)
+    assert result.r2_stress == pytest.approx(1.0, abs=1e-10)
+    assert result.trusted_to == result.measured_to == pytest.approx(1.8)
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_true_values() -> None:
+    """In 90 of 100 draws at least, for each constant; seeds are fixed.
+
+    Intervals of 95 % as they should be miss this with a probability of 1 %.
+    benchmarks/fit_recovery.py has more cases.
+    """
+    hits = dict.fromkeys(TRUE, 0)
+    for seed in range(100):
+        found = fit_material([synthetic(seed)], BY_HESSIAN).estimates
+        for name, value in TRUE.items():
+            hits[name] += value in found[name]
+    assert min(hits.values()) >= 90, hits
+
+
+def test_intervals_are_as_narrow_as_the_noise() -> None:
+    """A tenth of the noise gives intervals a tenth as wide: holding the truth is not enough."""
+    wide, narrow = (
+        fit_material([synthetic(1, noise=noise)], BY_HESSIAN).estimates for noise in (0.02, 0.002)
+    )
+    for name in ("young", "poisson", "c1"):
+        widths = [one[name].high - one[name].low for one in (wide, narrow)]
+        assert 7 < widths[0] / widths[1] < 14
+    assert (wide["young"].high - wide["young"].low) / wide["young"].value < 0.1
+
+
+def test_bootstrap_agrees_with_the_hessian() -> None:
+    tests = [synthetic(3)]
+    drawn = fit_material(tests, FitOptions(draws=100)).estimates
+    smooth = fit_material(tests, BY_HESSIAN).estimates
+    for name in ("young", "poisson", "c1"):
+        widths = [one[name].high - one[name].low for one in (drawn, smooth)]
+        assert 0.6 < widths[0] / widths[1] < 1.6
+
+
+def test_specimens_that_differ_widen_the_interval() -> None:
+    """Of three specimens, 10 % apart, whole tests are drawn."""
+    tests = []
+    for k, factor in enumerate((0.9, 1.0, 1.1)):
+        one = synthetic(k, specimen=str(k))
+        tests.append(TensileTest(one.stretch, factor * one.stress, one.thickness, one.lateral))
+    alike = [synthetic(k, specimen=str(k)) for k in range(3)]
+    options = FitOptions(draws=60)
+    apart, same = (fit_material(t, options).estimates["young"] for t in (tests, alike))
+    assert apart.high - apart.low > 3 * (same.high - same.low)
+    assert TRUE["young"] in apart
+
+
+def test_outliers_count_little() -> None:
+    one = synthetic(5)
+    stress = one.stress.copy()
+    stress[::8] *= 3
+    bad = [TensileTest(one.stretch, stress, one.thickness, one.lateral)]
+    robust = fit_material(bad, BY_HESSIAN).estimates["young"].value
+    squares = fit_material(bad, FitOptions(intervals="hessian", loss="squares"))
+    assert abs(robust / JERSEY.young - 1) < 0.06
+    assert abs(squares.estimates["young"].value / JERSEY.young - 1) > 0.2
+
+
+def test_what_data_cannot_tell_is_told() -> None:
+    """Without lateral stretch c₂ is not identified, nor is c₁ from small stretches."""
+    result = fit_material([synthetic(2, lateral=False)], BY_HESSIAN)
+    assert not result.estimates["c2"].identified
+    assert result.estimates["c1"].identified
+    assert any("No lateral stretch" in text for text in result.remarks)
+    small = fit_material([synthetic(2, top=1.15)], BY_HESSIAN)
+    assert not small.estimates["c1"].identified
+    assert C1 in small.estimates["c1"]
+    assert C2 in small.estimates["c2"]
+    assert any(text.startswith("c1 is not identified") for text in small.remarks)
+    assert small.c1 > 1.15
+
+
+def test_both_directions_of_a_knit() -> None:
+    tests = [
+        synthetic(k, noise=0.01, knit_ratio=2.5, direction=direction, specimen=f"{direction}{k}")
+        for direction in ("course", "wale")
+        for k in range(2)
+    ]
+    result = fit_material(tests, BY_HESSIAN)
+    assert result.stiff == "course"
+    assert 2.5 in result.estimates["knit_ratio"]
+    assert result.estimates["knit_ratio"].value == pytest.approx(2.5, rel=0.05)
+    assert result.material.young == pytest.approx(JERSEY.young, rel=0.05)
+    assert result.knit is not None
+    single = fit_material(tests[:2], BY_HESSIAN)
+    assert single.knit is None
+    assert "knit_ratio" not in single.estimates
+
+
+def test_a_stretch_that_the_model_misses_is_told() -> None:
+    """Data that follow eq. (1) up to 1.5, where something tears."""
+    one = synthetic(0, noise=0.005)
+    stress = np.where(one.stretch > 1.5, 0.4 * one.stress[one.stretch <= 1.5].max(), one.stress)
+    result = fit_material([TensileTest(one.stretch, stress, one.thickness, None)], BY_HESSIAN)
+    assert result.trusted_to < 1.7
+    assert any("mean residual exceeds 10 %" in text for text in result.remarks)
+    cut = fit_material(
+        [TensileTest(one.stretch, stress, one.thickness, None)],
+        FitOptions(intervals="hessian", up_to=1.5),
+    )
+    assert cut.trusted_to == cut.measured_to <= 1.5
+
+
+@pytest.mark.parametrize(("direction", "least"), [("x", 0.985), ("y", 0.98)])
+def test_a_real_knit(direction: str, least: float) -> None:
+    """Hand-knitted stockinette of acrylic yarn, five runs a direction; examples/stockinette.md."""
+    path: Path = ROOT / "examples" / "stockinette.csv"
+    tests = read_tensile_tests([path], Given(thickness=3e-3))
+    own = [test for test in tests if test.direction == direction]
+    assert len(own) == 5
+    result = fit_material(own, BY_HESSIAN)
+    assert result.r2_stress > least
+    assert result.r2_lateral is not None
+    assert result.r2_lateral > 0.94
+    assert result.c1 > result.measured_to
+
+
+@pytest.mark.parametrize(
+    ("tests", "options", "error", "message"),
+    [
+        ([], None, ParameterError, "at least one TensileTest"),
+        (["a"], None, ParameterError, "tests"),
+        ([synthetic()], "fast", ParameterError, "options"),
+        ([synthetic()], FitOptions(up_to=1.05), MeasurementError, "2 points"),
+        (
+            [synthetic(direction="course"), synthetic(direction="course", specimen="2", seed=1)],
+            FitOptions(branch="last-unloading"),
+            MeasurementError,
+            "no branch of unloading",
+        ),
+    ],
+)
+def test_wrong_values(tests: object, options: object, error: type, message: str) -> None:
+    with pytest.raises(error, match=message):
+        fit_material(tests, options)  # type: ignore[arg-type]
+
+
+def test_directions_of_no_fabric() -> None:
+    one = synthetic()
+    other = TensileTest(one.stretch, one.stress, one.thickness, one.lateral, "2", "45")
+    named = TensileTest(one.stretch, one.stress, one.thickness, one.lateral, "1", "0")
+    with pytest.raises(MeasurementError, match="'0', '45'.*perpendicular"):
+        fit_material([named, other], BY_HESSIAN)
+    falling = TensileTest(one.stretch, -one.stress, one.thickness)
+    with pytest.raises(MeasurementError, match="sign of the force"):
+        fit_material([falling], BY_HESSIAN)

@@ -1,0 +1,201 @@
+"""CSV files of tests: units, specimens, and what is wrong with a file, by its line."""
+
+import contextlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from toros_fem.base.errors import MeasurementError, ParameterError
+from toros_fem.products.fitting import Given, TensileTest, read_tensile_tests
+
+pytestmark = pytest.mark.one_rank
+
+STRAIN = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+FORCE = np.array([0.0, 1.0, 2.1, 3.3, 4.8, 7.0])
+WIDTH, THICKNESS = 0.025, 0.5e-3
+
+
+def written(path: Path, text: str) -> Path:
+    path.write_bytes(text.encode())
+    return path
+
+
+def rows(*columns: np.ndarray, separator: str = ",") -> str:
+    table = np.column_stack(columns)
+    return "".join(separator.join(f"{value:.9g}" for value in row) + "\n" for row in table)
+
+
+def one(path: Path, text: str, **values: object) -> TensileTest:
+    (test,) = read_tensile_tests([written(path, text)], Given(**values))  # type: ignore[arg-type]
+    return test
+
+
+@pytest.mark.parametrize(
+    ("header", "columns"),
+    [
+        ("strain [%],force [N]", (100 * STRAIN, FORCE)),
+        ("Stretch,Load (N)", (1 + STRAIN, FORCE)),
+        ("extension [mm],force [mN]", (60 * STRAIN, 1e3 * FORCE)),
+        ("strain,stress [MPa]", (STRAIN, 1e-6 * FORCE / (WIDTH * THICKNESS))),
+        ("strain,stress [N/mm]", (STRAIN, 1e-3 * FORCE / WIDTH)),
+        ("time [s],engineering strain [%],Force [cN]", (STRAIN, 100 * STRAIN, 100 * FORCE)),
+    ],
+)
+def test_units(tmp_path: Path, header: str, columns: tuple[np.ndarray, ...]) -> None:
+    constants = "# width = 25 mm\n# thickness = 0.5 mm\n# gauge length = 6 cm\n"
+    test = one(tmp_path / "a.csv", f"{constants}{header}\n{rows(*columns)}")
+    assert test.stretch == pytest.approx(1 + STRAIN, rel=1e-8)
+    assert test.stress == pytest.approx(FORCE / WIDTH, rel=1e-8)
+    assert (test.thickness, test.lateral, test.specimen) == (THICKNESS, None, "a")
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("lateral stretch", 1 - 0.3 * STRAIN),
+        ("transverse strain [%]", -30 * STRAIN),
+        ("current width [mm]", 25 * (1 - 0.3 * STRAIN)),
+    ],
+)
+def test_lateral_stretch(tmp_path: Path, name: str, values: np.ndarray) -> None:
+    text = f"strain,force [N],{name}\n{rows(STRAIN, FORCE, values)}"
+    test = one(tmp_path / "a.csv", text, width=WIDTH, thickness=THICKNESS)
+    assert test.lateral == pytest.approx(1 - 0.3 * STRAIN, rel=1e-8)
+
+
+def test_semicolons_decimal_commas_and_old_line_ends(tmp_path: Path) -> None:
+    body = rows(100 * STRAIN, FORCE, separator=";").replace(".", ",")
+    text = f"\ufeffstrain [%];force [N]\n{body}".replace("\n", "\r\n")
+    test = one(tmp_path / "a.csv", text, width=WIDTH, thickness=THICKNESS)
+    assert test.stress == pytest.approx(FORCE / WIDTH, rel=1e-8)
+
+
+def test_units_and_lengths_by_option_come_first(tmp_path: Path) -> None:
+    text = f"# width = 1 m\n# thickness = 1 m\nstrain,force\n{rows(100 * STRAIN, FORCE)}"
+    test = one(
+        tmp_path / "a.csv", text,
+        width=WIDTH, thickness=THICKNESS, direction="wale", units={"force": "N", "strain": "%"},
+    )  # fmt: skip
+    assert test.stretch == pytest.approx(1 + STRAIN)
+    assert test.stress == pytest.approx(FORCE / WIDTH)
+    assert (test.thickness, test.direction) == (THICKNESS, "wale")
+
+
+def test_specimens_and_directions_of_one_file(tmp_path: Path) -> None:
+    lines = "".join(
+        f"{name},{way},{1 + e},{f},{w}\n"
+        for name, way, w in (("A", "Course", 25), ("B", "wale", 50))
+        for e, f in zip(STRAIN, FORCE, strict=True)
+    )
+    path = written(tmp_path / "a.csv", f"specimen,direction,stretch,force [N],width [mm]\n{lines}")
+    tests = read_tensile_tests([path], Given(thickness=THICKNESS))
+    assert [(t.specimen, t.direction) for t in tests] == [("A", "course"), ("B", "wale")]
+    assert tests[0].stress == pytest.approx(2 * tests[1].stress)
+
+
+BODY = rows(STRAIN, FORCE)
+FAULTS = {
+    "empty": ("", None, "no table"),
+    "no rows": ("strain,force [N]\n", 1, "no rows of numbers"),
+    "no force": (f"strain,time\n{BODY}", 1, "no column holds the force"),
+    "no stretch": (f"force [N],time\n{BODY}", 1, "no column holds the stretch"),
+    "twice": (f"strain,strain [%]\n{BODY}", 1, "two columns hold the strain"),
+    "alike": (
+        "strain,stretch,force [N]\n" + rows(STRAIN, 1 + STRAIN, FORCE),
+        1,
+        "strain and stretch say the same|stretch and strain say the same",
+    ),
+    "no unit": (f"strain,force\n{BODY}", 1, r"the column 'force' has no unit: write 'force \[N\]'"),
+    "wrong unit": (f"strain,force [lb]\n{BODY}", 1, "'force' is in 'lb'; known are N, mN"),
+    "misspelt": (f"strian,force [N]\n{BODY}", 1, "'strian'; did you mean 'strain'"),
+    "word": (f"strain,force [N]\n{BODY}0.6,seven\n", 8, "force = 'seven' is no finite number"),
+    "nan": (f"strain,force [N]\n{BODY}0.6,nan\n", 8, "force = 'nan' is no finite number"),
+    "infinite": (f"strain,force [N]\n{BODY}0.6,1e999\n", 8, "no finite number"),
+    "gap": (f"strain,force [N]\n0.1,\n{BODY}", 2, "force is empty"),
+    "short": (f"strain,force [N]\n{BODY}0.6\n", 8, "the line has 1 values, but the header 2"),
+    "long": (f"strain,force [N]\n{BODY}0.6,1,2\n", 8, "the line has 3 values"),
+    "compressed": (f"strain,force [N]\n{BODY}-1.5,1\n", 8, "the stretch is -0.5; it is positive"),
+    "percent": (f"strain,force [N]\n{BODY}60,8\n", 8, r"Is the strain in %"),
+    "constant": ("strain,force [N]\n" + 6 * "0.1,1\n", 2, "the same in all rows"),
+    "no load": ("strain,force [N]\n" + rows(STRAIN, 0 * FORCE), 2, "all forces are 0"),
+    "few": (f"strain,force [N]\n{rows(STRAIN[:3], FORCE[:3])}", 2, "3 rows; at least 5"),
+    "no unit of a size": (f"# width = 25\nstrain,force [N]\n{BODY}", 1, "a length with its unit"),
+    "negative": (f"# width = -25 mm\nstrain,force [N]\n{BODY}", 1, "greater than 0"),
+    "gauge": (f"extension [mm],force [N]\n{BODY}", 2, "the gauge length is not known.*--gauge-len"),
+    "zero byte": (f"strain,force [N]\n0.1,\0\n{BODY}", 2, "a zero byte"),
+    "quote": (f'strain,force [N]\n0.1,"1\n{BODY}', 2, "cannot be split"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_faults_name_their_line(tmp_path: Path, name: str) -> None:
+    text, line, message = FAULTS[name]
+    path = written(tmp_path / "bad.csv", text)
+    with pytest.raises(MeasurementError, match=message) as caught:
+        read_tensile_tests([path], Given(width=WIDTH, thickness=THICKNESS))
+    assert caught.value.path == path
+    assert caught.value.line == line
+    assert str(path) in str(caught.value)
+
+
+def test_what_is_missing_is_named(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.csv", f"strain,force [N]\n{BODY}")
+    with pytest.raises(MeasurementError, match="line 2: the thickness is not known.*--thickness"):
+        read_tensile_tests([path], Given(width=WIDTH))
+    with pytest.raises(MeasurementError, match="line 2: the width is not known.*--width"):
+        read_tensile_tests([path], Given(thickness=THICKNESS))
+    with pytest.raises(MeasurementError, match="No such file"):
+        read_tensile_tests([tmp_path / "none.csv"])
+    with pytest.raises(MeasurementError, match="no file"):
+        read_tensile_tests([])
+    (tmp_path / "latin.csv").write_bytes(b"strain,force [N]\n0.1,1 \xb5\n")
+    with pytest.raises(MeasurementError, match="line 2: this is not UTF-8"):
+        read_tensile_tests([tmp_path / "latin.csv"])
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"thickness": 0.0}, "thickness"),
+        ({"units": {"force": "lb"}}, "'lb': known are N"),
+        ({"units": {"time": "s"}}, "no such column"),
+    ],
+)
+def test_wrong_options(values: dict[str, object], message: str) -> None:
+    with pytest.raises(ParameterError, match=message):
+        Given(**values)  # type: ignore[arg-type]
+
+
+GOOD = (
+    "# width = 25 mm\n# thickness = 0.5 mm\nspecimen,strain [%],force [N],lateral strain [%]\n"
+    + "".join(f"a,{100 * e},{f},{-30 * e}\n" for e, f in zip(STRAIN, FORCE, strict=True))
+).encode()
+PIECES = [
+    b"", b"\0", b"\xff", b"nan", b"-1", b"1e400", b"\n", b",", b";", b"\t", b'"', b"#", b"=", b"[",
+    b"%", "٣".encode(), b"_", b"99999999999999999999",
+]  # fmt: skip
+
+
+@settings(
+    max_examples=150, derandomize=True, deadline=None, database=None,
+    suppress_health_check=list(HealthCheck),
+)  # fmt: skip
+@given(st.lists(st.tuples(st.floats(0, 1), st.integers(0, 6), st.sampled_from(PIECES)), max_size=4))
+def test_random_faults_end_in_typed_errors(
+    tmp_path_factory: pytest.TempPathFactory, faults: list[tuple[float, int, bytes]]
+) -> None:
+    content = GOOD
+    for place, length, piece in faults:
+        begin = int(place * len(content))
+        content = content[:begin] + piece + content[begin + length :]
+    path = tmp_path_factory.mktemp("fuzz") / "a.csv"
+    path.write_bytes(content)
+    tests = []
+    with contextlib.suppress(MeasurementError, ParameterError):
+        tests = read_tensile_tests([path])
+    for test in tests:
+        assert np.isfinite(test.stretch).all()
+        assert np.isfinite(test.stress).all()

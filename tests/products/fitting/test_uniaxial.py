@@ -1,0 +1,90 @@
+"""Uniaxial tension of eq. (1): the exact root, near the bounds too, and its derivatives."""
+
+from dataclasses import astuple
+
+import numpy as np
+import pytest
+from helpers.scenes import TABLE_A, table
+from scipy.optimize import brentq
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.materials.sheet import Composite, Knit, Material
+from toros_fem.products.fitting.uniaxial import (
+    Coefficients,
+    lateral_strain,
+    tension,
+    uniaxial_curve,
+)
+
+pytestmark = pytest.mark.one_rank
+
+
+def test_closed_form_table() -> None:
+    rows = [r for r in table("gent_uniaxial") if r["mat"] == "A" and float(r["stretch"]) >= 1]
+    assert len(rows) > 5
+    stretch = np.array([float(r["stretch"]) for r in rows])
+    stress, lateral = uniaxial_curve(TABLE_A, 1.8, 2.0, stretch)
+    expected = np.array([float(r["nominal_stress_Pa"]) for r in rows]) * TABLE_A.thickness
+    assert stress == pytest.approx(expected, rel=3e-8, abs=1e-12)  # the table's digits
+    assert lateral == pytest.approx([float(r["lateral_stretch"]) for r in rows], rel=3e-8)
+
+
+@pytest.mark.parametrize("b", [0.0, 0.3, 4.0, 100.0])
+@pytest.mark.parametrize("across", [0.0, 2.0])
+def test_root_up_to_the_bounds(b: float, across: float) -> None:
+    """Against Brent's method, at strains that differ from both bounds by down to 1e-9."""
+    c = Coefficients(1.0, 0.7, 1.0, b, 0.0, across)
+    end = np.inf if b == 0 else b**-0.5
+    strain = np.array([0.0, 1e-12, 1e-6, 0.1, 0.5, 0.9, 0.999, 1 - 1e-9])
+
+    def residual(w: float, x: float) -> float:
+        z = x + w
+        return 2 * w / (1 - w * w) + across * w + 0.7 * z / (1 - b * z * z)
+
+    found = lateral_strain(strain, c)
+    assert (found <= 0).all()
+    assert (found + strain < end).all()
+    for x, w in zip(strain[1:], found[1:], strict=True):
+        inside = 1e-15
+        exact = brentq(residual, -x, min(-inside * x, end * (1 - inside) - x), (x,), xtol=1e-17)
+        assert w == pytest.approx(exact, rel=1e-9, abs=1e-15)
+
+
+def test_derivatives() -> None:
+    c = Coefficients(3.0, 2.0, 1.0, 0.8, 0.7, 1.1)
+    strain = np.array([0.1, 0.5, 0.9])
+    exact, values, step = tension(strain, c), np.array(astuple(c)), 1e-6
+    for k in range(6):
+        ends = [tension(strain, Coefficients(*(values + s * np.eye(6)[k]))) for s in (step, -step)]
+        slope = (ends[0].stress - ends[1].stress) / (2 * step)
+        assert exact.stress_by[:, k] == pytest.approx(slope, rel=1e-7, abs=1e-8)
+        slope = (ends[0].lateral - ends[1].lateral) / (2 * step)
+        assert exact.lateral_by[:, k] == pytest.approx(slope, rel=1e-6, abs=1e-8)
+
+
+def test_moduli_of_a_knit() -> None:
+    """At small strain the slopes are those that `Composite.moduli` tells."""
+    fabric = Material(1e5, 0.25, 4e-4)
+    expected = Composite(fabric=fabric, knit=Knit(3.0)).moduli
+    for direction, modulus in zip(("course", "wale"), expected, strict=True):
+        stress, _ = uniaxial_curve(
+            fabric, 1.9, 2.6, np.array([1 + 1e-6]), knit_ratio=3.0, direction=direction
+        )
+        assert stress[0] / 1e-6 / fabric.thickness == pytest.approx(modulus, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("stretch", "changes", "message"),
+    [
+        ([0.9, 1.1], {}, "must lie in"),
+        ([1.9], {}, "must lie in"),
+        ([1.1], {"c2": 0.9}, "must be above 1"),
+        ([1.1], {"knit_ratio": 0.5}, "at least 1"),
+        ([[1.1]], {}, "shape"),
+        ([1.1], {"direction": "up"}, "must be one of"),
+    ],
+)
+def test_wrong_values(stretch: object, changes: dict[str, float], message: str) -> None:
+    values = {"c1": 1.9, "c2": 2.6, **changes}
+    with pytest.raises(ParameterError, match=message):
+        uniaxial_curve(TABLE_A, values.pop("c1"), values.pop("c2"), stretch, **values)  # type: ignore[arg-type]

@@ -1,0 +1,79 @@
+"""Prints of tiles on the finer mesh: density, profile, curves, buckling."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.tiles import SMALL, Laminate, small_result
+from mpi4py import MPI
+
+from toros_fem.materials.sheet import Composite
+from toros_fem.products.tile_design.as_printed import PrintSimulation, measure_print
+from toros_fem.products.tiles.printability import island_areas
+from toros_fem.products.tiles.stiffness_profile import ProfileSolver
+
+
+def test_print_on_the_finer_mesh(comm: MPI.Comm) -> None:
+    """It covers the printed region, and its profile is that of this density."""
+    case, result = small_result()
+    assert case.fine is not None
+    simulation = PrintSimulation(comm, case, SMALL)
+    density = simulation.density(result.printed)
+    assert set(np.unique(density)) == {0.0, 1.0}
+    area = result.printed.regions[0].area
+    assert case.fine.pattern.areas @ density == pytest.approx(area, rel=0.02)
+    assert result.profile is not None
+    assert result.failure == ""
+    alone = ProfileSolver(simulation.solver.tile, case.angles, 0.1).solve(density)
+    assert result.profile.stress == pytest.approx(alone.stress, rel=1e-9)
+    # The design's own mesh sees the same print, but lines of two edges only to a fifth.
+    assert result.printed.evaluation is not None
+    coarser = result.printed.evaluation.equilibrium
+    assert coarser.stiffness == pytest.approx(result.profile.stiffness, rel=0.2)
+    assert (coarser.stiffness != result.profile.stiffness).all()
+    areas = island_areas(case.tile, result.printed.cells)
+    assert result.printability.island_areas == pytest.approx(areas)
+
+
+def test_measured_print(comm: MPI.Comm) -> None:
+    case, result = small_result()
+    assert result.profile is not None
+    measured = measure_print(comm, case, SMALL, result)
+    assert measured is not None
+    assert np.degrees(measured.profile.angles) == pytest.approx(np.arange(0, 46, 7.5))
+    assert measured.profile.stress[::2] == pytest.approx(result.profile.stress, rel=1e-12)
+    # The directions between were solved separately.
+    stiffness = measured.profile.stiffness
+    assert np.abs(np.diff(stiffness, 2)).max() < 0.2 * np.ptp(stiffness)
+    fabric = Composite().fabric
+    exact, _, _ = Laminate(Composite(fabric, fabric), 0.5, 0.0).pulled(0.0, 0.1)
+    assert measured.fabric_stiffness == pytest.approx(exact / 0.1, rel=1e-9)
+    assert [curve.strain for curve in measured.curves] == pytest.approx([0.025, 0.05, 0.075, 0.1])
+    assert measured.curves[-1] is result.profile
+    assert measured.buckling is not None
+    assert measured.buckling.shape == (4,)
+
+
+@pytest.mark.slow
+def test_directions_follow_the_symmetry(comm: MPI.Comm) -> None:
+    """Without mirrors the profile covers half a turn."""
+    case, result = small_result()
+    measured = measure_print(comm, replace(case, symmetry="chiral"), SMALL, result)
+    assert measured is not None
+    assert np.degrees(measured.profile.angles) == pytest.approx(np.arange(0, 180, 7.5))
+    # This print is tetragonal all the same.
+    stiffness = measured.profile.stiffness
+    assert np.roll(stiffness, 12) == pytest.approx(stiffness, rel=1e-6)
+    assert stiffness[1:] == pytest.approx(stiffness[:0:-1], rel=1e-6)
+
+
+@pytest.mark.slow
+def test_print_without_an_equilibrium(comm: MPI.Comm) -> None:
+    case, result = small_result()
+    assert measure_print(comm, case, SMALL, replace(result, profile=None)) is None
+    simulation = PrintSimulation(comm, case, SMALL.updated(strain=0.95))
+    failed = simulation.simulate(result.problem, result.result)
+    assert failed.profile is None
+    assert "no equilibrium" in failed.failure
+    # The print has one at the design's own strain, on the design's mesh.
+    assert failed.printed.evaluation is not None

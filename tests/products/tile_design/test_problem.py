@@ -1,0 +1,302 @@
+"""Design problems of tiles: gradients, symmetric designs, short runs."""
+
+import dataclasses
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.loops import OneEntry, Stopped, figures
+from helpers.tiles import (
+    ANGLES,
+    CONTRAST,
+    DIRECTIONS,
+    EDGES,
+    PARALLEL,
+    RADIUS,
+    SIDE,
+    TARGET,
+    profile_of,
+    profile_solver,
+    profile_table,
+    random_step,
+    solver_of,
+    tile_of,
+)
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem.base.mpi import dot
+from toros_fem.design.density.cone import ConeFilter
+from toros_fem.design.density.field import random_density
+from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.design.density.perimeter import Perimeter
+from toros_fem.design.density.projection import Projection
+from toros_fem.design.density.symmetric import SymmetricFilter
+from toros_fem.design.loop.loop import DesignResult, optimize
+from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.variables import Scaled, Variables
+from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED
+from toros_fem.meshes import Mirrored
+from toros_fem.products.tile_design.problem import TileProblem
+from toros_fem.products.tile_design.starts import random_waves
+from toros_fem.products.tiles.objectives import ProfileObjective, ProfileTarget
+from toros_fem.products.tiles.stiffness_profile import ProfileSolver
+
+
+def start_of(problem: TileProblem) -> np.ndarray:
+    """Return a symmetric density with noise."""
+    x, y = (2 * np.pi * problem.skin.pattern.centroids / SIDE).T
+    noise = np.random.default_rng(2).uniform(-1, 1, len(x))
+    every = 0.5 + 0.3 * np.cos(x) * np.cos(y) + 0.15 * noise
+    return np.asarray(every[problem.skin.owned_cells])
+
+
+def make_problem(
+    batched: bool,
+    objective: ProfileObjective,
+    symmetry: str = "tetragonal",
+    angles: np.ndarray = DIRECTIONS,
+    beta: float = 4.0,
+) -> TileProblem:
+    solver, found = profile_solver(batched, angles), tile_of(EDGES)
+    skin = solver.tile.skin
+    inner = ConeFilter(skin, RADIUS, found.lattice)
+    return TileProblem(
+        solver=solver,
+        objective=objective,
+        filter=SymmetricFilter(skin, inner, found.symmetry_maps(symmetry)),
+        projection=Projection(beta),
+    )
+
+
+def full(batched: bool, objective: ProfileObjective, symmetry: str = "tetragonal") -> TileProblem:
+    """Return a problem with prescribed print, a perimeter term and width constraints."""
+    plain = make_problem(batched, objective, symmetry)
+    skin = plain.skin
+    limits = LengthScale(solid_threshold=0.7, void_threshold=0.3, epsilon=1e-3)
+    place = np.abs(skin.pattern.centroids[skin.owned_cells] / SIDE - 0.5)
+    return dataclasses.replace(
+        plain,
+        passive=np.where(place.max(axis=1) < 0.12, 1.0, np.nan),
+        perimeter=Perimeter(skin, RADIUS, 5.0, lattice=tile_of(EDGES).lattice),
+        perimeter_weight=1.0,
+        length_scale=LengthScaleConstraints(skin, plain.filter, limits, plain.designed),
+    )
+
+
+@PARALLEL
+@pytest.mark.parametrize(("objective", "symmetry"), [(TARGET, "tetragonal"), (CONTRAST, "chiral")])
+def test_taylor_of_everything(batched: bool, objective: ProfileObjective, symmetry: str) -> None:
+    """T with its perimeter term, both constraints and each residual have exact gradients."""
+    problem = full(batched, objective, symmetry)
+    skin = problem.skin
+    density = start_of(problem)
+    base = problem.evaluate(density)
+    assert base.gradient is not None
+    assert base.pressure_gradient is None
+    assert base.length_scale is not None
+    assert base.length_scale_gradients is not None
+    assert base.residuals is not None
+    assert base.perimeter is not None
+    residuals = base.residuals.values(base.equilibrium)
+    assert len(residuals) == len(base.residuals.gradients) == (6 if objective is TARGET else 0)
+    assert base.objective - base.shape > 0.02 * base.shape, "the perimeter must matter"
+    step = random_step(problem.solver.tile) * problem.designed
+    every = (base.gradient, *base.length_scale_gradients, *base.residuals.gradients)
+    slopes = [dot(skin.comm, g, step) for g in every]
+    gaps = []
+    for h in 1e-2 * 0.5 ** np.arange(6):
+        there = problem.simulate(density + h * step, base.equilibrium.state)
+        assert there.length_scale is not None
+        values = np.array([there.objective - base.objective,
+                           *(there.length_scale - base.length_scale),
+                           *(base.residuals.values(there.equilibrium) - residuals)])  # fmt: skip
+        gaps.append(np.abs(values - h * np.array(slopes)))
+        if len(gaps) == 1:
+            assert (np.abs(values) > gaps[0]).all(), "the linear part must matter"
+    rates = np.log2(np.array(gaps[:-1]) / gaps[1:])
+    assert rates[-3:] == pytest.approx(2, abs=0.1)
+
+
+def test_ranks_share_tile_or_directions() -> None:
+    """Both distributions give the same problem."""
+    found = []
+    for batched in (False, True):
+        problem = full(batched, TARGET)
+        skin = problem.skin
+        e = problem.evaluate(start_of(problem))
+        assert e.gradient is not None
+        assert e.length_scale_gradients is not None
+        assert e.residuals is not None
+        parts = (e.gradient, *e.length_scale_gradients, *e.residuals.gradients)
+        found.append((e, np.array([skin.gather_cells(g) for g in parts])))
+    (one, first), (other, second) = found
+    assert profile_table(other.equilibrium) == pytest.approx(
+        profile_table(one.equilibrium), abs=1e-12
+    )
+    assert other.objective == pytest.approx(one.objective, rel=1e-12)
+    assert other.length_scale == pytest.approx(one.length_scale, rel=1e-12)
+    scale = np.abs(first).max(axis=1, keepdims=True)
+    assert second / scale == pytest.approx(first / scale, abs=1e-11)
+    assert one.residuals is not None
+    assert other.residuals is not None
+    assert other.residuals.values(other.equilibrium) == pytest.approx(
+        one.residuals.values(one.equilibrium), rel=1e-11
+    )
+    # Each rank has an MMA of its own, so these must be equal to the last digit.
+    rows = other.residuals.gradients
+    for theirs, others in MPI.COMM_WORLD.allgather((other.gradient, rows)):
+        assert (theirs == other.gradient).all()
+        assert np.array_equal(others, rows)
+
+
+def test_symmetric_design_has_a_symmetric_profile() -> None:
+    problem = make_problem(False, CONTRAST)
+    e = problem.simulate(start_of(problem))
+    projected = problem.skin.gather_cells(e.projected)
+    found = profile_table(profile_of(problem.solver.tile, projected, 0.1, ANGLES))
+    assert np.roll(found, 6, axis=0) == pytest.approx(found, abs=1e-12)
+    assert found[-np.arange(12)] * [1, 1, 1, -1] == pytest.approx(found, abs=1e-12)
+    assert np.ptp(found[:, 0]) > 0.01
+
+
+THREE = np.array([0.0, np.pi / 8, np.pi / 4])
+
+
+def short_run(problem: TileProblem, **options: Any) -> DesignResult:
+    return optimize(problem, DesignOptions((Stage(8),), **options), start=start_of(problem))
+
+
+def test_short_design_run(comm: MPI.Comm) -> None:
+    """A design soft along the sides and stiff in between; equal on any number of ranks."""
+    target = ProfileTarget(np.array([900.0, 1200.0, 2400.0]))
+    problem = make_problem(True, target, angles=THREE, beta=8.0)
+    result = short_run(problem)
+    first, last = result.history[0], result.history[-1]
+    # MMA without residuals reaches a factor of 180.
+    assert last.objective < first.objective / 250
+    soft, _, stiff = result.final.equilibrium.stiffness
+    assert stiff > 1.3 * soft
+    assert last.iteration == 8
+    assert result.pressure == 0
+    for image in tile_of(EDGES).symmetry_maps("tetragonal"):
+        whole = problem.skin.gather_cells(result.final.projected)
+        assert whole[image] == pytest.approx(whole, abs=1e-12)
+    assert all((density == result.density).all() for density in comm.allgather(result.density))
+    if comm.size == 1:
+        return
+    alone = dataclasses.replace(problem, solver=ProfileSolver(problem.solver.tile, THREE, 0.1))
+    for other in (alone, make_problem(False, target, angles=THREE, beta=8.0)):
+        rows = short_run(other).history
+        assert [row.rejected for row in rows] == [row.rejected for row in result.history]
+        for row, same in zip(result.history, rows, strict=True):
+            assert row.objective == pytest.approx(same.objective, rel=1e-8)
+
+
+def test_a_design_that_was_stopped_goes_on_bit_for_bit() -> None:
+    """Directions and triangles spread over the ranks."""
+    target = ProfileTarget(np.array([900.0, 1200.0, 2400.0]))
+    for alone in (True, False):
+        problem = make_problem(alone, target, angles=THREE, beta=8.0)
+        start = start_of(problem)
+        stages = DesignOptions((Stage(4),))
+        whole = optimize(problem, stages, start=start)
+        journal = OneEntry(stop_at=3)
+        with pytest.raises(Stopped):
+            optimize(problem, stages, start=start, journal=journal)
+        assert journal.kept is not None
+        again = optimize(problem, stages, start=start, journal=OneEntry(saved=journal.kept))
+        assert [figures(r) for r in again.history] == [figures(r) for r in whole.history]
+        assert np.array_equal(again.density, whole.density)
+
+
+def test_objective_of_zero() -> None:
+    """T = 0 cannot be scaled: at the start, and on the way."""
+    problem = make_problem(True, ProfileTarget(np.full(3, 1e3)), angles=THREE)
+    there = problem.evaluate(start_of(problem)).equilibrium
+    reached = dataclasses.replace(problem, objective=ProfileTarget(there.stiffness))
+    result = optimize(reached, DesignOptions((Stage(2),)), start=start_of(problem))
+    assert result.final.objective < 1e-20
+    assert result.density == pytest.approx(start_of(problem), abs=1e-6)
+    near = dataclasses.replace(problem, objective=ProfileTarget(1.01 * there.stiffness))
+    result = optimize(near, DesignOptions((Stage(12),)), start=start_of(problem))
+    assert result.final.objective < 1e-12
+    assert np.isfinite(result.density).all()
+
+
+def test_scaled_problem() -> None:
+    """MMA sees T = 10 in each step unless it is small, separate residuals, and halved bounds."""
+    problem = full(True, TARGET)
+    start = problem.evaluate(start_of(problem))
+    widths = start.length_scale
+    assert widths is not None
+    variables = Variables(problem, DesignOptions())
+
+    def scaled(target: float) -> Scaled:
+        return Scaled(problem, variables, constrained=True, target_objective=target, start=start)
+
+    one = scaled(0.0)
+    assert one.refer(start) == 1
+    values, slopes = one.values(start), one.gradients(start)
+    assert values.objective == pytest.approx(10, rel=1e-14)
+    fraction = 1 - start.shape / start.objective
+    assert values.rest == pytest.approx(10 * fraction, rel=1e-10), "the perimeter's term"
+    assert values.residuals @ values.residuals == pytest.approx(10 * (1 - fraction), rel=1e-12)
+    limits = problem.length_scale
+    assert limits is not None
+    expected = [max(0.8 * e, 0.5 * g) for e, g in zip(limits.epsilon, widths, strict=True)]
+    assert values.constraints == pytest.approx(widths / expected - 1, rel=1e-12)
+    whole = slopes.rest.copy()
+    for r, slope in zip(values.residuals, slopes.residuals, strict=True):
+        whole.axpy(2 * r, slope)
+    assert whole.array == pytest.approx(slopes.objective.array, rel=1e-12, abs=1e-15)
+    less = dataclasses.replace(start, objective=start.objective / 100)
+    assert one.refer(less) == pytest.approx(100, rel=1e-12)
+    assert one.values(less).objective == pytest.approx(10, rel=1e-12)
+    capped = scaled(start.objective / 4)
+    assert capped.refer(less) == pytest.approx(4, rel=1e-12)
+    missing = values.missing
+    assert np.isinf([missing.rest, *missing.constraints, *missing.residuals]).all()
+
+
+def test_clock_stops_all_ranks(comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ranks with different clocks stop together; otherwise some would wait for the others."""
+    problem, clock = make_problem(True, CONTRAST), time.perf_counter
+    if comm.rank == comm.size - 1:
+        monkeypatch.setattr(time, "perf_counter", lambda: 1e7 * clock())
+    result = short_run(problem, seconds=100.0)
+    counts = comm.allgather(len(result.history))
+    assert counts == [1] * comm.size
+
+
+def test_bad_problems() -> None:
+    problem = make_problem(False, CONTRAST)
+    part: Any = object.__new__(Mirrored)
+    with pytest.raises(errors.ParameterError, match="whole must be None for a tile"):
+        dataclasses.replace(problem, whole=part)
+    with pytest.raises(errors.ParameterError, match="perimeter_weight = -1"):
+        dataclasses.replace(full(False, CONTRAST), perimeter_weight=-1.0)
+    with pytest.raises(errors.ParameterError, match="with prescribed = UNIAXIAL"):
+        ProfileSolver(solver_of(tile_of(EDGES), prescribed=ALL_PRESCRIBED), ANGLES, 0.1)
+    first = problem.simulate(random_density(problem.skin, 0))
+    assert first.gradient is None
+
+
+def test_metric_of_a_target() -> None:
+    """The largest deviation from the target is a metric of the history, whatever the objective."""
+    target = ProfileTarget(np.array([900.0, 1200.0, 2400.0]))
+    problem = dataclasses.replace(make_problem(True, target, angles=THREE), target=target)
+    other = dataclasses.replace(problem, objective=ProfileTarget(np.full(3, 1e3)))
+    result = optimize(other, [Stage(1)], start=start_of(problem))
+    stiffness = result.final.equilibrium.stiffness
+    worst = np.abs(stiffness / [900.0, 1200.0, 2400.0] - 1).max()
+    assert result.history[-1].metrics == {"worst_percent": pytest.approx(100 * worst, rel=1e-12)}
+    assert problem.with_projection(Projection(3.0)).target is target
+    assert make_problem(True, CONTRAST).metrics_of(result.final.equilibrium) == {}
+
+
+def test_random_start() -> None:
+    problem = make_problem(False, CONTRAST)
+    waves = random_waves(tile_of(EDGES), 1)
+    assert (problem.start_density(1) == waves[problem.skin.owned_cells]).all()

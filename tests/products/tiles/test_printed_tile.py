@@ -1,0 +1,119 @@
+"""Files of printed tiles: written, read, and rejected if they are not valid."""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import shared
+from helpers.tiles import printed_tile
+from mpi4py import MPI
+
+from toros_fem import errors
+from toros_fem.materials.sheet import Bladder, Composite, Knit
+from toros_fem.products.tiles.printed_tile import NAME, PrintedTile, read_tile, write_tile
+
+
+def test_file_round_trip(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder, made = shared(comm, tmp_path), printed_tile(comm)
+    if comm.rank == 0:
+        write_tile(folder, made)
+    comm.barrier()
+    found = read_tile(comm, folder)
+    assert (found.printed == made.printed).all()
+    one, two = asdict(found), asdict(made)
+    del one["printed"], two["printed"]
+    assert one == two
+    assert found.composite.fabric.thickness == 3e-4
+    assert found.composite.reinforcement.thickness == 5e-4
+    assert len(found.tile(comm).wraps) == len(made.printed)
+
+
+def test_the_knit_is_kept(comm: MPI.Comm, tmp_path: Path) -> None:
+    made = printed_tile(comm)
+    knitted = replace(made, composite=replace(made.composite, knit=Knit(3.0, 0.4)))
+    folder = shared(comm, tmp_path)
+    if comm.rank == 0:
+        write_tile(folder, knitted)
+    comm.barrier()
+    assert read_tile(comm, folder).composite == knitted.composite
+    own = replace(made.composite, reinforcement=replace(made.composite.reinforcement, c1=1.1))
+    bounded = replace(made, composite=own)
+    if comm.rank == 0:
+        write_tile(folder, bounded)
+    comm.barrier()
+    assert read_tile(comm, folder).composite == own
+    by_panel = replace(made.composite, knit=Knit(3.0, {"tile": 0.4}))
+    with pytest.raises(errors.ParameterError, match="the grain of its knit must be one angle"):
+        replace(made, composite=by_panel)
+
+
+def write_entries(comm: MPI.Comm, folder: Path, made: PrintedTile, **changes: Any) -> Path:
+    """Write a printed tile with changed entries; None leaves one out."""
+    if comm.rank == 0:
+        write_tile(folder, made)
+        with np.load(folder / NAME) as archive:
+            entries = {**archive, **changes}
+        np.savez(folder / NAME, **{k: v for k, v in entries.items() if v is not None})
+    comm.barrier()
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"size_x": None, "c1": None}, r"tile.npz lacks size_x, c1\. Write it by .*write_tile"),
+        ({"size_y": -0.01}, "contains no printed tile: size_y = -0.01 .* greater than 0"),
+        ({"fabric_poisson": 0.7}, "poisson = 0.7 must be a finite number, between 0 and 0.5"),
+        ({"c1": 0.9}, "c1 = 0.9 must be .* greater than 1"),
+        ({"reinforcement_thickness": "thin"}, "contains no printed tile: could not convert"),
+        ({"edge_length": [1e-3, 1e-3]}, "contains no printed tile: .* size 1"),
+        ({"mesh": "hexagons"}, "mesh = 'hexagons' must be one of"),
+        ({"symmetry": "chiral"}, "cannot be chiral"),
+        ({"printed": np.zeros(5)}, r"printed is float64 of shape \(5,\); it must be bool"),
+    ],
+)
+def test_bad_files(comm: MPI.Comm, tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    folder = write_entries(comm, shared(comm, tmp_path), printed_tile(comm), **changes)
+    with pytest.raises(errors.TileFileError, match=message):
+        read_tile(comm, folder)
+
+
+def test_file_of_an_earlier_version(comm: MPI.Comm, tmp_path: Path) -> None:
+    """Such files have one Poisson's ratio and one thickness for both materials."""
+    names = [f"{m}_{p}" for m in ("fabric", "reinforcement") for p in ("poisson", "thickness")]
+    changes = {**dict.fromkeys(names), "poisson": 0.4, "thickness": 2e-4}
+    folder = write_entries(comm, shared(comm, tmp_path), printed_tile(comm), **changes)
+    composite = read_tile(comm, folder).composite
+    for material in (composite.fabric, composite.reinforcement):
+        assert (material.poisson, material.thickness) == (0.4, 2e-4)
+    assert (composite.fabric.young, composite.reinforcement.young) == (0.1e6, 26e6)
+
+
+def test_bad_materials(comm: MPI.Comm) -> None:
+    made = printed_tile(comm)
+    for composite in (Composite(), Composite(bending=None, bladder=Bladder(1e6, 1e-4))):
+        with pytest.raises(errors.ParameterError, match="a printed tile is a membrane"):
+            replace(made, composite=composite)
+
+
+def test_no_tile_or_another_mesh(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder, made = shared(comm, tmp_path), printed_tile(comm)
+    with pytest.raises(errors.TileFileError, match=r"tile.npz cannot be read: .* demos/tile.py"):
+        read_tile(comm, folder)
+    for content in (b"", b"no archive", b"PK\x03\x04 half of one"):
+        if comm.rank == 0:
+            (folder / NAME).write_bytes(content)
+        comm.barrier()
+        with pytest.raises(errors.TileFileError, match="tile.npz cannot be read"):
+            read_tile(comm, folder)
+        comm.barrier()
+    if comm.rank == 0:
+        with (folder / NAME).open("wb") as file:
+            np.save(file, np.zeros(3))
+    comm.barrier()
+    with pytest.raises(errors.TileFileError, match="tile.npz cannot be read"):
+        read_tile(comm, folder)
+    with pytest.raises(errors.DensityError, match=r"printed has 3 triangles, but .* has \d+\."):
+        replace(made, printed=np.ones(3, dtype=bool)).tile(comm)

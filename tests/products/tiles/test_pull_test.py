@@ -1,0 +1,153 @@
+"""Pull tests of sheets and predictions by the periodic tile, against exact laws."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.scenes import TABLE_A, table
+from helpers.tiles import printed_tile
+from mpi4py import MPI
+from scipy.spatial import cKDTree
+
+from toros_fem import errors
+from toros_fem.materials.sheet import Composite
+from toros_fem.meshes import rectangle, sew, tile
+from toros_fem.products.tiles import pulled_sheet as demo
+from toros_fem.products.tiles.pull_test import PullTest, predict, pull, pull_sheet
+from toros_fem.products.tiles.sheet import remesh, tile_sheet
+
+SIZE = 0.01
+STRAIN = 0.1
+PLAIN = Composite(fabric=TABLE_A, c1=1.8, c2=2.0, bending=None)
+
+
+def exact(kind: str) -> tuple[float, float]:
+    """Return stress in N/m and contraction of the plain fabric at a strain of 10 %."""
+    if kind == "uniaxial":
+        rows = [r for r in table("gent_uniaxial") if r["mat"] == "A"]
+        row = min(rows, key=lambda r: abs(float(r["stretch"]) - 1 - STRAIN))
+        stress, across = float(row["nominal_stress_Pa"]), float(row["lateral_stretch"])
+    else:
+        rows = [r for r in table("gent_equibiaxial_planestrain") if r["mat"] == "A"]
+        row = min(rows, key=lambda r: abs(float(r["stretch"]) - 1 - STRAIN))
+        stress, across = float(row["P11_strip_l2=1_Pa"]), 1.0
+    assert float(row["stretch"]) == 1 + STRAIN
+    return stress * TABLE_A.thickness, (1 - across) / STRAIN
+
+
+def pulled_fabric(comm: MPI.Comm, ratio: float, axis: int, **changes: Any) -> PullTest:
+    """Pull a plain sheet with this ratio of length to width."""
+    sides = (ratio * SIZE, SIZE)
+    pattern = rectangle(comm, *(sides if axis == 0 else sides[::-1]), min(sides) / 5, "crossed")
+    skin = sew(comm, pattern)
+    density = np.zeros(len(skin.owned_cells))
+    inputs: dict[str, Any] = {"strains": [STRAIN / 2, STRAIN], "gauge": SIZE, **changes}
+    return pull(skin, PLAIN, density, axis, **inputs)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_plain_fabric_lies_between_uniaxial_and_clamped(comm: MPI.Comm, axis: int) -> None:
+    """The excess stress due to the clamps is inversely proportional to the length."""
+    free, contraction = exact("uniaxial")
+    clamped, _ = exact("plane strain")
+    excess = []
+    for ratio in (1, 4, 8):
+        test = pulled_fabric(comm, ratio, axis)
+        assert free < test.curve.stress[-1] < clamped
+        assert test.imbalance < 1e-8
+        excess.append(test.curve.stress[-1] / free - 1)
+    assert excess[0] > 0.04
+    assert excess[2] == pytest.approx(excess[1] / 2, rel=0.05)
+    # Far from the clamps the state is uniaxial.
+    assert test.middle_contraction[-1] == pytest.approx(contraction, rel=1e-4)
+    assert test.middle_strain[-1] > STRAIN
+    assert test.curve.contraction[-1] > contraction
+
+
+def test_wide_plain_fabric_is_wholly_clamped(comm: MPI.Comm) -> None:
+    """The lack of stress due to the free sides is inversely proportional to the width."""
+    clamped, _ = exact("plane strain")
+    lack = [1 - pulled_fabric(comm, r, 0, gauge=r * SIZE).curve.stress[-1] / clamped
+            for r in (1 / 4, 1 / 8)]  # fmt: skip
+    assert 0 < lack[1] < 0.02
+    assert lack[1] == pytest.approx(lack[0] / 2, rel=0.1)
+
+
+def test_pull_is_symmetric(comm: MPI.Comm) -> None:
+    pattern = rectangle(comm, 3 * SIZE, SIZE, SIZE / 5, "crossed")
+    middle = np.array([1.5 * SIZE * (1 + STRAIN), SIZE / 2])
+    positions = pulled_fabric(comm, 3, 0).positions[:, :2] - middle
+    flat = pattern.points[:, :2] - [1.5 * SIZE, SIZE / 2]
+    for mirror in ([-1, 1], [1, -1]):
+        away, image = cKDTree(flat).query(flat * mirror)
+        assert away.max() < 1e-12
+        assert positions[image] == pytest.approx(positions * mirror, abs=1e-9 * SIZE)
+    turned = pulled_fabric(comm, 3, 1)
+    assert turned.curve.stress == pytest.approx(pulled_fabric(comm, 3, 0).curve.stress, rel=1e-9)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_prediction_of_plain_fabric_is_exact(comm: MPI.Comm, axis: int) -> None:
+    made = tile(comm, (0.012, 0.008), 2e-3, "unstructured")
+    skin = sew(comm, made.pattern)
+    found = predict(skin, PLAIN, made, np.zeros(len(skin.owned_cells)), axis, [0.05, STRAIN])
+    stress, contraction = exact("uniaxial")
+    assert found.stress[-1] == pytest.approx(stress, rel=1e-7)
+    assert found.contraction[-1] == pytest.approx(contraction, rel=1e-6)
+    assert found.stiffness[-1] == pytest.approx(stress / STRAIN, rel=1e-7)
+
+
+def test_cross_lines_alike_along_x_and_y(comm: MPI.Comm) -> None:
+    """The sheets of a square tile, on a coarser mesh than its own, agree in both directions."""
+    drawn = demo.cross_tile(comm)
+    coarse = remesh(comm, drawn, SIZE / 14)
+    mesh = coarse.tile(comm)
+    assert mesh.pattern.areas[coarse.printed].sum() == pytest.approx(
+        drawn.tile(comm).pattern.areas[drawn.printed].sum(), rel=1e-9
+    ), "its lines lie on edges of both meshes"
+    strains = np.array([0.05, STRAIN])
+    along_x, along_y = (
+        pull_sheet(comm, tile_sheet(mesh, name, 4, 2), mesh, coarse, strains) for name in "xy"
+    )
+    for one in (along_x, along_y):
+        assert one.test.imbalance < 1e-8
+        summary = one.summary()
+        assert summary["stiffness_ratio"] > 1.1
+        assert 0 < summary["middle"]["contraction"] < summary["contraction"]
+        assert summary["middle"]["strain"] > STRAIN
+    assert along_x.predicted.stress == pytest.approx(along_y.predicted.stress, rel=1e-8)
+    assert along_x.test.curve.stress == pytest.approx(along_y.test.curve.stress, rel=1e-8)
+    assert along_x.test.middle_contraction == pytest.approx(
+        along_y.test.middle_contraction, rel=1e-8
+    )
+    assert np.diff(along_x.predicted.stiffness) > 0, "the lines rotate towards the pull"
+
+
+def test_ranks_agree(comm: MPI.Comm) -> None:
+    if comm.size == 1:
+        pytest.skip("needs two ranks to compare with one")
+    made = printed_tile(comm)
+    mesh = made.tile(comm)
+    both, alone = (
+        pull_sheet(c, tile_sheet(mesh, "y", 2, 1), mesh, made, np.array([STRAIN]))
+        for c in (comm, MPI.COMM_SELF)
+    )
+    assert both.test.positions == pytest.approx(alone.test.positions, abs=1e-9 * SIZE)
+    assert both.test.forces == pytest.approx(alone.test.forces, abs=1e-8)
+    assert both.predicted.stress == pytest.approx(alone.predicted.stress, rel=1e-8)
+    assert both.summary()["middle"] == pytest.approx(alone.summary()["middle"], rel=1e-6)
+
+
+def test_bad_pulls(comm: MPI.Comm) -> None:
+    for strains in ([], [0.0], [0.1, -1.0], [np.nan]):
+        with pytest.raises(errors.ParameterError, match="strains = .* none of them 0"):
+            pulled_fabric(comm, 1, 0, strains=strains)
+    with pytest.raises(errors.ParameterError, match="gauge = 0.02 .* at most 0.01"):
+        pulled_fabric(comm, 1, 0, gauge=2 * SIZE)
+    with pytest.raises(errors.ParameterError, match="axis = 2 must be 0 or 1"):
+        pulled_fabric(comm, 1, 2)
+    with pytest.raises(errors.NoEquilibriumError, match="supports moved"):
+        pulled_fabric(comm, 1, 0, strains=[0.9])
+    torus = sew(comm, tile(comm, SIZE, 2e-3).pattern)
+    with pytest.raises(errors.PatternError, match="must be a flat rectangle .* `Tile.sheet`"):
+        pull(torus, PLAIN, np.zeros(len(torus.owned_cells)), 0, [0.1], SIZE)

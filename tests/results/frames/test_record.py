@@ -1,0 +1,60 @@
+"""A design records its shapes while it runs, those of the whole skin."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.designs import make_problem
+from helpers.scenes import shared
+from mpi4py import MPI
+
+from toros_fem.design.loop.loop import optimize
+from toros_fem.design.loop.options import Stage
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.meshes import Skin, bend
+from toros_fem.results.frames import read_frames, read_skin
+from toros_fem.results.frames.record import repeated
+from toros_fem.results.reporter import DesignReporter
+
+
+@pytest.mark.slow
+def test_steps_are_on_disk_with_their_shape(
+    comm: MPI.Comm, tmp_path: Path, tube: Skin, tube_solver: EquilibriumSolver
+) -> None:
+    folder = shared(comm, tmp_path) / "run"
+    target = bend(np.radians(60), 0.06, neutral=0.01)(tube.pattern.points)
+    problem = dataclasses.replace(make_problem(tube, tube_solver), target=target)
+    with DesignReporter(comm, folder) as reporter:
+        result = optimize(problem, [Stage(2), Stage(1)], seed=3, callback=reporter)
+    frames = read_frames(folder / "frames", "iteration")
+    comm.barrier()
+    assert [frame.number for frame in frames] == [0, 1, 2, 3]
+    last, row = frames[-1], result.history[-1]
+    assert last.values["objective"] == row.objective
+    positions = tube.gather_vertices(result.final.equilibrium.positions)
+    assert np.abs(last.positions - positions).max() < 1e-8
+    assert last.density is not None
+    assert np.allclose(last.density, tube.gather_cells(result.final.projected), atol=1e-7)
+    skin = read_skin(folder / "frames" / last.skin)
+    assert np.array_equal(skin.pattern.triangles, tube.pattern.triangles)
+    assert skin.target is not None
+    assert np.array_equal(skin.target, target)
+    assert skin.passive is not None
+    assert np.isnan(skin.passive).sum() == len(tube.pattern.cells_of("wall"))
+    # Another run in the same folder begins again.
+    with DesignReporter(comm, folder) as reporter:
+        optimize(problem, [Stage(1)], seed=3, callback=reporter)
+    assert [frame.number for frame in read_frames(folder / "frames", "iteration")] == [0, 1]
+
+
+def test_copies_of_a_skin_are_one_pattern(tube: Skin) -> None:
+    pattern = tube.pattern
+    three, regions = repeated(pattern, ["a", "b", "c"], 3)  # type: ignore[list-item]
+    count = len(pattern.points)
+    assert len(three.points) == 3 * count
+    assert np.array_equal(three.triangles[-len(pattern.triangles) :], pattern.triangles + 2 * count)
+    assert len(three.panel_names) == 3 * len(pattern.panel_names)
+    assert len(set(three.panel_names)) == len(three.panel_names)
+    assert regions == ["a", "b", "c"] * 3
+    assert np.allclose(three.areas.sum(), 3 * pattern.areas.sum())

@@ -1,0 +1,57 @@
+"""Animations show the shapes one after the other."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from toros_fem.base.errors import OutputError, ParameterError
+from toros_fem.results.report import write_animation
+from toros_fem.results.report.animation import _ground
+
+pytestmark = pytest.mark.one_rank
+
+image = pytest.importorskip("PIL.Image")
+
+
+def pictures(path: Path) -> list[np.ndarray]:
+    found = []
+    with image.open(path) as film:
+        for k in range(film.n_frames):
+            film.seek(k)
+            found.append(np.asarray(film.convert("RGB")).astype(int))
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("series", "name", "count"),
+    [("pressure", "inflation.gif", 10), ("iteration", "iteration.gif", 12)],
+)
+def test_each_picture_differs_from_the_one_before(
+    run: Path, series: str, name: str, count: int
+) -> None:
+    path = write_animation(run, series)
+    assert path == run / name
+    found = pictures(path)
+    assert len(found) == count
+    for one, other in pairwise(found):
+        assert (np.abs(one - other).max(axis=2) > 8).mean() > 1e-3
+    dark = np.abs(found[-1] - [33, 51, 84]).max(axis=2) < 40
+    assert dark.mean() > 2e-3, "the print is seen"
+    assert path.stat().st_size < 1e6
+
+
+def test_nothing_to_animate_is_told(run: Path) -> None:
+    with pytest.raises(OutputError, match="no frames over the gait"):
+        write_animation(run, "gait")
+    with pytest.raises(ParameterError, match="must be one of"):
+        write_animation(run, "time")
+
+
+def test_the_ground_of_a_gait_lies_under_all_places() -> None:
+    places = np.random.default_rng(0).uniform(-1, 1, (20, 3))
+    corners = _ground(places)
+    assert (corners[:, 2] == places[:, 2].min()).all()
+    assert np.ptp(corners, axis=0)[:2] == pytest.approx(np.ptp(places, axis=0)[:2])

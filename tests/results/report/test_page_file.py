@@ -1,0 +1,111 @@
+"""The page holds all of a run, and nothing from elsewhere."""
+
+import dataclasses
+import html
+import json
+import re
+from pathlib import Path
+
+import pytest
+from helpers.runs import change_summary
+
+from toros_fem.base.errors import OutputError
+from toros_fem.results.frames import read_frames, write_frame
+from toros_fem.results.report import write_report
+
+
+def scene_of(page: str) -> dict:
+    found = re.search(r'id="scene">(.*?)</script>', page, re.DOTALL)
+    assert found
+    return dict(json.loads(found[1]))
+
+
+def test_all_parts_are_there(run: Path) -> None:
+    path = write_report(run)
+    assert path == run / "report.html"
+    page = path.read_text(encoding="utf-8")
+    assert not re.search(r"@[A-Z]+@", page), "every place is filled"
+    for text in ("88.25°", "± 1.5°", "90°", "89°", "fabric", "summary.json", "1.0", "cone"):
+        assert text in page
+    assert page.count('<svg class="chart"') == 4, "one over the pressure, three over iterations"
+    assert "paper: 70°" in page
+    scene = scene_of(page)
+    assert scene["start"] == {"series": "pressure", "index": 4}
+    assert [entry["label"] for entry in scene["series"]["iteration"]][-1] == "11 of 11"
+    assert ["angle", "60°"] in scene["series"]["pressure"][4]["shown"]
+
+
+def test_nothing_is_fetched(run: Path) -> None:
+    page = write_report(run).read_text(encoding="utf-8")
+    assert "default-src 'none'" in page
+    own = re.sub(r"<script>.*?</script>", "", page, flags=re.DOTALL)
+    links = re.findall(r'(?:src|href)="([^"]*)"', own)
+    assert links
+    assert not [link for link in links if re.match(r"(https?:)?//", link)]
+    assert set(re.findall(r"https?://[\w./]+", page)) <= {
+        "http://www.w3.org/1999/xhtml", "http://www.w3.org/2000/svg",
+    }  # fmt: skip
+
+
+def test_what_is_unusual_is_told(run: Path) -> None:
+    assert "At 10 kPa: It is near a limit point." in write_report(run).read_text(encoding="utf-8")
+    change_summary(
+        run,
+        curve={"failure_above": "no step is small enough", "failure_below": None},
+        manufacture={"pieces": 3, "islands": 2, "narrow_places": 4},
+    )
+    (last,) = read_frames(run / "frames", "pressure")[-1:]
+    snapped = dataclasses.replace(last, series="print", number=0, note="The skin snapped.")
+    write_frame(run / "frames", snapped)
+    page = html.unescape(write_report(run).read_text(encoding="utf-8"))
+    for text in (
+        "At the design's pressure: The skin snapped.",
+        "The curve ends before higher pressures: no step is small enough",
+        "2 islands",
+        "4 places are narrower",
+    ):
+        assert text in page
+
+
+def test_a_run_without_a_curve_shows_its_print(run: Path) -> None:
+    (run / "curve.csv").unlink()
+    for path in (run / "frames").glob("pressure-*"):
+        if path.stem == "pressure-000004":
+            path.rename(path.with_name("print-000000.npz"))
+        else:
+            path.unlink()
+    scene = scene_of(write_report(run).read_text(encoding="utf-8"))
+    assert [entry["label"] for entry in scene["series"]["pressure"]] == ["5 kPa"]
+
+
+def test_history_alone_makes_a_report(run: Path) -> None:
+    for path in (*run.glob("frames/*"), run / "summary.json", run / "curve.csv"):
+        path.unlink()
+    page = write_report(run).read_text(encoding="utf-8")
+    assert scene_of(page) == {"series": {}}
+    assert page.count('<svg class="chart"') == 3
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("summary.json", "{", "summary.json cannot be read"),
+        ("summary.json", "[]", "holds no summary"),
+        ("history.csv", "a,b\n1,x\n", "history.csv cannot be read"),
+        ("frames/iteration-000003.npz", "no archive", "iteration-000003.npz cannot be read"),
+    ],
+)
+def test_damaged_files_are_named(run: Path, name: str, content: str, words: str) -> None:
+    (run / name).write_text(content, encoding="utf-8")
+    with pytest.raises(OutputError, match=words):
+        write_report(run)
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match="holds neither frames"):
+        write_report(tmp_path)
+    with pytest.raises(OutputError, match="is no folder"):
+        write_report(tmp_path / "missing")
+    (tmp_path / "frames").mkdir()
+    with pytest.raises(OutputError, match="holds neither frames"):
+        write_report(tmp_path)

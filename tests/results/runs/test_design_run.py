@@ -1,0 +1,113 @@
+"""A whole design, stopped anywhere, goes on to the same files, through levels and corrections."""
+
+import json
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers.designs import DESIGN_ALONE
+from helpers.run_files import content
+from helpers.scenes import shared
+from mpi4py import MPI
+
+from toros_fem.base.errors import RunStoppedError
+from toros_fem.design.loop.options import Iteration
+from toros_fem.products.actuators.run import design_actuator
+from toros_fem.products.tubes import bend, twist
+from toros_fem.results.reporter import DesignReporter
+from toros_fem.results.runs.folder import open_run
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
+
+TWO_LEVELS = bend.BendConfig(
+    length=0.04,
+    angle=40.0,
+    edge_length=1.7e-3,
+    filter_radius=4e-3,
+    levels=2,
+    iterations=2,
+    constrained_iterations=2,
+    level_iterations=1,
+    polish_iterations=2,
+    corrections=1,
+    island_area=0.0,
+    **DESIGN_ALONE,
+)
+
+
+def design(comm: MPI.Comm, folder: Path, kind: Any, config: Any, stop_at: int | None = None) -> int:
+    """Design, stopped by a signal to the last rank after some rows; return the number of rows."""
+    rows = 0
+
+    class Counted(DesignReporter):
+        def report(self, row: Iteration) -> None:
+            nonlocal rows
+            rows += 1
+            super().report(row)
+            if rows == stop_at and comm.rank == comm.size - 1:
+                os.kill(os.getpid(), signal.SIGTERM)
+
+    resume = (folder / "state").exists()
+    comm.barrier()
+    with open_run(comm, folder, config.as_dict(), resume=resume):
+        design_actuator(comm, folder, kind.case, config, Counted(comm, folder))
+    return rows
+
+
+def check(comm: MPI.Comm, folder: Path, kind: Any, config: Any, *stops: int) -> None:
+    """Stop a run after so many rows each time, and compare its end with an uninterrupted run."""
+    total = design(comm, folder / "whole", kind, config)
+    done = 0
+    for rows in stops:
+        with pytest.raises(RunStoppedError, match=f"SIGTERM.*toros resume {folder / 'stopped'}"):
+            design(comm, folder / "stopped", kind, config, rows)
+        done += rows
+        assert not (folder / "stopped" / "pattern.svg").exists()
+    left = design(comm, folder / "stopped", kind, config)
+    assert left == total - done, "a signal loses no step"
+    assert content(folder / "stopped") == content(folder / "whole")
+    if comm.rank == 0:
+        last = (json.loads((folder / name / "state" / "run.json").read_text())["finished"]
+                for name in ("whole", "stopped"))  # fmt: skip
+        assert all(last)
+    comm.barrier()
+
+
+def test_densities_through_levels_polish_and_corrections(comm: MPI.Comm, tmp_path: Path) -> None:
+    check(comm, shared(comm, tmp_path), bend, TWO_LEVELS, 2, 5, 3)
+
+
+def test_several_starts(comm: MPI.Comm, tmp_path: Path) -> None:
+    """Each rank alone keeps the states of its seeds."""
+    folder = shared(comm, tmp_path)
+    config = TWO_LEVELS.updated(starts=2, corrections=0, polish_iterations=0)
+    total = design(comm, folder / "whole", bend, config)
+    with pytest.raises(RunStoppedError):
+        design(comm, folder / "stopped", bend, config, total - 1)
+    kept = {p.name for p in (folder / "stopped" / "state").iterdir()}
+    assert {f"seed-{config.seed + k}.000.npz" for k in range(2)} | {"000.npz"} <= kept
+    comm.barrier()
+    design(comm, folder / "stopped", bend, config)
+    assert content(folder / "stopped")[1:] == content(folder / "whole")[1:]
+
+
+def test_lines_from_a_random_start(comm: MPI.Comm, tmp_path: Path) -> None:
+    """Inside a stage of the relaxed design, and after a print, which is not simulated again."""
+    config = twist.TwistConfig(
+        start="relaxed",
+        length=0.06,
+        relaxed_edge_length=5e-3,
+        relaxed_iterations=2,
+        directions=6,
+        print_edge_length=2.2e-3,
+        laid_width=2.5e-3,
+        corrections=0,
+        density_iterations=1,
+        cross_sections=4,
+        twist=60.0,
+        pressure=8e3,
+        **DESIGN_ALONE,
+    )
+    check(comm, shared(comm, tmp_path), twist, config, 3, 4)

@@ -1,0 +1,86 @@
+"""The reporter shows and files each iteration as it comes."""
+
+import csv
+import dataclasses
+import time
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from helpers.scenes import shared
+from mpi4py import MPI
+
+from toros_fem.base.errors import OutputError
+from toros_fem.design.loop.options import Iteration
+from toros_fem.results.reporter import DesignReporter
+
+NUMBERS: dict[str, Any] = {name: 1.0 for name in Iteration.__dataclass_fields__}
+NUMBERS |= {
+    "iteration": 0,
+    "level": 0,
+    "stage": 0,
+    "rejected": 0,
+    "newton_steps": 3,
+    "seconds": 0.0,
+}
+ROW = Iteration(**{**NUMBERS, "metrics": {"a_mm": 2.0}})
+EVALUATION: Any = SimpleNamespace(problem=None)  # of no shape, so that nothing is recorded
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def test_rows_are_on_disk_at_once(
+    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = shared(comm, tmp_path) / "new"
+    reporter = DesignReporter(comm, str(folder))
+    assert folder.is_dir()
+    for k in range(3):
+        reporter(dataclasses.replace(ROW, iteration=k), EVALUATION)
+        rows = read(folder / "history.csv")
+        comm.barrier()
+        assert [row["iteration"] for row in rows] == [str(j) for j in range(k + 1)]
+        assert list(rows[0]) == list(ROW.columns())
+        assert rows[k]["a_mm"] == "2.0"
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == (4 if comm.rank == 0 else 0), "a header and three rows"
+
+
+def test_an_earlier_history_stays_until_the_first_row(comm: MPI.Comm, tmp_path: Path) -> None:
+    folder = shared(comm, tmp_path)
+    if comm.rank == 0:
+        (folder / "history.csv").write_text("of an earlier run\n", encoding="utf-8")
+    comm.barrier()
+    reporter = DesignReporter(comm, folder)
+    assert (folder / "history.csv").read_text(encoding="utf-8") == "of an earlier run\n"
+    comm.barrier()
+    reporter(ROW, EVALUATION)
+    assert len(read(folder / "history.csv")) == 1
+
+
+def test_clock_starts_with_the_reporter(comm: MPI.Comm, tmp_path: Path) -> None:
+    """The set-up ends where the first iteration begins."""
+    with DesignReporter(comm, shared(comm, tmp_path)) as reporter:
+        reporter.expect(1)
+        time.sleep(0.2)
+        assert reporter.seconds["setup"] >= 0.2
+        reporter(dataclasses.replace(ROW, seconds=0.15), EVALUATION)
+        setup = reporter.seconds["setup"]
+        assert 0.05 <= setup <= reporter.seconds["total"] - 0.15
+        time.sleep(0.05)
+        reporter(ROW, EVALUATION)
+    assert reporter.seconds["setup"] == setup
+    assert reporter.seconds["total"] >= 0.25
+
+
+def test_folder_that_cannot_be_made(comm: MPI.Comm, tmp_path: Path) -> None:
+    taken = shared(comm, tmp_path) / "taken"
+    if comm.rank == 0:
+        taken.write_text("a file, not a folder", encoding="utf-8")
+    comm.barrier()
+    with pytest.raises(OutputError, match="taken could not be written"):
+        DesignReporter(comm, taken)

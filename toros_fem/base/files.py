@@ -1,0 +1,85 @@
+"""Files that are whole or absent, and files that the first rank writes for all."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from toros_fem.base.errors import OutputError
+from toros_fem.base.mpi import on_first_rank
+
+# Ending of files that are being written.
+UNFINISHED = ".unfinished"
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file that is never seen half written, whatever happens (one rank).
+
+    It is written beside its place, forced to the disk, and renamed.
+
+    Raises:
+        OSError: It cannot be written; what was there before stays.
+    """
+    beside = path.with_name(path.name + UNFINISHED)
+    try:
+        with beside.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    except OSError:
+        beside.unlink(missing_ok=True)
+        raise
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write a mapping as JSON, numbers in full precision (one rank)."""
+    replace_file(path, (json.dumps(content, indent=2, ensure_ascii=False) + "\n").encode())
+
+
+def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows as CSV (one rank); a column that a row does not have stays empty there."""
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, columns)
+    writer.writeheader()
+    writer.writerows(rows)
+    replace_file(path, text.getvalue().encode())
+
+
+def write_together(comm: MPI.Comm, folder: str | Path, action: Callable[[], None]) -> None:
+    """Make a folder and write files into it on the first rank (collective).
+
+    Args:
+        comm: Communicator.
+        folder: The folder, made if missing.
+        action: Writes the files; called on the first rank only.
+
+    Raises:
+        OutputError: The folder or a file cannot be written; on all ranks.
+    """
+    folder = Path(folder)
+
+    def guarded() -> None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            action()
+        except OSError as caught:
+            raise OutputError(
+                f"{folder} could not be written: {caught}. Choose another folder, or free some "
+                "space. Files that are already written stay."
+            ) from None
+
+    on_first_rank(comm, guarded)

@@ -1,0 +1,206 @@
+"""Reductions, gathers, and errors that all ranks raise together."""
+
+from __future__ import annotations
+
+import dataclasses
+import gc
+import hashlib
+import time
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.validation import is_number, shown
+
+# Time in s that a rank with an error waits for the others before it ends them all.
+PATIENCE = 10.0
+
+T = TypeVar("T")
+
+
+def total(comm: MPI.Comm, value: float) -> float:
+    """Return the sum of a number over the ranks."""
+    return float(comm.allreduce(float(value), op=MPI.SUM))
+
+
+def sum_over_ranks(comm: MPI.Comm, local: Floats) -> Floats:
+    """Return the entrywise sum of small arrays over the ranks."""
+    out = np.empty_like(local)
+    comm.Allreduce(np.ascontiguousarray(local), out)
+    return out
+
+
+def largest(comm: MPI.Comm, value: float) -> float:
+    """Return the maximum of a number over the ranks."""
+    return float(comm.allreduce(float(value), op=MPI.MAX))
+
+
+def smallest(comm: MPI.Comm, value: float) -> float:
+    """Return the minimum of a number over the ranks."""
+    return float(comm.allreduce(float(value), op=MPI.MIN))
+
+
+def dot(comm: MPI.Comm, a: Floats, b: Floats) -> float:
+    """Return the inner product of two vectors given by their owned entries."""
+    return total(comm, float(np.vdot(a, b)))
+
+
+def norm(comm: MPI.Comm, owned: Floats) -> float:
+    """Return the Euclidean norm of a vector given by its owned entries."""
+    return float(np.sqrt(dot(comm, owned, owned)))
+
+
+def raise_together(comm: MPI.Comm, error: Exception | None) -> None:
+    """Raise on every rank the error of the lowest rank that has one (collective)."""
+    errors = comm.allgather(error)
+    for found in errors:
+        if found is not None:
+            raise found
+
+
+def on_first_rank(comm: MPI.Comm, action: Callable[[], T]) -> T:
+    """Run an action on the first rank; return its result or raise its error on all (collective).
+
+    Raises:
+        ParameterError: `comm` is no communicator.
+    """
+    require_comm(comm)
+    result, error = None, None
+    if comm.rank == 0:
+        try:
+            result = action()
+        except Exception as caught:  # raised on all ranks, so that none waits
+            error = caught
+    raise_together(comm, error)
+    found: T = comm.bcast(result, root=0)
+    return found
+
+
+def require_comm(comm: Any) -> None:
+    """Check that a value is a communicator.
+
+    Raises:
+        ParameterError: It is not.
+    """
+    if not isinstance(comm, MPI.Comm):
+        raise ParameterError(
+            f"comm = {shown(comm)} must be an MPI communicator, one of mpi4py.MPI."
+        )
+
+
+def require_alike(comm: MPI.Comm, **arguments: Any) -> None:
+    """Check that a communicator is one, and that arguments are equal on all its ranks (collective).
+
+    Of functions and other objects only the type is compared. It comes before any other check: what
+    one rank alone refuses would leave the others waiting.
+
+    Raises:
+        ParameterError: They are not; on all ranks.
+    """
+    require_comm(comm)
+    if comm.size == 1:
+        return
+    digests = comm.allgather([_digest(value) for value in arguments.values()])
+    for number, name in enumerate(arguments):
+        other = next((r for r, own in enumerate(digests) if own[number] != digests[0][number]), 0)
+        if other:
+            texts = comm.allgather(shown(arguments[name]))
+            raise ParameterError(
+                f"{name} differs between the ranks: {texts[0]} on rank 0, {texts[other]} on rank "
+                f"{other}. Give the same on all ranks: draw or read it on one and bcast it."
+            )
+
+
+def _digest(value: Any) -> bytes:
+    """Return a hash of a value that does not depend on the rank or the run."""
+    found = hashlib.blake2b(digest_size=16)
+    if isinstance(value, np.ndarray) and value.dtype != object:
+        found.update(f"{value.dtype.kind}{value.shape}".encode())
+        found.update(value.tobytes())
+    elif is_number(value):
+        found.update(repr(float(value)).encode())
+    elif isinstance(value, str | bytes | bool | Path | None):
+        found.update(repr(value).encode())
+    elif isinstance(value, Mapping):
+        for key, entry in value.items():
+            found.update(_digest(key) + _digest(entry))
+    elif isinstance(value, list | tuple):
+        for entry in value:
+            found.update(_digest(entry))
+        found.update(str(len(value)).encode())
+    else:
+        found.update(f"{type(value).__module__}.{type(value).__qualname__}".encode())
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
+            for field in dataclasses.fields(value):
+                found.update(_digest(getattr(value, field.name, None)))
+    return found.digest()
+
+
+def warn_together(comm: MPI.Comm, message: str, kind: type[Warning]) -> None:
+    """Warn on the first rank; all ranks know the same."""
+    if comm.rank == 0:
+        warnings.warn(message, kind, stacklevel=3)
+
+
+@contextmanager
+def ending_together(comm: MPI.Comm, tell: Callable[[Exception], None]) -> Iterator[None]:
+    """End all ranks where one leaves the block by an error that the others do not share.
+
+    Errors that all ranks raise pass through. An error of some alone is told, and after `PATIENCE`
+    ends the program, since the others wait for these ranks.
+
+    Args:
+        comm: Communicator (collective).
+        tell: Prints an error that this rank alone has.
+    """
+    if comm.size == 1:
+        yield
+        return
+    own = comm.Dup()  # what is under way on the other one does not matter here
+    try:
+        yield
+    except Exception as error:
+        request, begin = own.Ibarrier(), time.monotonic()
+        while not request.Test():
+            if time.monotonic() - begin > PATIENCE:
+                tell(error)
+                own.Abort(1)
+            time.sleep(0.01)
+        own.Free()
+        raise
+    own.Ibarrier().Wait()
+    own.Free()
+
+
+def gather_by_index(
+    comm: MPI.Comm, index: npt.NDArray[np.int64], values: Floats, size: int
+) -> Floats:
+    """Assemble an array of `size` rows on every rank from (global index, row) pairs.
+
+    Rows that several ranks give must be equal; rows that none gives are zero.
+    """
+    values = np.ascontiguousarray(values, dtype=np.float64)
+    out = np.zeros((size, *values.shape[1:]))
+    for rows, part in zip(comm.allgather(index), comm.allgather(values), strict=True):
+        out[rows] = part
+    return out
+
+
+def free_dropped(comm: MPI.Comm) -> None:
+    """Free problems that were dropped (collective).
+
+    Their parts refer to each other, and their factors are large. PETSc keeps distributed objects
+    until all ranks have dropped them and meet here.
+    """
+    gc.collect()
+    PETSc.garbage_cleanup(comm)
+    gc.collect()  # what these objects held

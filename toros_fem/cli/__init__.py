@@ -1,0 +1,1 @@
+"""The command `toros`, and scene files."""

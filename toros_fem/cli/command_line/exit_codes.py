@@ -1,0 +1,42 @@
+"""Exit codes of `toros`, and those of errors."""
+
+from __future__ import annotations
+
+from toros_fem.base.errors import (
+    NoEquilibriumError,
+    OutputError,
+    RunError,
+    RunStoppedError,
+    TorosError,
+)
+
+DONE = 0
+INTERNAL = 1
+WRONG_INPUT = 2
+NO_EQUILIBRIUM = 3
+NOT_WRITTEN = 4
+INTERRUPTED = 130
+
+MEANING = {
+    DONE: "done",
+    INTERNAL: "an error of the program; please report it",
+    WRONG_INPUT: "wrong input: an option, a file or a value",
+    NO_EQUILIBRIUM: "no equilibrium was found, or the design failed",
+    NOT_WRITTEN: "a folder or file cannot be written or is in use",
+    INTERRUPTED: "stopped by Ctrl-C (SIGINT); the state of a design is written",
+    140: "stopped by SIGUSR2, which mpirun passes on; the state of a design is written",
+    143: "stopped by SIGTERM; the state of a design is written",
+}
+
+
+def exit_code(error: BaseException) -> int:
+    """Return the exit code of an error."""
+    if isinstance(error, KeyboardInterrupt):
+        return INTERRUPTED
+    if isinstance(error, NoEquilibriumError):
+        return NO_EQUILIBRIUM
+    if isinstance(error, RunStoppedError):
+        return 128 + error.signal
+    if isinstance(error, OutputError | RunError):
+        return NOT_WRITTEN
+    return WRONG_INPUT if isinstance(error, TorosError) else INTERNAL

@@ -1,0 +1,122 @@
+"""A scene is designed or simulated in a run folder, from the start or from where it stopped."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from toros_fem.base.errors import CheckpointError, SceneError
+from toros_fem.base.mpi import on_first_rank
+from toros_fem.cli.command_line.command import Answer
+from toros_fem.cli.command_line.scripts import UsageError
+from toros_fem.cli.scene_files.reading import Scene, read_scene
+from toros_fem.cli.scene_files.writing import scene_text
+from toros_fem.products.kinds import KINDS, Action
+from toros_fem.results.runs.folder import EVERY, SCENE, open_run, read_run
+
+log = logging.getLogger(__name__)
+
+
+def action_of(scene: Scene, name: str) -> Action:
+    """Return an action of a scene's kind.
+
+    Args:
+        scene: The scene.
+        name: "design" or "simulate".
+
+    Raises:
+        UsageError: The kind has no such action.
+    """
+    action: Action | None = getattr(scene.kind, name)
+    if action is None:
+        known = ", ".join(other for other in KINDS if getattr(KINDS[other], name) is not None)
+        raise UsageError(
+            f"toros {name}: scenes of the kind {scene.kind.name!r} have no {name}; those of these "
+            f"kinds have one: {known}."
+        )
+    return action
+
+
+def run_scene(
+    comm: MPI.Comm,
+    scene: Scene,
+    name: str,
+    folder: Path,
+    *,
+    every: int = EVERY,
+    verbose: bool = False,
+    resume: bool = False,
+) -> Answer:
+    """Design or simulate a scene in a run folder (collective).
+
+    Args:
+        comm: Communicator.
+        scene: The scene.
+        name: "design" or "simulate".
+        folder: Folder of the run, made if missing.
+        every: Number of iterations between two writes of the state.
+        verbose: Whether to print every Newton step.
+        resume: Whether to go on with the run in the folder.
+
+    Raises:
+        UsageError: The kind of the scene has no such action.
+        TorosError: As of `open_run` and of the action.
+    """
+    action = action_of(scene, name)
+    files = {key: scene.files[key].resolve() for key in action.files if key in scene.files}
+    inputs = on_first_rank(comm, lambda: _inputs(scene, name, files))
+    text = scene_text(scene.kind, scene.config, files, scene.materials)
+    run = open_run(comm, folder, inputs, scene=text, resume=resume, every=every)
+    given: dict[str, Path | None] = {key: files.get(key) for key in action.files}
+    with run:
+        if resume:
+            log.info("the run in %s goes on", folder)
+        summary = action.run(comm, folder, scene.config, verbose=verbose, **given)
+    return Answer(f"{action.sentence(summary)}; see {folder}/", summary)
+
+
+def resume_scene(comm: MPI.Comm, folder: Path, *, every: int, verbose: bool) -> Answer:
+    """Go on with the run in a folder, with the inputs that it began with (collective).
+
+    Raises:
+        RunError: The folder holds no run, or one that is finished or in use.
+        CheckpointError: The run cannot go on: it is no run of a scene, or its scene was changed.
+    """
+    record, text = read_run(comm, folder)
+    name = record.inputs.get("command")
+    if text is None or name not in ("design", "simulate"):
+        raise CheckpointError(
+            f"the run in {folder} was not made by `toros design` or `toros simulate`. Resume it "
+            "by the script that made it."
+        )
+    try:
+        scene = read_scene(folder / SCENE, comm=comm)
+    except SceneError as error:
+        raise CheckpointError(
+            f"the scene of the run in {folder} cannot be read any more: {error}"
+        ) from None
+    return run_scene(comm, scene, name, folder, every=every, verbose=verbose, resume=True)
+
+
+def _inputs(scene: Scene, name: str, files: Mapping[str, Path]) -> dict[str, Any]:
+    """Return all inputs, as JSON has them; files by their content, folders by their place."""
+    found: dict[str, Any] = {
+        "command": name,
+        "kind": scene.kind.name,
+        "config": scene.config.as_dict(),
+        "files": {key: _content(path) for key, path in files.items()},
+    }
+    return dict(json.loads(json.dumps(found)))
+
+
+def _content(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:  # a folder; what is missing is told where it is read
+        return str(path)

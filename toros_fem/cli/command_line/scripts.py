@@ -1,0 +1,288 @@
+"""The command line of scripts: each field of a configuration is an option."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import sys
+import traceback
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NoReturn, TypeVar
+
+from mpi4py import MPI
+
+from toros_fem.base.config import Config
+from toros_fem.base.errors import RunStoppedError, TorosError
+from toros_fem.base.mpi import ending_together
+from toros_fem.cli.scene_files.materials import FILE, KIND_OF, NamedMaterials, roles_of
+from toros_fem.materials.library import read_library
+from toros_fem.results.runs.folder import open_run
+
+C = TypeVar("C", bound=Config)
+
+
+class UsageError(TorosError, ValueError):
+    """The command line is not understood; the message names the word and the nearest known one."""
+
+
+class SuggestingParser(argparse.ArgumentParser):
+    """A parser that suggests the nearest option or command for an unknown one.
+
+    Only the first rank prints.
+
+    Raises:
+        UsageError: The command line is not understood.
+    """
+
+    def __init__(self, *, first_rank: bool, **rest: Any) -> None:
+        self._first_rank = first_rank
+        super().__init__(
+            formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False, **rest
+        )
+
+    def error(self, message: str) -> NoReturn:
+        """Raise an error instead of the end of the program."""
+        raise UsageError(f"{self.prog}: {message}")
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse, and refuse options that are not known, with the nearest of this very command."""
+        found, extra = super().parse_known_args(args, namespace)
+        options = [word.partition("=")[0] for word in extra if word.startswith("--")]
+        if options:
+            known = [flag for action in self._actions for flag in action.option_strings]
+            advice = nearest(options[0], known, "--help lists all options.")
+            self.error(f"unknown option {options[0]}; {advice}")
+        return found, extra
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            known = [str(choice) for choice in action.choices]
+            advice = nearest(str(value), known, f"known are {', '.join(known)}.")
+            what = action.metavar or action.dest
+            self.error(f"unknown {str(what).lower()} {value!r}; {advice}")
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if self._first_rank:
+            super()._print_message(message, file)
+
+
+def nearest(word: str, known: Sequence[str], otherwise: str) -> str:
+    """Return the question for the known word that is nearest, or another text if none is near."""
+    near = difflib.get_close_matches(word, known, n=1)
+    return f"did you mean {near[0]}?" if near else otherwise
+
+
+def run_from_command_line(
+    comm: MPI.Comm,
+    about: str,
+    config: C,
+    run: Callable[..., dict[str, Any]],
+    output: Path,
+    *,
+    coarse: Callable[[C], C] | None = None,
+    sentence: Callable[[dict[str, Any]], str],
+    files: Mapping[str, str] | None = None,
+    arguments: Mapping[str, str] | None = None,
+) -> int:
+    """Run a script with the values that the command line gives; return the exit code.
+
+    Args:
+        comm: Communicator.
+        about: Help text.
+        config: The configuration with its defaults.
+        run: `run(comm, output, config, verbose=…)`, with a further argument for each name in
+            `files` and `arguments`; returns the summary.
+        output: Default folder.
+        coarse: Returns the quick variant of a configuration, for `--coarse`; None if there is
+            none. Other options override its values.
+        sentence: Returns the result in a sentence, from the summary.
+        files: Further options that name a file or folder, with their help; by default None.
+        arguments: Files that are named without an option, in this order, with their help; those
+            that are not given are None.
+    """
+    names = "".join(f" [{name}]" for name in arguments or {})
+    parser = SuggestingParser(
+        first_rank=comm.rank == 0, usage=f"%(prog)s [options]{names}", description=about
+    )
+    if coarse is not None:
+        parser.add_argument("--coarse", action="store_true", help="a coarse mesh and few steps")
+    parser.add_argument("--verbose", action="store_true", help="print all Newton steps")
+    parser.add_argument("--output", type=Path, default=output, help=f"folder; default {output}")
+    parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with the run in the folder, which was stopped; the other options are the same",
+    )
+    for name, text in (files or {}).items():
+        parser.add_argument(f"--{name}", type=Path, default=None, help=text, metavar="PATH")
+    for name, text in (arguments or {}).items():
+        parser.add_argument(name, type=Path, nargs="?", default=None, help=text)
+    add_options(parser, config)
+    _add_material_options(parser, config)
+    try:
+        given = vars(parser.parse_args())
+    except UsageError as error:
+        parser.exit(2, f"{error}\n")
+    folder, verbose, quick, resume = (
+        given.pop(name, False) for name in ("output", "verbose", "coarse", "resume")
+    )
+    paths = {name: given.pop(name) for name in (*(files or {}), *(arguments or {}))}
+    library = given.pop(FILE, None)
+
+    def action() -> str:
+        start = coarse(config) if quick and coarse is not None else config
+        chosen = start.updated(**_with_materials(comm, config, start, given, library))
+        inputs = {
+            "about": about.partition("\n")[0],
+            "config": chosen.as_dict(),
+            "files": {name: None if path is None else str(path) for name, path in paths.items()},
+        }
+        named = {role: given[role] for role in KIND_OF if role in given}
+        if named:
+            inputs["materials"] = named
+        again = "the same command and --resume"
+        with open_run(comm, folder, inputs, resume=resume, again=again):
+            summary = run(comm, folder, chosen, verbose=verbose, **paths)
+        return f"{sentence(summary)}; see {folder}/"
+
+    return run_guarded(comm, action)
+
+
+def _add_material_options(parser: argparse.ArgumentParser, config: Config) -> None:
+    """Add the names of materials, in the place of their numbers."""
+    roles = roles_of(config)
+    if not roles:
+        return
+    group = parser.add_argument_group("Materials by name, in the place of their numbers")
+    for role in roles:
+        text = f"name of a {KIND_OF[role]} of the library, by `toros materials`; default none"
+        group.add_argument(f"--{role}", default=argparse.SUPPRESS, metavar="NAME", help=text)
+    group.add_argument(
+        f"--{FILE}",
+        type=Path,
+        default=None,
+        metavar="PATH",
+        help="file of materials of your own; default none",
+    )
+
+
+def _with_materials(
+    comm: MPI.Comm, default: Config, config: Config, given: Mapping[str, Any], path: Path | None
+) -> dict[str, Any]:
+    """Return the given values with numbers in the place of names of materials (collective)."""
+    if path is None and not any(role in given for role in KIND_OF):
+        return dict(given)
+    materials = NamedMaterials(read_library(*([] if path is None else [path]), comm=comm))
+    conflict = materials.conflict(given)
+    if conflict is not None:
+        role, number = (f"--{name.replace('_', '-')}" for name in conflict)
+        raise UsageError(f"{role} stands for {number} too; keep one of both.")
+    return materials.resolve(config, default, given)
+
+
+def add_options(parser: argparse.ArgumentParser, config: Config) -> None:
+    """Add an option for each field, in groups by the class that defines it.
+
+    The help of an option is the field's meaning, unit, bounds and default. Options that are not
+    given are absent from the parsed result.
+    """
+    kinds = config.kinds()
+    bases = [base for base in type(config).__mro__ if issubclass(base, Config)]
+    added: dict[str, Any] = {}
+    for base in bases:
+        names = [name for name in kinds if _defined_by(name, bases) is base]
+        if names:
+            title = (base.__doc__ or base.__name__).partition("\n")[0].rstrip(".")
+            group = parser.add_argument_group(title)
+            added.update(dict.fromkeys(names, group))
+    for name, group in added.items():
+        _add_option(group, config, name)
+
+
+def given_config(given: argparse.Namespace, config: C) -> C:
+    """Return a configuration with the values of the options that were given.
+
+    Args:
+        given: Parsed options, of `add_options`.
+        config: All other values.
+
+    Raises:
+        ParameterError: A value is out of its bounds.
+    """
+    names = config.kinds()
+    return config.updated(**{name: v for name, v in vars(given).items() if name in names})
+
+
+def _defined_by(name: str, bases: list[type[Config]]) -> type[Config]:
+    """Return the class that defines a field first; classes derived from it come before it."""
+    return [base for base in bases if name in base.__dataclass_fields__][-1]
+
+
+def _add_option(group: Any, config: Config, name: str) -> None:
+    kind, optional = config.kinds()[name]
+    flag, text = "--" + name.replace("_", "-"), option_help(config, name)
+    if kind is bool:
+        action = argparse.BooleanOptionalAction
+        group.add_argument(flag, action=action, default=argparse.SUPPRESS, help=text)
+        return
+    group.add_argument(
+        flag,
+        type=_reader(kind, optional=optional),
+        default=argparse.SUPPRESS,
+        help=text,
+        metavar={float: "X", int: "N", str: "NAME"}[kind],
+    )
+
+
+def option_help(config: Config, name: str) -> str:
+    """Return the help of a field: its meaning, unit, bounds and default."""
+    kind, optional = config.kinds()[name]
+    spec, default = config.quantity(name), getattr(config, name)
+    if default is None:
+        shown = "none"
+    elif kind is bool:
+        shown = "yes" if default else "no"
+    else:
+        shown = f"{default:g}" if kind is float else str(default)
+    unit = f"; in {spec.unit}" if spec.unit else ""
+    bounds = f"; {spec.bounds}" if spec.bounds else ""
+    none = (", or none" if spec.bounds else "; or none") if optional else ""
+    return f"{spec.meaning}{unit}{bounds}{none}; default {shown}".replace("%", "%%")
+
+
+def _reader(kind: type, *, optional: bool) -> Callable[[str], Any]:
+    def read(text: str) -> Any:
+        return None if optional and text.lower() == "none" else kind(text)
+
+    read.__name__ = {float: "number", int: "whole number", str: "word"}[kind]  # argparse shows it
+    return read
+
+
+def tell_alone(comm: MPI.Comm, error: Exception) -> None:
+    """Print an error that this rank has and others have not."""
+    text = f"{type(error).__name__}: {error}"
+    if not isinstance(error, TorosError):
+        text = "".join(traceback.format_exception(error))
+    print(f"rank {comm.rank} alone: {text}", file=sys.stderr, flush=True)
+
+
+def run_guarded(comm: MPI.Comm, action: Callable[[], str]) -> int:
+    """Print the text that an action returns, or its error in one line; return the exit code.
+
+    An error of one rank alone ends all ranks, since the others wait for it.
+    """
+    try:
+        with ending_together(comm, lambda error: tell_alone(comm, error)):
+            text = action()
+    except RunStoppedError as stop:
+        if comm.rank == 0:
+            print(stop, file=sys.stderr)
+        return stop.exit_code
+    except TorosError as error:
+        if comm.rank == 0:
+            print(f"{type(error).__name__}: {error}", file=sys.stderr)
+        return 2
+    if comm.rank == 0:
+        print(text)
+    return 0

@@ -1,0 +1,227 @@
+"""`toros doctor`: what the package runs on, and whether it works."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import importlib.util
+import os
+import re
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.versions import versions
+from toros_fem.cli.command_line.command import Answer, Command
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium import cholmod
+from toros_fem.mechanics.equilibrium.petsc_factor import ORDERINGS, has_cholmod
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.skin.supports import clamp
+from toros_fem.meshes import cylinder, sew
+
+PACKAGES = (
+    "mpi4py", "scipy", "gmsh", "meshio", "h5py", "shapely", "tqdm", "matplotlib", "ezdxf", "ipctk",
+    "lib3mf", "u-nesting",
+)  # fmt: skip
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
+# What the BLAS libraries are called among the files that a process has loaded.
+BLAS = re.compile(r"/(lib(?:openblas|mkl_rt|blis|atlas|flexiblas|blas)[^/]*\.so[^/]*)$")
+# A tube of some hundred triangles, on which all is tried.
+LENGTH, DIAMETER, EDGE, PRESSURE = 0.06, 0.02, 5e-3, 2e3
+
+
+def _options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--no-solve",
+        action="store_true",
+        help="leave out the equilibrium of a small tube; default no",
+    )
+
+
+def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
+    figures: dict[str, Any] = on_first_rank(comm, lambda: _environment(comm))
+    figures["solvers"]["cholmod, called directly"] = cholmod.library(comm) is not None
+    if not given.no_solve:
+        figures["tried"] = _solve(comm)
+    return Answer(_text(figures), figures)
+
+
+def _environment(comm: MPI.Comm) -> dict[str, Any]:
+    known = versions()
+    system = known.pop("platform")
+    library = MPI.Get_library_version().strip("\x00").splitlines()[0].strip()
+    return {
+        "versions": {
+            **known,
+            "PETSc": ".".join(str(part) for part in PETSc.Sys.getVersion()),
+            **{name: _version(name) for name in PACKAGES},
+        },
+        "platform": system,
+        "mpi": {"library": library, "ranks": comm.size, "standard": MPI.Get_version()},
+        "cores": _cores(),
+        "memory_gib": memory_gib(),
+        "blas": {"library": _blas(), "threads": {name: os.environ.get(name) for name in THREADS}},
+        "solvers": {
+            "mumps": PETSc.Sys.hasExternalPackage("mumps"),
+            "cholmod, through PETSc": has_cholmod(),
+        },
+        "orderings": mumps_orderings(),
+        "compiler": shutil.which(os.environ.get("CC", "cc")) or shutil.which("gcc"),
+        "caches": {str(place): _size(place) for place in _caches()},
+    }
+
+
+def _version(name: str) -> str | None:
+    """Return the version of a package, or None where it is missing."""
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        pass
+    # Some distributions install modules without metadata.
+    return None if importlib.util.find_spec(name) is None else "of unknown version"
+
+
+def mumps_orderings() -> dict[str, bool]:
+    """Return whether MUMPS takes each of its orderings, tried on a small matrix.
+
+    It is empty without MUMPS.
+    """
+    if not PETSc.Sys.hasExternalPackage("mumps"):
+        return {}
+    size = 100
+    matrix = PETSc.Mat().createAIJ((size, size), nnz=3, comm=PETSc.COMM_SELF)
+    for row in range(size):
+        matrix.setValues(row, [row], [2.0])
+        if row:
+            matrix.setValues(row, [row - 1], [-1.0])
+            matrix.setValues(row - 1, [row], [-1.0])
+    matrix.assemble()
+    found = {}
+    for code, name in ORDERINGS.items():
+        if name == "user":
+            continue
+        pc = PETSc.PC().create(PETSc.COMM_SELF)
+        pc.setOperators(matrix)
+        pc.setType(PETSc.PC.Type.LU)
+        pc.setFactorSolverType("mumps")
+        pc.setFactorSetUpSolverType()
+        factor = pc.getFactorMatrix()
+        factor.setMumpsIcntl(7, code)
+        pc.setUp()
+        # Where an ordering is missing, MUMPS takes another one and says which.
+        found[name] = factor.getMumpsInfog(7) == code
+    return found
+
+
+def _blas() -> str:
+    """Return the BLAS library that is loaded, or the one that numpy was built for."""
+    maps = Path("/proc/self/maps")
+    if maps.is_file():
+        lines = maps.read_text(encoding="utf-8", errors="replace").splitlines()
+        places = sorted({line.split()[-1] for line in lines if BLAS.search(line)})
+        if places:
+            return ", ".join(str(Path(place).resolve()) for place in places)
+    config: Any = np.show_config(mode="dicts")
+    found = config["Build Dependencies"]["blas"]
+    return f"{found.get('name')} {found.get('version')}"
+
+
+def _cores() -> int | None:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count()
+
+
+def memory_gib() -> float | None:
+    """Return the machine's memory in GiB, or None where it is not told."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30)
+    except (AttributeError, ValueError, OSError):
+        return None
+
+
+def _caches() -> list[Path]:
+    """Return the folders of compiled forms and of the compiled calls of CHOLMOD."""
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return [home / "fenics", home / "toros_fem"]
+
+
+def _size(folder: Path) -> dict[str, float] | None:
+    """Return number and size of the files in a folder; None if there is no such folder."""
+    if not folder.is_dir():
+        return None
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {"files": len(files), "mb": sum(path.stat().st_size for path in files) / 1e6}
+
+
+def _solve(comm: MPI.Comm) -> dict[str, Any]:
+    """Find the equilibrium of a small tube, which also compiles the forms (collective)."""
+    begin = time.perf_counter()
+    pattern = cylinder(comm, LENGTH, DIAMETER, EDGE)
+    solver = EquilibriumSolver(sew(comm, pattern), Composite(), clamp(pattern, ["base"]))
+    found = solver.solve(np.zeros(len(solver.model.skin.owned_cells)), PRESSURE)
+    return {
+        "triangles": len(pattern.panel),
+        "newton_steps": found.steps,
+        "linear_solver": solver.linear_solver,
+        "seconds": comm.bcast(time.perf_counter() - begin),
+    }
+
+
+def _text(figures: dict[str, Any]) -> str:
+    def known(value: Any) -> str:
+        return {True: "yes", False: "no", None: "missing"}.get(value, str(value))
+
+    versions, mpi, blas = figures["versions"], figures["mpi"], figures["blas"]
+    lines = ["versions"]
+    lines += [f"  {name:<12} {known(value)}" for name, value in versions.items()]
+    memory = figures["memory_gib"]
+    threads = ", ".join(f"{name} = {value or 'not set'}" for name, value in blas["threads"].items())
+    ranks = f"{mpi['ranks']} rank" + "s" * (mpi["ranks"] > 1)
+    lines += [
+        f"platform       {figures['platform']}",
+        f"cores, memory  {figures['cores']}, "
+        + ("unknown" if memory is None else f"{memory:.1f} GiB"),
+        f"MPI            {mpi['library']}; {ranks} now",
+        f"BLAS           {blas['library']}",
+        f"threads        {threads}",
+        f"compiler       {known(figures['compiler'])}",
+        "solvers        " + _list(figures["solvers"]),
+        "orderings      " + _list(figures["orderings"]),
+    ]
+    for place, size in figures["caches"].items():
+        held = "empty" if size is None else f"{size['files']} files, {size['mb']:.1f} MB"
+        lines.append(f"cache          {place}: {held}")
+    if "tried" in figures:
+        tried = figures["tried"]
+        lines.append(
+            f"tried          {tried['triangles']} triangles: {tried['newton_steps']} Newton steps, "
+            f"{tried['seconds']:.1f} s, {tried['linear_solver']}"
+        )
+    if figures["compiler"] is None:
+        lines.append("No C compiler is found: forms that are not in the cache cannot be compiled.")
+    return "\n".join(lines)
+
+
+def _list(found: dict[str, bool]) -> str:
+    return ", ".join(f"{name}: {'yes' if value else 'no'}" for name, value in found.items())
+
+
+COMMAND = Command(
+    "doctor",
+    "says what the package runs on, and tries it",
+    "Versions, MPI, BLAS and its threads, solvers and orderings, caches and their sizes. The\n"
+    "equilibrium of a small tube is found, which takes a second, or half a minute where forms are\n"
+    "compiled first. Please add what it prints to a report of a fault.",
+    ("toros doctor", "toros doctor --json", "mpirun -n 2 toros doctor"),
+    _options,
+    _run,
+)

@@ -1,0 +1,201 @@
+"""The command line `toros`: finds the command, runs it, prints its answer or its error."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import math
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, TextIO
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem.base.errors import RunStoppedError, TorosError
+from toros_fem.base.mpi import ending_together
+from toros_fem.base.versions import versions
+from toros_fem.cli.command_line.command import Answer, Command
+from toros_fem.cli.command_line.exit_codes import DONE, INTERNAL, MEANING, exit_code
+from toros_fem.cli.command_line.scripts import SuggestingParser, UsageError, tell_alone
+from toros_fem.cli.commands import (
+    check,
+    design,
+    doctor,
+    export,
+    fit,
+    materials,
+    new,
+    resume,
+    simulate,
+    tolerance,
+    unwrap,
+    view,
+)
+
+COMMANDS: Mapping[str, Command] = {
+    command.name: command
+    for command in (
+        new.COMMAND,
+        materials.COMMAND,
+        check.COMMAND,
+        simulate.COMMAND,
+        design.COMMAND,
+        resume.COMMAND,
+        view.COMMAND,
+        export.COMMAND,
+        tolerance.COMMAND,
+        unwrap.COMMAND,
+        fit.COMMAND,
+        doctor.COMMAND,
+    )
+}
+ABOUT = "Designs robotic skins: printed patterns that make an inflated fabric bend, twist or grip."
+
+
+def run(comm: MPI.Comm, words: Sequence[str]) -> int:
+    """Run the command that the words name, and return its exit code (collective).
+
+    Args:
+        comm: Communicator; its first rank prints.
+        words: The words after `toros`.
+    """
+    as_json, out = "--json" in words, sys.stdout
+    name = next((word for word in words if word in COMMANDS), None)
+    quiet = "--quiet" in words
+    with _spoken(comm, quiet=quiet), _stdout_free(as_json=as_json, quiet=quiet):
+        try:
+            try:
+                given = _parser(comm).parse_args(list(words))
+            except SystemExit:  # --help and --version, which are printed now
+                return DONE
+            with ending_together(comm, lambda error: tell_alone(comm, error)):
+                answer = COMMANDS[given.command].run(comm, given)
+        except TorosError as error:
+            answer = _failed(error)
+        except KeyboardInterrupt as error:
+            answer = _failed(error)
+            if comm.size > 1:
+                print(answer.text, file=sys.stderr, flush=True)
+                comm.Abort(answer.code)  # the other ranks may not know of it
+        except Exception as error:
+            print(f"rank {comm.rank}: {traceback.format_exc()}", file=sys.stderr, flush=True)
+            if comm.size > 1:
+                comm.Abort(INTERNAL)  # the other ranks may wait for this one
+            answer = _failed(error)
+    if comm.rank == 0:
+        _print(out, name, answer, as_json=as_json)
+    return answer.code
+
+
+def _failed(error: BaseException) -> Answer:
+    kind = type(error).__name__
+    plain = isinstance(error, UsageError | RunStoppedError)
+    text = str(error) if plain else f"{kind}: {error}"
+    if isinstance(error, KeyboardInterrupt):
+        text = "stopped"
+    names = {"file": "path", "line": "line", "key": "key"}
+    places = {name: getattr(error, of) for name, of in names.items() if hasattr(error, of)}
+    figures = {"error": {"type": kind, "message": str(error), **places}}
+    return Answer(text, figures, exit_code(error))
+
+
+def _print(out: TextIO, name: str | None, answer: Answer, *, as_json: bool) -> None:
+    if as_json:
+        content = {"command": name, "exit_code": answer.code, **answer.figures}
+        print(json.dumps(_plain(content), indent=2, ensure_ascii=False), file=out, flush=True)
+    if answer.text and (answer.code or not as_json):
+        print(answer.text, file=sys.stderr if answer.code else out, flush=True)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value of JSON: numpy's numbers and paths become plain, what is not finite None."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value if isinstance(value, str | int | float | None) else str(value)
+
+
+def _parser(comm: MPI.Comm) -> SuggestingParser:
+    first, version = comm.rank == 0, versions()["toros_fem"]
+    codes = "\n".join(f"  {code:3d}  {text}" for code, text in MEANING.items())
+    parser = SuggestingParser(
+        prog="toros",
+        first_rank=first,
+        description=f"{ABOUT}\n\n`toros COMMAND --help` tells about one command.",
+        epilog=f"exit codes:\n{codes}\n\nUnder MPI: mpirun -n 2 toros COMMAND …",
+    )
+    parser.add_argument("--version", action="version", version=f"toros_fem {version}")
+    commands = parser.add_subparsers(
+        dest="command", metavar="COMMAND", title="commands", required=True
+    )
+    for command in COMMANDS.values():
+        examples = "\n".join(f"  {line}" for line in command.examples)
+        sub = commands.add_parser(
+            command.name,
+            first_rank=first,
+            help=command.about,
+            description=f"{command.about[:1].upper()}{command.about[1:]}.\n\n{command.details}",
+            epilog=f"examples:\n{examples}",
+        )
+        command.add_options(sub)
+        group = sub.add_argument_group("output of the command")
+        group.add_argument(
+            "--json",
+            action="store_true",
+            help="print the result as JSON on stdout, and all else on stderr; default no",
+        )
+        group.add_argument(
+            "--quiet", action="store_true", help="no progress, only warnings; default no"
+        )
+    return parser
+
+
+@contextlib.contextmanager
+def _stdout_free(*, as_json: bool, quiet: bool) -> Iterator[None]:
+    """Keep what is printed meanwhile from stdout: it goes to stderr, or nowhere."""
+    if quiet:
+        with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
+            yield
+    else:
+        with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
+            yield
+
+
+@contextlib.contextmanager
+def _spoken(comm: MPI.Comm, *, quiet: bool) -> Iterator[None]:
+    """Show the package's log and its warnings on the first rank, as lines on stderr.
+
+    Lines of a batch job have the time.
+    """
+    logger = logging.getLogger("toros_fem")
+    handler: logging.Handler = logging.NullHandler()
+    if comm.rank == 0:
+        handler = logging.StreamHandler(sys.stderr)
+        stamp = "" if sys.stderr.isatty() else "%(asctime)s "
+        handler.setFormatter(logging.Formatter(stamp + "%(message)s", "%Y-%m-%d %H:%M:%S"))
+    level, spread = logger.level, logger.propagate
+    logger.addHandler(handler)
+    logger.setLevel(logging.WARNING if quiet else logging.INFO)
+    logger.propagate = False
+
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
+        logger.warning("warning: %s", message)
+
+    try:
+        with warnings.catch_warnings():
+            warnings.showwarning = show
+            yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+        logger.propagate = spread

@@ -1,0 +1,142 @@
+"""Scene files, written with the meaning, unit and bounds of each key."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from toros_fem.base.config import Config
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.toml_files.values import quoted, written_value
+from toros_fem.cli.scene_files.materials import TABLE, roles_of
+from toros_fem.cli.scene_files.sections import SHOWN, TITLES, sections_of
+from toros_fem.materials.library import LibraryMaterial
+from toros_fem.products.kinds import Kind
+
+WIDTH = 96
+HEAD = """\
+Values have a unit, as in "5 kPa" or "0.6 mm", or are plain numbers: in SI units, angles in degrees,
+and in per cent where the text says so. "none" leaves a thing out. A key behind # has its default
+value: take the # away to change it. Paths are relative to this file."""
+
+
+EXAMPLES = {"fabric": "jersey-light", "reinforcement": "tpu-95a", "bladder": "dragon-skin-20"}
+
+
+def scene_text(
+    kind: Kind,
+    config: Config | None = None,
+    files: Mapping[str, str | Path] | None = None,
+    materials: Mapping[str, LibraryMaterial] | None = None,
+) -> str:
+    """Return a scene file of a configuration, which `read_scene` turns into the same.
+
+    Keys that a new user changes stand with their values, the others as comments as long as they
+    have their defaults.
+
+    Args:
+        kind: The kind.
+        config: Its numbers; None takes those of the kind's example, with its files.
+        files: Files and folders by name; by default None.
+        materials: Materials of the library that the numbers come from, as of `Scene`; a comment
+            names them. By default none.
+
+    Raises:
+        ParameterError: The configuration is not that of the kind, or a file is unknown.
+    """
+    if config is None:
+        config, files = kind.example, {**kind.example_files, **(files or {})}
+    if type(config) is not type(kind.config):
+        raise ParameterError(
+            f"config is a {type(config).__name__}; a scene of the kind {kind.name!r} has a "
+            f"{type(kind.config).__name__}."
+        )
+    unknown = sorted(set(files or {}) - set(kind.files))
+    if unknown:
+        raise ParameterError(f"files names {unknown[0]!r}; known are {sorted(kind.files)}.")
+    lines = [*_comment(f"{kind.about[0].upper()}{kind.about[1:]}."), *_comment(HEAD), ""]
+    lines.append(f'kind = "{kind.name}"')
+    if kind.files:
+        lines += ["", "[files]"]
+        for name, text in kind.files.items():
+            path = (files or {}).get(name)
+            lines += _comment(text)
+            lines.append(f'#{name} = ""' if path is None else f"{name} = {quoted(str(path))}")
+    for section, names in sections_of(kind.name, config).items():
+        lines += ["", *_comment(TITLES[section]), f"[{section}]"]
+        if section == TABLE:
+            lines += _materials(config, materials or {})
+        for name in names:
+            value, default = getattr(config, name), getattr(kind.config, name)
+            hidden = section not in SHOWN and value == default
+            lines += _comment(description(config, name))
+            lines.append(f"{'#' * hidden}{name} = {written_value(config, name, value)}")
+        if section == "skin":
+            for name, (of, meaning) in config.entries().items():
+                lines += _entries(name, of, meaning, getattr(config, name))
+    lines += ["", *_comment("Values of the quick variant, --coarse, instead of those above")]
+    lines.append("[coarse]")
+    quick = kind.coarse(config)
+    lines += [
+        f"#{name} = {written_value(config, name, getattr(quick, name))}"
+        for name in config.kinds()
+        if getattr(quick, name) != getattr(config, name)
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _materials(config: Config, materials: Mapping[str, LibraryMaterial]) -> list[str]:
+    """Return comments on names of materials: those that numbers come from, or how to name any."""
+    if not materials:
+        names = ", ".join(f"{role} = {quoted(EXAMPLES[role])}" for role in roles_of(config))
+        return _comment(
+            f"Materials may also come by name, in the place of these numbers: {names}. `toros "
+            "materials` lists them. A file of your own is named by materials = "
+            '"my_materials.toml" in the table [files].'
+        )
+    lines = _comment("The numbers were those of these materials:")
+    for role, entry in materials.items():
+        low, high = entry.stretch_range
+        text = f"{role} = {quoted(entry.name)}: {entry.title}; {entry.trust}, for stretches of "
+        lines += _comment(f"{text}{low:g} to {high:g}; {entry.source}")
+    return lines
+
+
+def _entries(name: str, of: type[Config], meaning: str, values: Sequence[Config]) -> list[str]:
+    """Return the tables of a field that holds several configurations."""
+    lines = ["", *_comment(f"{meaning}; one table [{name}], or several [[{name}]]")]
+    for key in of.kinds():
+        lines += _comment(f"{key}: {description(of, key)}")
+    defaults = {key: of.__dataclass_fields__[key].default for key in of.kinds()}
+    if not values:
+        lines.append(f"#[{name}]")
+        lines += [f"#{key} = {written_value(of, key, value)}" for key, value in defaults.items()]
+    for value in values:
+        lines.append(f"[{name}]" if len(values) == 1 else f"[[{name}]]")
+        for key, default in defaults.items():
+            own = getattr(value, key)
+            lines.append(f"{'#' * (own == default)}{key} = {written_value(of, key, own)}")
+    return lines
+
+
+def description(config: Config | type[Config], name: str) -> str:
+    """Return the meaning of a field, its unit, its bounds, and whether it may be none."""
+    kind, optional = config.kinds()[name]
+    spec = config.quantity(name)
+    parts = [spec.meaning]
+    if spec.unit:
+        parts.append(f"in {spec.unit}")
+    if kind is bool:
+        parts.append("true or false")
+    if spec.bounds:
+        parts.append(spec.bounds)
+    text = "; ".join(parts)
+    if not optional or re.search(r"\bnone\b", spec.meaning):
+        return text
+    return f"{text}, or none" if spec.bounds else f"{text}; or none"
+
+
+def _comment(text: str) -> list[str]:
+    return [f"# {line}" for line in textwrap.wrap(text, WIDTH - 2, break_long_words=False)]

@@ -1,0 +1,158 @@
+"""Straight bars under a filter: filtered density, and the width that each threshold guarantees."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.validation import require_between, require_choice
+from toros_fem.design.density.projection import Projection
+
+# Above this a small change of the threshold is a large one of the width.
+HIGHEST = 0.98
+# Least offset of a border over R: with less, patterns differ by too little to be simulated.
+LEAST_OFFSET = 1e-3
+# Largest threshold of an eroded pattern, and one less the least of a dilated one: lines of width R
+# have ρ̃ = 0.78 on their ridge, and must neither vanish nor merge.
+LARGEST_ERODED = 0.7
+
+
+def filtered_bar(name: str, width: float, distance: float) -> float:
+    """Return ρ̃ at a distance from the centre line of a straight bar of ρ = 1 on ρ = 0.
+
+    Lengths are in units of R.
+
+    Args:
+        name: "cone" or "helmholtz", the latter with r = R/(2√3).
+        width: Width of the bar.
+        distance: Distance from its centre line.
+    """
+    low, high = distance - width / 2, distance + width / 2
+    if name == "cone":
+        return _cone_fraction(high) - _cone_fraction(low)
+    return _helmholtz_fraction(high) - _helmholtz_fraction(low)
+
+
+def threshold_for_width(name: str, width: float, level: float = 0.5) -> float:
+    """Return the η_r at which a straight bar of a projected width is just allowed.
+
+    The bar is as thin as eq. (13) allows when ρ̃ on its centre line is η_r. By the symmetry of
+    (14), 1 − η_r is the η_t of a gap of that width if `level` is 1 − η.
+
+    Args:
+        name: "cone" or "helmholtz".
+        width: Width of the projected bar over the filter's R.
+        level: η of the projection.
+
+    Raises:
+        ParameterError: No threshold up to 0.98 enforces this width.
+    """
+    require_choice("filter", name, ("cone", "helmholtz"))
+    widest = width_for_threshold(name, HIGHEST, level)
+    require_between(0.0, np.inf, width=width)
+    if not 0 < width <= widest:
+        raise ParameterError(
+            f"width = {width:.3g} filter radii cannot be enforced: with this filter the "
+            f"constraints guarantee at most {widest:.3g} radii. Enlarge the filter's radius."
+        )
+    gap = lambda eta: width_for_threshold(name, eta, level) - width  # noqa: E731
+    return float(brentq(gap, level, HIGHEST, xtol=1e-10))
+
+
+def offset_thresholds(name: str, offset: float, level: float = 0.5) -> tuple[float, float]:
+    """Return the thresholds at which straight borders lie inside and outside of those at `level`.
+
+    The filtered density of a half plane, integrated from the filter's kernel, tells ρ̃ at each
+    distance from its border. Ridges of lines that are narrower than 2 R are lower, so that these
+    move a little further.
+
+    Args:
+        name: "cone" or "helmholtz".
+        offset: Way of each border over the filter's R.
+        level: η of the nominal pattern.
+
+    Returns:
+        The threshold of the eroded pattern, then that of the dilated one.
+
+    Raises:
+        ParameterError: The offset is too small or too large for the filter's radius.
+    """
+    require_choice("filter", name, ("cone", "helmholtz"))
+    if not offset >= LEAST_OFFSET:
+        raise ParameterError(
+            f"borders that move by {offset:.3g} filter radii are too close to be told apart; the "
+            f"least is {LEAST_OFFSET:g}. Raise width_tolerance, or reduce filter_radius."
+        )
+    fraction = _cone_fraction if name == "cone" else _helmholtz_fraction
+    border = float(brentq(lambda x: fraction(x) - level, -20.0, 20.0, xtol=1e-12))
+    eroded, dilated = fraction(border + offset), fraction(border - offset)
+    if eroded > LARGEST_ERODED or dilated < 1 - LARGEST_ERODED:
+        raise ParameterError(
+            f"borders that move by {offset:.3g} filter radii need the thresholds {eroded:.3g} and "
+            f"{dilated:.3g}, at which lines or gaps of the least width vanish; they must lie in "
+            f"[{1 - LARGEST_ERODED:.1f}, {LARGEST_ERODED}]. Reduce width_tolerance, or raise "
+            "filter_radius."
+        )
+    return eroded, dilated
+
+
+def unfiltered_width(name: str, projected: float, level: float = 0.5) -> float:
+    """Return the width of the bar of ρ = 1 that has a given width at ρ̃ > level, both over R."""
+    gap = lambda b: filtered_bar(name, b, projected / 2) - level  # noqa: E731
+    return float(brentq(gap, 1e-6, 20.0 + projected, xtol=1e-12))
+
+
+def bar_violation(
+    name: str, width: float, threshold: float, decay: float, projection: Projection
+) -> float:
+    """Return ∫ ρ̄ e^{−c ρ̃′²} min(ρ̃ − η_r, 0)² dx/R across a straight bar.
+
+    It is the bar's contribution to g_r A, over its length and R.
+
+    Args:
+        name: "cone" or "helmholtz".
+        width: Width of the projected bar over R.
+        threshold: η_r.
+        decay: c over R².
+        projection: Projection from ρ̃ to ρ̄.
+    """
+    raw, step = unfiltered_width(name, width, projection.eta), 1e-4
+
+    def integrand(x: float) -> float:
+        filtered = filtered_bar(name, raw, x)
+        slope = (filtered_bar(name, raw, x + step) - filtered_bar(name, raw, x - step)) / step
+        projected = projection.forward(np.array([filtered]))[0]
+        return float(projected * np.exp(-decay * slope**2 / 4) * min(filtered - threshold, 0) ** 2)
+
+    return float(2 * quad(integrand, 0.0, width / 2 + 0.5, limit=200, epsabs=1e-9)[0])
+
+
+def width_for_threshold(name: str, threshold: float, level: float = 0.5) -> float:
+    """Return the width over R, at ρ̃ > level, of the bar whose largest ρ̃ is the threshold."""
+    if threshold <= level:
+        return 0.0
+    raw = brentq(lambda b: filtered_bar(name, b, 0.0) - threshold, 0.0, 20.0, xtol=1e-12)
+    edge = brentq(lambda x: filtered_bar(name, raw, x) - level, 0.0, 20.0, xtol=1e-12)
+    return float(2 * edge)
+
+
+def _cone_fraction(x: float) -> float:
+    """Return the fraction of the cone's weight on the side t < x of a line."""
+    if abs(x) >= 1:
+        return float(x > 0)
+
+    def density(t: float) -> float:
+        """Return the cone's integral along a line at distance t, over its whole weight π/3."""
+        q = np.sqrt(1 - t**2)
+        return float((q - (t**2 * np.arcsinh(q / t) if t > 0 else 0.0)) * 3 / np.pi)
+
+    half = quad(density, 0.0, abs(x), epsabs=1e-12)[0]
+    return float(0.5 + np.copysign(half, x))
+
+
+def _helmholtz_fraction(x: float) -> float:
+    """Return the fraction of the kernel e^{−|t|/r}/(2r) on the side t < x, r = 1/(2√3)."""
+    tail = 0.5 * np.exp(-abs(x) * 2 * np.sqrt(3))
+    return float(1 - tail if x > 0 else tail)

@@ -1,0 +1,30 @@
+"""Densities as owned arrays: a check, and reproducible random densities."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import DensityError
+from toros_fem.base.validation import require_count, require_finite, require_kind
+from toros_fem.meshes.skin import Skin
+
+
+def random_density(skin: Skin, seed: int, mean: float = 0.5, spread: float = 0.1) -> Floats:
+    """Return owned densities drawn uniformly from mean ± spread for each pattern triangle.
+
+    The same seed gives the same density in each triangle on any number of ranks.
+
+    Raises:
+        DensityError: mean ± spread leaves [0, 1].
+        ParameterError: The seed is negative.
+    """
+    require_kind("skin", skin, Skin, "a Skin, by sew")
+    require_finite(mean=mean, spread=spread)
+    if not (spread >= 0 and mean - spread >= 0 and mean + spread <= 1):
+        raise DensityError(
+            f"mean ± spread = {mean} ± {spread} must lie in [0, 1]; reduce the spread."
+        )
+    require_count(0, seed=seed)
+    drawn = np.random.default_rng(seed).uniform(-1, 1, len(skin.pattern.panel))
+    return np.asarray(mean + spread * drawn[skin.owned_cells])

@@ -1,0 +1,200 @@
+"""Geometric constraints on the smallest width of lines and gaps, eqs. (13, 14)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import sum_over_ranks
+from toros_fem.base.validation import (
+    require_between,
+    require_count,
+    require_kind,
+    require_positive,
+    shown,
+)
+from toros_fem.design.density.bar_width import (
+    bar_violation,
+    threshold_for_width,
+    width_for_threshold,
+)
+from toros_fem.design.density.filters import Filter
+from toros_fem.design.density.neighbours import mean_edge
+from toros_fem.design.density.projection import Projection
+from toros_fem.meshes.skin import Skin
+
+# Smallest c over R²: the borders of wide lines then add nothing to g_r beside a thin line.
+LEAST_DECAY = 25.0
+# The default ε is the violation of lines of this fraction of the requested width …
+THIN = 0.85
+# … whose length is this number of R. With 10, necks much thinner than requested pass at times.
+ALLOWED = 1.0
+
+
+@dataclass(frozen=True)
+class LengthScale:
+    """Parameters of the two constraints; `None` derives a value from filter and mesh.
+
+    Attributes:
+        line_width: Smallest width of a printed line in m; None: the filter's R.
+        gap_width: Smallest width of a gap between lines in m; None: the filter's R.
+        solid_threshold, void_threshold: η_r and η_t, 0.7 and 0.3 in the paper; None: the thresholds
+            at which a straight line or gap of the requested width is just allowed
+            (`threshold_for_width`).
+        decay: c in m²: a place where ‖∇ρ̃‖ exceeds 1/√c counts as a border, not as a ridge.
+            None: R⁴/h² for edge length h, but at least 25 R². With less, borders of wide lines
+            count too. With much more, the result depends on how the mesh lies under the ridge of a
+            thin line (docs/optimisation.md has the measured table).
+        epsilon: ε, the upper bound of both constraints; 1e-3 in the paper, with which any number
+            of thin lines passes. None: for each of the two, the value for straight lines or gaps
+            of 0.85 times the requested width and of length R.
+
+    Raises:
+        ParameterError: A value is not positive, or a threshold is out of bounds.
+    """
+
+    line_width: float | None = None
+    gap_width: float | None = None
+    solid_threshold: float | None = None
+    void_threshold: float | None = None
+    decay: float | None = None
+    epsilon: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("line_width", "gap_width", "decay", "epsilon"):
+            value = getattr(self, name)
+            if value is not None:
+                require_positive(**{name: value})
+        if self.solid_threshold is not None:
+            require_between(0.5, 1.0, solid_threshold=self.solid_threshold)
+        if self.void_threshold is not None:
+            require_between(0.0, 0.5, void_threshold=self.void_threshold)
+
+    @classmethod
+    def paper(cls, skin: Skin) -> LengthScale:
+        """Return the paper's constants: η_r = 0.7, η_t = 0.3, ε = 10⁻³, c = 100 edge lengths²."""
+        decay = 100 * mean_edge(skin) ** 2
+        return cls(solid_threshold=0.7, void_threshold=0.3, decay=decay, epsilon=1e-3)
+
+
+class LengthScaleConstraints:
+    """Constraints g_r and g_t of eqs. (13, 14) as defined by Zhou et al. 2015 (eqs. 10, 11).
+
+    g_r = Σ Ā ρ̄ e^{−c‖∇ρ̃‖²} min(ρ̃ − η_r, 0)² / Σ Ā detects ridges of printed lines that are too
+    thin, g_t = Σ Ā (1−ρ̄) e^{−c‖∇ρ̃‖²} min(η_t − ρ̃, 0)² / Σ Ā valleys of gaps that are too narrow;
+    the sums are over the designed triangles. The paper prints the two indicators in exchanged
+    places, so that fabric without print would violate g_r. ∇ρ̃ is the filter's own gradient at the
+    centroid.
+
+    Args:
+        skin: The sewn skin.
+        filter: The filter from ρ to ρ̃.
+        parameters: Widths, thresholds and bounds.
+        designed: Whether each owned triangle is designed.
+        projection: The projection of the final design; None: β = 20, η = 0.5.
+        parts: Number of mirror images that the skin is one of. The default ε allows as small a
+            violation in all of them together as in a whole skin.
+
+    Attributes:
+        solid_threshold, void_threshold, decay: η_r, η_t and c as used.
+        epsilon: ε of g_r and of g_t, (2,).
+
+    Raises:
+        ParameterError: A width is too large for any threshold, or no triangle is designed.
+    """
+
+    def __init__(
+        self,
+        skin: Skin,
+        filter: Filter,
+        parameters: LengthScale,
+        designed: npt.NDArray[np.bool_],
+        projection: Projection | None = None,
+        *,
+        parts: int = 1,
+    ) -> None:
+        require_kind("parameters", parameters, LengthScale, "a LengthScale")
+        require_kind("skin", skin, Skin, "a Skin, by sew(comm, pattern)")
+        require_kind("projection", projection, (Projection, type(None)), "a Projection, or None")
+        require_count(1, parts=parts)
+        if np.shape(designed) != np.shape(skin.owned_cells) or np.asarray(designed).dtype != bool:
+            raise ParameterError(
+                f"designed = {shown(designed)} must be True or False for each of the "
+                f"{len(skin.owned_cells)} triangles of this rank."
+            )
+        projection = projection or Projection()
+        p, radius = parameters, filter.radius
+        self._comm, self._filter = skin.comm, filter
+        name, levels = filter.name, (projection.eta, 1 - projection.eta)
+        solid = p.solid_threshold
+        empty = None if p.void_threshold is None else 1 - p.void_threshold
+        if solid is None:
+            solid = threshold_for_width(name, (p.line_width or radius) / radius, levels[0])
+        if empty is None:
+            empty = threshold_for_width(name, (p.gap_width or radius) / radius, levels[1])
+        self.solid_threshold, self.void_threshold = solid, 1 - empty
+        steepest = max(LEAST_DECAY, (radius / mean_edge(skin)) ** 2) * radius**2
+        self.decay = steepest if p.decay is None else p.decay
+        areas = skin.pattern.areas[skin.owned_cells] * designed
+        whole = sum_over_ranks(skin.comm, np.array([areas.sum()]))[0]
+        if not whole > 0:
+            raise ParameterError(
+                "no triangle is designed, so no width can be constrained: omit the length scale."
+            )
+        self._weight = areas / whole
+        self.epsilon = np.full(2, p.epsilon or 0.0)
+        if p.epsilon is None:
+            # A gap is the line of the opposite design.
+            for k, (level, threshold) in enumerate(zip(levels, (solid, empty), strict=True)):
+                width = THIN * width_for_threshold(name, threshold, level)
+                step = Projection(projection.beta, level)
+                violation = bar_violation(name, width, threshold, self.decay / radius**2, step)
+                self.epsilon[k] = violation * ALLOWED * radius**2 / (parts * whole)
+
+    def forward(self, density: Floats, filtered: Floats, projected: Floats) -> Floats:
+        """Return (g_r, g_t) of owned ρ, ρ̃, ρ̄, the same on all ranks (collective)."""
+        flat = np.exp(-self.decay * (self._filter.slope(density) ** 2).sum(axis=0))
+        thin, tight = self._shortfalls(filtered)
+        local = [
+            self._weight @ (projected * flat * thin**2),
+            self._weight @ ((1 - projected) * flat * tight**2),
+        ]
+        return sum_over_ranks(self._comm, np.array(local))
+
+    def backward(
+        self, density: Floats, filtered: Floats, projected: Floats
+    ) -> list[tuple[Floats, Floats, Floats]]:
+        """Return the derivatives of g_r and g_t by ρ (through ∇ρ̃ alone), ρ̃ and ρ̄ (collective)."""
+        slope = self._filter.slope(density)
+        flat = self._weight * np.exp(-self.decay * (slope**2).sum(axis=0))
+        results = []
+        for weight, short, sign in zip(
+            (projected, 1 - projected), self._shortfalls(filtered), (1.0, -1.0), strict=True
+        ):
+            by_slope = -2 * self.decay * weight * flat * short**2 * slope
+            by_density = self._filter.slope_backward(by_slope)
+            by_filtered = sign * 2 * weight * flat * short
+            results.append((by_density, by_filtered, sign * flat * short**2))
+        return results
+
+    def summary(self, values: Floats) -> dict[str, float | bool]:
+        """Return (g_r, g_t) with their bounds and constants, for files."""
+        return {
+            "g_r": float(values[0]),
+            "g_t": float(values[1]),
+            "epsilon_r": float(self.epsilon[0]),
+            "epsilon_t": float(self.epsilon[1]),
+            "eta_r": self.solid_threshold,
+            "eta_t": self.void_threshold,
+            "c_m2": self.decay,
+            "satisfied": bool(np.all(values <= self.epsilon)),
+        }
+
+    def _shortfalls(self, filtered: Floats) -> tuple[Floats, Floats]:
+        """Return min(ρ̃ − η_r, 0) and min(η_t − ρ̃, 0)."""
+        thin = np.minimum(filtered - self.solid_threshold, 0)
+        return thin, np.minimum(self.void_threshold - filtered, 0)

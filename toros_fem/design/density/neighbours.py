@@ -1,0 +1,239 @@
+"""Neighbours inside a panel, and distributed sparse matrices of weights on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.sparse import coo_array, csr_array
+from scipy.spatial import cKDTree
+
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import ParameterError, ResolutionWarning
+from toros_fem.base.mpi import warn_together
+from toros_fem.base.validation import checked_floats, require_kind, require_positive
+from toros_fem.meshes.mirror import Mirrored
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.skin import Skin
+
+# Pairs searched for at once: the work arrays stay small beside the matrix.
+PAIRS = 2_000_000
+# Number of edge lengths below which a filter reaches hardly any neighbour.
+RESOLVED = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Pairs of a point and a triangle near it, ordered by point.
+
+    Attributes:
+        row: Point of each pair, counted from the first point of these rows, ascending.
+        rows: Number of points.
+        cell: Pattern triangle of each pair.
+        offset: From the point to the triangle's centroid, (k, 2), in m.
+        distance: Its length.
+    """
+
+    row: Ints
+    rows: int
+    cell: Ints
+    offset: Floats
+    distance: Floats
+
+    def sums(self, weight: Floats) -> Floats:
+        """Return the sum of a weight over the pairs of each point, (rows,)."""
+        return np.bincount(self.row, weight, minlength=self.rows).astype(np.float64)
+
+
+class Neighbourhood:
+    """Search for the centroids within a radius of points on the same panel.
+
+    A print does not cross a seam, so distances are measured inside one panel; on a periodic tile
+    they are measured on the torus, and on a part of a symmetric skin across its planes.
+
+    Args:
+        pattern: The pattern.
+        radius: Radius in m.
+        lattice: The two lattice vectors, (2, 2), in m, of a periodic tile; None: not periodic.
+        whole: The symmetric skin that the pattern is a part of, from `meshes.mirrored`; None: the
+            pattern is whole.
+
+    Raises:
+        ParameterError: The radius is not positive, or a tile is not wider than twice the radius.
+        PatternError: The skin is moulded; the Helmholtz filter takes it.
+    """
+
+    def __init__(
+        self,
+        pattern: Pattern,
+        radius: float,
+        lattice: Floats | None = None,
+        whole: Mirrored | None = None,
+    ) -> None:
+        require_positive(radius=radius)
+        pattern.require_flat_panels("a search on the panels (cone filter, perimeter)")
+        require_kind("whole", whole, (Mirrored, type(None)), "a Mirrored, by mirrored(…), or None")
+        self.radius = radius
+        cells: Ints = np.arange(len(pattern.panel), dtype=np.int64)
+        points, panel = pattern.centroids, pattern.panel
+        if whole is not None:
+            cells, points, panel = whole.cell, whole.pattern.centroids, whole.pattern.panel
+        elif lattice is not None:
+            lattice = checked_floats("lattice", lattice, "two vectors (2, 2), in m", lambda _: True)
+            points, cells = _repeated(points, lattice, radius)
+            panel = panel[cells]
+        # A third coordinate separates the panels by more than the radius and their size.
+        self._floor = 3 * radius + 2 * float(np.ptp(points, axis=0).max())
+        self._cells = cells
+        self._points = np.column_stack([points, self._floor * panel])
+        self._tree = cKDTree(self._points)
+        expected = np.pi * radius**2 / float(pattern.areas.mean())
+        self._chunk = max(1, int(PAIRS / min(max(expected, 1.0), float(len(cells)))))
+
+    def pairs(self, points: Floats, panel: Ints) -> Iterator[Pairs]:
+        """Yield the neighbours of points, (k, 2), on given panels, (k,), some rows at a time."""
+        lifted = np.column_stack([points, self._floor * panel])
+        for begin in range(0, len(points), self._chunk):
+            part = lifted[begin : begin + self._chunk]
+            near = cKDTree(part).sparse_distance_matrix(
+                self._tree, self.radius, output_type="ndarray"
+            )
+            ordered = _by_rows(near["i"], near["j"], (len(part), len(self._points)))
+            row = np.repeat(np.arange(len(part)), np.diff(ordered.indptr))
+            target = ordered.indices
+            offset = self._points[target, :2] - part[row, :2]
+            yield Pairs(row, len(part), self._cells[target], offset, near["v"][ordered.data])
+
+    def counts(self, points: Floats, panel: Ints) -> Ints:
+        """Return the number of neighbours of points, (k, 2), on given panels, (k,)."""
+        lifted = np.column_stack([points, self._floor * panel])
+        return self._tree.query_ball_point(lifted, self.radius, return_length=True)
+
+    def nearest(self, points: Floats, panel: Ints) -> Ints:
+        """Return the triangle on the same panel whose centroid is nearest to each point."""
+        _, found = self._tree.query(np.column_stack([points, self._floor * panel]))
+        return self._cells[found]
+
+
+def _by_rows(row: Ints, column: Ints, shape: tuple[int, int]) -> csr_array:
+    """Return a matrix of pair numbers, ordered by row and column."""
+    ordered = coo_array((np.arange(len(row)), (row, column)), shape=shape).tocsr()
+    ordered.sort_indices()
+    return ordered
+
+
+def _repeated(points: Floats, lattice: Floats, radius: float) -> tuple[Floats, Ints]:
+    """Return a tile's points with their copies within the radius, and the triangle of each."""
+    if lattice.shape != (2, 2):
+        raise ParameterError(f"lattice has shape {lattice.shape}; two vectors have shape (2, 2).")
+    area = abs(float(np.linalg.det(lattice)))
+    width = area / max(float(np.linalg.norm(lattice, axis=1).max()), np.finfo(float).tiny)
+    if not width > 2 * radius:
+        raise ParameterError(
+            f"the tile is {width:.3g} m wide and radius = {radius:.3g} m; the tile must be wider "
+            "than twice the radius. Repeat the tile, or reduce the radius."
+        )
+    low, high = points.min(axis=0) - radius, points.max(axis=0) + radius
+    cells: Ints = np.arange(len(points), dtype=np.int64)
+    copies, owners = [points], [cells]
+    # A copy further away than this is out of reach, however oblique the lattice is.
+    most = int(np.ceil(np.linalg.norm(high - low) / width))
+    for i in range(-most, most + 1):
+        for j in range(-most, most + 1):
+            moved = points + i * lattice[0] + j * lattice[1]
+            near = np.all((moved >= low) & (moved <= high), axis=1)
+            if (i, j) != (0, 0) and near.any():
+                copies.append(moved[near])
+                owners.append(cells[near])
+    return np.concatenate(copies), np.concatenate(owners)
+
+
+def neighbour_matrices(
+    skin: Skin,
+    near: Neighbourhood,
+    weigh: Callable[[Pairs], Sequence[Floats]],
+    number: int = 1,
+) -> list[PETSc.Mat]:
+    """Assemble matrices over the triangles of a skin, one for each weight (collective).
+
+    Rows and columns are numbered like the densities; neighbours may belong to other ranks.
+
+    Args:
+        skin: The sewn skin.
+        near: Search for neighbours.
+        weigh: Function that returns the weights of pairs, one array for each matrix.
+        number: Number of matrices.
+    """
+    pattern, owned = skin.pattern, skin.owned_cells
+    first = skin.density_space.dofmap.index_map.local_range[0]
+    column = skin.gather_cells(first + np.arange(len(owned), dtype=np.float64))
+    column = column.astype(PETSc.IntType)
+    points, panel = pattern.centroids[owned], pattern.panel[owned]
+    counts = near.counts(points, panel).astype(PETSc.IntType)
+    size = (len(owned), len(column))
+    # How many neighbours are owned is not known here; allocated rows that stay empty cost nothing.
+    room = counts if skin.comm.size == 1 else (np.minimum(counts, len(owned)), counts)
+    matrices = [
+        PETSc.Mat().createAIJ((size, size), nnz=room, comm=skin.comm) for _ in range(number)
+    ]
+    # Rounding may find a pair at the radius that the count did not include.
+    for matrix in matrices:
+        matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+    begin = 0
+    for pairs in near.pairs(points, panel):
+        rows = np.arange(begin, begin + pairs.rows, dtype=PETSc.IntType) + first
+        start = np.searchsorted(pairs.row, np.arange(pairs.rows + 1)).astype(PETSc.IntType)
+        for matrix, weight in zip(matrices, weigh(pairs), strict=True):
+            # A triangle and its copy may both be near, so entries are added.
+            matrix.setValuesIJV(start, column[pairs.cell], weight, addv=True, rowmap=rows)
+        begin += pairs.rows
+    for matrix in matrices:
+        matrix.assemble()
+    return matrices
+
+
+def multiply(matrix: PETSc.Mat, values: Floats) -> Floats:
+    """Return the owned entries of A v (collective)."""
+    right, left = matrix.createVecs()
+    right.array[:] = values
+    matrix.mult(right, left)
+    return left.array.copy()
+
+
+def multiply_transpose(matrix: PETSc.Mat, values: Floats) -> Floats:
+    """Return the owned entries of Aᵀ v (collective)."""
+    right, left = matrix.createVecs()
+    left.array[:] = values
+    matrix.multTranspose(left, right)
+    return right.array.copy()
+
+
+def mean_edge(skin: Skin) -> float:
+    """Return the edge length in m of an equilateral triangle of the pattern's mean area."""
+    return float(np.sqrt(skin.pattern.areas.mean() * 4 / np.sqrt(3)))
+
+
+def check_radius(skin: Skin, radius: float) -> None:
+    """Check a filter's radius in m, and warn if it is too small for the mesh.
+
+    Raises:
+        ParameterError: It is not positive, or larger than the skin.
+    """
+    require_positive(**{"filter radius": radius})
+    size = skin.pattern.size
+    if radius > size:
+        raise ParameterError(
+            f"filter radius = {radius:.3g} m is larger than the skin of {size:.3g} m: every "
+            "density would be the mean. Radii are two or three edge lengths; in m, not mm."
+        )
+    edge = mean_edge(skin)
+    if radius < RESOLVED * edge:
+        warn_together(
+            skin.comm,
+            f"filter radius = {radius:.3g} m is under {RESOLVED} edge lengths ({edge:.3g} m "
+            "each): it hardly filters and guarantees no width of a line. Refine the mesh to "
+            f"edges of {radius / RESOLVED:.3g} m, or enlarge the radius.",
+            ResolutionWarning,
+        )

@@ -1,0 +1,53 @@
+"""Smoothed step from filtered to projected density, eq. (12)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.validation import require_between, require_positive
+
+
+@dataclass(frozen=True)
+class Projection:
+    """Projection ρ̄ = (tanh βη + tanh β(ρ̃−η)) / (tanh βη + tanh β(1−η)), eq. (12).
+
+    Attributes:
+        beta: Steepness β; 20 in the paper.
+        eta: Threshold η; 0.5 in the paper.
+
+    Raises:
+        ParameterError: β is not positive, or η is outside (0, 1).
+    """
+
+    beta: float = 20.0
+    eta: float = 0.5
+
+    def __post_init__(self) -> None:
+        require_positive(beta=self.beta)
+        require_between(0.0, 1.0, eta=self.eta)
+        if self.eta in (0, 1):
+            raise ParameterError(
+                f"eta = {self.eta} must lie between 0 and 1, not at an end: at 0 everything would "
+                "be printed, at 1 nothing. 0.5 keeps areas."
+            )
+
+    @property
+    def _scale(self) -> float:
+        return float(np.tanh(self.beta * self.eta) + np.tanh(self.beta * (1 - self.eta)))
+
+    def forward(self, filtered: Floats) -> Floats:
+        """Return ρ̄ from ρ̃, both in [0, 1]."""
+        low = np.tanh(self.beta * self.eta)
+        raised = (low + np.tanh(self.beta * (filtered - self.eta))) / self._scale
+        return np.asarray(np.clip(raised, 0.0, 1.0))  # rounding may leave [0, 1]
+
+    def backward(self, filtered: Floats, gradient: Floats) -> Floats:
+        """Return ∂T/∂ρ̃ from ∂T/∂ρ̄."""
+        # Where `forward` clips, on obtuse meshes, the derivative is 0; rounding does not count.
+        inside = (filtered > -1e-9) & (filtered < 1 + 1e-9)
+        slope = inside * self.beta / np.cosh(self.beta * (filtered - self.eta)) ** 2 / self._scale
+        return np.asarray(slope * gradient)

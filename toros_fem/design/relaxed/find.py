@@ -1,0 +1,210 @@
+"""The relaxed design in two stages: which families of lines a skin needs, from a random start."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import require_alike
+from toros_fem.base.validation import require_count, require_kind, require_positive, shown
+from toros_fem.design.lines.field import LineField
+from toros_fem.design.loop.journal import Journal
+from toros_fem.design.loop.loop import Callback, DesignResult, optimize
+from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
+from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.design.loop.warm_start import WarmStart
+from toros_fem.design.mma.optimizer import MMAOptions
+from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
+from toros_fem.design.relaxed.fit import fitted_pair
+from toros_fem.design.relaxed.problem import RelaxedProblem, relaxed_problem
+from toros_fem.mechanics.skin.relaxed_model import crossing_of_widths
+
+# Largest change of a variable in one step.
+MOVE = 0.1
+# A stage ends when T falls by a smaller fraction in ten steps.
+LEAST_DECREASE = 0.05
+
+
+@dataclass(frozen=True)
+class RelaxedOptions:
+    """Numbers of the relaxed design.
+
+    Attributes:
+        directions: Number of fixed directions of the first stage.
+        share_limit: Limit on the sum of their shares.
+        family_limits: Limits on the shares of the two families of the second stage.
+        radius: Radius of the smoothing in m; None takes a tenth of the skin's size.
+        share_weight: Factor on the mean sum of shares in T; None leaves this cost out.
+        iterations: Largest number of steps of either stage.
+        more_iterations: Largest number of steps where an earlier result is continued.
+        width_ratio: Width that the lines of one family will have over that of the other: where few
+            wide lines cross many thin ones, crossings stiffen less.
+
+    Raises:
+        ParameterError: A value is out of its bounds.
+    """
+
+    directions: int = 12
+    share_limit: float = 0.35
+    family_limits: tuple[float, float] = (0.3, 0.3)
+    radius: float | None = None
+    share_weight: float | None = None
+    iterations: tuple[int, int] = (40, 40)
+    more_iterations: int = 15
+    width_ratio: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("iterations", "family_limits"):
+            pair = getattr(self, name)
+            if not isinstance(pair, list | tuple) or len(pair) != 2:
+                raise ParameterError(f"{name} = {shown(pair)} must be two numbers.")
+        for count in self.iterations:
+            require_count(1, iterations=count)
+        require_count(1, more_iterations=self.more_iterations)
+        if self.radius is not None:
+            require_positive(radius=self.radius)
+        if self.share_weight is not None:
+            require_positive(share_weight=self.share_weight)
+        require_positive(width_ratio=self.width_ratio)
+        FixedDirections(self.directions, self.share_limit)
+        FreeDirections(self.family_limits)
+
+    def stage(self, number: int) -> DesignOptions:
+        """Return the options of the design loop in one of the two stages."""
+        return DesignOptions(
+            (Stage(self.iterations[number]),),
+            min_relative_decrease=LEAST_DECREASE,
+            mma=MMAOptions(move=MOVE),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class RelaxedResult:
+    """The result of a relaxed design, equal on all ranks.
+
+    Attributes:
+        start: Families of the random start: those of all fixed directions.
+        field: Share and direction of the two families in each triangle.
+        variables: The variables that they come from, before smoothing, (t, 6).
+        positions: Positions of all vertices at the pressure, (n, 3), in m.
+        pressures: Pressure of each chamber in Pa.
+        objective: T.
+        metrics: Values of the metrics, by key.
+        history: Rows of both stages.
+        newton_steps: Number of Newton steps of both stages.
+        seconds: Wall time of both stages, set-up included.
+        reason: Why the second stage ended, as a sentence.
+    """
+
+    start: LineField
+    field: LineField
+    variables: Floats
+    positions: Floats
+    pressures: tuple[float, ...]
+    objective: float
+    metrics: Mapping[str, float]
+    history: tuple[Iteration, ...]
+    newton_steps: int
+    seconds: float
+    reason: str
+
+
+def find_lines(
+    design: ShapeProblem,
+    options: RelaxedOptions | None = None,
+    *,
+    seed: int = 0,
+    callback: Callback | None = None,
+    after: RelaxedResult | None = None,
+    journal: Journal | None = None,
+) -> RelaxedResult:
+    """Find line families that take a skin to its target, from random ones (collective).
+
+    First the shares of fixed directions are designed: the problem is then nearly convex, and
+    coherent families appear from noise. Two families are fitted to them, whose shares and
+    continuous directions are designed on.
+
+    Args:
+        design: What is to be designed, on a coarse mesh: target, supports, loads and prescribed
+            densities. Its filter and its width constraints play no part.
+        options: Numbers of the relaxed design; None takes the defaults.
+        seed: Seed of the random start; the same on any number of ranks.
+        callback: Called after each iteration, on every rank.
+        after: A result on the same mesh, of another target for instance, whose second stage is
+            continued; `seed` then plays no part.
+        journal: As of `optimize`, for both stages.
+
+    Raises:
+        ParameterError: The seed is negative, or the earlier result is that of another mesh.
+        NoEquilibriumError: There is no equilibrium for the start.
+    """
+    begin = time.perf_counter()
+    require_kind("design", design, ShapeProblem, "a ShapeProblem, a ShapeDesign for instance")
+    require_kind("options", options, (RelaxedOptions, type(None)), "RelaxedOptions, or None")
+    require_alike(design.comm, options=options, seed=seed)
+    options = options or RelaxedOptions()
+    skin = design.skin
+    count = len(skin.pattern.panel)
+    if after is not None and len(after.variables) != count:
+        raise ParameterError(
+            f"after is a result on {len(after.variables)} triangles; this mesh has {count}. "
+            "Continue it on its own mesh."
+        )
+    radius = options.radius or skin.pattern.size / 10
+    cost = options.share_weight or 0.0
+    crossing = crossing_of_widths(options.width_ratio)
+    free = FreeDirections(options.family_limits)
+    if after is None:
+        fixed = FixedDirections(options.directions, options.share_limit)
+        first = relaxed_problem(design, fixed, radius, cost, crossing)
+        drawn = first.start_density(seed)
+        start = first.start_field(drawn)
+        found = optimize(first, options.stage(0), start=drawn, callback=callback, journal=journal)
+        field = fitted_pair(first.line_field(found.final))
+        variables = free.variables(field.shares, field.angles)
+        positions = first.shape_of(found.final.equilibrium)
+        pressures, history = found.pressures, found.history
+    else:
+        start, variables, positions = after.start, after.variables, after.positions
+        pressures, history = after.pressures, after.history
+    second = relaxed_problem(design, free, radius, cost, crossing)
+    own = second.with_passive(variables[skin.owned_cells].ravel())
+    warm = WarmStart(
+        density=own,
+        pressures=pressures,
+        state=second.state_at(positions),
+        history=history,
+        seconds={},
+        level=0,
+    )
+    rules = options.stage(1)
+    if after is not None:
+        rules = replace(rules, stages=(Stage(options.more_iterations),))
+    result = optimize(second, rules, callback=callback, after=warm, journal=journal)
+    return _gathered(second, result, start, time.perf_counter() - begin)
+
+
+def _gathered(
+    problem: RelaxedProblem, result: DesignResult, start: LineField, seconds: float
+) -> RelaxedResult:
+    """Return a result on every rank (collective)."""
+    final, history = result.final, result.history
+    variables = result.density.reshape(-1, problem.families.fields)
+    return RelaxedResult(
+        start=start,
+        field=problem.line_field(final),
+        variables=np.asarray(problem.skin.gather_cells(variables)),
+        positions=problem.shape_of(final.equilibrium),
+        pressures=result.pressures,
+        objective=final.objective,
+        metrics=dict(history[-1].metrics),
+        history=history,
+        newton_steps=sum(row.newton_steps for row in history),
+        seconds=seconds,
+        reason=result.reason,
+    )

@@ -1,0 +1,92 @@
+"""Prints with wider and narrower lines than drawn, and how far their shapes are apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import NoEquilibriumError
+from toros_fem.base.mpi import on_first_rank
+from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.making.print.printability import printed_cells
+from toros_fem.making.print.regions import part_regions
+from toros_fem.meshes.border_motion import border_motion
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.snap import snapped, with_flat_points
+
+
+@dataclass(frozen=True, eq=False)
+class PrintSpread:
+    """Shapes of a print whose borders are off inwards and outwards.
+
+    Attributes:
+        half: Half the way from the shape with wider lines to that with narrower ones, at owned
+            nodes, (n, 3), in m.
+        metrics: Values of all metrics by key: with narrower, then with wider lines.
+    """
+
+    half: Floats
+    metrics: tuple[Mapping[str, float], Mapping[str, float]]
+
+    def error(self, scales: Mapping[str, float]) -> float:
+        """Return the largest half difference of a metric over its scale.
+
+        Args:
+            scales: Scale of each metric that counts, by key.
+        """
+        low, high = self.metrics
+        return max((abs(low[k] - high[k]) / (2 * s) for k, s in scales.items()), default=0.0)
+
+
+def print_spread(problem: ShapeDesign, printed: PrintedDesign, offset: float) -> PrintSpread | None:
+    """Simulate a print with its borders moved (collective).
+
+    The print is simulated on a mesh that follows its borders, whose vertices then move with them.
+
+    Args:
+        problem: The design problem.
+        printed: Its print.
+        offset: Way of the borders in m, to either side.
+
+    Returns:
+        None where a print has no equilibrium.
+    """
+    made = printed.evaluation
+    if made is None:
+        return None
+    comm, part = problem.comm, problem.skin.pattern
+    regions = on_first_rank(comm, lambda: part_regions(part, printed.regions))
+    pattern = snapped(comm, part, regions)
+    cells = on_first_rank(comm, lambda: printed_cells(pattern, regions))
+    motion = on_first_rank(comm, lambda: border_motion(pattern, regions, cells, offset))
+
+    def moved(way: float) -> Pattern:
+        flat = pattern.flat_points + way * motion
+        return on_first_rank(comm, lambda: with_flat_points(pattern, flat))
+
+    def solved(
+        on: Pattern, near: Floats, pressures: Sequence[float]
+    ) -> tuple[Floats, dict[str, float]]:
+        skin = problem.on(on)
+        found = skin.simulate_binary(
+            cells[skin.skin.owned_cells], start=skin.state_at(near), pressure=pressures
+        )
+        return skin.shape_of(found.equilibrium), skin.metrics_of(found.equilibrium)
+
+    pressures = made.equilibrium.pressures
+    shapes, metrics = [], []
+    near = problem.shape_of(made.equilibrium)
+    try:
+        for way in (-offset, offset):
+            shape, values = solved(moved(way), near, pressures)
+            near = shape
+            shapes.append(shape)
+            metrics.append(values)
+    except NoEquilibriumError:  # raised by all ranks or by none
+        return None
+    half = np.asarray((shapes[0] - shapes[1]) / 2)[problem.skin.owned_vertices]
+    return PrintSpread(half, (metrics[0], metrics[1]))

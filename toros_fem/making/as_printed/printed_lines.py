@@ -1,0 +1,109 @@
+"""The print of lines that come as polygons, simulated on a mesh of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.validation import require_kind
+from toros_fem.design.loop.journal import Journal, kept_evaluation
+from toros_fem.design.loop.problem import DesignProblem, Evaluation, Pressure
+from toros_fem.making.as_printed.as_printed import PrintedDesign, print_regions
+from toros_fem.making.print.cleaning import (
+    CleanedRegions,
+    clean,
+    clean_symmetric,
+    require_island_area,
+)
+from toros_fem.making.print.printability import DEFAULT_LIMITS, PrintLimits
+from toros_fem.making.print.regions import mirrored_regions, regions_on
+from toros_fem.meshes.mirror import Mirrored
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.transfer import make_transfer
+
+
+def printed_lines(
+    problem: DesignProblem,
+    pattern: Pattern,
+    regions: Sequence[BaseGeometry],
+    limits: PrintLimits = DEFAULT_LIMITS,
+    *,
+    island_area: float = 0.0,
+    cleaned: CleanedRegions | None = None,
+    near: tuple[Pattern, Floats] | None = None,
+    pressure: Pressure | None = None,
+    journal: Journal | None = None,
+) -> PrintedDesign:
+    """Clean, measure and simulate lines that come as polygons (collective).
+
+    A triangle of the problem's mesh is printed if its centroid is. The error is that of a mesh
+    whose edges follow the lines, `ActuatorCase.following`, and is given in docs/manufacture.md.
+
+    Args:
+        problem: The design problem, on the mesh that the print is simulated on.
+        pattern: The pattern that the polygons belong to: the same panels on any mesh.
+        regions: Polygons on each of its panels, in m.
+        limits: Limits of the printer.
+        island_area: Free islands smaller than this, in m², are removed; larger ones are bridged.
+        cleaned: What `clean_print` made of these polygons, if it is known.
+        near: A pattern with the same panels and positions of all its vertices, (n, 3), in m, to
+            start from: those of the relaxed design, or of the print on a coarser mesh. None starts
+            from the assembled shape.
+        pressure: In Pa, of all chambers or of each; None takes the problem's own.
+        journal: Keeps the simulation; None keeps nothing.
+
+    Raises:
+        PanelError: The panels are others, or the number of regions is not theirs.
+        ParameterError: The area is negative, or not below the pattern's.
+    """
+    require_kind("problem", problem, DesignProblem, "a design problem, a ShapeDesign for instance")
+    require_kind("pattern", pattern, Pattern, "the Pattern of the polygons")
+    require_kind("limits", limits, PrintLimits, "PrintLimits")
+    part, whole = problem.skin.pattern, problem.whole
+    require_island_area(part, island_area)
+    start = None
+    if near is not None:
+        start = problem.state_at(make_transfer(near[0], part).positions(near[1]))
+
+    def cleaning() -> CleanedRegions:
+        if cleaned is not None:
+            return cleaned
+        found = regions_on(pattern, regions, part)
+        return clean_print(part, whole, found, limits, island_area)
+
+    def simulate(cells: Bools) -> Evaluation:
+        return kept_evaluation(
+            journal,
+            problem,
+            lambda: problem.simulate_binary(cells, start=start, pressure=pressure),
+        )
+
+    onto = part if whole is None else whole.pattern
+    return print_regions(problem, onto, cleaning, simulate, limits)
+
+
+def clean_print(
+    part: Pattern,
+    whole: Mirrored | None,
+    regions: Sequence[BaseGeometry],
+    limits: PrintLimits = DEFAULT_LIMITS,
+    island_area: float = 0.0,
+) -> CleanedRegions:
+    """Clean lines on a part of a skin, and return those on the whole, which stay symmetric.
+
+    Args:
+        part: The pattern that the polygons belong to.
+        whole: The whole that it is a part of, by `meshes.mirrored`; None: it is whole.
+        regions: Polygons on each of its panels, in m.
+        limits: Limits of the printer.
+        island_area: As of `clean`.
+
+    Raises:
+        ParameterError: The area is negative.
+    """
+    if whole is None:
+        return clean(part, regions, limits, island_area)
+    onto = mirrored_regions(part, whole, regions)
+    return clean_symmetric(part, whole, onto, limits, island_area=island_area)

@@ -1,0 +1,169 @@
+"""Marks: notches at seams, registration crosses, the grain arrow, and the ruler of a sheet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Floats
+from toros_fem.making.panels.free_place import free_place, rectangles
+from toros_fem.making.panels.panel_labels import Label
+from toros_fem.making.panels.seam_lines import SewnSeam
+
+# Depth of a notch, over the allowance.
+DEPTH = 0.5
+# The double notch at the start of a seam, over the distance of notches: place and width.
+START, PAIR = 0.35, 0.1
+# Largest distance in m of its two notches.
+APART = 3e-3
+# Lengths in m of the grain arrow, the first that fits; its width over its length, and the least.
+ARROWS = (30e-3, 20e-3, 15e-3, 10e-3, 7e-3, 5e-3)
+BARB = 0.12
+# Gap in m between marks and other things.
+CLEAR = 0.5e-3
+# The ruler: length and distance of ticks; heights of ticks, of its text and of the whole, in m.
+RULER, STEP = 0.1, 0.01
+TICK, TEXT, HEIGHT = 2e-3, 2.5e-3, 7e-3
+# Distance in m of the places that are tried.
+TRIED = 4e-3
+
+
+def notch_arcs(length: float, distance: float) -> Floats:
+    """Return the places of notches along a seam as arc lengths in m, (k,).
+
+    Single ones divide the seam evenly. A double one stands near its start only, so that neither the
+    direction of an edge nor its partner can be mistaken.
+
+    Args:
+        length: Length of the seam in m.
+        distance: Largest distance of the single notches in m.
+    """
+    count = max(1, int(np.ceil(length / distance - 1e-9)))
+    step = length / count
+    start, half = START * step, min(PAIR * step, APART) / 2
+    return np.array([start - half, start + half, *(step * np.arange(1, count))])
+
+
+def notches(
+    seam: SewnSeam, side: int, cut: BaseGeometry, allowance: float, distance: float
+) -> Floats:
+    """Return the notches at one side of a seam, segments (k, 2, 2) in m, from the cut inwards.
+
+    They end half an allowance before the seam line. Both sides have theirs at the same arc lengths.
+
+    Args:
+        seam: The seam.
+        side: 0 or 1.
+        cut: The cut outline of the panel.
+        allowance: Width of the allowance in m.
+        distance: Largest distance of notches in m.
+    """
+    arc = notch_arcs(seam.length, distance)
+    normal = seam.outward(side, arc, min(allowance, 0.2 * seam.length))
+    foot = seam.at(side, arc)
+    rays = shapely.linestrings(np.stack([foot, foot + 2 * allowance * normal], axis=1))
+    found = []
+    for point, ray in zip(foot, rays, strict=True):
+        hit = shapely.shortest_line(shapely.Point(point), ray.intersection(cut.boundary))
+        if hit is None or hit.length < DEPTH * allowance / 2:
+            hit = shapely.shortest_line(shapely.Point(point), cut.boundary)
+        inner, outer = shapely.get_coordinates(hit)
+        depth = min(1.0, DEPTH * allowance / max(hit.length, 1e-12))
+        found.append([outer, outer + depth * (inner - outer)])
+    return np.array(found).reshape(-1, 2, 2)
+
+
+def crosses(outline: BaseGeometry, cut: BaseGeometry, size: float) -> Floats:
+    """Return the centres of three registration crosses, (3, 2), in m.
+
+    They stand in corners of the cut outline's bounding box: far apart, so that they measure angles
+    well, and off the skin. In a rectangle with an allowance they lie in the corners of the
+    allowance, hidden by the sewing; beside a round panel on waste. Where the skin itself fills a
+    corner they move outwards. The fourth corner has none, so that no half turn fits.
+
+    Args:
+        outline: The seam line.
+        cut: The cut outline.
+        size: Size of a cross in m.
+    """
+    left, low, right, high = cut.bounds
+    half = size / 2
+    inset = half + CLEAR
+    centres = []
+    for x, y, outward in ((left, low, (-1, -1)), (right, low, (1, -1)), (left, high, (-1, 1))):
+        out = np.array(outward, dtype=np.float64)
+        centre = np.array([x, y]) - inset * out
+        for _ in range(20):
+            # Within the cut it must not meet the skin, outside of it it must not be cut.
+            place = shapely.box(*(centre - half), *(centre + half))
+            apart = place.intersection(outline).area < 1e-6 * size**2
+            if apart and (cut.contains(place) or not cut.intersects(place)):
+                break
+            centre = centre + 0.25 * half * out
+        centres.append(centre)
+    return np.array(centres)
+
+
+def cross_shapes(centres: Floats, size: float) -> list[Floats]:
+    """Return the two bars of each cross as segments, (2, 2) in m each."""
+    x, y = np.array([size / 2, 0.0]), np.array([0.0, size / 2])
+    return [np.stack([c - d, c + d]) for c in centres for d in (x, y)]
+
+
+def grain_arrow(places: Sequence[BaseGeometry], angle: float) -> list[Floats]:
+    """Return the arrow along the grain as lines, (n, 2) in m each: its shaft, and its head.
+
+    Args:
+        places: Regions it may lie in, the best first; without room it lies across the last one.
+        angle: Direction in rad.
+    """
+    sizes = [(length, max(2 * BARB * length, 2e-3)) for length in ARROWS]
+    middle = shapely.get_coordinates(places[-1].representative_point())[0]
+    centre, (length, _) = free_place(places, sizes, angle) or (middle, sizes[-1])
+    along = np.array([np.cos(angle), np.sin(angle)])
+    aside = np.array([-along[1], along[0]])
+    tail, tip = centre - along * length / 2, centre + along * length / 2
+    head = [tip - length * (2 * BARB * along + side * BARB * aside) for side in (1, -1)]
+    return [np.stack([tail, tip]), np.stack([head[0], tip, head[1]])]
+
+
+def ruler(taken: BaseGeometry, sheet: tuple[float, float]) -> tuple[list[Floats], Label, bool]:
+    """Return a ruler of 100 mm: its lines, its text, and whether it lies on the sheet.
+
+    It takes the lowest free place on the sheet, upright where no level one is free. Without any it
+    lies below the sheet. Its first line is 100 mm long; the others are ticks every 10 mm.
+
+    Args:
+        taken: Room that panels need on the sheet, in m.
+        sheet: Width and height of the sheet in m.
+    """
+    free = shapely.box(2 * CLEAR, 2 * CLEAR, sheet[0] - 2 * CLEAR, sheet[1] - 2 * CLEAR)
+    free = free.difference(taken.buffer(2 * CLEAR)).buffer(1e-6)
+    shapely.prepare(free)
+    size = RULER + 4 * CLEAR, HEIGHT
+    for angle in (0.0, np.pi / 2):
+        wide, high = size if angle == 0 else size[::-1]
+        x, y = np.meshgrid(
+            np.arange(2 * CLEAR + wide / 2, sheet[0], TRIED),
+            np.arange(2 * CLEAR + high / 2, sheet[1], TRIED),
+        )
+        centres = np.column_stack([x.ravel(), y.ravel()])
+        fits = shapely.contains(free, rectangles(centres, size, angle))
+        if fits.any():
+            return (*_ruler_at(centres[int(np.argmax(fits))], angle), True)
+    return (*_ruler_at(np.array([2 * CLEAR + size[0] / 2, -2 * CLEAR - HEIGHT / 2]), 0.0), False)
+
+
+def _ruler_at(centre: Floats, angle: float) -> tuple[list[Floats], Label]:
+    """Return lines and text of a ruler around a point."""
+    base = -HEIGHT / 2 + CLEAR
+    ticks = np.arange(0, RULER + STEP / 2, STEP) - RULER / 2
+    lines = [np.array([[-RULER / 2, base], [RULER / 2, base]])]
+    lines += [np.array([[x, base], [x, base + TICK]]) for x in ticks]
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    text = np.array([0.0, base + TICK + CLEAR + TEXT / 2])
+    label = Label(f"{1e3 * RULER:.0f} mm", centre + turn @ text, angle, TEXT)
+    return [centre + line @ turn.T for line in lines], label

@@ -1,0 +1,232 @@
+"""Everything that is printed, cut, sewn and marked on one panel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from shapely.affinity import affine_transform
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import PanelError
+from toros_fem.making.panels.allowance import cut_outline
+from toros_fem.making.panels.marks import CLEAR, cross_shapes, crosses, grain_arrow, notches
+from toros_fem.making.panels.options import ALL, ManufactureOptions, options_or_default
+from toros_fem.making.panels.panel_labels import Label, edge_labels, panel_label, upright
+from toros_fem.making.panels.seam_lines import SewnSeam, sewn_seams
+from toros_fem.making.print.contours import panel_outline
+from toros_fem.meshes.pattern import Pattern
+
+
+@dataclass(frozen=True, eq=False)
+class Seam:
+    """One edge of a panel that is sewn to an edge of the same or of another panel.
+
+    Attributes:
+        number: Number of the seam, the same on both edges, from 1.
+        line: The seam line, (n, 2), in m. Both edges begin at the same end of the seam.
+        partner: Name of the panel it is sewn to.
+    """
+
+    number: int
+    line: Floats
+    partner: str
+
+
+@dataclass(frozen=True, eq=False)
+class PanelDrawing:
+    """Everything that is printed, cut, sewn and marked on one panel, in m.
+
+    Attributes:
+        name: Name of the panel.
+        outline: The seam line: border of the panel in the assembled skin.
+        cut: The outline to cut, with the allowance.
+        printed: The print, polygons.
+        seams: Its edges that are sewn.
+        notches: Segments (k, 2, 2) from the cut into the allowance.
+        grain: Lines of the arrow along the grain, (n, 2) each; none where the grain is free.
+        crosses: Centres of the registration crosses, (k, 2), which print and cut share.
+        cross_size: Their size in m.
+        labels: Texts.
+    """
+
+    name: str
+    outline: BaseGeometry
+    cut: BaseGeometry
+    printed: BaseGeometry
+    seams: tuple[Seam, ...]
+    notches: Floats
+    grain: tuple[Floats, ...]
+    crosses: Floats
+    cross_size: float
+    labels: tuple[Label, ...]
+
+    @property
+    def marks(self) -> list[Floats]:
+        """Lines of the grain arrow and of the crosses, (n, 2) each."""
+        return [*self.grain, *cross_shapes(self.crosses, self.cross_size)]
+
+    @property
+    def footprint(self) -> BaseGeometry:
+        """Room that the panel needs on a sheet: the cut outline, and squares around crosses."""
+        half = self.cross_size / 2
+        squares = [shapely.box(*(c - half), *(c + half)) for c in self.crosses]
+        return shapely.union_all([self.cut, *squares])
+
+    def moved(self, angle: float, offset: Floats) -> PanelDrawing:
+        """Return the drawing turned by an angle in rad about the origin, and then moved.
+
+        Texts that would stand upside down are turned by half a turn.
+
+        Args:
+            angle: Angle in rad, counter-clockwise.
+            offset: Translation after the turn, (2,), in m.
+        """
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        map_to = [*turn.ravel().tolist(), float(offset[0]), float(offset[1])]
+
+        def shape(region: BaseGeometry) -> BaseGeometry:
+            return affine_transform(region, map_to)
+
+        def points(array: Floats) -> Floats:
+            return np.asarray(array @ turn.T + offset)
+
+        return replace(
+            self,
+            outline=shape(self.outline),
+            cut=shape(self.cut),
+            printed=shape(self.printed),
+            seams=tuple(replace(seam, line=points(seam.line)) for seam in self.seams),
+            notches=points(self.notches),
+            grain=tuple(points(line) for line in self.grain),
+            crosses=points(self.crosses),
+            labels=tuple(
+                replace(
+                    label,
+                    place=points(label.place),
+                    angle=float(upright(label.angle + angle)),
+                )
+                for label in self.labels
+            ),
+        )
+
+
+def panel_drawings(
+    pattern: Pattern,
+    regions: Sequence[BaseGeometry],
+    options: ManufactureOptions | None = None,
+) -> list[PanelDrawing]:
+    """Return the drawing of each panel in its own flat coordinates.
+
+    Args:
+        pattern: The whole pattern, by `printed_face` for a print on the inside.
+        regions: Print on each panel, polygons in m.
+        options: Allowance and marks; None takes the defaults.
+
+    Raises:
+        ParameterError: Pattern or options are something else.
+        PanelError: The number of regions is not that of the panels.
+        PatternError: The skin is moulded.
+    """
+    options = options_or_default(options)
+    seams = sewn_seams(pattern)
+    if len(regions) != len(pattern.panel_names):
+        raise PanelError(
+            f"there are {len(regions)} regions for {len(pattern.panel_names)} panels; give one for "
+            "each panel, an empty polygon where nothing is printed."
+        )
+    return [
+        drawing_of(
+            [(name,), (f"{options.print_side} up", "up")],
+            panel_outline(pattern, panel),
+            regions[panel],
+            [(seam, side) for seam in seams for side in (0, 1) if seam.panels[side] == panel],
+            pattern.panel_names,
+            options,
+        )
+        for panel, name in enumerate(pattern.panel_names)
+    ]
+
+
+def drawing_of(
+    texts: Sequence[Sequence[str]],
+    outline: BaseGeometry,
+    printed: BaseGeometry,
+    edges: Sequence[tuple[SewnSeam, int]],
+    names: Sequence[str],
+    options: ManufactureOptions,
+) -> PanelDrawing:
+    """Return the drawing of one panel.
+
+    Args:
+        texts: What is written on it, its name first; of each the best, then shorter ones.
+        outline: Its seam line.
+        printed: Its print.
+        edges: Its seams, and which side of them it is.
+        names: Names of all panels.
+        options: Allowance and marks.
+    """
+    allowance = options.seam_allowance
+    lines = [seam.lines[side] for seam, side in edges]
+    cut = outline
+    if allowance is not None:
+        rings = shapely.get_rings(shapely.get_parts(outline))
+        border = [shapely.get_coordinates(ring) for ring in rings]
+        cut = cut_outline(outline, border if options.allowance_at == ALL else lines, allowance)
+    found: list[Floats] = [np.empty((0, 2, 2))]
+    if allowance is not None:
+        found += [notches(*edge, cut, allowance, options.notch_distance) for edge in edges]
+    cuts = np.concatenate(found)
+    centres = crosses(outline, cut, options.cross_size)
+    kept_free = shapely.union_all(
+        [
+            shapely.MultiLineString(list(cuts)).buffer(CLEAR),
+            shapely.MultiPoint(centres).buffer(options.cross_size / 2 + CLEAR, cap_style="square"),
+        ]
+    )
+    band = cut.difference(outline).difference(kept_free).buffer(-CLEAR / 2)
+    fabric = outline.difference(printed.buffer(CLEAR)).difference(kept_free).buffer(-CLEAR)
+    taken = shapely.Polygon()
+    labels: list[Label] = []
+
+    def add(made: list[Label]) -> None:
+        nonlocal taken
+        labels.extend(made)
+        taken = shapely.union_all([taken, *(label.frame for label in made)])
+
+    borders = [(line, _outward(line, side)) for line, (_, side) in zip(lines, edges, strict=True)]
+    for (line, outward), (seam, _) in zip(borders, edges, strict=True):
+        if allowance is not None:
+            add(edge_labels(str(seam.number), line, outward, band.difference(taken), allowance))
+    for text in texts:
+        free = band.difference(taken), fabric.difference(taken), outline
+        add([panel_label(text, borders, *free, allowance)])
+    arrow: list[Floats] = []
+    if options.drawn_grain is not None:
+        places = [region.difference(taken) for region in (band, fabric, outline)]
+        arrow = grain_arrow(places, options.drawn_grain)
+    return PanelDrawing(
+        name=texts[0][0],
+        outline=outline,
+        cut=cut,
+        printed=printed,
+        seams=tuple(
+            Seam(seam.number, seam.lines[side], names[seam.panels[1 - side]])
+            for seam, side in edges
+        ),
+        notches=cuts,
+        grain=tuple(arrow),
+        crosses=centres,
+        cross_size=options.cross_size,
+        labels=tuple(labels),
+    )
+
+
+def _outward(line: Floats, side: int) -> Floats:
+    """Return unit vectors from the edges of a seam line to the outside of its panel, (n − 1, 2)."""
+    along = np.diff(line, axis=0)
+    normal = np.column_stack([along[:, 1], -along[:, 0]]) * (1.0 if side == 0 else -1.0)
+    return np.asarray(normal / np.linalg.norm(normal, axis=1)[:, None])

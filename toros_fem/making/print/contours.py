@@ -1,0 +1,110 @@
+"""Outlines of panels and contours of the density, as polygons on the flat panels."""
+
+from __future__ import annotations
+
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import DensityError
+from toros_fem.meshes.pattern import Pattern
+
+# Values this close to the threshold count as equal to it, so that the contour passes through the
+# vertex. Otherwise rounding would merge corners of very thin polygons.
+SNAP = 1e-9
+
+_OUTLINES: WeakKeyDictionary[Pattern, dict[int, BaseGeometry]] = WeakKeyDictionary()
+
+
+def panel_outline(pattern: Pattern, panel: int) -> BaseGeometry:
+    """Return the outline of a panel, a polygon in m; kept as long as the pattern is."""
+    known = _OUTLINES.setdefault(pattern, {})
+    if panel not in known:
+        corners = pattern.corners[pattern.panel == panel]
+        known[panel] = shapely.coverage_union_all(shapely.polygons(corners))
+    return known[panel]
+
+
+def printed_regions(
+    pattern: Pattern, at_points: Floats, at_centroids: Floats, threshold: float
+) -> list[BaseGeometry]:
+    """Return the printed region of each panel, polygons in m; arguments as of `printed_region`."""
+    return [
+        printed_region(pattern, at_points, at_centroids, panel, threshold)
+        for panel in range(len(pattern.panel_names))
+    ]
+
+
+def printed_region(
+    pattern: Pattern, at_points: Floats, at_centroids: Floats, panel: int, threshold: float
+) -> BaseGeometry:
+    """Return the printed region of one panel, where the density exceeds the threshold, in m.
+
+    Each triangle is split into three at its centroid. The density is linear on each third, so that
+    the values at vertices and at centroids are met exactly.
+
+    Args:
+        pattern: The pattern.
+        at_points: Filtered density ρ̃ at the pattern's flat points, (m,).
+        at_centroids: ρ̃ at the triangles' centroids, (t,).
+        panel: Number of the panel.
+        threshold: η of the projection.
+
+    Raises:
+        DensityError: The values do not fit the pattern, or are not finite.
+    """
+    count = len(pattern.flat_points)
+    for name, array, size in (
+        ("at_points", at_points, count),
+        ("at_centroids", at_centroids, len(pattern.panel)),
+    ):
+        if np.shape(array) != (size,) or not np.all(np.isfinite(array)):
+            raise DensityError(
+                f"{name} has shape {np.shape(array)}; it must hold {size} finite values, one for "
+                "each."
+            )
+    cells = np.flatnonzero(pattern.panel == panel)
+    points = np.concatenate([pattern.flat_points, pattern.centroids])
+    value = np.concatenate([at_points, at_centroids]) - threshold
+    value[np.abs(value) < SNAP] = 0
+    corner, centre = pattern.flat_triangles[cells], (count + cells)[:, None]
+    whole = np.all(value[corner] > 0, axis=1) & (value[centre[:, 0]] > 0)
+    thirds = np.stack([corner, np.roll(corner, -1, axis=1), np.repeat(centre, 3, axis=1)], axis=2)
+    third = thirds[~whole].reshape(-1, 3)
+    inside = value[third] > 0
+    below = np.any(value[third] < 0, axis=1)
+    corners = [
+        points[corner[whole]],
+        points[third[inside.any(axis=1) & ~below]],
+        *_cut(points, value, third[inside.any(axis=1) & below]),
+    ]
+    polygons = np.concatenate(
+        [shapely.polygons(c) for c in corners if len(c)] or [np.empty(0, object)]
+    )
+    return shapely.coverage_union_all(polygons)
+
+
+def _cut(points: Floats, value: Floats, triangles: Ints) -> tuple[Floats, Floats]:
+    """Return the positive parts of triangles with values of both signs.
+
+    Returns:
+        Triangles, (k, 3, 2), and quadrilaterals, (l, 4, 2).
+    """
+    inside = value[triangles] > 0
+    lone = inside.sum(axis=1) == 1
+    apart = np.argmax(inside == lone[:, None], axis=1)  # the corner alone on its side
+    order = (apart[:, None] + np.arange(3)) % 3
+    a, b, c = np.take_along_axis(triangles, order, axis=1).T
+    ab, ac = _crossing(points, value, a, b), _crossing(points, value, a, c)
+    tips = np.stack([points[a], ab, ac], axis=1)[lone]
+    return tips, np.stack([ab, points[b], points[c], ac], axis=1)[~lone]
+
+
+def _crossing(points: Floats, value: Floats, a: Ints, b: Ints) -> Floats:
+    """Return where edges cross 0; the same to rounding from both sides, exact at a vertex of 0."""
+    outer, inner = np.where(value[a] > 0, [b, a], [a, b])
+    fraction = value[outer] / (value[outer] - value[inner])
+    return points[outer] + fraction[:, None] * (points[inner] - points[outer])

@@ -1,0 +1,134 @@
+"""Printed pieces, islands and holes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Ints
+from toros_fem.making.print.contours import panel_outline
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.topology import linked
+
+# Number of points on each pair of sewn edges where the print on both sides is looked up.
+SEAM_POINTS = 32
+# Borders closer than this fraction of the skin's size are the same.
+TOUCHING = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class PrintedPiece:
+    """A connected printed region of one panel.
+
+    Attributes:
+        panel: Number of the panel.
+        polygon: Its polygon, in m.
+        main: Whether it is the main body, the largest piece of its panel. The others are islands.
+        attached: Whether it is a main body, or is connected to one across seams. An island that is
+            not attached is free.
+    """
+
+    panel: int
+    polygon: BaseGeometry
+    main: bool
+    attached: bool
+
+    @property
+    def area(self) -> float:
+        """Area in m²."""
+        return float(self.polygon.area)
+
+
+@dataclass(frozen=True, eq=False)
+class Hole:
+    """Fabric that print encloses.
+
+    Attributes:
+        panel: Number of the panel.
+        polygon: The region inside its border, islands in it included, in m.
+    """
+
+    panel: int
+    polygon: BaseGeometry
+
+    @property
+    def area(self) -> float:
+        """Area in m²."""
+        return float(self.polygon.area)
+
+
+def find_pieces(
+    pattern: Pattern, regions: Sequence[BaseGeometry], contact: float = 0.0
+) -> list[PrintedPiece]:
+    """Return the printed pieces of all panels, the largest first.
+
+    Args:
+        pattern: The pattern.
+        regions: Print on each panel, polygons in m.
+        contact: Length in m along which two pieces must meet at seams to be connected.
+    """
+    parts, panel = shapely.get_parts(list(regions), return_index=True)
+    order = np.argsort(-shapely.area(parts), kind="stable")
+    order = order[~shapely.is_empty(parts[order])]
+    parts, panel = parts[order], panel[order]
+    main = np.zeros(len(parts), dtype=bool)
+    main[np.unique(panel, return_index=True)[1]] = True
+    links = _across_seams(pattern, parts, panel, contact)
+    body = linked(links[:, 0], links[:, 1], len(parts)) if len(parts) else panel
+    attached = np.isin(body, body[main])
+    return [
+        PrintedPiece(int(p), part, bool(m), bool(a))
+        for p, part, m, a in zip(panel, parts, main, attached, strict=True)
+    ]
+
+
+def find_holes(pattern: Pattern, regions: Sequence[BaseGeometry]) -> tuple[Hole, ...]:
+    """Return the holes of the print, the smallest first; cut-outs of the panel are no holes."""
+    holes = []
+    for panel, region in enumerate(regions):
+        border = panel_outline(pattern, panel).boundary
+        shapely.prepare(border)
+        rings = [ring for part in shapely.get_parts(region) for ring in part.interiors]
+        cut = shapely.dwithin(border, rings, TOUCHING * pattern.size)
+        holes += [
+            Hole(panel, shapely.Polygon(ring))
+            for ring, at_cut in zip(rings, cut, strict=True)
+            if not at_cut
+        ]
+    return tuple(sorted(holes, key=lambda hole: hole.area))
+
+
+def _across_seams(
+    pattern: Pattern, parts: npt.NDArray[np.object_], panel: Ints, contact: float
+) -> Ints:
+    """Return pairs of parts, (k, 2), that meet over a length where edges are sewn together."""
+    fraction = (np.arange(SEAM_POINTS) + 0.5)[:, None] / SEAM_POINTS
+    of_point = np.zeros(len(pattern.flat_points), dtype=np.int64)
+    of_point[pattern.flat_triangles] = pattern.panel[:, None]
+    reach = TOUCHING * pattern.size
+    shapely.prepare(parts)
+    boxes = shapely.box(*(shapely.bounds(parts) + [-reach, -reach, reach, reach]).T)
+    sides = []
+    for edge in np.moveaxis(pattern.seams, 1, 0):
+        start, end = np.moveaxis(pattern.flat_points[edge], 1, 0)[:, :, None]
+        points = shapely.points((1 - fraction) * start + fraction * end).ravel()
+        of_edge = np.repeat(of_point[edge[:, 0]], SEAM_POINTS)
+        found = np.full(len(points), -1)
+        for number in np.unique(panel):
+            here, mine = np.flatnonzero(of_edge == number), np.flatnonzero(panel == number)
+            # A prepared part has an index of its border; the tree alone would prepare the points.
+            which, at = shapely.STRtree(points[here]).query(boxes[mine])
+            near = shapely.dwithin(parts[mine[which]], points[here[at]], reach)
+            found[here[at[near]]] = mine[which[near]]
+        sides.append(found)
+    pairs = np.sort(np.stack(sides, axis=1), axis=1)
+    met = pairs[:, 0] >= 0
+    edge = pattern.flat_points[pattern.seams[:, 0]]
+    step = np.repeat(np.linalg.norm(edge[:, 1] - edge[:, 0], axis=1) / SEAM_POINTS, SEAM_POINTS)
+    found, which = np.unique(pairs[met], axis=0, return_inverse=True)
+    return found[np.bincount(which.ravel(), step[met], minlength=len(found)) >= contact]

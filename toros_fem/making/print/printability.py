@@ -1,0 +1,167 @@
+"""Printability of a pattern: pieces, islands, holes, thinnest line and gap."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Bools
+from toros_fem.base.validation import require_positive
+from toros_fem.making.print.contours import panel_outline
+from toros_fem.making.print.islands import Hole, PrintedPiece, find_holes, find_pieces
+from toros_fem.making.print.widths import LocalWidth, measure_widths
+from toros_fem.meshes.pattern import Pattern
+
+# Number of samples in the smaller limit.
+SAMPLES_PER_LIMIT = 20
+
+
+@dataclass(frozen=True)
+class PrintLimits:
+    """Limits of the printer and the fabric.
+
+    Attributes:
+        width: Width of the thinnest printable line, in m.
+        gap: Width of the thinnest gap that stays open, in m.
+        hole_area: Area of the smallest hole that stays open, in m².
+
+    Raises:
+        ParameterError: A limit is not positive.
+    """
+
+    width: float = 0.6e-3
+    gap: float = 0.6e-3
+    hole_area: float = 0.5e-6
+
+    def __post_init__(self) -> None:
+        require_positive(width=self.width, gap=self.gap, hole_area=self.hole_area)
+
+    @property
+    def contact(self) -> float:
+        """Length in m along which pieces must meet at a seam to be connected."""
+        return self.width / 2
+
+    @property
+    def resolution(self) -> float:
+        """Distance in m of the samples by which widths and gaps are measured."""
+        return min(self.width, self.gap) / SAMPLES_PER_LIMIT
+
+
+DEFAULT_LIMITS = PrintLimits()
+
+
+@dataclass(frozen=True, eq=False)
+class Printability:
+    """Measured printability of a pattern.
+
+    Attributes:
+        main_bodies: The largest piece of each panel that has any print.
+        islands: All other pieces, the largest first.
+        holes: Holes, the smallest first.
+        smallest_width, smallest_gap: The thinnest line and gap; None without facing sides.
+        border_length: Length of the border of the print in m, without the cut edge of the panel.
+        narrow_lines, narrow_gaps: Places where lines, or gaps, are thinner than the limit.
+    """
+
+    main_bodies: tuple[PrintedPiece, ...]
+    islands: tuple[PrintedPiece, ...]
+    holes: tuple[Hole, ...]
+    smallest_width: LocalWidth | None
+    smallest_gap: LocalWidth | None
+    border_length: float
+    narrow_lines: tuple[LocalWidth, ...]
+    narrow_gaps: tuple[LocalWidth, ...]
+
+    @property
+    def free_islands(self) -> tuple[PrintedPiece, ...]:
+        """Islands that are not connected to a main body, not even across seams."""
+        return tuple(island for island in self.islands if not island.attached)
+
+    @property
+    def number_of_pieces(self) -> int:
+        """Number of printed pieces, main bodies and islands together."""
+        return len(self.main_bodies) + len(self.islands)
+
+    def summary(self) -> dict[str, Any]:
+        """Return all results as plain numbers; each key ends in its unit."""
+
+        def ends(place: LocalWidth | None) -> list[list[float]] | None:
+            return [[1e3 * x, 1e3 * y] for x, y in place.ends] if place else None
+
+        return {
+            "pieces": self.number_of_pieces,
+            "islands": len(self.free_islands),
+            "island_areas_mm2": [1e6 * island.area for island in self.free_islands],
+            "islands_attached_by_seam": len(self.islands) - len(self.free_islands),
+            "holes": len(self.holes),
+            "smallest_hole_mm2": 1e6 * self.holes[0].area if self.holes else None,
+            "border_mm": 1e3 * self.border_length,
+            "smallest_width_mm": self.smallest_width and 1e3 * self.smallest_width.width,
+            "smallest_width_panel": self.smallest_width and self.smallest_width.panel,
+            "smallest_width_ends_mm": ends(self.smallest_width),
+            "smallest_gap_mm": self.smallest_gap and 1e3 * self.smallest_gap.width,
+            "smallest_gap_panel": self.smallest_gap and self.smallest_gap.panel,
+            "smallest_gap_ends_mm": ends(self.smallest_gap),
+            "narrow_places": len(self.narrow_lines),
+            "tight_places": len(self.narrow_gaps),
+        }
+
+
+def printability(
+    pattern: Pattern, regions: Sequence[BaseGeometry], limits: PrintLimits = DEFAULT_LIMITS
+) -> Printability:
+    """Measure the printability of a pattern.
+
+    Args:
+        pattern: The pattern.
+        regions: Print on each panel, polygons in m.
+        limits: Narrower lines and gaps are listed.
+    """
+    outlines = [panel_outline(pattern, panel) for panel in range(len(pattern.panel_names))]
+    pieces = find_pieces(pattern, regions, limits.contact)
+    widths = [
+        measure_widths(region, outline, panel, limits.width, limits.gap, limits.resolution)
+        for panel, (region, outline) in enumerate(zip(regions, outlines, strict=True))
+    ]
+
+    def smallest(kind: int) -> LocalWidth | None:
+        found = [panel[kind].smallest for panel in widths]
+        return min((p for p in found if p), key=lambda place: place.width, default=None)
+
+    def narrow(kind: int) -> tuple[LocalWidth, ...]:
+        found = [place for panel in widths for place in panel[kind].narrow]
+        return tuple(sorted(found, key=lambda place: place.width))
+
+    return Printability(
+        main_bodies=tuple(piece for piece in pieces if piece.main),
+        islands=tuple(piece for piece in pieces if not piece.main),
+        holes=find_holes(pattern, regions),
+        smallest_width=smallest(0),
+        smallest_gap=smallest(1),
+        border_length=sum(map(_inner_border, regions, outlines)),
+        narrow_lines=narrow(0),
+        narrow_gaps=narrow(1),
+    )
+
+
+def _inner_border(region: BaseGeometry, outline: BaseGeometry) -> float:
+    """Return the length in m of a region's border, without the border of the panel."""
+    if region.is_empty:
+        return 0.0
+    size = np.hypot(*np.ptp(np.reshape(outline.bounds, (2, 2)), axis=0))
+    return float(region.boundary.difference(outline.boundary.buffer(1e-7 * size)).length)
+
+
+def printed_cells(pattern: Pattern, regions: Sequence[BaseGeometry]) -> Bools:
+    """Return whether each triangle is printed, (t,): whether its centroid is."""
+    printed = np.zeros(len(pattern.panel), dtype=bool)
+    for panel, region in enumerate(regions):
+        shapely.prepare(region)
+        cells = pattern.panel == panel
+        printed[cells] = shapely.contains_xy(region, pattern.centroids[cells])
+    return printed

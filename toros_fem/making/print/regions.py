@@ -1,0 +1,135 @@
+"""Polygons on the panels of another mesh, on a whole skin, and on the part that is designed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import shapely
+from shapely import affinity
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import PanelError
+from toros_fem.making.print.contours import panel_outline
+from toros_fem.meshes.mirror import Mirrored
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.transfer import scaled_points
+
+# Corners of regions that are joined across a cut lie on a grid of this fraction of the skin's size.
+GRID = 1e-9
+
+
+def regions_on(
+    source: Pattern, regions: Sequence[BaseGeometry], target: Pattern
+) -> list[BaseGeometry]:
+    """Return polygons on the panels of another mesh of the same pattern.
+
+    Where a panel has a slightly different size on it, the polygons are scaled.
+
+    Args:
+        source: The pattern that the polygons belong to.
+        regions: Polygons on each of its panels, in m.
+        target: The other mesh.
+
+    Raises:
+        PanelError: The panels are others, or the number of regions is not theirs.
+    """
+    if len(regions) != len(source.panel_names):
+        raise PanelError(
+            f"there are {len(regions)} regions for {len(source.panel_names)} panels; give one for "
+            "each panel, an empty polygon where nothing is printed."
+        )
+    if sorted(source.panel_names) != sorted(target.panel_names):
+        raise PanelError(
+            f"the panels are named {list(source.panel_names)} and {list(target.panel_names)}; "
+            "polygons can only be put on the same panels."
+        )
+    if source is target:
+        return list(regions)
+    there = scaled_points(source, target)
+    found = []
+    for name in target.panel_names:
+        points = np.unique(target.flat_triangles[target.cells_of(name)])
+        map_ = _affine(there[points], target.flat_points[points])
+        found.append(affinity.affine_transform(regions[source.panel_index(name)], map_))
+    return found
+
+
+def mirrored_regions(
+    part: Pattern, whole: Mirrored, regions: Sequence[BaseGeometry]
+) -> list[BaseGeometry]:
+    """Return polygons on each panel of a whole skin from those on its part.
+
+    Args:
+        part: The part.
+        whole: The whole, by `meshes.mirrored`.
+        regions: Polygons on each panel of the part, in m.
+    """
+    pieces: list[list[BaseGeometry]] = [[] for _ in whole.pattern.panel_names]
+    for own, panel, map_ in _images(part, whole):
+        pieces[panel].append(affinity.affine_transform(regions[own], map_))
+    grid = GRID * whole.pattern.size
+    return [p[0] if len(p) == 1 else shapely.union_all(p, grid_size=grid) for p in pieces]
+
+
+def _images(part: Pattern, whole: Mirrored) -> Iterator[tuple[int, int, list[float]]]:
+    """Yield each panel of a part, its panel in each image, and the affine map to it."""
+    count = len(part.panel)
+    for image in range(len(whole.cell) // count):
+        cells = slice(image * count, (image + 1) * count)
+        corners, panels = whole.pattern.flat_triangles[cells], whole.pattern.panel[cells]
+        for own in range(len(part.panel_names)):
+            here = np.flatnonzero(part.panel[whole.cell[cells]] == own)
+            points = np.unique(corners[here])
+            source, target = part.flat_points[whole.flat[points]], whole.pattern.flat_points[points]
+            yield own, int(panels[here[0]]), _affine(source, target)
+
+
+def part_regions(part: Pattern, regions: Sequence[BaseGeometry]) -> list[BaseGeometry]:
+    """Return polygons on the panels of a part from those on the whole skin.
+
+    Args:
+        part: The part, whose panels are the first of the whole, at the same places.
+        regions: Polygons on each panel of the whole, in m.
+    """
+    return [regions[k] & panel_outline(part, k) for k in range(len(part.panel_names))]
+
+
+def symmetric_regions(
+    part: Pattern, whole: Mirrored, regions: Sequence[BaseGeometry], detail: float
+) -> list[BaseGeometry]:
+    """Return polygons on each panel of a whole skin, made exactly symmetric.
+
+    They are those of its part, with what only one of the images has.
+
+    Args:
+        part: The part, whose panels are the first of the whole, at the same places.
+        whole: The whole, by `meshes.mirrored`.
+        regions: Polygons on each panel of the whole, in m, symmetric but for some pieces.
+        detail: Narrower differences in m count as rounding.
+    """
+    own = part_regions(part, regions)
+    for panel, image, map_ in _images(part, whole):
+        there = affinity.affine_transform(regions[image], _inverse(map_))
+        more = (there & panel_outline(part, panel)).difference(own[panel])
+        more = more.buffer(-detail / 2).buffer(detail)
+        if not more.is_empty:
+            own[panel] = own[panel].union(more & there) & panel_outline(part, panel)
+    return mirrored_regions(part, whole, own)
+
+
+def _affine(source: Floats, target: Floats) -> list[float]:
+    """Return the affine map between points (k, 2) as a, b, d, e, x, y of shapely."""
+    middle = source.mean(axis=0)
+    columns = np.column_stack([source - middle, np.ones(len(source))])
+    found = np.linalg.lstsq(columns, target, rcond=None)[0]
+    linear, offset = found[:2].T, found[2] - found[:2].T @ middle
+    return [*linear.ravel().tolist(), *offset.tolist()]
+
+
+def _inverse(map_: list[float]) -> list[float]:
+    """Return the inverse of an affine map of shapely."""
+    inverse: Floats = np.linalg.inv(np.reshape(map_[:4], (2, 2)))
+    offset = -inverse @ np.array(map_[4:])
+    return [*inverse.ravel().tolist(), *offset.tolist()]

@@ -1,0 +1,181 @@
+"""Print bodies: the polygons of a print extruded to its height, as STL and 3MF."""
+
+from __future__ import annotations
+
+import ctypes
+import locale
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import MissingPackageError, PatternError
+from toros_fem.base.validation import require_between, require_positive
+from toros_fem.making.panels.marks import cross_shapes
+from toros_fem.making.panels.options import ManufactureOptions, options_or_default
+from toros_fem.making.panels.panel_drawing import PanelDrawing
+
+# Corners lie on a grid of 0.1 µm, which single precision in mm resolves on beds of 1 m.
+GRID = 1e-7
+# Half the width in m of the cut that separates parts which touch at a point.
+NICK = 5e-6
+# Width of the lines of a printed cross, over its size.
+CROSS_LINE = 0.2
+# Name of the material of a print, and the colour it is shown in.
+PRINT, COLOUR = "print", (30, 30, 30, 255)
+
+
+@dataclass(frozen=True, eq=False)
+class PrintBody:
+    """A closed body of triangles that are counter-clockwise seen from outside.
+
+    Attributes:
+        name: Name of the object in files.
+        vertices: Corners, (n, 3), in m.
+        triangles: Corners of each triangle, (t, 3).
+        material: Name of its material.
+    """
+
+    name: str
+    vertices: Floats
+    triangles: Ints
+    material: str = PRINT
+
+
+def print_bodies(
+    drawings: Sequence[PanelDrawing], options: ManufactureOptions | None = None
+) -> list[PrintBody]:
+    """Return the bodies to print: one for each panel with print, and one for its crosses.
+
+    The crosses are bodies of their own, named "… registration", which a slicer can leave out. They
+    show a cutter with a camera where the print lies.
+
+    Args:
+        drawings: Panels, at their places on the bed.
+        options: Height of the print, and of its lower face; None takes the defaults.
+    """
+    options = options_or_default(options)
+    height, base = options.layer_height, options.fabric_offset or 0.0
+    found = []
+    for drawing in drawings:
+        if drawing.printed.is_empty:
+            continue
+        found.append(PrintBody(drawing.name, *print_body(drawing.printed, height, base)))
+        if len(drawing.crosses):
+            bars = shapely.linestrings(cross_shapes(drawing.crosses, drawing.cross_size))
+            wide = CROSS_LINE * drawing.cross_size / 2
+            region = shapely.union_all(shapely.buffer(bars, wide, cap_style="flat"))
+            marks = print_body(region, height, base)
+            found.append(PrintBody(f"{drawing.name} registration", *marks))
+    return found
+
+
+def print_body(region: BaseGeometry, height: float, base: float = 0.0) -> tuple[Floats, Ints]:
+    """Return the body over a region: vertices (n, 3) in m, and triangles (t, 3).
+
+    Corners are rounded to 0.1 µm. Parts that touch at a point only are separated by a cut of 10 µm,
+    since four faces would meet at the edge above it.
+
+    Args:
+        region: Polygons, with holes or none, in m.
+        height: Height of the body in m.
+        base: Height of its lower face in m.
+
+    Raises:
+        ParameterError: The height is not positive, or the base is negative.
+        PatternError: The region is empty.
+    """
+    require_positive(height=height)
+    require_between(0.0, np.inf, base=base)
+    polygons = separated(region)
+    if polygons.is_empty:
+        raise PatternError("a print body needs a region, but nothing is printed there.")
+    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(polygons))
+    corners = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
+    # Corners are found again by their places on the grid.
+    places, number = np.unique(
+        np.rint(corners.reshape(-1, 2) / GRID).astype(np.int64), axis=0, return_inverse=True
+    )
+    top = number.reshape(-1, 3)
+    u, v = places[top[:, 1]] - places[top[:, 0]], places[top[:, 2]] - places[top[:, 0]]
+    left = u[:, 0] * v[:, 1] > u[:, 1] * v[:, 0]
+    top = np.where(left[:, None], top, top[:, ::-1])
+    half = np.stack([top, np.roll(top, -1, axis=1)], axis=2).reshape(-1, 2)
+    count = len(places)
+    border = ~np.isin(half[:, 0] * count + half[:, 1], half[:, 1] * count + half[:, 0])
+    i, j = half[border].T
+    walls = [np.stack([i, j, j + count], axis=1), np.stack([i, j + count, i + count], axis=1)]
+    triangles = np.concatenate([top + count, top[:, ::-1], *walls])
+    level = np.repeat([base, base + height], count)
+    return np.column_stack([np.tile(places * GRID, (2, 1)), level]), triangles
+
+
+def separated(region: BaseGeometry) -> BaseGeometry:
+    """Return a region with its corners on a grid of 0.1 µm, and no two borders that touch."""
+    shape = shapely.set_precision(region, GRID)
+    while True:
+        rings = shapely.get_rings(shapely.get_parts(shape))
+        points = [shapely.get_coordinates(ring)[:-1] for ring in rings]
+        places, count = np.unique(
+            np.concatenate([np.empty((0, 2)), *points]), axis=0, return_counts=True
+        )
+        touching = places[count > 1]
+        if not len(touching):
+            return shape
+        nicks = shapely.box(*(touching - NICK).T, *(touching + NICK).T)
+        shape = shapely.set_precision(shape.difference(shapely.union_all(nicks)), GRID)
+
+
+def write_stl(path: Path | str, bodies: Sequence[PrintBody]) -> None:
+    """Write bodies into one binary STL file; its numbers are in mm (one rank)."""
+    counts = np.cumsum([0, *(len(body.vertices) for body in bodies)])
+    vertices = np.concatenate([body.vertices for body in bodies])
+    triangles = [body.triangles + k for body, k in zip(bodies, counts, strict=False)]
+    mesh = meshio.Mesh(1e3 * vertices, [("triangle", np.concatenate(triangles))])
+    meshio.write(path, mesh, file_format="stl", binary=True)
+
+
+def write_3mf(path: Path | str, bodies: Sequence[PrintBody]) -> None:
+    """Write bodies as the objects of a 3MF file in mm, at their places on the bed (one rank).
+
+    Args:
+        path: File ending in .3mf.
+        bodies: The bodies.
+
+    Raises:
+        MissingPackageError: lib3mf is not installed.
+    """
+    try:
+        import lib3mf
+    except ImportError as missing:
+        raise MissingPackageError(f"{missing}; pip install toros_fem[manufacture]") from None
+    wrapper = lib3mf.get_wrapper()
+    model = wrapper.CreateModel()
+    model.SetUnit(lib3mf.ModelUnit.MilliMeter)
+    group = model.AddBaseMaterialGroup()
+    known: dict[str, int] = {}
+    point: Any = ctypes.c_float * 3
+    corners: Any = ctypes.c_uint32 * 3
+    for body in bodies:
+        if body.material not in known:
+            colour = wrapper.RGBAToColor(*COLOUR)
+            known[body.material] = group.AddMaterial(body.material, colour)
+        item = model.AddMeshObject()
+        item.SetName(body.name)
+        vertices = [lib3mf.Position(point(*corner)) for corner in 1e3 * body.vertices]
+        triangles = [lib3mf.Triangle(corners(*ends.tolist())) for ends in body.triangles]
+        item.SetGeometry(vertices, triangles)
+        item.SetObjectLevelProperty(group.GetResourceID(), known[body.material])
+        model.AddBuildItem(item, wrapper.GetIdentityTransform())
+    # lib3mf leaves the process in the locale "C", where text has no signs but those of ASCII.
+    before = locale.setlocale(locale.LC_ALL)
+    try:
+        model.QueryWriter("3mf").WriteToFile(str(path))
+    finally:
+        locale.setlocale(locale.LC_ALL, before)

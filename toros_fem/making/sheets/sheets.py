@@ -1,0 +1,123 @@
+"""Beds and sheets of a design: panels nested once, at the same places for printer and cutter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.making.panels.options import ManufactureOptions
+from toros_fem.making.panels.panel_drawing import PanelDrawing
+from toros_fem.making.sheets.placement import Placement, nest
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Places of all panels on the printer's beds and on the sheets of fabric.
+
+    The fabric is stretched over the bed, printed, and cut afterwards. On a sheet larger than the
+    bed several beds lie beside each other in a grid, and the fabric is moved on between two prints.
+
+    Attributes:
+        drawings: The panels in their own coordinates.
+        placements: Their places on the beds; `Placement.sheet` is the number of the bed.
+        bed: Width and depth in m of the part of the bed that is used.
+        sheet: Width and depth of a sheet in m.
+        grid: Numbers of beds on a sheet, along its width and its depth.
+    """
+
+    drawings: tuple[PanelDrawing, ...]
+    placements: tuple[Placement, ...]
+    bed: tuple[float, float]
+    sheet: tuple[float, float]
+    grid: tuple[int, int]
+
+    @property
+    def beds(self) -> list[list[PanelDrawing]]:
+        """The drawings at their places, for each bed."""
+        return _placed(self.drawings, self.placements)
+
+    @property
+    def sheets(self) -> list[list[PanelDrawing]]:
+        """The drawings at their places, for each sheet."""
+        return _placed(self.drawings, self.on_sheets)
+
+    @property
+    def on_sheets(self) -> list[Placement]:
+        """The places of the panels on the sheets."""
+        found = []
+        for place in self.placements:
+            sheet, (x, y) = self.bed_on_sheet(place.sheet)
+            moved = place.offset[0] + x, place.offset[1] + y
+            found.append(Placement(place.panel, sheet, place.angle, moved))
+        return found
+
+    def bed_on_sheet(self, bed: int) -> tuple[int, tuple[float, float]]:
+        """Return the sheet that a bed lies on, from 0, and the bed's lower left corner in m."""
+        sheet, window = divmod(bed, self.grid[0] * self.grid[1])
+        row, column = divmod(window, self.grid[0])
+        return sheet, (column * self.bed[0], row * self.bed[1])
+
+
+def layout(drawings: Sequence[PanelDrawing], options: ManufactureOptions | None = None) -> Layout:
+    """Return the places of panels on beds and sheets; errors as of `nest`.
+
+    Copies of a panel follow after all panels, with a number after their name.
+
+    Args:
+        drawings: The panels in their own coordinates.
+        options: Sizes of bed and sheet, gap, margin, grain and copies; None takes the defaults.
+    """
+    options = options or ManufactureOptions()
+    drawings = [
+        one if copy == 1 else replace(one, name=f"{one.name} ({copy})")
+        for copy in range(1, options.copies + 1)
+        for one in drawings
+    ]
+    bed = options.bed_width, options.bed_depth
+    sheet = options.sheet_width or bed[0], options.sheet_depth or bed[1]
+    used = min(bed[0], sheet[0]), min(bed[1], sheet[1])
+    outlines: dict[str, BaseGeometry] = {one.name: one.footprint for one in drawings}
+    placements = nest(
+        outlines,
+        used,
+        gap=options.panel_gap,
+        margin=options.sheet_margin,
+        grain=options.drawn_grain,
+    )
+    columns, rows = (int(whole / part + 1e-9) for whole, part in zip(sheet, used, strict=True))
+    return Layout(tuple(drawings), tuple(placements), used, sheet, (columns, rows))
+
+
+def film_layout(
+    drawings: Sequence[PanelDrawing], options: ManufactureOptions | None = None
+) -> Layout:
+    """Return the places of a bladder's sheets on one piece of film that holds them all.
+
+    Args:
+        drawings: The sheets in their own coordinates.
+        options: Gap and margin; None takes the defaults.
+    """
+    options = options or ManufactureOptions()
+    gap, margin = options.panel_gap, options.sheet_margin
+    boxes = [np.reshape(one.footprint.bounds, (2, 2)) for one in drawings]
+    sizes = np.array([high - low for low, high in boxes])
+    ends = np.cumsum(sizes[:, 0] + gap)
+    starts = ends - sizes[:, 0] - gap + margin
+    film = (float(ends[-1] - gap + 2 * margin), float(sizes[:, 1].max() + 2 * margin))
+    placements = [
+        Placement(one.name, 0, 0.0, (float(start - low[0]), float(margin - low[1])))
+        for one, start, (low, _) in zip(drawings, starts, boxes, strict=True)
+    ]
+    return Layout(tuple(drawings), tuple(placements), film, film, (1, 1))
+
+
+def _placed(
+    drawings: Sequence[PanelDrawing], placements: Sequence[Placement]
+) -> list[list[PanelDrawing]]:
+    found: list[list[PanelDrawing]] = [[] for _ in range(1 + max(p.sheet for p in placements))]
+    for drawing, place in zip(drawings, placements, strict=True):
+        found[place.sheet].append(drawing.moved(place.angle, np.array(place.offset)))
+    return found

@@ -1,0 +1,40 @@
+"""What is read off a shape, with its gradient: distances, angles, gaps, eqs. (17, 18)."""
+
+from toros_fem.measures.alignment import AlignedObjective
+from toros_fem.measures.cross_sections import CrossSectionObjective, CrossSections
+from toros_fem.measures.gap import Body, GapObjective
+from toros_fem.measures.metrics import (
+    Measurement,
+    Metric,
+    bend_angle,
+    distance,
+    length_ratio,
+    shortening,
+    swelling,
+    turn_angle,
+    twist_angle,
+)
+from toros_fem.measures.mirrored import MirroredObjective
+from toros_fem.measures.shape import Nodes, Objective, ShapeObjective, SumObjective
+
+__all__ = [
+    "AlignedObjective",
+    "Body",
+    "CrossSectionObjective",
+    "CrossSections",
+    "GapObjective",
+    "Measurement",
+    "Metric",
+    "MirroredObjective",
+    "Nodes",
+    "Objective",
+    "ShapeObjective",
+    "SumObjective",
+    "bend_angle",
+    "distance",
+    "length_ratio",
+    "shortening",
+    "swelling",
+    "turn_angle",
+    "twist_angle",
+]

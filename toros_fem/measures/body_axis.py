@@ -1,0 +1,199 @@
+"""The axis of a slender body of any shape: targets along it, its cross-sections, and metrics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import ParameterError
+from toros_fem.measures.cross_sections import label_cross_sections, section_vertices
+from toros_fem.measures.metrics import Metric, turn_about, turn_angle
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.targets import Deformer, bend
+
+DIRECTIONS = ("x", "y", "z", "-x", "-y", "-z")
+# A tip is flat if so many vertices lie at the far end, within this fraction of the length.
+FLAT_VERTICES, FLAT = 6, 1e-9
+# Part of the length that counts as the tip where it is not flat.
+TIP = 1 / 12
+# Cross-sections by which metrics follow the body, and the least number of vertices of each.
+SECTIONS, LEAST = 24, 6
+# A length that is off by so much, in per cent, counts like a turn that is not there at all.
+LENGTH_SCALE = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class BodyAxis:
+    """Where a body lies along an axis, which runs through the middle of its bounding box.
+
+    Attributes:
+        origin: Point of the axis at the body's near end, (3,), in m.
+        frame: Rows are the direction that bends go to, the one that makes the frame right-handed,
+            and the axis, (3, 3).
+        begin, end: Distances from the origin in m between which a target deforms the body.
+        length: Length of the body in m.
+        half_width: Half of its width in m, in the direction that bends go to.
+        flat_tip: Whether the far end is flat.
+    """
+
+    origin: Floats
+    frame: Floats
+    begin: float
+    end: float
+    length: float
+    half_width: float
+    flat_tip: bool
+
+    @property
+    def along(self) -> Floats:
+        """Unit vector along the axis, (3,)."""
+        return self.frame[2]
+
+    def local(self, points: Floats) -> Floats:
+        """Return points (n, 3) in the frame, z along the axis, in m."""
+        return (points - self.origin) @ self.frame.T
+
+    def in_space(self, local: Floats) -> Floats:
+        """Return points in space from those in the frame."""
+        return local @ self.frame + self.origin
+
+    def labels(self, pattern: Pattern, count: int) -> Ints:
+        """Return the cross-section of each vertex, (n,), −1 before `begin`.
+
+        They have equal lengths; a flat tip is one more.
+        """
+        beyond = np.flatnonzero(self.local(pattern.points)[:, 2] >= self.begin)
+        return label_cross_sections(pattern, beyond, self.along, count, border=self.flat_tip)
+
+    def tip(self, pattern: Pattern) -> Ints:
+        """Return the vertices of the tip: the flat end, or the last twelfth."""
+        away = self.local(pattern.points)[:, 2]
+        near = (FLAT if self.flat_tip else TIP) * self.length
+        return np.flatnonzero(away > away.max() - near)
+
+    def deformer(
+        self, angle: float | None, twist: float | None, shortening: float | None, neutral: float
+    ) -> Deformer:
+        """Return the target that shortens the body, then twists it, then bends it.
+
+        Each is spread evenly between `begin` and `end`. Before, the body stays; beyond, it goes on
+        straight.
+
+        Args:
+            angle: Bend in rad; None for none.
+            twist: Twist in rad, positive if counter-clockwise seen from the tip; None for none.
+            shortening: Fraction of the length between `begin` and `end`; None for none.
+            neutral: Distance in m from the axis, towards the inner side, of the line that keeps
+                its length in a bend.
+        """
+        length = self.end - self.begin
+        ratio = 1.0 if shortening is None else 1 - shortening
+        bent = None if angle is None else bend(angle, ratio * length, neutral=neutral)
+
+        def deform(points: Floats) -> Floats:
+            found = self.local(points) - [0, 0, self.begin]
+            inside = np.clip(found[:, 2], 0, length)
+            if twist is not None:
+                c, s = np.cos(twist * inside / length), np.sin(twist * inside / length)
+                x, y = found[:, 0].copy(), found[:, 1].copy()
+                found[:, 0], found[:, 1] = c * x - s * y, s * x + c * y
+            if shortening is not None:
+                found[:, 2] += (ratio - 1) * inside
+            if bent is not None:
+                found = bent(found)
+            return self.in_space(found + [0, 0, self.begin])
+
+        return deform
+
+    def angle_metric(self, target: float | None) -> Metric:
+        """Return the angle in degrees by which the tip bends in the plane of the target."""
+
+        def measure(pattern: Pattern, positions: Floats) -> float:
+            rings = self._rings(pattern)
+            return float(
+                np.degrees(turn_angle(pattern, positions, rings, self.along, self.frame[0]))
+            )
+
+        return Metric("angle", "deg", target, measure)
+
+    def twist_metric(self, target: float | None) -> Metric:
+        """Return the twist of the tip about the axis in degrees."""
+
+        def measure(pattern: Pattern, positions: Floats) -> float:
+            return float(
+                np.degrees(turn_about(pattern, positions, self._rings(pattern), self.along))
+            )
+
+        return Metric("twist", "deg", target, measure)
+
+    def shortening_metric(self, target: float | None) -> Metric:
+        """Return the decrease in per cent of the distance of the tip from the root.
+
+        Both are mean positions of vertices; that of the root those around `begin`.
+        """
+
+        def measure(pattern: Pattern, positions: Floats) -> float:
+            rings = self._rings(pattern)
+            first, last = rings[0], rings[-1]
+            before, after = (
+                np.linalg.norm(x[last].mean(axis=0) - x[first].mean(axis=0))
+                for x in (pattern.points, positions)
+            )
+            return float(100 * (1 - after / before))
+
+        return Metric("shortening", "percent", target, measure, LENGTH_SCALE)
+
+    def _rings(self, pattern: Pattern) -> list[Ints]:
+        """Return the vertices of each cross-section, the tip as the last."""
+        labels, tip = self.labels(pattern, SECTIONS), self.tip(pattern)
+        labels[tip] = SECTIONS
+        return section_vertices(labels, least=LEAST)
+
+
+def body_axis(
+    pattern: Pattern, along: str, toward: str, begin: float, end: float | None
+) -> BodyAxis:
+    """Return the axis of a body.
+
+    Args:
+        pattern: The body.
+        along, toward: Perpendicular directions, of `DIRECTIONS`: from root to tip, and where bends
+            go to.
+        begin, end: Distances in m from the near end between which a target deforms the body; None
+            takes the far end, or where a tip that is not flat begins.
+
+    Raises:
+        ParameterError: The directions are not perpendicular, or the distances do not fit.
+    """
+    axis, side = (_unit(word) for word in (along, toward))
+    if abs(axis @ side) > 0.5:
+        raise ParameterError(
+            f"toward = {toward!r} must be perpendicular to axis = {along!r}; give another one."
+        )
+    frame = np.stack([side, np.cross(axis, side), axis])
+    local = pattern.points @ frame.T
+    low, high = local.min(axis=0), local.max(axis=0)
+    middle, length = (low + high) / 2, float(high[2] - low[2])
+    flat = int((local[:, 2] > high[2] - FLAT * length).sum()) >= FLAT_VERTICES
+    last = (length if flat else (1 - TIP) * length) if end is None else end
+    if not 0 <= begin < last <= length * (1 + FLAT):
+        raise ParameterError(
+            f"begin = {begin:.6g} m and end = {last:.6g} m must lie in this order on the axis, "
+            f"between 0 and {length:.6g} m, the length of the body along {along}."
+        )
+    return BodyAxis(
+        origin=np.array([middle[0], middle[1], low[2]]) @ frame,
+        frame=frame,
+        begin=begin,
+        end=last,
+        length=length,
+        half_width=float(high[0] - low[0]) / 2,
+        flat_tip=flat,
+    )
+
+
+def _unit(word: str) -> Floats:
+    sign = -1.0 if word.startswith("-") else 1.0
+    return sign * np.eye(3)["xyz".index(word[-1])]

@@ -1,0 +1,204 @@
+"""Distance of the simulated shape from the target, eq. (17) without its penalty terms."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import ParameterError, TargetError
+from toros_fem.base.mpi import dot, sum_over_ranks
+from toros_fem.base.validation import real_numbers, shown
+from toros_fem.meshes.pattern import Pattern
+
+# Largest size of a target, and distance from the skin, over the skin's size.
+FAR = 10.0
+
+
+class Objective(Protocol):
+    """Function of the positions of the owned nodes to be minimised; both methods are collective."""
+
+    def forward(self, positions: Floats) -> float:
+        """Return T, a pure number, at positions (n, 3)."""
+
+    def backward(self, positions: Floats) -> Floats:
+        """Return ∂T/∂x, (n, 3), in 1/m."""
+
+
+class Nodes(Protocol):
+    """Vertices that an objective sees: those of a `Skin`, or of the whole that it is a part of."""
+
+    @property
+    def pattern(self) -> Pattern:
+        """Pattern with all vertices."""
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """Communicator over which they are distributed."""
+
+    @property
+    def owned_vertices(self) -> Ints:
+        """Vertices on this rank, in the order of its positions."""
+
+
+def require_objective(name: str, value: Any) -> None:
+    """Check that a value has the methods of an objective.
+
+    Raises:
+        ParameterError: It has not.
+    """
+    if not all(callable(getattr(value, method, None)) for method in ("forward", "backward")):
+        raise ParameterError(
+            f"{name} = {shown(value)} must be an objective, with methods forward and backward."
+        )
+
+
+class SumObjective:
+    """Sum of several objectives."""
+
+    def __init__(self, *parts: Objective) -> None:
+        for number, part in enumerate(parts):
+            require_objective(f"parts[{number}]", part)
+        self._parts = parts
+
+    def forward(self, positions: Floats) -> float:
+        """Return T at positions of the owned nodes, (n, 3) (collective)."""
+        return sum(part.forward(positions) for part in self._parts)
+
+    def backward(self, positions: Floats) -> Floats:
+        """Return ∂T/∂x at the owned nodes, (n, 3), in 1/m (collective)."""
+        return np.asarray(sum(part.backward(positions) for part in self._parts))
+
+
+class ShapeObjective:
+    """T = ½ (Σᵥ wᵥ ‖eᵥ‖² + Σᵥ rᵥ ‖eᵥ − ē‖²) / (L² Σᵥ wᵥ), eᵥ = xᵥ − xᵥ*, eq. (17).
+
+    The paper sums over vertices without weights and in its own units. Here each vertex counts by
+    its flat area, so that T does not depend on the mesh, and lengths are divided by L, the diagonal
+    of the assembled skin's bounding box: without r, T is ½ (root mean square distance over L)².
+    Weights may differ by component: a target can be the height of an end plate alone.
+
+    ē is the mean of eᵥ weighted by rᵥ: the second term measures shape and orientation of a part of
+    the skin, wherever it is. The first term alone hardly sees the orientation of an end plate,
+    since a rotation moves the plate's border by little and the rest of the skin not at all.
+
+    Args:
+        skin: The sewn skin.
+        target: Target positions of all assembled vertices, shape (n, 3), in m.
+        weights: Factor on each vertex's area in w, shape (n,), or (n, 3) for each component,
+            ≥ 0; with 0 the vertex is free. Σ w is then the mean over the components.
+        relative: Factor on each vertex's area in r, shape (n,), ≥ 0; None: 0.
+
+    Raises:
+        TargetError: The target has another number of vertices or is not finite.
+        ParameterError: Factors do not fit or are negative, or all weights are zero.
+    """
+
+    def __init__(
+        self,
+        skin: Nodes,
+        target: Floats,
+        weights: Floats | None = None,
+        relative: Floats | None = None,
+    ) -> None:
+        target = checked_target(skin, target)
+        n = len(skin.pattern.points)
+        areas = skin.pattern.vertex_areas
+        by_component = weights is not None and np.ndim(weights) == 2
+        position = areas[:, None] * _factors("weights", weights, (n, 3 if by_component else 1), 1.0)
+        if not position.max() > 0:
+            raise ParameterError("weights must not all be zero.")
+        orientation = areas * _factors("relative", relative, (n, 1), 0.0).ravel()
+        unit = position.sum() / position.shape[1] * skin.pattern.size**2
+        owned = skin.owned_vertices
+        self._comm = skin.comm
+        self._target = target[owned]
+        self._weight = position[owned] / unit
+        self._relative = orientation[owned, None] / unit if orientation.max() > 0 else None
+        self._relative_sum = float(orientation.sum() / unit)
+
+    def forward(self, positions: Floats) -> float:
+        """Return T at positions of the owned nodes, (n, 3) (collective)."""
+        gap = positions - self._target
+        value = 0.5 * dot(self._comm, gap.ravel(), (self._weight * gap).ravel())
+        if self._relative is not None:
+            value += 0.5 * dot(self._comm, gap.ravel(), self._relative_gradient(gap).ravel())
+        return value
+
+    def backward(self, positions: Floats) -> Floats:
+        """Return ∂T/∂x at the owned nodes, (n, 3), in 1/m (collective)."""
+        gap = positions - self._target
+        if self._relative is None:
+            return self._weight * gap
+        return self._weight * gap + self._relative_gradient(gap)
+
+    def _relative_gradient(self, gap: Floats) -> Floats:
+        """Return rᵥ (eᵥ − ē) in units of T (collective)."""
+        assert self._relative is not None
+        mean = sum_over_ranks(self._comm, (self._relative * gap).sum(axis=0)) / self._relative_sum
+        return np.asarray(self._relative * (gap - mean))
+
+
+def require_nodes(skin: Any) -> None:
+    """Check that an objective is given a skin.
+
+    Raises:
+        ParameterError: It is something else.
+    """
+    if not all(hasattr(skin, name) for name in ("pattern", "comm", "owned_vertices")):
+        raise ParameterError(f"skin = {shown(skin)} must be a Skin, by sew(comm, pattern).")
+
+
+def checked_target(skin: Nodes, target: Floats) -> Floats:
+    """Return the target positions of all assembled vertices, (n, 3), checked.
+
+    Raises:
+        TargetError: The target has another number of vertices or is not finite.
+    """
+    require_nodes(skin)
+    n = len(skin.pattern.points)
+    target = real_numbers("target", target, f"positions ({n}, 3) in m, or a map", TargetError)
+    if target.shape != (n, 3):
+        raise TargetError(
+            f"the target has shape {target.shape}; this skin has {n} vertices, so the shape must "
+            f"be ({n}, 3), in the order of pattern.points."
+        )
+    if not np.isfinite(target).all():
+        vertex = int(np.flatnonzero(~np.isfinite(target).all(axis=1))[0])
+        raise TargetError(f"target vertex {vertex} = {target[vertex]} is not finite.")
+    return target
+
+
+def require_near(pattern: Pattern, target: Floats) -> None:
+    """Check that a skin can be thought to reach its target positions (n, 3) in m.
+
+    Raises:
+        TargetError: The target is `FAR` times as large as the skin, as one in millimetres would be,
+            or as far away from it.
+    """
+    size, goal = pattern.size, float(np.linalg.norm(np.ptp(target, axis=0)))
+    if goal > FAR * size:
+        raise TargetError(
+            f"the target is {goal:.3g} m across and the skin {size:.3g} m; no skin stretches "
+            f"{FAR:g}-fold. Is the target in millimetres? Multiply it by 1e-3."
+        )
+    away = float(np.linalg.norm(target.mean(axis=0) - pattern.points.mean(axis=0)))
+    if away > FAR * size:
+        raise TargetError(
+            f"the target is {away:.3g} m away from the skin, which is {size:.3g} m across. Move it "
+            "to the skin, or give it in m."
+        )
+
+
+def _factors(name: str, given: Floats | None, shape: tuple[int, int], default: float) -> Floats:
+    if given is None:
+        return np.full(shape, default)
+    factors = real_numbers(name, given, "one factor for each vertex")
+    if factors.shape not in (shape, shape[:1]) or (factors.ndim == 1) != (shape[1] == 1):
+        allowed = f"({shape[0]},)" + (f" or ({shape[0]}, 3)" if name == "weights" else "")
+        raise ParameterError(f"{name} have shape {factors.shape}; the shape must be {allowed}.")
+    if not (np.isfinite(factors).all() and factors.min() >= 0):
+        raise ParameterError(f"{name} must be finite and not negative.")
+    return factors.reshape(shape)

@@ -1,0 +1,141 @@
+"""Bodies of a contact as it sees them: their vertices, moved by given poses or by unknowns."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import block_array, csr_array
+
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.mechanics.contact.motion import placed, pose_curvature, pose_jacobian, shortest
+from toros_fem.mechanics.contact.settings import Contact
+from toros_fem.meshes.topology import normals
+
+
+class FreeBodies:
+    """The surfaces of all bodies, and the motion of those with a mass.
+
+    The surfaces are moved inwards by half the sheet's thickness, since distances are those of
+    its middle surface. A free body has six unknowns, all in m: its translation, and its rotation
+    vector times its radius. They count from where it was made.
+
+    Attributes:
+        count: Number k of free bodies.
+        free: Their numbers among all bodies, (k,).
+        triangles: Triangles of all bodies, (m, 3), by their vertices from 0 on.
+        areas: Their areas in m², (m,), as made.
+        counts: Number of vertices of each body.
+        moving: Vertices of the free bodies.
+        scale: Pose in m and rad by each unknown, (k, 6).
+        weight: Force of gravity on the unknowns, (k, 6), in N.
+
+    Args:
+        contact: The contact.
+        thickness: Of the sheet, in m.
+
+    Raises:
+        ParameterError: A body is too thin or too sharp for half the thickness.
+    """
+
+    def __init__(self, contact: Contact, thickness: float) -> None:
+        bodies = contact.bodies
+        self._placed: tuple[Floats, Floats] = np.full((len(bodies), 6), np.nan), np.zeros((0, 3))
+        self.free: Ints = np.array(contact.free_bodies, dtype=np.int64)
+        self.count = len(self.free)
+        self._centres = [body.centre for body in bodies]
+        self._points = [body.inset(thickness / 2) for body in bodies]
+        self.counts = [len(points) for points in self._points]
+        ahead = np.cumsum([0, *self.counts])
+        self._begin = ahead[:-1]
+        self.moving: Ints = np.flatnonzero(
+            np.isin(np.repeat(np.arange(len(bodies)), self.counts), self.free)
+        )
+        self.triangles: Ints = np.concatenate(
+            [np.zeros((0, 3), dtype=np.int64)]
+            + [body.triangles + begin for body, begin in zip(bodies, ahead, strict=False)]
+        )
+        doubled = [np.linalg.norm(normals(body.points, body.triangles), axis=1) for body in bodies]
+        self.areas: Floats = np.concatenate([np.zeros(0), *doubled]) / 2
+        radii = [bodies[k].radius for k in self.free]
+        # Of each unknown in m, its pose in m and rad.
+        self.scale = np.array([[1.0] * 3 + [1 / radius] * 3 for radius in radii]).reshape(-1, 6)
+        masses = np.array([bodies[k].mass or 0.0 for k in self.free])
+        self.weight: Floats = np.zeros((self.count, 6))
+        self.weight[:, :3] = masses[:, None] * contact.gravity
+
+    def poses(self, unknowns: Floats, held: Floats) -> Floats:
+        """Return the poses of all bodies, (n, 6) in m and rad.
+
+        Args:
+            unknowns: Of the free bodies in m, (k, 6).
+            held: Poses of all bodies, (n, 6); those of free bodies are not used.
+        """
+        poses = held.copy()
+        poses[self.free] = unknowns * self.scale
+        return poses
+
+    def shortest(self, unknowns: Floats) -> Floats:
+        """Return unknowns in m, (k, 6), of the same places, with rotations of at most π."""
+        out = unknowns.copy()
+        for row, scale in zip(out, self.scale, strict=True):
+            vector = row[3:] * scale[3:]
+            if np.linalg.norm(vector) > np.pi:
+                row[3:] = shortest(vector) / scale[3:]
+        return out
+
+    def vertices(self, poses: Floats) -> Floats:
+        """Return the vertices of all bodies, (v, 3) in m.
+
+        Args:
+            poses: Of all bodies, (n, 6) in m and rad.
+        """
+        if not np.array_equal(poses, self._placed[0]):  # held bodies stay where they are
+            places = [
+                placed(points, centre, pose)
+                for points, centre, pose in zip(self._points, self._centres, poses, strict=True)
+            ]
+            self._placed = poses.copy(), np.concatenate([np.zeros((0, 3)), *places])
+        return self._placed[1]
+
+    def jacobian(self, poses: Floats) -> csr_array:
+        """Return the derivative of `vertices` by the unknowns, (3 v, 6 k).
+
+        Args:
+            poses: Of all bodies, (n, 6) in m and rad.
+        """
+        size = 3 * sum(self.counts)
+        blocks = []
+        for number, scale in zip(self.free, self.scale, strict=True):
+            points, begin = self._points[number], 3 * self._begin[number]
+            dense = pose_jacobian(points, self._centres[number], poses[number]) * scale
+            rows = np.repeat(begin + np.arange(len(dense)), 6)
+            columns = np.tile(np.arange(6), len(dense))
+            blocks.append(csr_array((dense.ravel(), (rows, columns)), shape=(size, 6)))
+        return csr_array(block_array([blocks]) if blocks else (size, 0))
+
+    def reduced(self, poses: Floats, forces: Floats) -> Floats:
+        """Return what forces on all vertices, (v, 3), are on the unknowns, (k, 6), in N."""
+        return np.asarray(self.jacobian(poses).T @ forces.ravel()).reshape(-1, 6)
+
+    def work(self, poses: Floats) -> float:
+        """Return the work in J of the weights, from where the bodies were made."""
+        return float((self.weight[:, :3] * poses[self.free, :3]).sum())
+
+    def largest_angle(self, motions: Floats) -> float:
+        """Return the largest rotation in rad of a change of the unknowns, (k, 6)."""
+        angles = np.linalg.norm((motions * self.scale)[:, 3:], axis=1)
+        return float(angles.max(initial=0.0))
+
+    def curvature(self, poses: Floats, forces: Floats) -> Floats:
+        """Return the second derivative of Σ forces · `vertices` by the unknowns, (k, 6, 6) in N/m.
+
+        Args:
+            poses: Of all bodies, (n, 6) in m and rad.
+            forces: On all vertices in N, (v, 3), held constant.
+        """
+        blocks = np.zeros((self.count, 6, 6))
+        for block, number, scale in zip(blocks, self.free, self.scale, strict=True):
+            points, begin = self._points[number], self._begin[number]
+            own = forces[begin : begin + len(points)]
+            block[:] = pose_curvature(points, self._centres[number], poses[number], own)
+            block *= scale * scale[:, None]
+        return blocks

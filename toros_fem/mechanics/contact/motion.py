@@ -1,0 +1,126 @@
+"""Motion of a rigid body by its pose, with exact first and second derivatives.
+
+A pose is a translation t in m and a rotation vector θ in rad. It takes a point p of a body with
+centre c to c + t + R(θ) (p − c), with Rodrigues' formula for an angle φ = |θ|:
+
+    R(θ) y = cos φ y + A θ × y + B (θ · y) θ,    A = sin φ / φ,    B = (1 − cos φ) / φ²
+
+All three coefficients are smooth functions of φ², so that no angle is special at zero. At φ = 2π
+the rotation is that of θ = 0 about every axis: there the Jacobian loses two of its six ranks, and
+near there a pose is a poor unknown. A pose with φ > π should be replaced by the equal one with
+angle φ − 2π (`shortest`) where it is kept as the start of a next solve.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+
+# Squared angle in rad² below which the coefficients are summed as series, and terms of these.
+SERIES, TERMS = 1.0, 10
+
+
+def placed(points: Floats, centre: Floats, pose: Floats) -> Floats:
+    """Return where a pose takes points, (n, 3) in m.
+
+    Args:
+        points: Points of the body in m, (n, 3), where it is made.
+        centre: Its centre in m, (3,).
+        pose: Translation in m and rotation vector in rad, (6,).
+    """
+    return np.asarray((points - centre) @ rotation(pose[3:]).T + (centre + pose[:3]))
+
+
+def rotation(vector: Floats) -> Floats:
+    """Return the rotation matrix, (3, 3), of a rotation vector in rad, (3,)."""
+    cosine, a, b = _coefficients(float(vector @ vector))[0]
+    return np.asarray(cosine * np.eye(3) + a * _cross(vector) + b * np.outer(vector, vector))
+
+
+def pose_jacobian(points: Floats, centre: Floats, pose: Floats) -> Floats:
+    """Return the derivative of `placed` by the pose, (3 n, 6), in m/m and m/rad.
+
+    Rows are x, y, z of each point in turn.
+
+    Args:
+        points, centre, pose: As of `placed`.
+    """
+    arms, turn = points - centre, pose[3:]
+    (_, a, b), (dcosine, da, db), _ = _coefficients(float(turn @ turn))
+    along, across = arms @ turn, np.cross(turn, arms)
+    by_square = dcosine * arms + da * across + db * along[:, None] * turn
+    jacobian: Floats = np.zeros((len(points), 3, 6))
+    jacobian[:, :, :3] = np.eye(3)
+    jacobian[:, :, 3:] = 2 * by_square[:, :, None] * turn
+    jacobian[:, :, 3:] -= a * _cross(arms)
+    jacobian[:, :, 3:] += b * (along[:, None, None] * np.eye(3) + turn[:, None] * arms[:, None, :])
+    return jacobian.reshape(-1, 6)
+
+
+def pose_curvature(points: Floats, centre: Floats, pose: Floats, force: Floats) -> Floats:
+    """Return the second derivative by the pose of Σ force · `placed`, (6, 6).
+
+    Args:
+        points, centre, pose: As of `placed`.
+        force: Constant force on each point in N, (n, 3).
+    """
+    turn = pose[3:]
+    (_, _, b), (dcosine, da, db), (ddcosine, dda, ddb) = _coefficients(float(turn @ turn))
+    # All that the points enter by: the sum is cos φ tr G + A θ · moment + B θ · G θ.
+    products = force.T @ (points - centre)
+    trace, both = float(np.trace(products)), products + products.T
+    moment = np.array([
+        products[2, 1] - products[1, 2],
+        products[0, 2] - products[2, 0],
+        products[1, 0] - products[0, 1],
+    ])  # fmt: skip
+    axial, square, stretched = float(turn @ moment), float(turn @ products @ turn), both @ turn
+    first = dcosine * trace + da * axial + db * square
+    second = ddcosine * trace + dda * axial + ddb * square
+    mixed = np.outer(turn, da * moment + db * stretched)
+    curvature: Floats = np.zeros((6, 6))
+    curvature[3:, 3:] = (
+        2 * first * np.eye(3) + 4 * second * np.outer(turn, turn) + 2 * (mixed + mixed.T) + b * both
+    )
+    return curvature
+
+
+def shortest(vector: Floats) -> Floats:
+    """Return the rotation vector of at most π that gives the same rotation, in rad, (3,)."""
+    angle = float(np.linalg.norm(vector))
+    if angle <= np.pi:
+        return vector.copy()
+    return np.asarray(vector * (1 - 2 * np.pi * np.round(angle / (2 * np.pi)) / angle))
+
+
+def _cross(vectors: Floats) -> Floats:
+    """Return the matrices, (…, 3, 3), that multiply by vectors (…, 3) from the left."""
+    matrix: Floats = np.zeros((*vectors.shape, 3))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        matrix[..., k, j], matrix[..., j, k] = vectors[..., i], -vectors[..., i]
+    return matrix
+
+
+def _coefficients(square: float) -> Floats:
+    """Return cos φ, A and B, and their first and second derivatives by φ², (3, 3)."""
+    if square < SERIES:
+        return _series(square)
+    angle = np.sqrt(square)
+    cosine, a = np.cos(angle), np.sin(angle) / angle
+    b = (1 - cosine) / square
+    dcosine, da, db = -a / 2, (cosine - a) / (2 * square), (a / 2 - b) / square
+    second = -da / 2, (dcosine - 3 * da) / (2 * square), (da / 2 - 2 * db) / square
+    return np.array([[cosine, a, b], [dcosine, da, db], second])
+
+
+def _series(square: float) -> Floats:
+    """Return the same as `_coefficients` by the power series of the three functions."""
+    orders = np.arange(TERMS)
+    factorials = np.cumprod(np.append(1.0, np.arange(1, 2 * TERMS + 1)))
+    series = (-1.0) ** orders / [factorials[2 * orders + k] for k in range(3)]
+    out: Floats = np.empty((3, 3))
+    for row in out:
+        row[:] = np.polynomial.polynomial.polyval(square, series.T)
+        series = series[:, 1:] * np.arange(1, series.shape[1])
+    return out

@@ -1,0 +1,279 @@
+"""Neighbours in the sheet, which contact leaves out, and all else that never touches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+
+from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.mechanics.contact.library import ipctk
+from toros_fem.mechanics.contact.settings import ContactSizes
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.topology import following
+
+# Paths in the sheet, over its thickness. Two points of a folded sheet that are one thickness apart
+# have a path of π/2 of it between them: vertices within FOLDED are neighbours, and all vertices of
+# faces and edges within ADJACENT.
+FOLDED, ADJACENT = 2.0, 1.6
+# The same over the reach of contact: what is nearer touches in the flat sheet already.
+FLAT = 1.1
+# Distance from which neighbours touch, over the smallest height of a triangle.
+HEIGHT = 0.1
+# Smallest angle in rad of a view along the sheet: what is left beside a vertex is rounding.
+VIEW = 1e-6
+
+
+def collision_filter(
+    pattern: Pattern,
+    sizes: ContactSizes,
+    *,
+    prescribed: Bools | None = None,
+    bodies: Sequence[int] = (),
+    free_bodies: Sequence[int] = (),
+    self_contact: bool = True,
+    apart: Ints | None = None,
+) -> Any:
+    """Return the `ipctk.CollisionFilter` of a skin, and of bodies whose vertices follow its own.
+
+    Left out are neighbours in the sheet, pairs of prescribed vertices, vertices of one body, and
+    bodies that are held with each other.
+
+    Args:
+        pattern: The pattern.
+        sizes: Thickness and distance of contact.
+        prescribed: Whether all components of a vertex are prescribed, (n,); None for nowhere.
+        bodies: Number of vertices of each body.
+        free_bodies: Numbers of the bodies that move freely.
+        self_contact: Whether the skin touches itself.
+        apart: Pairs of vertices of the skin that are left out, (k, 2), sorted; None finds the
+            neighbours in the sheet.
+
+    Raises:
+        MissingPackageError: ipctk is not installed.
+    """
+    library = ipctk()
+    count = len(pattern.points)
+    held = count + len(bodies)
+    body = np.full(len(bodies), held)
+    for k in free_bodies:
+        body[k] = count + k
+    of_bodies = np.repeat(body, list(bodies)).astype(np.int64)
+    own = np.arange(count)
+    if prescribed is not None:
+        own[prescribed] = held + 1
+    found = _patches(library, own, of_bodies)
+    if not self_contact:
+        return found & _patches(library, np.zeros(count, dtype=np.int64), of_bodies)
+    pairs = neighbours(pattern, sizes) if apart is None else apart
+    if len(pairs):
+        one, two = (list(map(int, ends)) for ends in pairs.T)
+        listed = dict.fromkeys(zip(one, two, strict=True), False)
+        found = found & library.make_sparse_filter(listed, True)
+    return found
+
+
+def neighbours(pattern: Pattern, sizes: ContactSizes) -> Ints:
+    """Return the pairs of vertices that are near along the sewn sheet, (k, 2), sorted.
+
+    A face and a vertex, or two edges, may touch unless all their pairs of vertices are listed.
+    Where edges are longer than twice the thickness there is none, unless triangles are slivers:
+    contact then prevents a sharp fold between two triangles. Where they are shorter it does not
+    act in a sheet that lies flat.
+
+    Args:
+        pattern: The pattern.
+        sizes: Thickness and distance of contact.
+    """
+    count, sheet = len(pattern.points), _Sheet.of(pattern)
+    near = paths(count, *sheet.links(), FOLDED * sizes.thickness)
+    corner, half = sheet.edges_near(max(ADJACENT * sizes.thickness, FLAT * sizes.reach))
+    if len(corner):
+        rows = np.tile(sheet.begin[corner], 2)
+        columns = sheet.begin[np.append(half, following(half))]
+        ends = np.concatenate([pattern.edges.ends, np.arange(count)[:, None] * [1, 1]])
+        star = _matrix(count, ends[:, 0], ends[:, 1])
+        around = coo_array((star + star.T) @ _matrix(count, rows, columns) @ (star + star.T))
+        near = np.concatenate([near, np.column_stack([around.row, around.col])])
+    near = near[near[:, 0] != near[:, 1]]
+    keys = np.unique(near.min(axis=1) * np.int64(count) + near.max(axis=1))
+    return np.stack(np.divmod(keys, count), axis=1)
+
+
+def sizes_between_neighbours(pattern: Pattern, sizes: ContactSizes) -> ContactSizes:
+    """Return the sizes by which neighbours in the sheet touch.
+
+    They cannot be a thickness apart. They keep away from each other by a small part of the
+    smallest height of a triangle, so that folds finer than the thickness do not cross either.
+
+    Args:
+        pattern: The pattern.
+        sizes: Sizes of the contact of all others.
+    """
+    corners = pattern.flat_points[pattern.flat_triangles]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    return replace(
+        sizes, thickness=0.0, distance=HEIGHT * float((2 * pattern.areas / longest).min())
+    )
+
+
+def paths(count: int, one: Ints, two: Ints, length: Floats, limit: float) -> Ints:
+    """Return pairs of nodes, (k, 2) in both orders, that paths shorter than a limit join.
+
+    Args:
+        count: Number of nodes.
+        one, two: Ends of the links, (e,).
+        length: Their lengths, (e,).
+        limit: Largest length of a path.
+    """
+    kept = length <= limit
+    one, two, length = one[kept], two[kept], length[kept]
+    begin, end, step = np.append(one, two), np.append(two, one), np.append(length, length)
+    order = np.argsort(begin, kind="stable")
+    begin, end, step = begin[order], end[order], step[order]
+    first = np.searchsorted(begin, np.arange(count + 1))
+    keys, known = _shortest(begin * np.int64(count) + end, step)
+    newest, reached = keys, known
+    while len(newest):  # every path is continued by all links at its end
+        start, stop = np.divmod(newest, count)
+        number = first[stop + 1] - first[stop]
+        link = np.repeat(first[stop] - np.cumsum(number) + number, number) + np.arange(number.sum())
+        far = np.repeat(reached, number) + step[link]
+        inside = (far <= limit) & (np.repeat(start, number) != end[link])
+        longer, far = _shortest(
+            (np.repeat(start, number) * np.int64(count) + end[link])[inside], far[inside]
+        )
+        place = np.minimum(np.searchsorted(keys, longer), len(keys) - 1)
+        better = (keys[place] != longer) | (far < known[place] * (1 - 1e-12))
+        newest, reached = longer[better], far[better]
+        keys, known = _shortest(np.append(keys, newest), np.append(known, reached))
+    return np.stack(np.divmod(keys, count), axis=1)
+
+
+def _shortest(keys: Ints, lengths: Floats) -> tuple[Ints, Floats]:
+    """Return each key once, sorted, with its smallest length."""
+    order = np.lexsort((lengths, keys))
+    keys, lengths = keys[order], lengths[order]
+    first = np.append(True, keys[1:] != keys[:-1])[: len(keys)]
+    return keys[first], lengths[first]
+
+
+def _matrix(count: int, rows: Ints, columns: Ints) -> csr_array:
+    return csr_array(coo_array((np.ones(len(rows)), (rows, columns)), shape=(count, count)))
+
+
+def _patches(library: Any, skin: Ints, bodies: Ints) -> Any:
+    """Return a filter that keeps vertices with the same number apart."""
+    return library.make_vertex_patches_filter(np.append(skin, bodies).astype(np.int32))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sheet:
+    """Triangles of a sewn sheet, each in its own plane.
+
+    Half-edges are numbered as in `Edges`; the apex of one is the corner that it does not contain.
+
+    Attributes:
+        begin: Vertex at which each half-edge begins, (3 t,).
+        twin: The half-edge on the other side, −1 at a border, (3 t,).
+        length: Length in m, (3 t,).
+        foot: Distance in m of the foot of the apex from the half-edge's begin, (3 t,).
+        height: Height in m of the apex over the half-edge, (3 t,).
+    """
+
+    begin: Ints
+    twin: Ints
+    length: Floats
+    foot: Floats
+    height: Floats
+
+    @classmethod
+    def of(cls, pattern: Pattern) -> _Sheet:
+        flat = pattern.corners
+        sides = np.roll(flat, -1, axis=1) - flat
+        length = np.linalg.norm(sides, axis=2)
+        foot = -np.einsum("tij,tij->ti", np.roll(sides, 1, axis=1), sides) / length
+        twin = np.full(3 * len(flat), -1)
+        inner = pattern.edges.twins[pattern.edges.inner]
+        twin[inner], twin[inner[:, ::-1]] = inner[:, ::-1], inner
+        height = 2 * pattern.areas[:, None] / length
+        begin = pattern.triangles.ravel()
+        return cls(begin, twin, length.ravel(), foot.ravel(), height.ravel())
+
+    def beyond(self, half: Ints, begin: Floats, end: Floats) -> Floats:
+        """Return the place of the apex behind half-edges between given places, (k, 2), in m."""
+        twin = self.twin[half]
+        along = (begin - end) / np.linalg.norm(begin - end, axis=1)[:, None]
+        left = along[:, ::-1] * [-1, 1]
+        return np.asarray(end + self.foot[twin, None] * along + self.height[twin, None] * left)
+
+    def opposite(self, corner: Ints) -> tuple[Ints, Floats, Floats]:
+        """Return the half-edges opposite corners, and their ends' places seen from there.
+
+        Corner and half-edge 3 t + i have the same number.
+        """
+        half = following(corner)
+        middle = np.column_stack([self.foot[half], self.height[half]])
+        return half, -middle, np.column_stack([self.length[half], np.zeros(len(half))]) - middle
+
+    def links(self) -> tuple[Ints, Ints, Floats]:
+        """Return ends and length of straight paths along edges, and across one edge each."""
+        corner = np.flatnonzero(self.twin[following(np.arange(len(self.twin)))] >= 0)
+        half, begin, end = self.opposite(corner)
+        place = self.beyond(half, begin, end)
+        seen = (_cross(begin, place) > 0) & (_cross(place, end) > 0)
+        far = self.begin[following(following(self.twin[half]))]
+        every = np.arange(len(self.begin))
+        return (
+            np.append(self.begin, self.begin[corner[seen]]),
+            np.append(self.begin[following(every)], far[seen]),
+            np.append(self.length, np.linalg.norm(place[seen], axis=1)),
+        )
+
+    def edges_near(self, limit: float) -> tuple[Ints, Ints]:
+        """Return corners and half-edges not at them, that straight paths below a limit join."""
+        corner: Ints = np.arange(len(self.begin))
+        half, begin, end = self.opposite(corner)
+        low, high = begin, end
+        corners, halves = [], []
+        while len(corner):
+            direction = end - begin
+            one, two = (
+                (_cross(begin, direction) / _cross(ray, direction))[:, None] * ray
+                for ray in (low, high)
+            )
+            near = _distance(one, two) <= limit
+            corners.append(corner[near])
+            halves.append(half[near])
+            near &= self.twin[half] >= 0
+            corner, half = corner[near], half[near]
+            begin, end, low, high = (at[near] for at in (begin, end, low, high))
+            apex = self.beyond(half, begin, end)
+            after = following(self.twin[half])
+            corner, half = np.tile(corner, 2), np.append(after, following(after))
+            begin, end = np.concatenate([begin, apex]), np.concatenate([apex, end])
+            low, high = np.tile(low, (2, 1)), np.tile(high, (2, 1))
+            low = np.where((_cross(low, begin) > 0)[:, None], begin, low)
+            high = np.where((_cross(end, high) > 0)[:, None], end, high)
+            seen = _cross(low, high) > VIEW * np.linalg.norm(low, axis=1) * np.linalg.norm(
+                high, axis=1
+            )
+            corner, half = corner[seen], half[seen]
+            begin, end, low, high = (at[seen] for at in (begin, end, low, high))
+        return np.concatenate(corners), np.concatenate(halves)
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def _distance(begin: Floats, end: Floats) -> Floats:
+    """Return the distance of the origin from segments, (k,)."""
+    along = end - begin
+    share = np.clip(
+        -np.einsum("ij,ij->i", begin, along) / np.einsum("ij,ij->i", along, along), 0, 1
+    )
+    return np.asarray(np.linalg.norm(begin + share[:, None] * along, axis=1))

@@ -1,0 +1,191 @@
+"""What a skin may touch, and the distances of contact."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.validation import checked_floats, require_flag, require_kind, require_positive
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.contact.bodies import RigidBody
+from toros_fem.mechanics.contact.pads import Pads
+
+# Distance within which contact acts, over the thickness.
+RANGE = 0.5
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A half-space that nothing enters.
+
+    Attributes:
+        point: A point of its surface, in m.
+        normal: Direction out of it; its length does not matter.
+
+    Raises:
+        ParameterError: A vector is not finite, or the normal is zero.
+    """
+
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        point = checked_floats("point", self.point, "a finite vector of three, in m", (3,))
+        normal = checked_floats("normal", self.normal, "a finite vector of three", (3,))
+        length = float(np.linalg.norm(normal))
+        if length == 0:
+            raise ParameterError("normal = 0 has no direction; give that out of the ground.")
+        object.__setattr__(self, "point", tuple(float(v) for v in point))
+        object.__setattr__(self, "normal", tuple(float(v) for v in normal / length))
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Contact of a skin with itself, the ground and rigid bodies.
+
+    Faces keep their distance by the barriers of incremental potential contact (Li et al. 2020):
+    contact acts from `distance` on and grows without bound towards zero. The distance is that of
+    the faces of sheets with `thickness`: middle surfaces stay a whole thickness apart, and half of
+    it from bodies and ground. Both are lengths of the sheet, not of the mesh.
+
+    Attributes:
+        ground: The ground, or several half-spaces; None for none.
+        bodies: Rigid bodies: held, moved with the load, or free with a mass.
+        self_contact: Whether the skin's layers touch each other.
+        friction: Coefficient μ of Coulomb's friction of the skin on ground and bodies; None for
+            none. Layers of the skin slide on each other without friction, and so do bodies on each
+            other and on the ground.
+        pads: Vertices that slide on the ground by coefficients of their own; None for none.
+        thickness: In m, which the sheet takes up between its faces; None takes the fabric's.
+        distance: In m, from which on contact acts; None takes half of the thickness.
+        stiffness: In Pa, the scale of the contact pressure: it is reached where the distance has
+            shrunk by about a half; None takes the fabric's E.
+        slip: In m, the tangential motion at which friction is fully mobilised; None takes
+            `distance`.
+        gravity: Acceleration in m/s² that acts on free bodies.
+
+    Raises:
+        ParameterError: A value is not admissible, or two bodies have one name.
+    """
+
+    ground: Ground | Sequence[Ground] | None = None
+    bodies: Sequence[RigidBody] = ()
+    self_contact: bool = True
+    friction: float | None = None
+    pads: Pads | None = None
+    thickness: float | None = None
+    distance: float | None = None
+    stiffness: float | None = None
+    slip: float | None = None
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+
+    def __post_init__(self) -> None:
+        grounds = self.ground
+        if grounds is None:
+            grounds = ()
+        elif isinstance(grounds, Ground):
+            grounds = (grounds,)
+        if not isinstance(grounds, list | tuple):
+            raise ParameterError(f"ground = {grounds!r} must be a Ground, several, or None.")
+        for ground in grounds:
+            require_kind("ground", ground, Ground, "a Ground, by Ground(point, normal)")
+        object.__setattr__(self, "ground", tuple(grounds))
+        if not isinstance(self.bodies, list | tuple):
+            raise ParameterError(f"bodies = {self.bodies!r} must be a list of RigidBody.")
+        for body in self.bodies:
+            require_kind("bodies", body, RigidBody, "a RigidBody, by rigid_sphere for instance")
+        object.__setattr__(self, "bodies", tuple(self.bodies))
+        names = [body.name for body in self.bodies]
+        if len(set(names)) < len(names):
+            raise ParameterError(f"bodies are named {names}; each needs a name of its own.")
+        require_flag(self_contact=self.self_contact)
+        numbers = {
+            name: getattr(self, name)
+            for name in ("friction", "thickness", "distance", "stiffness", "slip")
+        }
+        require_positive(**{k: v for k, v in numbers.items() if v is not None})
+        require_kind("pads", self.pads, (Pads, type(None)), "Pads, or None")
+        if self.pads is not None and (not self.ground or self.friction is None):
+            raise ParameterError(
+                "pads slide on the ground, and all other faces have friction: give ground and "
+                "friction, or leave the pads out."
+            )
+        gravity = checked_floats("gravity", self.gravity, "a finite vector, in m/s²", (3,))
+        object.__setattr__(self, "gravity", tuple(float(v) for v in gravity))
+        if not (self.ground or self.bodies or self.self_contact):
+            raise ParameterError(
+                "this contact touches nothing: give ground or bodies, set self_contact, or give "
+                "no contact at all."
+            )
+
+    @property
+    def grounds(self) -> tuple[Ground, ...]:
+        """All half-spaces."""
+        assert isinstance(self.ground, tuple)
+        return self.ground
+
+    @property
+    def free_bodies(self) -> tuple[int, ...]:
+        """Numbers of the bodies with a mass, which move freely."""
+        return tuple(k for k, body in enumerate(self.bodies) if body.mass is not None)
+
+    @property
+    def holds(self) -> bool:
+        """Whether it may keep the skin from moving as a whole: it rubs on ground or body."""
+        return self.friction is not None and bool(self.ground or self.bodies)
+
+    def sizes(self, composite: Composite) -> ContactSizes:
+        """Return thickness, distance, stiffness and slip, each as given or as the sheet has it."""
+        fabric = composite.fabric
+        thickness = fabric.thickness if self.thickness is None else self.thickness
+        distance = RANGE * thickness if self.distance is None else self.distance
+        return ContactSizes(
+            thickness,
+            distance,
+            fabric.young if self.stiffness is None else self.stiffness,
+            distance if self.slip is None else self.slip,
+        )
+
+
+@dataclass(frozen=True)
+class ContactSizes:
+    """Numbers of a contact, all given.
+
+    Attributes:
+        thickness, distance, slip: In m, as of `Contact`.
+        stiffness: In Pa.
+    """
+
+    thickness: float
+    distance: float
+    stiffness: float
+    slip: float
+
+    @property
+    def reach(self) -> float:
+        """Distance in m of middle surfaces from which on contact acts."""
+        return self.thickness + self.distance
+
+
+def poses_of(contact: Contact | None, poses: npt.ArrayLike | None) -> Floats | None:
+    """Return the poses of a contact's bodies, (k, 6), zero where none are given; None without.
+
+    Args:
+        contact: The contact; None for none.
+        poses: Translation in m and rotation vector in rad of each body from where it was made.
+
+    Raises:
+        ParameterError: They do not fit the bodies.
+    """
+    count = 0 if contact is None else len(contact.bodies)
+    if poses is None:
+        return np.zeros((count, 6)) if count else None
+    if not count:
+        raise ParameterError("poses are given, but there are no bodies to move.")
+    what = f"finite and of shape ({count}, 6): translation in m, rotation vector in rad"
+    return checked_floats("poses", poses, what, (count, 6)).copy()

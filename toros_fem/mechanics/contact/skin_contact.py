@@ -1,0 +1,599 @@
+"""Contact of a distributed skin: the first rank finds the pairs, all ranks get the results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from scipy.sparse import block_diag, coo_array, csc_matrix, identity
+
+from toros_fem.base.array_types import Bools, Floats, Ints
+from toros_fem.base.mpi import largest, on_first_rank
+from toros_fem.mechanics.contact.barrier import Barrier, Side
+from toros_fem.mechanics.contact.free_bodies import FreeBodies
+from toros_fem.mechanics.contact.neighbours import (
+    collision_filter,
+    neighbours,
+    sizes_between_neighbours,
+)
+from toros_fem.mechanics.contact.opening import opened
+from toros_fem.mechanics.contact.settings import Contact, ContactSizes, Ground
+from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
+from toros_fem.meshes.skin import Skin
+
+T = TypeVar("T")
+# Entries of the tangent are kept until they are this many times those that are needed.
+STALE = 2.0
+# Stiffness of free bodies in the tangent over that of the sheet, E t.
+NEUTRAL = 1e-8
+# Largest motion of a step over the size of the skin: the space that longer ones sweep is full of
+# pairs. Largest rotation of a body in rad: its vertices move straight in the search for pairs.
+# Factor on a step that must be searched again.
+FARTHEST, LARGEST_TURN, AGAIN = 0.1, 0.2, 0.9
+
+
+class SkinContact:
+    """Energy, forces and tangent of a skin's contact with itself, bodies and half-spaces.
+
+    Positions are gathered. The first rank computes, so that results do not depend on the number of
+    ranks. Middle surfaces stay a thickness apart: the surfaces of bodies and ground are moved
+    inwards by half of it. All methods are collective.
+
+    Some motions of a free body may have no resistance, for instance the rotations of a sphere
+    without friction. The tangent, and it alone, has the stiffness NEUTRAL E t for all motions of
+    free bodies. Forces have no such part: balance is exact, a step does not move a body where no
+    force acts, and an equilibrium that is neutral there counts as stable.
+
+    Attributes:
+        contact, sizes: As given.
+        pairs: Global rows and columns, (2, p), of the entries of `tangent`, on the first rank.
+        generation: How often the pairs have changed.
+        poses: Poses of all bodies, (k, 6), of those without unknowns as the load has them.
+        weight: Force of gravity on the unknowns of the free bodies in N, (f, 6).
+        assembled: Assembled positions of all vertices in m, (n, 3); layers that touch each other
+            are moved apart.
+
+    Args:
+        skin: The skin.
+        contact: What touches.
+        sizes: Its numbers.
+        fixed: Fixed components of all vertices, (n, 3).
+        in_planes: Whether a vertex lies in a symmetry plane across x, y or z, (n, 3).
+        numbers: Global unknowns of the owned nodes, (k, 3).
+        body_numbers: Global unknowns of the free bodies, (f, 6).
+        size: Number of all unknowns.
+    """
+
+    def __init__(
+        self,
+        skin: Skin,
+        contact: Contact,
+        sizes: ContactSizes,
+        fixed: Bools,
+        in_planes: Bools,
+        numbers: Ints,
+        body_numbers: Ints,
+        size: int,
+    ) -> None:
+        self._skin, self._comm, self._size = skin, skin.comm, size
+        self.contact, self.sizes = contact, sizes
+        self._bodies = FreeBodies(contact, sizes.thickness)
+        self.weight: Floats = self._bodies.weight
+        self._neutral = NEUTRAL * sizes.stiffness * sizes.thickness
+        self.poses: Floats = np.zeros((len(contact.bodies), 6))
+        whole = skin.gather_vertices(numbers.astype(np.float64)).astype(np.int64)
+        whole[fixed] = -1
+        self._number = np.append(whole.ravel(), body_numbers.ravel())
+        # Free bodies have their entries in the tangent, whatever they touch.
+        blocks = np.ones((self._bodies.count * (skin.comm.rank == 0), 6, 6))
+        self._body_keys, _ = self._upper(_diagonal_blocks(whole.size, blocks))
+        self._cover(self._body_keys)
+        self._sides: list[Side] = []
+        # Second variation at a state, exact and semidefinite; friction by other normal forces has
+        # another one.
+        self._known_at: Floats | None = None
+        self._known: dict[bool, tuple[Ints, Floats]] = {}
+        self.friction: SlidingFriction | None = None
+        if contact.holds:
+            self.friction = SlidingFriction(contact, sizes)
+        self._owners: Ints = np.repeat(
+            np.arange(1 + len(contact.bodies)), [len(skin.pattern.points), *self._bodies.counts]
+        )
+        made = self._only_first(lambda: self._make_barrier(np.asarray(fixed.all(axis=1))))
+        if made is not None:
+            self._barrier = made
+        self.generation = 0
+        self.assembled: Floats = skin.pattern.points
+        if contact.self_contact:
+            self.assembled = on_first_rank(
+                self._comm, lambda: opened(skin.pattern, sizes, in_planes)
+            )
+
+    def _only_first(self, action: Callable[[], T]) -> T | None:
+        """Run an action on the first rank; raise its error on all."""
+        kept: list[T] = []
+        on_first_rank(self._comm, lambda: kept.append(action()))
+        return kept[0] if kept else None
+
+    def _make_barrier(self, prescribed: Bools) -> Barrier:
+        pattern, contact = self._skin.pattern, self.contact
+        bodies, count = self._bodies, len(pattern.points)
+        half = self.sizes.thickness / 2
+        grounds = [
+            Ground(tuple(np.add(g.point, half * np.array(g.normal))), g.normal)
+            for g in contact.grounds
+        ]
+        rest = np.concatenate([pattern.points, bodies.vertices(np.zeros_like(self.poses))])
+        triangles = np.concatenate([pattern.triangles, bodies.triangles + count])
+        areas = np.concatenate([pattern.areas, bodies.areas])
+
+        def may_touch(apart: Ints) -> Any:
+            return collision_filter(
+                pattern,
+                self.sizes,
+                prescribed=prescribed,
+                bodies=bodies.counts,
+                free_bodies=contact.free_bodies,
+                self_contact=contact.self_contact,
+                apart=apart,
+            )
+
+        pairs: Ints = np.zeros((0, 2), dtype=np.int64)
+        further = None
+        if contact.self_contact:
+            pairs = neighbours(pattern, self.sizes)
+        if len(pairs):
+            close = sizes_between_neighbours(pattern, self.sizes)
+            further = Barrier(rest, triangles, areas, (), pairs[:0, 0], close, may_touch(pairs[:0]))
+        standing = np.append(np.arange(count), count + bodies.moving)
+        return Barrier(
+            rest, triangles, areas, grounds, standing, self.sizes, may_touch(pairs), further
+        )
+
+    def poses_at(self, motions: Floats) -> Floats:
+        """Return the poses of all bodies, (k, 6), in m and rad.
+
+        Args:
+            motions: Unknowns of the free bodies in m, (f, 6), as of `FreeBodies`.
+        """
+        return self._bodies.poses(motions, self.poses)
+
+    def shortest(self, motions: Floats) -> Floats:
+        """Return unknowns of free bodies in the same places, with rotations of at most π."""
+        return self._bodies.shortest(motions)
+
+    def _at(self, nodes: Floats, motions: Floats) -> tuple[Floats, Floats]:
+        """Return all vertices of skin and bodies on every rank, and the poses (collective)."""
+        skin = self._skin.gather_vertices(nodes)
+        poses = self.poses_at(self._comm.bcast(motions, root=0))
+        everything = np.concatenate([skin, self._bodies.vertices(poses)])
+        return np.asfortranarray(everything), poses
+
+    def energy(self, nodes: Floats, motions: Floats, weight_fraction: float) -> float:
+        """Return barrier energy less the work of the bodies' weight, in J, and with friction.
+
+        Friction has the normal forces of the last `lag_friction`. The energy is infinite where
+        surfaces are too near to each other.
+
+        Args:
+            nodes: Positions of the owned nodes in m, (n, 3).
+            motions: Unknowns of the free bodies on the first rank, (f, 6).
+            weight_fraction: Fraction of their weight that acts.
+        """
+        x, poses = self._at(nodes, motions)
+
+        def on_first() -> float:
+            found = self._barrier.energy(x)
+            if self.friction is not None and np.isfinite(found):
+                found += self.friction.energy(self._of_skin(x), poses)
+            return found
+
+        barrier = on_first_rank(self._comm, on_first)
+        return barrier - weight_fraction * self._bodies.work(poses)
+
+    def gap(self, nodes: Floats, motions: Floats) -> float:
+        """Return the smallest distance of faces in m, at most that from which on contact acts."""
+        x, _ = self._at(nodes, motions)
+        return on_first_rank(self._comm, lambda: self._barrier.gap(x))
+
+    @property
+    def count(self) -> int:
+        """Number of pairs in contact at the last state."""
+        return on_first_rank(self._comm, lambda: self._barrier.count)
+
+    def gradient(
+        self, nodes: Floats, motions: Floats, weight_fraction: float
+    ) -> tuple[Floats, Floats]:
+        """Return the first variation in N: at the owned nodes, (n, 3), and at the bodies, (f, 6).
+
+        Args:
+            nodes, motions, weight_fraction: As of `energy`.
+        """
+        x, poses = self._at(nodes, motions)
+
+        def on_first() -> tuple[Floats, Floats]:
+            whole = self._barrier.gradient(x)
+            skin, bodies = self._to_unknowns(whole, poses)
+            if self.friction is not None:
+                force = self.friction.force(self._of_skin(x), poses)
+                skin = skin + force.sum(axis=0)
+                bodies += self._pose_forces(force, poses)
+            return skin, bodies
+
+        skin, bodies = on_first_rank(self._comm, on_first)
+        bodies -= weight_fraction * self._bodies.weight
+        return skin[self._skin.owned_vertices], bodies
+
+    def _of_skin(self, whole: Floats) -> Floats:
+        return whole[: len(self._skin.pattern.points)]
+
+    def _to_unknowns(self, whole: Floats, poses: Floats) -> tuple[Floats, Floats]:
+        """Return forces on all vertices as those on the skin, (n, 3), and on free bodies."""
+        return self._of_skin(whole), self._bodies.reduced(
+            poses, whole[len(self._skin.pattern.points) :]
+        )
+
+    def _to_vertices(self, skin: Floats, bodies: Floats, poses: Floats) -> Floats:
+        """Return motions of the skin, (n, 3), and of free bodies' unknowns as of all vertices."""
+        moved = self._bodies.jacobian(poses) @ bodies.ravel()
+        return np.concatenate([skin, moved.reshape(-1, 3)])
+
+    def _pose_forces(self, force: Floats, poses: Floats) -> Floats:
+        """Return the forces of friction on the unknowns of free bodies, (f, 6)."""
+        assert self.friction is not None
+        rows = [self.friction.pose_force(k, force, poses) for k in self._bodies.free]
+        return np.reshape(rows, (-1, 6)) * self._bodies.scale
+
+    def forces(self, nodes: Floats, motions: Floats) -> Floats:
+        """Return the gradient of the barrier in N at all vertices of skin and bodies, (v, 3)."""
+        x, _ = self._at(nodes, motions)
+        return on_first_rank(self._comm, lambda: self._barrier.gradient(x))
+
+    def _reduce(self, matrix: csc_matrix, poses: Floats) -> csc_matrix:
+        """Return a matrix of all vertices as one of the unknowns of skin and free bodies."""
+        count = 3 * len(self._skin.pattern.points)
+        if not self._bodies.count:
+            return matrix[:count, :count]
+        by = block_diag([identity(count), self._bodies.jacobian(poses)], format="csc")
+        return (by.T @ matrix @ by).tocsc()
+
+    def _upper(self, matrix: csc_matrix) -> tuple[Ints, Floats]:
+        """Return keys, row · size + column, and values of the entries of the upper triangle."""
+        entries = matrix.tocoo()
+        row, column = self._number[entries.row], self._number[entries.col]
+        kept = (row >= 0) & (column >= row)
+        return row[kept] * self._size + column[kept], entries.data[kept]
+
+    def tangent(self, nodes: Floats, motions: Floats, *, definite: bool) -> Floats:
+        """Return the entries of the second variation at `pairs` in N/m; none on other ranks.
+
+        Args:
+            nodes, motions: As of `energy`.
+            definite: Whether to return a positive semidefinite part.
+        """
+        x, poses = self._at(nodes, motions)
+        found = self._only_first(lambda: self._entries(x, poses, definite=definite))
+        return np.zeros(0) if found is None else found
+
+    def convexity_gap(self, nodes: Floats, motions: Floats) -> Floats | None:
+        """Return the positive semidefinite `tangent` less the exact one; None if nothing touches.
+
+        Args:
+            nodes, motions: As of `energy`.
+        """
+        x, poses = self._at(nodes, motions)
+
+        def entries() -> Floats:
+            definite = self._entries(x, poses, definite=True)
+            return np.asarray(definite - self._entries(x, poses, definite=False))
+
+        if not self.count:
+            return None
+        found = self._only_first(entries)
+        return np.zeros(0) if found is None else found
+
+    def _entries(self, x: Floats, poses: Floats, *, definite: bool) -> Floats:
+        keys, values = self._second_upper(x, poses, definite=definite)
+        found = np.isin(keys, self._keys)
+        if not found.all():
+            # The semidefinite part has entries where the exact one has zeros, which the toolkit
+            # leaves out. Their sizes on the diagonal keep it semidefinite.
+            ends = np.concatenate(np.divmod(keys[~found], self._size))
+            keys = np.append(keys[found], ends * (self._size + 1))
+            values = np.append(values[found], np.tile(np.abs(values[~found]), 2))
+        places = np.searchsorted(self._keys, keys)
+        return np.bincount(places, values, len(self._keys)).astype(np.float64)
+
+    def _second_upper(self, x: Floats, poses: Floats, *, definite: bool) -> tuple[Ints, Floats]:
+        """Return keys and values of the second variation, computed once for each state."""
+        if self._known_at is None or not np.array_equal(self._known_at, x):
+            self._known_at, self._known = x, {}
+        if definite not in self._known:
+            self._known[definite] = self._upper(self._second(x, poses, definite=definite))
+        return self._known[definite]
+
+    def _second(self, x: Floats, poses: Floats, *, definite: bool) -> csc_matrix:
+        """Return the second variation, with a little stiffness of the free bodies."""
+        matrix = self._reduce(self._barrier.hessian(x, definite=definite), poses)
+        if self._bodies.count:
+            count = len(self._skin.pattern.points)
+            blocks = np.broadcast_to(self._neutral * np.eye(6), (self._bodies.count, 6, 6))
+            if not definite:
+                blocks = blocks + self._bodies.curvature(poses, self._barrier.gradient(x)[count:])
+            matrix = (matrix + _diagonal_blocks(3 * count, blocks)).tocsc()
+        if self.friction is not None:
+            matrix = matrix + self._friction_tangent(x, poses, definite=definite)
+        return matrix
+
+    def _friction_tangent(self, x: Floats, poses: Floats, *, definite: bool) -> csc_matrix:
+        assert self.friction is not None
+        skin = self._of_skin(x)
+        stiffness = self.friction.stiffness(skin, poses)
+        first = 3 * np.arange(len(skin))[:, None, None]
+        row, column = (first + axis for axis in np.indices((3, 3)))
+        values = [stiffness.sum(axis=0).ravel()]
+        rows, columns = [row.ravel()], [column.ravel()]
+        force = self.friction.force(skin, poses)
+        for place, k in enumerate(self._bodies.free):
+            mixed, twice = self.friction.pose_stiffness(
+                k, force, stiffness, poses, definite=definite
+            )
+            scale, begin = self._bodies.scale[place], 3 * len(skin) + 6 * place
+            touching = np.flatnonzero(mixed.any(axis=(1, 2)))
+            row = 3 * touching[:, None, None] + np.arange(3)[:, None]
+            row, column = np.broadcast_arrays(row, begin + np.arange(6))
+            values += 2 * [(mixed[touching] * scale).ravel()]
+            rows += [row.ravel(), column.ravel()]
+            columns += [column.ravel(), row.ravel()]
+            row, column = begin + np.indices((6, 6))
+            values.append((twice * np.outer(scale, scale)).ravel())
+            rows.append(row.ravel())
+            columns.append(column.ravel())
+        size = 3 * len(skin) + 6 * self._bodies.count
+        places = np.concatenate(rows), np.concatenate(columns)
+        return csc_matrix((np.concatenate(values), places), shape=(size, size))
+
+    def begin_step(self, sliding: Sliding | None, poses: Floats | None) -> None:
+        """Begin a step of a path, where the vertices stick.
+
+        Args:
+            sliding: End of the step before; None for a skin at rest at its assembled positions.
+            poses: Poses of the bodies at the begin, (k, 6); None where they were made.
+        """
+        if self.friction is None:
+            return
+        if sliding is None:
+            begin = np.zeros_like(self.poses) if poses is None else poses.copy()
+            begin[self._bodies.free] = 0.0
+            sliding = self.friction.at_rest(self.assembled, begin)
+        self.friction.begin(sliding)
+        self._sides, self._known_at = [], None
+
+    def lag_friction(self, nodes: Floats, motions: Floats) -> None:
+        """Let friction have the normal forces and tangent planes of a state."""
+        if self.friction is None:
+            return
+        x, poses = self._at(nodes, motions)
+
+        def on_first() -> None:
+            assert self.friction is not None
+            self._known_at = None
+            self._sides = self._barrier.sides(x, self._owners)
+            self.friction.lag(self._pushes(self._sides), self._of_skin(x), poses)
+
+        on_first_rank(self._comm, on_first)
+
+    def normals(self, nodes: Floats, motions: Floats) -> Floats:
+        """Return the normal forces on the skin from each half-space and body in N, (sides, n, 3).
+
+        Args:
+            nodes, motions: As of `energy`.
+        """
+        x, _ = self._at(nodes, motions)
+
+        return on_first_rank(self._comm, lambda: self._pushes(self._barrier.sides(x, self._owners)))
+
+    def _pushes(self, sides: Sequence[Side]) -> Floats:
+        return np.array([self._of_skin(side.push()) for side in sides])
+
+    def end_step(self, nodes: Floats, motions: Floats) -> Sliding | None:
+        """Return where the vertices stick at the end of a step; None without friction."""
+        if self.friction is None:
+            return None
+        x, poses = self._at(nodes, motions)
+        friction = self.friction
+        return on_first_rank(self._comm, lambda: friction.end(self._of_skin(x), poses))
+
+    def coupling(
+        self, nodes: Floats, motions: Floats, step: Floats, turn: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return the change of friction by that of the normal forces: the part without symmetry.
+
+        Args:
+            nodes, motions: State of the last `lag_friction`.
+            step, turn: Its change.
+
+        Returns:
+            Forces as of `gradient`.
+        """
+        x, poses = self._at(nodes, motions)
+        whole, turn = self._skin.gather_vertices(step), self._comm.bcast(turn, root=0)
+
+        def on_first() -> tuple[Floats, Floats]:
+            assert self.friction is not None
+            moved = self._to_vertices(whole, turn, poses)
+            change = np.array([self._of_skin(s.push_change(moved)) for s in self._sides])
+            force = self.friction.force_change(self._of_skin(x), poses, change)
+            return force.sum(axis=0), self._pose_forces(force, poses)
+
+        skin, bodies = on_first_rank(self._comm, on_first)
+        return skin[self._skin.owned_vertices], bodies
+
+    def coupling_transposed(
+        self, nodes: Floats, motions: Floats, adjoint: Floats, turn: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return the product with the transpose of `coupling`; the arguments are alike."""
+        x, poses = self._at(nodes, motions)
+        whole, turn = self._skin.gather_vertices(adjoint), self._comm.bcast(turn, root=0)
+
+        def on_first() -> tuple[Floats, Floats]:
+            assert self.friction is not None
+            given = self._on_sides(whole, turn, poses)
+            by_normal, _ = self.friction.force_backward(self._of_skin(x), poses, given)
+            return self._to_unknowns(self._pushed_back(by_normal), poses)
+
+        skin, bodies = on_first_rank(self._comm, on_first)
+        return skin[self._skin.owned_vertices], bodies
+
+    def _on_sides(self, skin: Floats, turn: Floats, poses: Floats) -> Floats:
+        """Return how far each vertex moves along each side, (sides, n, 3)."""
+        assert self.friction is not None
+        poses_change = np.zeros_like(poses)
+        poses_change[self._bodies.free] = turn * self._bodies.scale
+        return skin - self.friction.carried_change(poses, poses_change)
+
+    def _pushed_back(self, by_normal: Floats) -> Floats:
+        """Return derivatives by normal forces, (sides, n, 3), as such by all vertices."""
+        whole = np.zeros((len(self._owners), 3))
+        for side, part in zip(self._sides, by_normal, strict=True):
+            given = np.zeros_like(whole)
+            given[: len(part)] = part
+            whole += side.push_change(given)
+        return whole
+
+    def begin_step_backward(self, nodes: Floats, motions: Floats, adjoint: Floats) -> Floats:
+        """Return Σ adjoint · d(force)/d(anchors at the begin), (sides, n, 3), on all ranks.
+
+        Args:
+            nodes, motions: State of the last `lag_friction`.
+            adjoint: At the owned nodes, (n, 3).
+        """
+        x, poses = self._at(nodes, motions)
+        whole = self._skin.gather_vertices(adjoint)
+
+        def on_first() -> Floats:
+            assert self.friction is not None
+            given = np.broadcast_to(whole, self.friction.normals.shape)
+            return self.friction.force_backward(self._of_skin(x), poses, given)[1]
+
+        return on_first_rank(self._comm, on_first)
+
+    def end_step_backward(
+        self, nodes: Floats, motions: Floats, slope: Floats
+    ) -> tuple[Floats, Floats]:
+        """Return Σ slope · d(anchors at the end) by the owned nodes, (n, 3), and by the begin.
+
+        Args:
+            nodes, motions: State of the last `lag_friction`.
+            slope: Numbers for each anchor, (sides, n, 3), equal on all ranks.
+        """
+        x, poses = self._at(nodes, motions)
+
+        def on_first() -> tuple[Floats, Floats]:
+            assert self.friction is not None
+            skin = self._of_skin(x)
+            by_point, by_normal, by_anchor = self.friction.end_backward(skin, poses, slope)
+            return by_point + self._of_skin(self._pushed_back(by_normal)), by_anchor
+
+        skin, by_anchor = on_first_rank(self._comm, on_first)
+        return skin[self._skin.owned_vertices], by_anchor
+
+    def _cover(self, keys: Ints) -> None:
+        """Let `pairs` be those of the given keys."""
+        self._keys = np.unique(keys)
+        self.pairs = np.stack(np.divmod(self._keys, self._size))
+
+    def grow(self, nodes: Floats, motions: Floats) -> None:
+        """Let `pairs` cover all that is in contact."""
+        x, poses = self._at(nodes, motions)
+
+        def grown() -> bool:
+            keys = np.unique(self._second_upper(x, poses, definite=False)[0])
+            place = np.searchsorted(self._keys, keys)
+            if (np.append(self._keys, -1)[place] == keys).all():
+                return False
+            near, _ = self._upper(self._reduce(self._barrier.near(x), poses))
+            needed = np.unique(np.concatenate([keys, near, self._body_keys]))
+            diagonal = np.unique(np.divmod(needed, self._size)) * (self._size + 1)
+            needed = np.union1d(needed, diagonal)
+            both = np.union1d(needed, self._keys)
+            self._cover(both if len(both) <= STALE * len(needed) else needed)
+            return True
+
+        self.generation += on_first_rank(self._comm, grown)
+
+    def largest_step(
+        self,
+        nodes: Floats,
+        motions: Floats,
+        step: Floats,
+        turn: Floats,
+        allowed: float,
+        carried: Floats | None = None,
+    ) -> float:
+        """Return a factor ≤ `allowed` on a step, so that nothing meets on the way.
+
+        Args:
+            nodes, motions: State: positions of the owned nodes in m, (n, 3), and unknowns of the
+                free bodies, (f, 6), on the first rank.
+            step, turn: Their change by the full step.
+            allowed: Factor on the step that all else allows.
+            carried: Change of the poses of held bodies by the full step, (k, 6), the same on all
+                ranks; None leaves them.
+        """
+        x, _ = self._at(nodes, motions)
+        poses = self.poses.copy()
+        moved = np.zeros_like(poses) if carried is None else carried
+        farthest = max(np.abs(part).max(initial=0.0) for part in (step, turn[:, :3], moved[:, :3]))
+        farthest = largest(self._comm, float(farthest))
+        turned = largest(self._comm, self._bodies.largest_angle(turn))
+        turned = max(turned, float(np.linalg.norm(moved[:, 3:], axis=1).max(initial=0.0)))
+        factor = min(
+            allowed,
+            FARTHEST * self._skin.pattern.size / max(farthest, 1e-300),
+            LARGEST_TURN / max(turned, 1e-300),
+        )
+        free = 0.0
+        while free < 1 and factor > 0:
+            self.poses[:] = poses + factor * moved
+            y, _ = self._at(nodes + factor * step, motions + factor * turn)
+            free = self._free_part(x, y)
+            factor *= free
+            if turned == 0:
+                break
+            # Where a body turns, a part of the step ends beside the straight way: look again.
+            factor *= 1.0 if free == 1 else AGAIN
+        self.poses[:] = poses
+        return factor
+
+    def _free_part(self, x: Floats, y: Floats) -> float:
+        """Return the part of the straight way between vertices x and y on which nothing meets."""
+        return on_first_rank(self._comm, lambda: self._barrier.largest_step(x, y - x))
+
+    def refusal(self, nodes: Floats, motions: Floats) -> str | None:
+        """Return why a state can be no start, as a sentence; None where it can."""
+        x, _ = self._at(nodes, motions)
+        bodies = zip(self.contact.bodies, self._bodies.counts, strict=True)
+        names = [body.name for body, count in bodies for _ in range(count)]
+
+        def sentence() -> str | None:
+            found = self._barrier.check(x)
+            return None if found.admissible else found.sentence(self._skin.pattern, x, names)
+
+        return on_first_rank(self._comm, sentence)
+
+    def crossed(self, nodes: Floats, motions: Floats) -> bool:
+        """Return whether surfaces intersect, by a test of its own."""
+        x, _ = self._at(nodes, motions)
+        return on_first_rank(self._comm, lambda: self._barrier.crossed(x))
+
+
+def _diagonal_blocks(ahead: int, blocks: Floats) -> coo_array:
+    """Return a matrix of blocks, (k, 6, 6), on the diagonal behind so many empty rows."""
+    begin = ahead + 6 * np.arange(len(blocks))
+    row, column = np.indices((6, 6))
+    rows = (begin[:, None, None] + row).ravel()
+    columns = (begin[:, None, None] + column).ravel()
+    size = ahead + 6 * len(blocks)
+    return coo_array((blocks.ravel(), (rows, columns)), shape=(size, size))

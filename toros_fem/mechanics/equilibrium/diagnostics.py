@@ -1,0 +1,180 @@
+"""Condition of an equilibrium, and sentences that say why a solve ended."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from petsc4py import PETSc
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.mpi import largest
+from toros_fem.mechanics.equilibrium.continuation import ContinuationResult
+from toros_fem.mechanics.equilibrium.newton import STAGNATED
+from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.model import FALLEN, SkinModel
+from toros_fem.mechanics.skin.stretch_bounds import singular_values
+
+# A hinge folded by more than this angle, in rad, is near the angle where its energy jumps.
+FOLDED = math.radians(170)
+# Under pressure a skin is blown up where it is stretched by more than this factor and uses more
+# than this fraction of the bounds.
+BLOWN_UP, USED = 3.0, 0.5
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What a user should know of an equilibrium before trusting it.
+
+    Attributes:
+        snapped: Whether the skin jumps on the way from its start: no path of stable equilibria
+            connects the two. None where the start is no equilibrium of this design that the solver
+            knows, or where the path was not followed, as in trials.
+        critical_load: Factor on the load at which the tangent is expected to be singular, a limit
+            point or a bifurcation, if that is within 5 % of the load; otherwise None. Trials do
+            not look for it.
+        blown_up: Whether a pressure stretches the skin to more than three times its length and
+            nothing but the stretch bounds holds it.
+        folded_edges: Number of edges that are folded by more than 170 degrees; 0 with
+            self-contact, where layers may lie on each other.
+    """
+
+    snapped: bool | None = None
+    critical_load: float | None = None
+    blown_up: bool = False
+    folded_edges: int = 0
+
+    @property
+    def sentences(self) -> str:
+        """What is not as usual, as sentences; empty where all is."""
+        found = []
+        if self.snapped:
+            found.append(
+                "The skin snapped: no path of stable equilibria leads here from the start."
+            )
+        if self.critical_load is not None:
+            found.append(
+                "It is near a limit point or a bifurcation, expected at about "
+                f"{self.critical_load:.3f} times the load: small changes may move it far."
+            )
+        if self.blown_up:
+            found.append(
+                "The skin is blown up: only the stretch bounds hold it. Lower the pressure, or set "
+                "the bounds c1 and c2 that the cloth has."
+            )
+        if self.folded_edges:
+            found.append(
+                f"{self.folded_edges} edges are folded by more than {math.degrees(FOLDED):.0f} "
+                "degrees: the skin lies on itself there. Give the solver a Contact."
+            )
+        return " ".join(found)
+
+
+def condition_of(
+    model: SkinModel, state: Floats, snapped: bool | None, critical: float | None
+) -> Condition:
+    """Return the condition of an equilibrium under the load that acts (collective)."""
+    corners = model.corners(state)
+    big, _ = singular_values(model.bounds.gradient(corners))
+    comm = model.skin.comm
+    stretch = largest(comm, float(big.max(initial=0.0)))
+    held = stretch > BLOWN_UP and model.bounds.worst(corners) > USED
+    return Condition(
+        snapped=snapped,
+        critical_load=critical,
+        blown_up=model.load.largest > 0 and held,
+        folded_edges=_folds(model, state),
+    )
+
+
+def _folds(model: SkinModel, state: Floats) -> int:
+    """Return the number of edges at which the skin lies on itself, and nothing hinders it."""
+    if model.contact is not None and model.contact.contact.self_contact:
+        return 0
+    return model.count_folds(state, FOLDED) // 2  # each edge is seen from both sides
+
+
+def success(
+    model: SkinModel,
+    load: LoadCase,
+    residual: float,
+    volumes: Sequence[float],
+    condition: Condition,
+) -> str:
+    """Return the sentence for an equilibrium, with warnings: rounding, a crossed wall, a snap."""
+    found = f"A stable equilibrium was found at {load}."
+    if condition.sentences:
+        found += f" {condition.sentences}"
+    if residual > STAGNATED:
+        found += f" Rounding leaves a residual of {residual:.0e} of the load."
+    if model.chambers is not None and min(volumes) < 0:
+        name = model.chambers.names[int(np.argmin(volumes))]
+        found += (
+            f" But chamber {name!r} has a volume of {min(volumes):.3g} m³: its wall, which has no "
+            "stiffness, crosses the skin. Lower the difference of the pressures, or stiffen the "
+            "skin where the wall is fixed."
+        )
+    return found
+
+
+def failure(
+    model: SkinModel,
+    end: ContinuationResult,
+    load: LoadCase,
+    tried: Floats,
+    *,
+    max_steps: int,
+    once: bool,
+) -> str:
+    """Return the sentence for a failure: why, how far the load came, the remedy (collective).
+
+    Args:
+        model: The skin's model.
+        end: Last equilibrium, its load factor, and outcome of the last attempt.
+        load: The requested load.
+        tried: State where the last attempt ended.
+        max_steps: Largest number of steps of an attempt.
+        once: Whether there was one attempt at the full load and no continuation.
+    """
+    if end.outcome == int(PETSc.SNES.ConvergedReason.DIVERGED_DTOL):
+        return (
+            f"A free body falls at {load}: it has moved by more than {FALLEN:g} times the size of "
+            "the skin, and nothing holds it. Put ground or the skin below it, or give it no mass: "
+            "then it is held."
+        )
+    why = {
+        int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT): (
+            f"Newton's method took {max_steps} steps without converging"
+        ),
+        int(PETSc.SNES.ConvergedReason.DIVERGED_INNER): "the stationary state is not stable",
+    }.get(end.outcome, "no step lowered the energy any more")
+    bounds = model.composite.stated_bounds
+    begin = f"No equilibrium inside the stretch bounds ({bounds}) was found at {load}, at "
+    ways = ", by raising or lowering the load, or by stiffening the plain fabric"
+    begin += f"once{'' if once else ways}"
+    begin += f": {why}."
+    folds = _folds(model, tried)
+    if folds:
+        begin += (
+            f" Where the last attempt ended {folds} edges are folded by more than "
+            f"{math.degrees(FOLDED):.0f} degrees: the skin collapses onto itself there. Give the "
+            "solver a Contact. A skin sewn from flat layers needs hinged seams."
+        )
+    if once:
+        return f"{begin} Solve without trial = True, which also tries continuation."
+    if end.load_factor is None:
+        return (
+            f"{begin} There was none under a lower load either; the state is the start. "
+            "Check materials and supports, start from a neighbouring equilibrium, allow more "
+            "steps, or refine the mesh."
+        )
+    use = model.bounds.worst(model.corners(end.state))
+    return (
+        f"{begin} The last equilibrium is at {load.scaled(end.load_factor)}, "
+        f"{100 * end.load_factor:.3g} % of the load, where the most stretched triangle "
+        f"uses {100 * use:.1f} % of the bounds. "
+        "Lower the load to about that, stiffen the skin, or refine the mesh where it is most "
+        "stretched."
+    )

@@ -1,0 +1,234 @@
+"""Factorised tangent, its products, and the same for PETSc's solvers."""
+
+from __future__ import annotations
+
+import os
+import weakref
+
+import numpy as np
+from petsc4py import PETSc
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import TorosError
+from toros_fem.mechanics.equilibrium import cholmod, petsc_factor
+from toros_fem.mechanics.equilibrium.condensation import CondensedFactor, find_partition
+from toros_fem.mechanics.equilibrium.petsc_factor import PetscFactor, has_cholmod
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.tangent import UpperTangent
+
+PREFIX = petsc_factor.PREFIX
+# Fraction of the diagonal that is added to M.
+LEAST = 1e-6
+# Unknowns between the parts, above which the dense matrix there would cost more than MUMPS.
+LARGEST_INTERFACE = 4000
+
+
+class TangentFactor:
+    """Factorised K + τ M, which exists only where that is positive definite.
+
+    M is the tangent's material part: the resistance of strains and curvatures, made positive where
+    stress bends or turns a triangle, without the pressure. For modes that no strain resists, M
+    contains the fraction LEAST of the mean diagonal of each vertex. τ is a pure number. A τ of
+    about 1 makes K + τ M positive definite in most states, whatever the contrast, but there is no
+    bound: assembled tubes of 146 to 250 thousand unknowns need 10. Where contact is indefinite, τ
+    also takes a positive semidefinite part of it in its place.
+
+    CHOLMOD factorises, in one part for each rank, or for each thread where there is one rank
+    (`CondensedFactor`). MUMPS does where CHOLMOD is missing, where the parts meet at too many
+    unknowns, or where the option -toros_pc_factor_mat_solver_type says so.
+
+    Attributes:
+        matrix, ksp: Matrix of `fill`, and solver by its factors, for PETSc.
+        package: "cholmod" or "mumps".
+        ordering: Fill-reducing ordering that MUMPS used; None with CHOLMOD, which compares its own.
+        values: Entries of the matrix of `fill`, in the order of `UpperTangent.columns`.
+        count: Numeric factorisations so far, failed ones included.
+        periodic: Rows of a tile's mean deformation gradient; None for a skin that does not repeat.
+        scale: Mean diagonal of each vertex, and diagonal of each rotation, in N/m, zero where
+            fixed, of the last `assemble`.
+
+    Args:
+        model: The skin's model.
+    """
+
+    def __init__(self, model: SkinModel) -> None:
+        comm = model.skin.comm
+        self._model = model
+        self._tangent = UpperTangent(model)
+        self.periodic = self._tangent.periodic
+        self.count = 0
+        self.scale: Floats = np.zeros(model.size_local)
+        self._make_entries()
+        self._state, self._has_material = model.assembled, False
+        self._factors: CondensedFactor | PetscFactor = self._choose()
+        self._outgrown = False
+        self.ordering = getattr(self._factors, "ordering", None)
+
+        size = (model.size_local, model.space.dofmap.index_map.size_global)
+        self.matrix = PETSc.Mat().createPython((size, size), _Matrix(self), comm=comm)
+        self.matrix.setUp()
+        self.ksp = PETSc.KSP().create(comm)
+        self.ksp.setOptionsPrefix(PREFIX)
+        self.ksp.setType(PETSc.KSP.Type.PREONLY)
+        self.ksp.setOperators(self.matrix)
+        pc = self.ksp.getPC()
+        pc.setType(PETSc.PC.Type.PYTHON)
+        pc.setPythonContext(_Preconditioner(self))
+
+    def _make_entries(self) -> None:
+        self._exact, self._material, self._data, self._convexity = (
+            np.zeros(len(self._tangent.columns)) for _ in range(4)
+        )
+        self._touches = False
+        self.values: Floats = self._exact
+
+    def _choose(self) -> CondensedFactor | PetscFactor:
+        comm, pattern = self._model.skin.comm, (self._tangent.indptr, self._tangent.columns)
+        wanted = PETSc.Options(PREFIX).getString("pc_factor_mat_solver_type", "")
+        self.package = wanted or "cholmod"
+        module = cholmod.library(comm) if self.package == "cholmod" else None
+        if module is not None:
+            threads = _threads() if comm.size == 1 else 1
+            partition = find_partition(comm, module, *pattern, threads=threads)
+            while len(partition.interface) > LARGEST_INTERFACE and threads > 1:
+                threads //= 2
+                partition = find_partition(comm, module, *pattern, threads=threads)
+            if len(partition.interface) <= LARGEST_INTERFACE:
+                return CondensedFactor(comm, module, *pattern, partition)
+        if not wanted and (comm.size > 1 or not has_cholmod()):
+            self.package = "mumps"
+        return PetscFactor(comm, self.package, *pattern)
+
+    def describe(self) -> str:
+        """Return what factorises, on which ranks or threads, for reports and logs."""
+        ranks = self._model.skin.comm.size
+        where = f"{ranks} ranks" if ranks > 1 else "one rank"
+        if isinstance(self._factors, PetscFactor):
+            ordering = f", ordering {self.ordering}" if self.ordering else ""
+            return f"{self.package.upper()} through PETSc on {where}{ordering}"
+        parts, met = self._factors.parts, len(self._factors.interface)
+        threads = f" with {parts} threads" if ranks == 1 and parts > 1 else ""
+        joined = f", {parts} parts that meet at {met} unknowns" if parts > 1 else ""
+        return f"CHOLMOD on {where}{threads}{joined}"
+
+    def assemble(self, state: Floats) -> None:
+        """Assemble the tangent at a state; the factors stay those of the last `factorise`."""
+        self._model.grow_pairs(state)
+        if self._tangent.outgrown:
+            self._tangent = UpperTangent(self._model, self._tangent.blocks)
+            self._make_entries()
+            self._outgrown = True
+        self._tangent.assemble(state, self._exact)
+        self._state, self._has_material = state, False
+        # One value per vertex: a flat membrane has no stiffness across its plane.
+        diagonal = np.abs(self._exact[self._tangent.diagonal])
+        by_vertex = self._model.positions(diagonal)
+        by_vertex[:] = by_vertex.mean(axis=1)[:, None]
+        self.scale = diagonal * self._model.free
+
+    def fill(self, shift: float = 0.0, diagonal: float = 0.0) -> None:
+        """Form K + shift · M + diagonal · D, D the mean diagonal of a vertex.
+
+        With a shift, the contact's part of K is a positive semidefinite one: less is left for M.
+        """
+        self.values = self._exact
+        if shift:
+            if not self._has_material:
+                self._tangent.assemble(self._state, self._material, geometric=0.0)
+                self._material[self._tangent.diagonal] += LEAST * self.scale
+                self._has_material = True
+                self._touches = self._tangent.convexity_gap(self._state, self._convexity)
+            self.values = self._data
+            np.multiply(self._material, shift, out=self.values)
+            self.values += self._exact
+            if self._touches:
+                self.values += self._convexity
+        if diagonal:
+            if not shift:
+                self._data[:] = self._exact
+            self.values = self._data
+            self.values[self._tangent.diagonal] += diagonal * self.scale
+        self.matrix.stateIncrease()
+
+    def factorise(self, shift: float = 0.0, diagonal: float = 0.0) -> bool:
+        """Factorise the matrix of `fill`; return whether it is positive definite, on all ranks."""
+        self.fill(shift, diagonal)
+        self.count += 1
+        self._analyse()
+        return self._factors.factorise(self.values)
+
+    def _analyse(self) -> None:
+        """Analyse the pattern anew where contact has changed it since."""
+        if self._outgrown:
+            self._factors, self._outgrown = self._choose(), False
+
+    def multiply(self, x: Floats) -> Floats:
+        """Return K x with the last assembled K, without shift, zero at fixed components."""
+        return self._tangent.multiply(self._exact, x) * self._model.free
+
+    def solve(self, rhs: Floats) -> Floats:
+        """Solve with the last factorisation, whatever has been assembled since.
+
+        Returns:
+            The solution, zero at fixed components.
+        """
+        return self._factors.solve(rhs) * self._model.free
+
+    def multiply_filled(self, x: Floats) -> Floats:
+        """Return the product of the matrix of `fill` with a vector."""
+        return self._tangent.multiply(self.values, x)
+
+    def factorise_filled(self) -> None:
+        """Factorise the matrix of `fill`, which only MUMPS does where it is indefinite."""
+        self.count += 1
+        self._analyse()
+        if not self._factors.factorise(self.values) and self.package != "mumps":
+            raise TorosError(
+                "CHOLMOD stops at an indefinite tangent, and this type of SNES has no shifts. Take "
+                "MUMPS by -toros_pc_factor_mat_solver_type mumps."
+            )
+
+
+class _Matrix:
+    """Matrix of PETSc's type "python".
+
+    PETSc holds it out of sight of Python's garbage collector: without the weak reference no solver
+    would ever be freed.
+    """
+
+    def __init__(self, factor: TangentFactor) -> None:
+        self._factor = weakref.ref(factor)
+
+    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Multiply."""
+        factor = self._factor()
+        assert factor is not None
+        y.array_w[:] = factor.multiply_filled(x.array_r)
+
+    # The matrix is symmetric; line searches ask for this.
+    multTranspose = mult  # noqa: N815
+
+
+class _Preconditioner:
+    """Preconditioner of PETSc's type "python"; set up only where the matrix has changed."""
+
+    def __init__(self, factor: TangentFactor) -> None:
+        self._factor = weakref.ref(factor)  # as in `_Matrix`
+
+    def setUp(self, _: PETSc.PC) -> None:
+        """Factorise."""
+        factor = self._factor()
+        assert factor is not None
+        factor.factorise_filled()
+
+    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """Solve."""
+        factor = self._factor()
+        assert factor is not None
+        y.array_w[:] = factor.solve(x.array_r)
+
+
+def _threads() -> int:
+    """Return the number of threads that the user allows."""
+    text = os.environ.get("OMP_NUM_THREADS", "").split(",")[0].strip()
+    return int(text) if text.isdigit() and int(text) > 0 else 1

@@ -1,0 +1,160 @@
+"""The path of equilibria through a state: its direction, its next singular point, its breaks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.mpi import dot, largest, norm
+from toros_fem.mechanics.equilibrium.continuation import Attempt
+from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
+from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.model import SkinModel
+
+# A singular tangent within this fraction of the load is near.
+NEAR = 0.05
+# Change of the load by which the change of the softest curvature is measured, and largest motion
+# by it over the skin's size.
+LOAD_STEP, MOTION = 1e-3, 1e-4
+# Inverse iterations for the softest mode.
+ITERATIONS = 12
+# A path that leads straight back to its start explains the motion up to this fraction.
+EXPLAINED = 0.5
+# Halvings of the interval in which the state moves most. Where an interval that is NARROW still
+# has LEAP of the whole motion, the state jumps there.
+HALVINGS, NARROW, LEAP = 7, 1 / 16, 0.5
+# A path is smooth where this many halvings have left less than SMOOTH of the whole motion.
+SMOOTH_HALVINGS, SMOOTH = 2, 0.35
+
+
+@dataclass(frozen=True, eq=False)
+class PathPoint:
+    """A stable equilibrium of one density and one load.
+
+    Attributes:
+        density: Projected density of the owned triangles.
+        load: The load case.
+        state: Owned unknowns.
+    """
+
+    density: Floats
+    load: LoadCase
+    state: Floats
+
+    def towards(self, other: PathPoint, fraction: float) -> tuple[Floats, LoadCase]:
+        """Return the density and the load a fraction of the way to another point."""
+        density = self.density + fraction * (other.density - self.density)
+        return density, self.load.towards(other.load, fraction)
+
+
+def critical_load(model: SkinModel, factor: TangentFactor, at: PathPoint) -> float | None:
+    """Return the factor on the load at which the tangent K is expected to be singular (collective).
+
+    The softest mode φ of K and the change of φ·Kφ along the path of equilibria under load give a
+    linear estimate. It is exact to first order at a bifurcation. At a limit point the curvature
+    falls as a root, so that the true distance is about half of the estimated one.
+
+    Args:
+        model: The skin's model; density and load are set to those of the point.
+        factor: Factors of K there.
+        at: The equilibrium.
+
+    Returns:
+        A factor within NEAR of 1; None if it is not near, or if supports move.
+    """
+    if not at.load or at.load.displacement is not None:
+        return None
+    comm, size = model.skin.comm, model.skin.pattern.size
+    along = factor.solve(model.applied_load(at.state))  # dx/d(load factor)
+    farthest = largest(comm, float(np.abs(along).max(initial=0.0)))
+    step = min(LOAD_STEP, MOTION * size / max(farthest, 1e-300))
+    factor.assemble(at.state)
+    weights = factor.scale.copy()
+    mode: Floats = along
+    for _ in range(ITERATIONS):
+        length = norm(comm, mode)
+        if not (np.isfinite(length) and length > 0):
+            return None
+        mode = factor.solve(np.asarray(weights * mode / length))
+    curvature = [0.0, 0.0]
+    for k, sign in enumerate((-1, 1)):
+        model.set_load(at.load.scaled(1 + sign * step))
+        factor.assemble(at.state + sign * step * along)
+        curvature[k] = dot(comm, mode, factor.multiply(mode))
+    model.set_load(at.load)
+    factor.assemble(at.state)
+    change = (curvature[1] - curvature[0]) / (2 * step)
+    now = dot(comm, mode, factor.multiply(mode))
+    if not (np.isfinite(change) and abs(now) <= NEAR * abs(change)):
+        return None
+    return 1 - now / change
+
+
+def leads_back(model: SkinModel, factor: TangentFactor, begin: PathPoint, end: PathPoint) -> bool:
+    """Return whether the tangent at the end of a path predicts its begin (collective).
+
+    Across a jump it does not: the path behind the jump leads elsewhere.
+
+    Args:
+        model: The skin's model; it is left at the density and load of the end.
+        factor: Factors of the tangent at the end.
+        begin, end: Equilibria.
+    """
+    comm = model.skin.comm
+    model.set_density(begin.density)
+    model.set_load(begin.load)
+    chord = (begin.state - end.state) * model.free
+    # Prescribed positions move the fixed components without any force on the free ones.
+    with_supports = np.where(model.free, end.state, begin.state)
+    feasible = model.admits(with_supports)
+    predicted = -factor.solve(model.residual(with_supports)) if feasible else 0 * chord
+    model.set_density(end.density)
+    model.set_load(end.load)
+    return norm(comm, predicted - chord) <= EXPLAINED * norm(comm, chord)
+
+
+def find_jump(
+    distance: Callable[[Floats, Floats], float],
+    attempt: Callable[[Floats, float], Attempt],
+    begin: PathPoint,
+    end: PathPoint,
+) -> tuple[bool | None, Floats]:
+    """Return whether the state jumps on the way between two equilibria, by halving (collective).
+
+    The interval in which the state moves most is halved again and again. On a smooth path the
+    motion in it halves too; at a jump it stays. Each solve starts from the equilibrium before.
+
+    Args:
+        distance: Distance of two states, equal on all ranks.
+        attempt: Solves from a state at a fraction of the way, between 0 and 1.
+        begin, end: Equilibria.
+
+    Returns:
+        Whether it jumps, None if a solve on the way fails; and the state that the path reaches at
+        the end, which is another one where `end` was found past a jump that the path does not
+        make.
+    """
+    low, high, left, right = 0.0, 1.0, begin.state, end.state
+    middle, whole, reached = 0.5, distance(left, right), right
+    for halving in range(1, HALVINGS + 1):
+        found = attempt(left, middle)
+        if not found.converged:  # solves next to a jump are hard: one nearer to the left side
+            middle = (low + middle) / 2
+            continue
+        if distance(found.state, left) >= LEAP * distance(left, right):
+            high, right = middle, found.state
+        else:  # what lies right of the middle is reached from there
+            again = attempt(found.state, high)
+            if not again.converged:
+                return None, reached
+            low, left, right = middle, found.state, again.state
+            reached = right if high == 1.0 else reached
+        middle = (low + high) / 2
+        if halving >= SMOOTH_HALVINGS and distance(left, right) <= SMOOTH * whole:
+            return False, reached
+    if high - low > NARROW:
+        return None, reached
+    return distance(left, right) >= LEAP * whole, reached

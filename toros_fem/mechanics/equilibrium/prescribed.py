@@ -1,0 +1,122 @@
+"""Prescribed motion of fixed components and held bodies, which the free components follow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.mpi import largest
+from toros_fem.mechanics.equilibrium.newton import RegularisedNewton
+from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.meshes.harmonic_extension import flat_laplacian, harmonic_extension
+from toros_fem.meshes.mirror import FLAT
+
+# Motion in differences of the residual, over the distance of contact.
+PROBE = 1e-3
+# Fraction of the distance to the stretch bounds that a step may use up.
+USED = 0.9
+
+
+class PrescribedDisplacement:
+    """Displacement of the fixed components of a state to their prescribed positions.
+
+    Moved alone, they would stretch the triangles next to them by the whole displacement. So the
+    free components follow by the harmonic extension over the flat panels, each component by itself:
+    on a strip that is pulled this is the exact solution. The pattern is whole on every rank, so
+    that each computes the same.
+
+    Args:
+        model: The skin's model.
+    """
+
+    def __init__(self, model: SkinModel) -> None:
+        self._model = model
+        self._solvers: list[Callable[[Floats], Floats]] = []  # made when something first moves
+
+    def __call__(self, state: Floats, displacement: Floats | None) -> Floats:
+        """Return the state with its fixed components in place (collective).
+
+        Args:
+            state: Owned unknowns.
+            displacement: Displacement of each assembled vertex from its assembled position in m,
+                (n, 3), read at fixed components; None leaves them there.
+        """
+        model, skin = self._model, self._model.skin
+        fixed = ~model.free
+        placed = np.where(fixed, self.goal(displacement), state)
+        jump = model.positions(placed - state)
+        distance = largest(skin.comm, float(np.abs(jump).max(initial=0.0)))
+        if distance > FLAT * skin.pattern.size:
+            spread = self._extension(skin.gather_vertices(jump))
+            along = np.zeros_like(state)
+            model.positions(along)[:] = spread[skin.owned_vertices]
+            placed += np.where(fixed, 0.0, along)
+        return placed
+
+    def goal(self, displacement: Floats | None) -> Floats:
+        """Return the assembled state with all vertices moved by the displacement."""
+        goal = self._model.assembled
+        if displacement is not None:
+            self._model.positions(goal)[:] += displacement[self._model.skin.owned_vertices]
+        return goal
+
+    def follow(
+        self,
+        newton: RegularisedNewton,
+        state: Floats,
+        end: LoadCase,
+        longest: float,
+    ) -> tuple[Floats, float]:
+        """Return a state in which bodies and supports have moved as far as nothing meets.
+
+        They move straight. The free components follow as the tangent predicts: what is in contact
+        is pushed along (collective).
+
+        Args:
+            newton: The solver of this model.
+            state: Owned unknowns of an equilibrium under the load of the model.
+            end: Load at the end; only displacement and poses matter.
+            longest: Largest part of the way to go.
+
+        Returns:
+            Owned unknowns, and the part of the way that is gone.
+        """
+        model = self._model
+        contact, fixed = model.contact, ~model.free
+        assert contact is not None
+        poses = contact.poses.copy()
+        left = -poses if end.poses is None else end.poses - poses
+        goal = self.goal(end.displacement)
+        jump = np.where(fixed, goal - state, 0.0)
+        reach = max(float(np.abs(jump).max(initial=0.0)), self._reach(left))
+        reach = largest(model.skin.comm, reach)
+        if reach == 0:
+            return state, 1.0
+        probe = PROBE * contact.sizes.distance / reach
+        residual = model.residual(state)
+        contact.poses[:] = poses + probe * left
+        push = (model.residual(state + probe * jump) - residual) / probe
+        contact.poses[:] = poses
+        step = np.where(fixed, jump, newton.direction(state, residual + push))
+        step, left = longest * step, longest * left
+        part = model.largest_step(state, step, USED, left)
+        return state + part * step, part * longest
+
+    def _reach(self, change: Floats) -> float:
+        """Return the largest motion in m of a body by a change of the poses."""
+        assert self._model.contact is not None
+        bodies = self._model.contact.contact.bodies
+        turned = [
+            float(np.linalg.norm(c[3:]) * b.radius) for c, b in zip(change, bodies, strict=True)
+        ]
+        return max([float(np.abs(change[:, :3]).max(initial=0.0)), *turned], default=0.0)
+
+    def _extension(self, jump: Floats) -> Floats:
+        if not self._solvers:
+            laplacian = flat_laplacian(self._model.skin.pattern)
+            for fixed in self._model.supports.fixed.T:
+                self._solvers.append(harmonic_extension(laplacian, fixed))
+        return np.stack([f(jump[:, k]) for k, f in enumerate(self._solvers)], axis=1)

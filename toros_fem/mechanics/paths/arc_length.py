@@ -1,0 +1,391 @@
+"""Equilibria along a path of loads times a load factor, through limit points: Riks' method."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.config import Config, quantity
+from toros_fem.base.errors import ParameterError, TorosError
+from toros_fem.base.mpi import dot, largest, norm
+from toros_fem.measures.metrics import Metric
+from toros_fem.mechanics.equilibrium.diagnostics import condition_of
+from toros_fem.mechanics.equilibrium.newton import RESOLVED, STAGNATED, STUCK, UNRESOLVED
+from toros_fem.mechanics.equilibrium.petsc_factor import PetscFactor
+from toros_fem.mechanics.equilibrium.solver import (
+    EquilibriumError,
+    EquilibriumResult,
+    EquilibriumSolver,
+)
+from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
+from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.tangent import UpperTangent
+
+# Newton steps after which a point is given up, and number at which the steps along the path keep
+# their length.
+MAX_STEPS = 15
+USUAL_STEPS = 4
+# Shortest step along the path, over the first one.
+LEAST_STEP = 1e-5
+# Largest correction of a predicted point, over the step, and least cosine between the directions
+# of two neighbouring points. Beyond, the point may lie on another path.
+FAR = 0.5
+TURN = 0.7
+
+
+@dataclass(frozen=True)
+class ArcLengthOptions(Config):
+    """Where a path by arc length begins and ends, and how densely it is followed.
+
+    Raises:
+        ParameterError: A value is outside its bounds, or the first increment is zero.
+    """
+
+    first: float = quantity(0.05, "load factor of the first point")
+    first_increment: float = quantity(
+        0.05, "change of the load factor to the second point; negative: the path begins downwards"
+    )
+    largest_increment: float = quantity(
+        0.1, "largest change of the load factor between two points", above=0
+    )
+    largest_movement: float = quantity(
+        0.02, "largest movement of a vertex between two points, over the skin's size", above=0
+    )
+    lowest: float | None = quantity(0.0, "load factor at which the path ends when it falls to it")
+    highest: float | None = quantity(1.0, "load factor at which the path ends when it rises to it")
+    max_points: int | None = quantity(200, "largest number of points", at_least=2)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.first_increment == 0:
+            raise ParameterError("first_increment = 0 has no direction; it must not be zero.")
+
+    def end_between(self, one: float, two: float) -> float | None:
+        """Return the load factor at which a path ends on its way from one to two; None if none."""
+        if self.lowest is not None and one > self.lowest >= two:
+            return self.lowest
+        if self.highest is not None and one < self.highest <= two:
+            return self.highest
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Equilibrium:
+    """A state in equilibrium, where the tangent is factorised.
+
+    Attributes:
+        state: Owned unknowns.
+        factor: Load factor.
+        negative: Number of negative eigenvalues of the tangent.
+        residual: Norm of the first variation over the applied load.
+        response: Derivative of the state by the load factor.
+        steps: Newton steps to it.
+    """
+
+    state: Floats
+    factor: float
+    negative: int
+    residual: float
+    response: Floats
+    steps: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Direction:
+    """Change of state and load factor per arc length."""
+
+    state: Floats
+    factor: float
+
+
+class _StepError(TorosError):
+    """No point was found by one step along the path; the message says why."""
+
+
+def follow_arc(
+    solver: EquilibriumSolver,
+    density: Floats,
+    load: LoadCase,
+    metrics: Sequence[Metric],
+    start: Floats | None,
+    options: ArcLengthOptions,
+) -> Iterator[TracePoint]:
+    """Yield equilibria along a path of loads times a load factor (collective).
+
+    Args:
+        solver: Equilibrium solver.
+        density: Projected density of its owned triangles.
+        load: Loads at load factor 1; a displacement of supports stays as it is.
+        metrics: Metrics to compute at each point.
+        start: As for `EquilibriumSolver.solve`, for the first point.
+        options: Ends and density of the path.
+
+    Raises:
+        ParameterError: The loads do not move the skin.
+        EquilibriumError: There is no first point, or the path could not be followed further; the
+            points before have been yielded.
+    """
+    first = solver.solve(
+        density,
+        [options.first * float(p) for p in load.pressures],
+        force=None if load.force is None else options.first * load.force,
+        weight_fraction=options.first * load.weight_fraction,
+        start=start,
+    )
+    path = _ArcLength(solver, density.copy(), load, options, first)
+    while True:
+        result = path.result()
+        several = len(result.pressures) > 1
+        pressure = list(result.pressures) if several else result.pressure
+        yield replace(
+            measured_point(solver, pressure, result, metrics),
+            load_factor=path.point.factor,
+            negative_eigenvalues=path.point.negative,
+            arc_length=path.length,
+            load_rate=path.direction.factor,
+        )
+        if path.ended:
+            return
+        path.advance()
+
+
+class _ArcLength:
+    """Pseudo-arc-length continuation of the equilibria r(x, λ) = 0 (Riks 1979; Keller 1977).
+
+    From a point, a step ds along the tangent predicts the next one. Newton's method corrects it in
+    the plane across the tangent. Each Newton step has the matrix [K, −q; c, d], bordered by the
+    force q of the loads and by the plane's normal (c, d). It is solved by two solves with K, which
+    is indefinite beyond a limit point: MUMPS factorises it as LDLᵀ, and counts the negative pivots,
+    by Sylvester's law of inertia the negative eigenvalues of K. The length is ds² = |dx|²/S² + dλ²,
+    with S = |dx/dλ| at the first point.
+
+    Attributes:
+        point: The last point.
+        direction: Tangent of the path there.
+        length: Arc length from the first point.
+        ended: Whether the path has reached an end.
+    """
+
+    def __init__(
+        self,
+        solver: EquilibriumSolver,
+        density: Floats,
+        load: LoadCase,
+        options: ArcLengthOptions,
+        first: EquilibriumResult,
+    ) -> None:
+        self._solver, self._model, self._options = solver, solver.model, options
+        self._density, self._load = density, load
+        self._comm, self._size = solver.skin.comm, solver.skin.pattern.size
+        self._make_tangent()
+        self._factorisations = self._counted = 0
+        # Residuals are measured by the largest load so far: it may pass through zero.
+        self._peak = max(abs(options.first), abs(options.first_increment))
+        self.length, self._points, self.ended = 0.0, 1, False
+        self._act()
+        self.point = self._corrected(first.state, options.first, None)
+        self._scale = norm(self._comm, self.point.response)
+        if self._scale == 0:
+            raise ParameterError(
+                "the loads do not move the skin; give a pressure, a force or a weight that acts on "
+                "free vertices."
+            )
+        none: Floats = np.zeros(len(self.point.state))
+        sense = _Direction(none, float(np.sign(options.first_increment)))
+        self.direction = self._tangent_at(self.point, sense)
+        self._step = self._first_step = abs(options.first_increment / self.direction.factor)
+
+    def result(self) -> EquilibriumResult:
+        """Return the last point as the result of a solve (collective)."""
+        self._act()
+        model, point = self._model, self.point
+        model.set_load(self._case(point.factor))
+        point.state.setflags(write=False)
+        volumes = tuple(float(v) for v in model.volumes(point.state))
+        kind = "A stable" if not point.negative else "An unstable"
+        counted = f", where the tangent has {point.negative} negative eigenvalues"
+        found = EquilibriumResult(
+            converged=point.negative == 0,
+            load_factor=point.factor,
+            reason=f"{kind} equilibrium was found at load factor {point.factor:.6g}"
+            f"{counted if point.negative else ''}.",
+            pressure=model.load.largest,
+            pressures=tuple(float(p) for p in model.load.pressures),
+            state=point.state,
+            positions=model.positions(point.state),
+            energy=model.energy(point.state),
+            volume=sum(volumes),
+            volumes=volumes,
+            stretch_use=model.bounds.worst(model.corners(point.state)),
+            residual=point.residual,
+            condition=condition_of(model, point.state, snapped=None, critical=None),
+            smallest_distance=model.gap(point.state),
+            poses=None,
+            steps=point.steps,
+            modified_steps=0,
+            factorisations=self._factorisations - self._counted,
+            history=(),
+        )
+        self._counted = self._factorisations
+        return found
+
+    def advance(self) -> None:
+        """Find the next point, by shorter steps where a step fails (collective).
+
+        Raises:
+            EquilibriumError: No step finds one.
+        """
+        self._act()
+        step = self._step
+        while True:
+            try:
+                length, point, direction = self._stepped(min(step, self._longest()))
+                break
+            except _StepError as error:  # raised by all ranks or by none
+                step = min(step, self._longest()) / 2
+                if step < LEAST_STEP * self._first_step:
+                    raise EquilibriumError(
+                        f"the path ends at load factor {self.point.factor:.6g}, after "
+                        f"{self._points} points: {error} Mesh the skin finer where it folds, or "
+                        "begin with a smaller first_increment.",
+                        replace(self.result(), converged=False),
+                    ) from None
+        growth = (USUAL_STEPS / max(point.steps, 1)) ** 0.5
+        self._step = length * min(max(growth, 0.5), 2.0)
+        self.point, self.direction = point, direction
+        self.length += length
+        self._points += 1
+        self._peak = max(self._peak, abs(point.factor))
+        most = self._options.max_points
+        self.ended |= most is not None and self._points >= most
+
+    def _act(self) -> None:
+        """Take the model, which a caller may have used between two points."""
+        self._solver.forget_last()
+        self._model.set_density(self._density)
+
+    def _case(self, factor: float) -> LoadCase:
+        load = self._load
+        return LoadCase(
+            factor * load.pressures,
+            None if load.force is None else factor * load.force,
+            load.displacement,
+            factor * load.weight_fraction,
+        )
+
+    def _longest(self) -> float:
+        """Return the longest step along the tangent that keeps points close to each other."""
+        moved = largest(
+            self._comm,
+            float(np.abs(self._model.positions(self.direction.state)).max(initial=0.0)),
+        )
+        options, rate = self._options, abs(self.direction.factor)
+        by_load = options.largest_increment / rate if rate > 0 else np.inf
+        return min(options.largest_movement * self._size / moved, by_load)
+
+    def _stepped(self, step: float) -> tuple[float, _Equilibrium, _Direction]:
+        """Return length, point and tangent after one step.
+
+        Raises:
+            _StepError: Newton's method does not converge, or to a point of another path.
+        """
+        model, here, along = self._model, self.point, self.direction
+        within = self._solver.options.fraction_to_barrier
+        fraction = model.largest_step(here.state, step * along.state, within)
+        step *= fraction
+        state, factor = here.state + step * along.state, here.factor + step * along.factor
+        point = self._corrected(state, factor, along)
+        away = self._product(
+            _Direction(point.state - state, point.factor - factor),
+            _Direction(point.state - state, point.factor - factor),
+        )
+        if away**0.5 > FAR * step:
+            raise _StepError("Newton's method went far from the path.")
+        end = self._options.end_between(here.factor, point.factor)
+        if end is not None:
+            share = (end - here.factor) / (point.factor - here.factor)
+            between = here.state + share * (point.state - here.state)
+            point, step = self._corrected(between, end, None), share * step
+            self.ended = True
+        direction = self._tangent_at(point, along)
+        if self._product(direction, along) < TURN:
+            self.ended = False
+            raise _StepError("the path turns sharply.")
+        return step, point, direction
+
+    def _tangent_at(self, point: _Equilibrium, before: _Direction) -> _Direction:
+        """Return the tangent at a point, in the sense of the one before."""
+        unit = _Direction(point.response, 1.0)
+        size = float(np.copysign(self._product(unit, unit) ** 0.5, self._product(unit, before)))
+        return _Direction(np.asarray(point.response / size), 1.0 / size)
+
+    def _corrected(self, predicted: Floats, at: float, across: _Direction | None) -> _Equilibrium:
+        """Return the equilibrium in the plane through a prediction, across a direction.
+
+        Args:
+            predicted: State to start from.
+            at: Its load factor.
+            across: Normal of the plane; None keeps the load factor.
+
+        Raises:
+            _StepError: Newton's method does not converge.
+        """
+        model, comm = self._model, self._comm
+        state, factor, before = predicted.copy(), at, np.inf
+        moved = np.inf
+        for steps in range(MAX_STEPS + 1):
+            model.set_load(self._case(1.0))
+            force = model.applied_load(state)
+            model.set_load(self._case(factor))
+            residual = model.residual(state)
+            size = norm(comm, residual)
+            share = size / max(self._peak * norm(comm, force), np.finfo(float).tiny)
+            negative = self._factorise(state)
+            response = self._factors.solve(force) * model.free
+            stuck = size > STUCK * before
+            negligible = share <= STAGNATED or (share <= UNRESOLVED and moved <= RESOLVED)
+            if share <= self._solver.options.tolerance or (stuck and negligible):
+                return _Equilibrium(state, factor, negative, share, response, steps)
+            change, rise = -self._factors.solve(residual) * model.free, 0.0
+            if across is not None:
+                gap = self._product(across, _Direction(state - predicted, factor - at))
+                rise = -(gap + self._product(across, _Direction(change, 0.0))) / self._product(
+                    across, _Direction(response, 1.0)
+                )
+            change += rise * response
+            longest = norm(comm, change)
+            if not np.isfinite(longest):
+                break
+            within = self._solver.options.fraction_to_barrier
+            fraction = model.largest_step(state, change, within)
+            state, factor = state + fraction * change, factor + fraction * rise
+            before = size
+            moved = largest(comm, float(np.abs(change).max(initial=0.0))) / self._size
+        raise _StepError(f"Newton's method took {MAX_STEPS} steps without converging.")
+
+    def _make_tangent(self) -> None:
+        """Make tangent and factors for the pairs in contact."""
+        self._tangent = UpperTangent(self._model)
+        self._entries: Floats = np.zeros(len(self._tangent.columns))
+        pattern = self._tangent.indptr, self._tangent.columns
+        self._factors = PetscFactor(self._comm, "mumps", *pattern)
+
+    def _factorise(self, state: Floats) -> int:
+        """Factorise the tangent at a state; return the number of its negative eigenvalues."""
+        self._model.grow_pairs(state)
+        if self._tangent.outgrown:
+            self._make_tangent()
+        self._tangent.assemble(state, self._entries)
+        self._factorisations += 1
+        self._factors.factorise(self._entries)
+        negative = self._factors.negative_pivots
+        if negative is None:
+            raise _StepError("the tangent is singular, as of a flat membrane without load.")
+        return negative
+
+    def _product(self, one: _Direction, other: _Direction) -> float:
+        by_state = dot(self._comm, one.state, other.state) / self._scale**2
+        return by_state + one.factor * other.factor

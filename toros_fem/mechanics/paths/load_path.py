@@ -1,0 +1,202 @@
+"""A sequence of loads on one design, and gradients of functionals of the whole path."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import dot, require_alike
+from toros_fem.base.validation import require_kind
+from toros_fem.mechanics.contact.settings import poses_of
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.skin.load_case import LoadCase, make_load_case
+
+
+@dataclass(frozen=True, eq=False)
+class LoadStep:
+    """What acts at one step of a path; all as of `EquilibriumSolver.solve`.
+
+    Attributes:
+        pressure: In Pa, one for all chambers or one for each.
+        force: Dead forces in N on all assembled vertices, (n, 3); None for none.
+        displacement: Displacement of the fixed components in m, (n, 3); None takes that of the
+            supports.
+        weight_fraction: Fraction of the skin's own weight that acts, if it has one.
+        poses: Poses of the contact's bodies, (k, 6), in m and rad; None leaves them there.
+    """
+
+    pressure: float | Sequence[float]
+    force: Floats | None = None
+    displacement: Floats | None = None
+    weight_fraction: float = 1.0
+    poses: Floats | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class PathGradient:
+    """Gradient of a functional of a path.
+
+    Attributes:
+        density: By ρ̄ at owned triangles, (cells,).
+        pressures: By the pressure of each chamber at each step, in 1/Pa, (steps, chambers).
+    """
+
+    density: Floats
+    pressures: Floats
+
+
+class LoadPath:
+    """Equilibria of one design under one load after the other, and their adjoint.
+
+    With friction an equilibrium depends on those before it. The path begins with a skin at rest at
+    its assembled positions, whatever the density: two solves of one design give one result.
+
+    Gradients are the discrete adjoint's, by one linear solve a step, from the last step back to
+    the first. The tangent of each step is factorised anew.
+
+    Attributes:
+        solver, steps, start: As given.
+
+    Args:
+        solver: Equilibrium solver.
+        steps: Loads in the order in which they act.
+        start: State or positions, as of `EquilibriumSolver.solve`, at which the iteration of the
+            first step starts; None starts at the assembled positions.
+
+    Raises:
+        ParameterError: There are no steps, or a load does not fit.
+        OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
+    """
+
+    def __init__(
+        self,
+        solver: EquilibriumSolver,
+        steps: Sequence[LoadStep],
+        start: Floats | None = None,
+    ) -> None:
+        require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
+        require_alike(solver.skin.comm, steps=steps)
+        if not isinstance(steps, list | tuple) or not steps:
+            raise ParameterError(f"steps = {steps!r} must be a list of LoadStep, at least one.")
+        for step in steps:
+            require_kind("steps", step, LoadStep, "a LoadStep")
+        self.solver, self.steps, self.start = solver, tuple(steps), start
+        for number in range(len(steps)):
+            self._load(number, None)
+
+    def solve(
+        self,
+        density: Floats,
+        pressures: Floats | None = None,
+        near: Sequence[EquilibriumResult] | None = None,
+    ) -> tuple[EquilibriumResult, ...]:
+        """Return the equilibrium of each step (collective).
+
+        Args:
+            density: Projected density of the owned triangles, in [0, 1].
+            pressures: Pressure in Pa of each chamber at each step, (steps, chambers), in the place
+                of those of the steps; None takes these.
+            near: Path of a neighbouring design, at whose states the iterations start; None starts
+                each at the step before. It does not change the path that is solved for.
+
+        Raises:
+            ParameterError: An array does not fit.
+            DensityError: The density does not fit, or leaves [0, 1].
+            EquilibriumError: A step has no equilibrium.
+        """
+        if near is not None and len(near) != len(self.steps):
+            raise ParameterError(
+                f"near has {len(near)} equilibria; the path has {len(self.steps)} steps."
+            )
+        found: list[EquilibriumResult] = []
+        for number, step in enumerate(self.steps):
+            start = found[-1].state if found else self.start
+            load = self._load(number, pressures)
+            found.append(
+                self.solver.solve(
+                    density,
+                    [float(p) for p in load.pressures],
+                    force=step.force,
+                    displacement=step.displacement,
+                    weight_fraction=step.weight_fraction,
+                    poses=step.poses,
+                    start=start if near is None else near[number].state,
+                    sliding=found[-1].sliding if found else None,
+                )
+            )
+        return tuple(found)
+
+    def gradient(
+        self,
+        density: Floats,
+        equilibria: Sequence[EquilibriumResult],
+        slopes: Sequence[Floats | None],
+    ) -> PathGradient:
+        """Return the gradient of a functional T of the path, eq. (19) at each step (collective).
+
+        Args:
+            density: As of `solve`.
+            equilibria: The path, as `solve` returned it.
+            slopes: dT/dx by the positions of owned nodes at each step, (n, 3); None where T does
+                not depend on a step.
+
+        Raises:
+            ParameterError: The numbers of steps differ, or a state is not stable.
+        """
+        if not len(equilibria) == len(slopes) == len(self.steps):
+            raise ParameterError(
+                f"there are {len(equilibria)} equilibria and {len(slopes)} slopes; the path has "
+                f"{len(self.steps)} steps."
+            )
+        solver, model = self.solver, self.solver.model
+        by_density = np.zeros(len(density))
+        by_pressure = np.zeros((len(self.steps), len(model.load.pressures)))
+        pressures = np.array([e.pressures for e in equilibria])
+        carried: Floats | None = None  # dT by the anchors that a step hands to the next
+        for number in reversed(range(len(self.steps))):
+            at, slope = equilibria[number], slopes[number]
+            if slope is None and carried is None:
+                continue
+            rhs = np.zeros_like(at.state)
+            if slope is not None:
+                model.positions(rhs)[:] = slope
+            begin = equilibria[number - 1].sliding if number else None
+            solver.revisit(at, density, self._load(number, pressures), begin)
+            through: Floats | None = None
+            if carried is not None:
+                by_state, through = model.end_step_backward(at.state, carried)
+                rhs += by_state
+            adjoint = solver.solve_tangent(rhs, at, adjoint=True)
+            by_density -= model.density_sensitivity(at.state, adjoint)
+            for k in range(by_pressure.shape[1]):
+                change = model.volume_gradient(at.state, k)
+                by_pressure[number, k] = dot(solver.skin.comm, adjoint, change)
+            if model.slides:
+                carried = -model.begin_step_backward(at.state, adjoint)
+                carried += 0.0 if through is None else through
+        return PathGradient(by_density, by_pressure)
+
+    def _load(self, number: int, pressures: Floats | None) -> LoadCase:
+        """Return the load case of a step, with other pressures if they are given."""
+        model, step = self.solver.model, self.steps[number]
+        chambers = len(model.load.pressures)
+        if pressures is not None and np.shape(pressures) != (len(self.steps), chambers):
+            raise ParameterError(
+                f"pressures have shape {np.shape(pressures)}; they must be "
+                f"({len(self.steps)}, {chambers}): one for each step and chamber, in Pa."
+            )
+        return make_load_case(
+            self.solver.skin.pattern,
+            model.supports,
+            chambers,
+            step.pressure if pressures is None else pressures[number],
+            force=step.force,
+            displacement=step.displacement,
+            weight_fraction=0.0 if model.weight is None else step.weight_fraction,
+            poses=poses_of(self.solver.contact, step.poses),
+            bodies_fraction=float(model.free_bodies > 0),
+        )

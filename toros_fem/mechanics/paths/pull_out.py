@@ -1,0 +1,209 @@
+"""Force by which a skin holds a body that is pulled out of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.validation import checked_floats, real_numbers, require_kind, shown
+from toros_fem.mechanics.equilibrium.solver import (
+    EquilibriumError,
+    EquilibriumResult,
+    EquilibriumSolver,
+)
+from toros_fem.meshes.harmonic_extension import flat_laplacian, harmonic_extension
+
+# Smallest step of a pull over the size of the skin.
+SMALLEST = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class PullPoint:
+    """One equilibrium of a pull.
+
+    Attributes:
+        depth: Distance in m by which the body has been pulled.
+        force: Force in N by which the skin holds it back.
+        positions: Positions of all assembled vertices in m, (n, 3).
+        normals: Normal force in N of the body on each of them, (n, 3).
+        result: The equilibrium.
+    """
+
+    depth: float
+    force: float
+    positions: Floats
+    normals: Floats
+    result: EquilibriumResult
+
+
+def pull_out(
+    solver: EquilibriumSolver,
+    density: Floats,
+    pressure: float | Sequence[float],
+    depths: Sequence[float],
+    direction: Sequence[float],
+    closed: Floats,
+    *,
+    body: int = 0,
+) -> Iterator[PullPoint]:
+    """Return an iterator over the equilibria of a pull, found one by one (collective).
+
+    A body that is free to move along the direction alone, under a dead force, follows these
+    equilibria from the first to the one that holds the force: nothing moves it back. So one pull
+    tells what becomes of all forces. Friction acts from its begin on.
+
+    Args:
+        solver: Equilibrium solver with contact; the body is held or moved, without a mass.
+        density: Projected density of the owned triangles, in [0, 1].
+        pressure: In Pa, one for all chambers or one for each.
+        depths: Distances in m by which the body is pulled, ascending from 0.
+        direction: Direction of the pull, (3,); its length does not matter.
+        closed: Positions of the owned nodes in m, (k, 3), that the skin has taken around the body
+            without friction.
+        body: Number of the body.
+
+    Raises:
+        ParameterError: The solver has no such body, or an argument does not fit.
+        EquilibriumError: While iterating: the pull could not be followed further.
+    """
+    require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
+    along = checked_floats("direction", direction, "a finite vector of three", (3,))
+    length = float(np.linalg.norm(along))
+    if length == 0:
+        raise ParameterError("direction = 0 is none; give that of the pull.")
+    steps = real_numbers("depths", depths, "distances in m, ascending from 0")
+    if steps.ndim != 1 or not len(steps) or steps[0] != 0 or not (np.diff(steps) > 0).all():
+        raise ParameterError(f"depths = {shown(depths)} must be distances in m, ascending from 0.")
+    pull = _Pull(solver, density, pressure, np.asarray(along / length), body)
+    return pull.follow(steps, closed)
+
+
+class _Pull:
+    """A pull of one body, by steps that shrink where they fail."""
+
+    def __init__(
+        self,
+        solver: EquilibriumSolver,
+        density: Floats,
+        pressure: float | Sequence[float],
+        along: Floats,
+        body: int,
+    ) -> None:
+        contact = solver.model.contact
+        if contact is None or not 0 <= body < len(contact.contact.bodies):
+            raise ParameterError(f"the solver's contact has no body number {body}.")
+        self._solver, self._contact = solver, contact
+        self._density, self._pressure = density, pressure
+        self._along, self._body = along, body
+        self._laplacian = flat_laplacian(solver.skin.pattern)
+
+    def follow(self, depths: Floats, closed: Floats) -> Iterator[PullPoint]:
+        """Return an iterator over the equilibria at the depths."""
+        skin, friction = self._solver.skin, self._contact.friction
+        rest = None
+        if friction is not None:
+            rest = friction.at_rest(skin.gather_vertices(closed), self._poses(0.0))
+        last = self._point(
+            self._solver.solve(
+                self._density, self._pressure, poses=self._poses(0.0), start=closed, sliding=rest
+            ),
+            0.0,
+        )
+        yield last
+        for goal in depths[1:]:
+            step = goal - last.depth
+            while last.depth < goal:
+                try:
+                    last = self._next(last, min(float(goal), last.depth + step))
+                except EquilibriumError:  # raised by all ranks or by none
+                    step /= 2
+                    if step < SMALLEST * skin.pattern.size:
+                        raise
+            yield last
+
+    def _next(self, last: PullPoint, depth: float) -> PullPoint:
+        """Return the equilibrium at the next depth."""
+        solver = self._solver
+        found = solver.solve(
+            self._density,
+            self._pressure,
+            poses=self._poses(depth),
+            start=self._carried(last, depth)[solver.skin.owned_vertices],
+            sliding=last.result.sliding,
+            trial=True,
+        )
+        return self._point(solver.finish(found), depth)
+
+    def _poses(self, depth: float) -> Floats:
+        poses: Floats = np.zeros((len(self._contact.contact.bodies), 6))
+        poses[self._body, :3] = depth * self._along
+        return poses
+
+    def _carried(self, last: PullPoint, depth: float) -> Floats:
+        """Return positions at which the vertices in contact have moved with the body, (n, 3).
+
+        The others follow by the harmonic extension over the flat panels.
+        """
+        touching = np.any(last.normals != 0, axis=1)
+        motion, moved = (depth - last.depth) * self._along, last.positions.copy()
+        for k, fixed in enumerate(self._solver.model.supports.fixed.T):
+            jump = np.where(touching & ~fixed, motion[k], 0.0)
+            moved[:, k] += harmonic_extension(self._laplacian, touching | fixed)(jump)
+        return moved
+
+    def _point(self, found: EquilibriumResult, depth: float) -> PullPoint:
+        """Return a point of the pull from its equilibrium (collective)."""
+        solver, contact, body = self._solver, self._contact, self._body
+        nodes, motions = solver.model.positions(found.state), solver.model.motions(found.state)
+        gradient = contact.forces(nodes, motions)
+        positions = solver.skin.gather_vertices(nodes)
+        bodies = contact.contact.bodies
+        count = len(positions)
+        begin = count + sum(len(other.points) for other in bodies[:body])
+        push = -gradient[begin : begin + len(bodies[body].points)].sum(axis=0)
+        friction, side = contact.friction, len(contact.contact.grounds) + body
+        if friction is not None:
+            force = on_first_rank(
+                solver.skin.comm, lambda: friction.force(positions, self._poses(depth))
+            )
+            push = push + force[side].sum(axis=0)  # the body's reaction
+        normals = contact.normals(nodes, motions)[side]
+        return PullPoint(depth, float(-push @ self._along), positions, normals, found)
+
+
+def largest_force(points: Sequence[PullPoint], limit: float) -> float:
+    """Return the largest force in N of a pull up to a depth in m.
+
+    Args:
+        points: The pull.
+        limit: The depth; between two points the force is interpolated.
+    """
+    depths, forces = _curve(points)
+    return float(max(forces[depths <= limit].max(), np.interp(limit, depths, forces)))
+
+
+def slip_under(points: Sequence[PullPoint], force: float) -> float | None:
+    """Return the first depth in m of a pull that holds a force in N; None if none does.
+
+    Args:
+        points: The pull.
+        force: The force; between two points it is interpolated.
+    """
+    depths, forces = _curve(points)
+    first = int(np.argmax(forces >= force))
+    if forces[first] < force:
+        return None
+    if first == 0:
+        return 0.0
+    ends = slice(first - 1, first + 1)
+    return float(np.interp(force, forces[ends], depths[ends]))
+
+
+def _curve(points: Sequence[PullPoint]) -> tuple[Floats, Floats]:
+    """Return depths and forces of a pull."""
+    return np.array([p.depth for p in points]), np.array([p.force for p in points])

@@ -1,0 +1,56 @@
+"""One equilibrium of a path."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from toros_fem.base.array_types import Floats
+from toros_fem.measures.metrics import Metric
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+
+Pressure = float | Sequence[float]
+
+
+@dataclass(frozen=True, eq=False)
+class TracePoint:
+    """One equilibrium of a path.
+
+    Attributes:
+        pressure: Pressure in Pa; one for each chamber if there are several.
+        positions: Positions of all assembled vertices in m, (n, 3).
+        metrics: Values of the metrics, by key.
+        result: The equilibrium.
+        load_factor: Factor on the loads that act; 1 on a path by pressure.
+        negative_eigenvalues: Number of negative eigenvalues of the tangent: in so many directions
+            the energy falls. 0 for a stable equilibrium.
+        arc_length: Length of the path up to here, a pure number; None on a path by pressure.
+        load_rate: Derivative of the load factor by the arc length; None on a path by pressure.
+    """
+
+    pressure: Pressure
+    positions: Floats
+    metrics: dict[str, float]
+    result: EquilibriumResult
+    load_factor: float = 1.0
+    negative_eigenvalues: int = 0
+    arc_length: float | None = None
+    load_rate: float | None = None
+
+    @property
+    def stable(self) -> bool:
+        """Whether the energy has a minimum here."""
+        return self.negative_eigenvalues == 0
+
+
+def measured_point(
+    solver: EquilibriumSolver,
+    pressure: Pressure,
+    result: EquilibriumResult,
+    metrics: Sequence[Metric],
+) -> TracePoint:
+    """Return an equilibrium with its metrics, as a point of a path (collective)."""
+    skin = solver.skin
+    positions = skin.gather_vertices(result.positions)
+    values = {metric.key: metric.value(skin.pattern, positions) for metric in metrics}
+    return TracePoint(pressure, positions, values, result)

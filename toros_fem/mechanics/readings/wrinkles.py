@@ -1,0 +1,125 @@
+"""Wrinkles of a sheet that carries no compression: where they are, and the tension along them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.validation import require_kind
+from toros_fem.forms.interpolation import interpolate
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.meshes.pattern import Pattern
+
+# Strains below this are rounding, of sewn coordinates too.
+ROUNDING = 1e-9
+
+
+class Tension(IntEnum):
+    """State of a triangle: tension in no direction, in one, in both."""
+
+    SLACK = 0
+    WRINKLED = 1
+    TAUT = 2
+
+
+@dataclass(frozen=True, eq=False)
+class WrinkleField:
+    """State and direction of tension of all triangles of a pattern; wrinkles run along it.
+
+    Attributes:
+        state: Of each triangle, a value of `Tension`, (t,).
+        flat: Unit vector of the larger principal stretch on the flat chart, (t, 2); 0 where slack.
+            Its sign has no meaning.
+        direction: The same on the deformed skin, F d/|F d|, (t, 3).
+    """
+
+    state: Ints
+    flat: Floats
+    direction: Floats
+
+    def share(self, state: Tension, areas: Floats) -> float:
+        """Return the fraction of the flat area in a state.
+
+        Args:
+            state: The state.
+            areas: Flat areas of all triangles, (t,), in m².
+        """
+        return float(areas[self.state == state].sum() / areas.sum())
+
+
+def wrinkle_field(
+    solver: EquilibriumSolver, density: Floats, result: EquilibriumResult
+) -> WrinkleField:
+    """Return the wrinkles of an equilibrium, equal on all ranks (collective).
+
+    Args:
+        solver: The solver that found the result.
+        density: Projected density of its owned triangles.
+        result: The equilibrium.
+
+    Raises:
+        ParameterError: The sheet is no tension field.
+    """
+    require_kind("solver", solver, EquilibriumSolver, "an EquilibriumSolver")
+    require_kind("result", result, EquilibriumResult, "an EquilibriumResult of the solver")
+    density = solver.model.check(density)
+    skin = solver.skin
+    positions = skin.gather_vertices(result.positions)
+    return wrinkles(skin.pattern, solver.model.composite, skin.gather_cells(density), positions)
+
+
+def wrinkles(
+    pattern: Pattern, composite: Composite, density: Floats, positions: Floats
+) -> WrinkleField:
+    """Return the wrinkles of a deformed pattern.
+
+    A sheet is slack where λ₁ ≤ 1, and elsewhere wrinkled where ∂ψ/∂λ₂ of eq. (1) is negative.
+
+    Args:
+        pattern: The pattern.
+        composite: The two materials and the stretch bounds.
+        density: Projected density of all triangles, (t,).
+        positions: Positions of all assembled vertices, (n, 3), in m.
+
+    Raises:
+        ParameterError: The sheet is no tension field.
+    """
+    if not composite.membrane.relaxed:
+        raise ParameterError(
+            "wrinkling = None: this sheet takes compression, and its wrinkles are those of the "
+            'mesh. Use Composite(membrane=Membrane(wrinkling="tension-field")).'
+        )
+    chart = np.linalg.inv(_edges(pattern.corners))
+    F = _edges(positions[pattern.triangles]) @ chart
+    _, stretches, rows = np.linalg.svd(F)
+    x, y = stretches.T - 1
+    slack = x <= ROUNDING
+    across = _stress_across(x, y, composite, density)
+    state = np.where(slack, Tension.SLACK, np.where(across < 0, Tension.WRINKLED, Tension.TAUT))
+    flat = np.where(slack[:, None], 0.0, rows[:, 0])
+    moved = (F @ flat[:, :, None])[:, :, 0]
+    return WrinkleField(state, flat, moved / np.where(slack, 1.0, stretches[:, 0])[:, None])
+
+
+def _edges(corners: Floats) -> Floats:
+    """Return the two edges from the first corner as columns, (t, d, 2), of corners (t, 3, d)."""
+    return np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=2)
+
+
+def _stress_across(x: Floats, y: Floats, composite: Composite, density: Floats) -> Floats:
+    """Return ∂ψ/∂λ₂ of eq. (1) in N/m at λ₁ = 1 + x and λ₂ = 1 + y; −∞ below the bound of λ₂."""
+    fabric, printed = composite.fabric, composite.reinforcement
+    mu = interpolate(density, fabric.thickness * fabric.mu, printed.thickness * printed.mu)
+    lam = interpolate(density, fabric.thickness * fabric.lam, printed.thickness * printed.lam)
+    pairs = zip(composite.fabric_bounds, composite.reinforcement_bounds, strict=True)
+    c1, c2 = (interpolate(density, *pair) for pair in pairs)
+    a, b = (c1 - 1) ** 2, (c2 - 1) ** 2
+    outside = y * y >= a
+    y = np.where(outside, 0.0, y)
+    stress = 2 * mu * y / (1 - y * y / a) + lam * (x + y) / (1 - (x + y) ** 2 / b)
+    return np.asarray(np.where(outside, -np.inf, stress))

@@ -1,0 +1,278 @@
+"""Hinges: the edges of the triangles, and the tensors that make a curvature of angles, eq. (4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem.base.array_types import Bools, Floats, LocalInts
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import largest
+from toros_fem.materials.sheet import Bending
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.meshes.skin import Skin
+from toros_fem.meshes.topology import edge_keys
+
+# Smallest singular value of the quadratic patch's angles over those of the average. Below it the
+# six vertices nearly lie on a conic and do not determine the curvature; at 0.2 the patch would be
+# five times too stiff. Meshes by gmsh have 0.6 and more; a vertex with three triangles has 0.
+CONIC = 0.2
+# A rest angle beyond this, in rad, may have either sign.
+FOLDED = np.radians(170)
+
+
+@dataclass(frozen=True, eq=False)
+class Hinges:
+    """Edges of the local triangles: their neighbours, mirrors and constants.
+
+    Edge i of a triangle lies opposite its corner i and runs from corner i + 1 to i + 2, modulo 3.
+
+    Attributes:
+        flap: Node of the position space across each edge, shape (cells, 3): the far vertex of
+            the neighbour, or the triangle's own corner i where there is none.
+        has_moment: Whether the edge carries a moment; free edges do not, nor do hinged seams.
+        mirror: Unit normal of the plane that mirrors the flap, (cells, 3, 3); zero elsewhere.
+        tensors: Tᵢ in Λ = Σᵢ θᵢ Tᵢ as (xx, yy, xy), shape (cells, 3, 3), in 1/m.
+        rest: Angle of each edge at which it carries no moment, in rad, (cells, 3).
+        rotation: Factor of the edge's rotation unknown, a length, in the angle, (cells, 3), in
+            1/m: opposite in the two triangles of an edge; zero where there is no such unknown.
+    """
+
+    flap: LocalInts
+    has_moment: Bools
+    mirror: Floats
+    tensors: Floats
+    rest: Floats
+    rotation: Floats
+
+
+def find_hinges(
+    skin: Skin, bending: Bending, supports: Supports, poisson: float, *, turn_free: bool = False
+) -> Hinges:
+    """Return the hinges of all local triangles; complete for those that this rank owns.
+
+    An edge without moment takes the angle of least energy: the natural condition inside a
+    triangle. It depends on Poisson's ratio alone, so that the tensors are constants.
+
+    Args:
+        skin: The sewn skin.
+        bending: Curvature formula, seams and rest shape.
+        supports: Edges that keep their direction.
+        poisson: Poisson's ratio of the sheet. Where fabric and reinforcement differ, an error of
+            second order in the difference remains at free and hinged edges.
+        turn_free: Whether free edges have rotations too, if any edge has: then equilibrium finds
+            their angles, whatever bends the sheet.
+
+    Raises:
+        ParameterError: The assembled rest shape is folded flat somewhere.
+    """
+    corner = skin.position_space.dofmap.list
+    neighbour, opposite = neighbours(skin)
+    cell = np.arange(len(corner))[:, None]
+    alone = neighbour == cell
+    flap = np.where(alone, corner, corner[neighbour, opposite])
+    normals, mirrored = _mirrors(skin, corner, supports)
+    mirrored &= alone
+    has_moment = ~alone | mirrored
+    if bending.seams == "hinged":
+        has_moment &= ~_on_seam(skin, corner)
+    flat = _flat_corners(skin)
+    average = _average(flat)
+    angles: Floats = np.asarray(np.linalg.inv(average))
+    if bending.curvature == "quadratic":
+        fitted = _quadratic_angles(flat, _unfolded(flat, corner, neighbour, opposite))
+        smallest = np.linalg.svd(fitted @ average, compute_uv=False)[:, -1]
+        angles = np.where((smallest < CONIC)[:, None, None], angles, fitted)
+    rotation: Floats = np.zeros(alone.shape)
+    if bending.curvature == "midedge":
+        vertex = skin.vertex[corner]
+        first = np.roll(vertex, -1, axis=1) < np.roll(vertex, -2, axis=1)
+        turning = has_moment & ~mirrored
+        if turn_free:
+            turning |= alone & ~mirrored
+        rotation = np.where(turning, np.where(first, 2.0, -2.0), 0.0) / _rotation_length(skin)
+    mirror = normals * mirrored[:, :, None]
+    rest: Floats = np.zeros(alone.shape)
+    if bending.rest == "assembled":
+        place = skin.pattern.points[skin.vertex]
+        rest = edge_angles(place[corner], place[flap], mirror) * has_moment
+        sharpest = largest(skin.comm, float(np.abs(rest[: len(skin.owned_cells)]).max(initial=0)))
+        if sharpest > FOLDED:
+            raise ParameterError(
+                f"rest = 'assembled': an edge is folded by {np.degrees(sharpest):.0f} degrees; its "
+                f"side is ambiguous beyond {np.degrees(FOLDED):.0f}. Assemble it less folded, or "
+                "take the flat rest shape."
+            )
+    return Hinges(
+        flap=flap.astype(np.int32),
+        has_moment=has_moment,
+        mirror=mirror,
+        tensors=_tensors(angles, has_moment | (rotation != 0), poisson),
+        rest=rest,
+        rotation=rotation,
+    )
+
+
+def _rotation_length(skin: Skin) -> float:
+    """Length in m by which rotations of edges become lengths: about that of an edge."""
+    return float(np.sqrt(2 * skin.pattern.areas.mean()))
+
+
+def neighbours(skin: Skin) -> tuple[LocalInts, LocalInts]:
+    """Return the local triangle across each edge, or itself, and its corner off the edge."""
+    topology = skin.mesh.topology
+    topology.create_connectivity(2, 1)
+    topology.create_connectivity(1, 2)
+    facets = topology.connectivity(2, 1).array.reshape(-1, 3)
+    around = topology.connectivity(1, 2)
+    start, count = around.offsets[:-1], np.diff(around.offsets)
+    first = around.array[start]
+    second = around.array[np.minimum(start + 1, len(around.array) - 1)]
+    cell = np.arange(len(facets))[:, None]
+    other = np.where(first[facets] == cell, second[facets], first[facets])
+    other = np.where(count[facets] == 2, other, cell)
+    return other, np.argmax(facets[other] == facets[:, :, None], axis=2)
+
+
+def _on_seam(skin: Skin, corner: LocalInts) -> Bools:
+    """Whether each edge of each local triangle is a seam."""
+    pattern = skin.pattern
+    original = skin.cell[skin.density_space.dofmap.list[:, 0]]
+    vertex = skin.vertex[corner]
+    place = np.argmax(pattern.triangles[original][:, None, :] == vertex[:, :, None], axis=2)
+    return np.take_along_axis(pattern.seam_edges[original], place, axis=1)
+
+
+def _mirrors(skin: Skin, corner: LocalInts, supports: Supports) -> tuple[Floats, Bools]:
+    """Unit normals of the mirrors at the edges of local triangles, and whether there is one."""
+    normals = np.zeros((*corner.shape, 3))
+    if not len(supports.guided):
+        return normals, np.zeros(corner.shape, dtype=bool)
+    count = len(skin.pattern.points)
+    # Of several rows for one edge the last counts.
+    known, last = np.unique(edge_keys(supports.guided, count)[::-1], return_index=True)
+    unit = supports.normals / np.linalg.norm(supports.normals, axis=1)[:, None]
+    unit = unit[::-1][last]
+    vertex = skin.vertex[corner]
+    ends = np.stack([np.roll(vertex, -1, axis=1), np.roll(vertex, -2, axis=1)], axis=2)
+    keys = edge_keys(ends, count)
+    place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+    found = known[place] == keys
+    normals[found] = unit[place[found]]
+    return normals, found
+
+
+def edge_angles(corners: Floats, flaps: Floats, mirror: Floats) -> Floats:
+    """Return the angles at the edges of triangles in space, (cells, 3) in rad, as in `forms.hinge`.
+
+    Args:
+        corners: Corners of the triangles, (cells, 3, 3).
+        flaps: Vertices across their edges, (cells, 3, 3).
+        mirror: Unit normals of the planes that mirror the flaps, zero without a mirror.
+    """
+    angles = np.zeros(corners.shape[:2])
+    for i in range(3):
+        a, b, c = (corners[:, (i + k) % 3] for k in (1, 2, 0))
+        away = np.einsum("ij,ij->i", mirror[:, i], flaps[:, i] - a)
+        d = flaps[:, i] - 2 * away[:, None] * mirror[:, i]
+        one, two = np.cross(b - a, c - a), np.cross(a - b, d - b)
+        unit = (b - a) / np.linalg.norm(b - a, axis=1)[:, None]
+        sine = np.einsum("ij,ij->i", np.cross(one, two), unit)
+        angles[:, i] = np.arctan2(sine, np.einsum("ij,ij->i", one, two))
+    return angles
+
+
+def _flat_corners(skin: Skin) -> Floats:
+    """Flat corners of the local triangles, shape (cells, 3, 2)."""
+    count = len(skin.position_space.dofmap.list)
+    return skin.mesh.geometry.x[: 3 * count].reshape(count, 3, 3)[:, :, :2]
+
+
+def _edge_frames(flat: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Start, unit direction, outward unit normal and length of each edge."""
+    start = np.roll(flat, -1, axis=1)
+    edge = np.roll(flat, -2, axis=1) - start
+    length = np.linalg.norm(edge, axis=2)
+    along = edge / length[:, :, None]
+    normal = np.stack([along[:, :, 1], -along[:, :, 0]], axis=2)
+    inward = np.einsum("cij,cij->ci", flat - start, normal) > 0
+    return start, along, np.where(inward[:, :, None], -normal, normal), length
+
+
+def _average(flat: Floats) -> Floats:
+    """Columns Tᵢ = n̄ᵢ n̄ᵢᵀ l̄ᵢ/(2 Ā) of the triangle average, eq. (4), as (xx, yy, 2xy)."""
+    _, _, n, length = _edge_frames(flat)
+    u, v = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    area = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2
+    parts = np.stack([n[:, :, 0] ** 2, n[:, :, 1] ** 2, 2 * n[:, :, 0] * n[:, :, 1]], axis=1)
+    return np.asarray(parts * (length / (2 * area[:, None]))[:, None, :])
+
+
+def _unfolded(flat: Floats, corner: LocalInts, neighbour: LocalInts, opposite: LocalInts) -> Floats:
+    """Flat positions of the flaps, unfolded into the triangle's own chart, (cells, 3, 2).
+
+    Without a neighbour the triangle itself is mirrored.
+    """
+    start, along, normal, length = _edge_frames(flat)
+    first = np.roll(corner, -1, axis=1)
+    rows = np.arange(len(flat))[:, None]
+    itself = neighbour == rows
+    apex = flat[neighbour, opposite]
+    # The neighbour's own corners at the two ends of the edge.
+    at = [np.argmax(corner[neighbour] == node[:, :, None], axis=2)
+          for node in (first, np.roll(corner, -2, axis=1))]  # fmt: skip
+    a, b = (flat[neighbour, place] for place in at)
+    edge = b - a
+    square = np.einsum("cij,cij->ci", edge, edge)
+    fraction = np.einsum("cij,cij->ci", apex - a, edge) / square
+    height = np.abs(edge[:, :, 0] * (apex - a)[:, :, 1] - edge[:, :, 1] * (apex - a)[:, :, 0])
+    height /= np.sqrt(square)
+    own = np.einsum("cij,cij->ci", flat - start, along) / length
+    fraction = np.where(itself, own, fraction)
+    return np.asarray(start + (fraction * length)[:, :, None] * along + height[:, :, None] * normal)
+
+
+def _quadratic_angles(flat: Floats, flap: Floats) -> Floats:
+    """Angle at each edge (rows) by curvature (xx, yy, 2xy), for the quadratic through the patch.
+
+    A deflection ½ x·Λ·x lifts the flap off the plane through the three corners; small angles.
+    """
+    start, _, normal, _ = _edge_frames(flat)
+    height = np.einsum("cij,cij->ci", flap - start, normal)
+    edges = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
+    local = np.einsum("cjk,cik->cij", np.linalg.inv(edges), flap - flat[:, :1])
+    weights = np.concatenate([1 - local.sum(axis=2, keepdims=True), local], axis=2)
+
+    def quadratic(at: Floats) -> Floats:
+        x, y = at[:, :, 0], at[:, :, 1]
+        return np.stack([x * x, y * y, x * y], axis=2) / 2
+
+    # About the centroid, so that far from the origin no digits are lost.
+    middle = flat.mean(axis=1, keepdims=True)
+    lift = quadratic(flap - middle) - weights @ quadratic(flat - middle)
+    return np.asarray(lift / height[:, :, None])
+
+
+def _tensors(angles: Floats, known: Bools, poisson: float) -> Floats:
+    """Tensors Tᵢ of the curvature of least energy with given angles at the edges that have one.
+
+    With rows g of `angles` at these edges it is D⁻¹gᵀ(g D⁻¹gᵀ)⁻¹; with all three, g⁻¹.
+    """
+    tensors = np.zeros_like(angles)
+    compliance = np.linalg.inv(
+        np.array([[1, poisson, 0], [poisson, 1, 0], [0, 0, (1 - poisson) / 2]])
+    )
+    for edges in _subsets():
+        cells = np.flatnonzero((known == edges).all(axis=1))
+        chosen = np.flatnonzero(edges)
+        g = angles[cells][:, chosen]
+        soft = compliance @ g.transpose(0, 2, 1)
+        tensors[np.ix_(cells, chosen)] = (soft @ np.linalg.inv(g @ soft)).transpose(0, 2, 1)
+    return tensors * [1, 1, 0.5]
+
+
+def _subsets() -> Sequence[Bools]:
+    """The seven non-empty subsets of three edges."""
+    return [np.array([bool(n & 1), bool(n & 2), bool(n & 4)]) for n in range(1, 8)]

@@ -1,0 +1,242 @@
+"""Test of the stretches that eq. (1) admits, and limit of a step by them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.mpi import largest, smallest
+from toros_fem.forms.interpolation import interpolate
+from toros_fem.materials.sheet import Composite
+
+# Below this smaller stretch a triangle counts as collapsed: there det C is not smooth.
+COLLAPSED = 1e-6
+# From the fraction OUTSIDE of its bounds a triangle of a start is outside. Its bounds are loosened,
+# so that it uses the fraction LOOSENED of them. Later they keep the fraction KEPT of its distance.
+OUTSIDE, LOOSENED, KEPT = 0.999, 0.5, 0.1
+# Least fraction of the way back that is gone with a predicted motion.
+SHORTEST = 1 / 16
+
+
+def singular_values(edges: Floats) -> tuple[Floats, Floats]:
+    """Return the larger and the smaller singular value of 3×2 matrices, shape (n, 3, 2)."""
+    (a, b, c), (d, e, f) = edges.T
+    uu, vv, uv = a * a + b * b + c * c, d * d + e * e + f * f, a * d + b * e + c * f
+    p = np.sqrt((b * f - c * e) ** 2 + (c * d - a * f) ** 2 + (a * e - b * d) ** 2)
+    s = np.sqrt(uu + vv + 2 * p)
+    # λ₁ − λ₂ = (λ₁² − λ₂²)/s: the difference tr C − 2p would cancel.
+    difference = np.hypot(uu - vv, 2 * uv) / np.maximum(s, COLLAPSED)
+    return (s + difference) / 2, (s - difference) / 2
+
+
+class StretchBounds:
+    """Feasibility of eq. (1), tested by the stretches themselves.
+
+    The sign of the logarithm's argument is no test: it turns positive again far outside the bounds.
+
+    Args:
+        comm: Communicator; all methods are collective.
+        flat: Flat corners of the owned triangles, (n, 3 corners, 2), in m.
+        c1, c2: Bounds of eq. (1), of all triangles.
+        wrinkles: Whether the sheet wrinkles instead of taking compression. Then only the upper
+            bounds count: where it wrinkles, the natural width keeps the other ones by itself.
+    """
+
+    def __init__(
+        self, comm: MPI.Comm, flat: Floats, c1: float, c2: float, *, wrinkles: bool = False
+    ) -> None:
+        self._comm = comm
+        chart = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
+        self._inverse_chart = np.ascontiguousarray(np.linalg.inv(chart).transpose(1, 2, 0))
+        # Largest |λᵢ − 1| and |λ₁ + λ₂ − 2| of each triangle, (2, n).
+        self._room = np.repeat([[c1 - 1], [c2 - 1]], len(flat), axis=1)
+        self._least = 0.0 if wrinkles else -np.inf
+
+    def gradient(self, corners: Floats) -> Floats:
+        """Return deformation gradients (n, 3, 2) from corner positions (n, 3 corners, 3)."""
+        # Components first: each is then one array without gaps.
+        first, second, third = np.ascontiguousarray(corners.transpose(1, 2, 0))
+        (a, b), (c, d) = self._inverse_chart
+        u, v = second - first, third - first
+        return np.stack([u * a + v * c, u * b + v * d]).T
+
+    def _strains(self, F: Floats) -> tuple[Floats, Bools]:
+        """What is bounded, max |λᵢ − 1| and |λ₁ + λ₂ − 2|, (2, n); and what has collapsed."""
+        big, small = singular_values(F)
+        strains = (np.maximum(strain, self._least) for strain in (big - 1, small - 1))
+        joint = np.maximum(big + small - 2, self._least)
+        return np.stack([np.maximum(*map(np.abs, strains)), np.abs(joint)]), ~(small > COLLAPSED)
+
+    def _use(self, F: Floats, room: Floats | None = None) -> Floats:
+        """Fraction of the admissible range that each triangle uses: < 1 inside, ≥ 1 outside."""
+        strains, collapsed = self._strains(F)
+        used = strains / (self._room if room is None else room)
+        return np.where(collapsed, np.inf, used.max(axis=0))
+
+    def worst(self, corners: Floats) -> float:
+        """Return the largest fraction of the bounds that any triangle uses: < 1 means feasible."""
+        return self._worst(self.use(corners))
+
+    def worst_of_start(self, corners: Floats) -> float:
+        """Return the same for a start: what a solve can bring inside the bounds counts as < 1."""
+        return self.worst(corners)
+
+    def _worst(self, use: Floats) -> float:
+        # A NaN must count as outside, and `max` would let it through on some ranks only.
+        return largest(self._comm, np.max(np.where(np.isfinite(use), use, np.inf), initial=0.0))
+
+    def use(self, corners: Floats) -> Floats:
+        """Return the fraction of the bounds that each triangle uses."""
+        return self._use(self.gradient(corners))
+
+    def largest_step(self, corners: Floats, direction: Floats, fraction: float) -> float:
+        """Return a factor ≤ 1 on a step that keeps every triangle inside the bounds, 1 if possible.
+
+        Every triangle keeps at least (1 − fraction) of its distance to the bounds. The upper bounds
+        are convex in x, so that they also hold during the step. The lower ones are tested at its
+        end only, and the energy there decides.
+
+        Args:
+            corners: Corner positions (n, 3, 3) of a feasible state.
+            direction: Their change by the full step.
+            fraction: Fraction of the distance to the bounds that may be used up.
+        """
+        F, G = self.gradient(corners), self.gradient(direction)
+        use = self._use(F)
+        limit = use + fraction * (1 - use)
+        beyond = np.flatnonzero(~(self._use(F + G) <= limit))
+        step = 1.0
+        if len(beyond):
+            F, G, limit, room = F[beyond], G[beyond], limit[beyond], self._room[:, beyond]
+            inside: Floats = np.zeros(len(beyond))
+            outside: Floats = np.ones(len(beyond))
+            for _ in range(20):
+                middle = (inside + outside) / 2
+                good = self._use(F + middle[:, None, None] * G, room) <= limit
+                inside, outside = np.where(good, middle, inside), np.where(good, outside, middle)
+            step = float(inside.min())
+        return smallest(self._comm, step)
+
+
+class MixedBounds(StretchBounds):
+    """Bounds of two materials, linear in ρ̄ between them: each triangle has its own.
+
+    A start may lie outside of them, since another density had wider ones. `loosen` then widens the
+    bounds of its triangles until it lies inside; `follow` and `tighten` narrow them again.
+
+    Args:
+        density: Projected density ρ̄.
+        flat: As for `StretchBounds`.
+        composite: The two materials.
+    """
+
+    def __init__(self, density: fem.Function, flat: Floats, composite: Composite) -> None:
+        space = density.function_space
+        domain = space.mesh
+        wrinkles = composite.membrane.relaxed
+        super().__init__(domain.comm, flat, *composite.widest_bounds, wrinkles=wrinkles)
+        self._density, self._widest = density, self._room
+        self._place = space.dofmap.list[: len(flat), 0]  # of each triangle among owned values
+        self._ends = list(zip(composite.fabric_bounds, composite.reinforcement_bounds, strict=True))
+        self._slack = [fem.Function(space) if one != two else None for one, two in self._ends]
+        self._change = [fem.Function(space) for _ in self._ends]
+        self.update()
+
+    @property
+    def coefficients(self) -> tuple[Any, Any]:
+        """c₁ and c₂ in UFL, functions of ρ̄ where they differ, with what loosens them."""
+        domain = self._density.function_space.mesh
+        c1, c2 = (
+            fem.Constant(domain, one)
+            if slack is None
+            else interpolate(self._density, fem.Constant(domain, one), fem.Constant(domain, two))
+            + slack
+            for (one, two), slack in zip(self._ends, self._slack, strict=True)
+        )
+        return c1, c2
+
+    def update(self) -> None:
+        """Take the bounds of the density; none is loosened."""
+        density = self._density.x.array[self._place]
+        self._true = np.stack([interpolate(density, *pair) - 1 for pair in self._ends])
+        self._set(self._true)
+
+    def _set(self, room: Floats) -> None:
+        self._room = room
+        self._fill(self._slack, room - self._true)
+
+    def _fill(self, functions: Sequence[fem.Function | None], values: Floats) -> None:
+        for function, row in zip(functions, values, strict=True):
+            if function is not None:
+                function.x.array[self._place] = row
+                function.x.scatter_forward()
+
+    def variation(self, residual: Any) -> Any:
+        """Return the derivative of a residual by the loosened bounds, along `point_back`."""
+        pairs = zip(self._slack, self._change, strict=True)
+        parts = [ufl.derivative(residual, slack, by) for slack, by in pairs if slack is not None]
+        return sum(parts[1:], start=parts[0])
+
+    def point_back(self) -> None:
+        """Let `variation` go along the change from the loosened bounds to those of the density."""
+        self._fill(self._change, self._true - self._room)
+
+    def follow(self, corners: Floats, motion: Floats) -> float:
+        """Narrow loosened bounds with a motion, as far as it keeps all triangles inside.
+
+        Args:
+            corners: Corner positions of the state.
+            motion: Their change by the whole way back to the bounds of the density.
+
+        Returns:
+            The fraction of the way, 0 where it is too short; equal on all ranks.
+        """
+        F, G, whole = self.gradient(corners), self.gradient(motion), self._true - self._room
+        limit = 1 - KEPT * (1 - self._use(F))
+        fraction = 1.0
+        while fraction >= SHORTEST:
+            room = self._room + fraction * whole if fraction < 1 else self._true
+            inside = bool((self._use(F + fraction * G, room) <= limit).all())
+            if smallest(self._comm, float(inside)) > 0:
+                self._set(room)
+                return fraction
+            fraction /= 2
+        return 0.0
+
+    @property
+    def loosened(self) -> bool:
+        """Whether any triangle has wider bounds than those of the density."""
+        return largest(self._comm, float((self._room > self._true).any())) > 0
+
+    def worst_of_start(self, corners: Floats) -> float:
+        """Return the largest fraction of the wider bounds of the two materials that is used."""
+        return self._worst(self._use(self.gradient(corners), self._widest))
+
+    def loosen(self, corners: Floats, *, everywhere: bool = False) -> bool:
+        """Widen the bounds of triangles outside of them; return whether there are any.
+
+        Args:
+            corners: Corner positions of the start.
+            everywhere: Whether to widen first all bounds to those of the wider material.
+        """
+        strains, _ = self._strains(self.gradient(corners))
+        if everywhere:
+            self._set(self._widest)
+        outside = ~(strains < OUTSIDE * self._room)
+        outside[[slack is None for slack in self._slack]] = False
+        if not everywhere and largest(self._comm, float(outside.any())) == 0:
+            return False
+        self._set(np.where(outside, strains / LOOSENED, self._room))
+        return True
+
+    def tighten(self, corners: Floats) -> None:
+        """Narrow loosened bounds as far as the strains allow."""
+        strains, _ = self._strains(self.gradient(corners))
+        near = strains + KEPT * (self._room - strains)
+        self._set(np.maximum(self._true, np.minimum(self._room, near)))

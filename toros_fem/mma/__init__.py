@@ -1,5 +1,0 @@
-"""Svanberg's method of moving asymptotes, distributed over ranks."""
-
-from toros_fem.mma.optimizer import MMA, MMAOptions, MMAState
-
-__all__ = ["MMA", "MMAOptions", "MMAState"]

@@ -1,0 +1,1 @@
+"""What people make: actuators, robots, tiles, and material constants from tests."""

@@ -1,0 +1,362 @@
+"""Cost of an actuator's design before it runs: triangles, memory, and time from a short probe."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from mpi4py import MPI
+
+from toros_fem.base.errors import MeshSizeError
+from toros_fem.design.loop.loop import optimize
+from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.problem import DesignProblem
+from toros_fem.meshes.triangle_limit import expected_triangles, lowered_limit, require_affordable
+from toros_fem.products.actuators.case import ActuatorCase
+from toros_fem.products.actuators.config import MESH_LENGTHS, ActuatorConfig
+from toros_fem.products.actuators.pressure_curve import HALVINGS
+from toros_fem.products.actuators.problem import CaseMaker, actuator_problem
+
+log = logging.getLogger(__name__)
+C = TypeVar("C", bound=ActuatorConfig)
+
+# Memory in bytes, measured on designs of 1.5 to 73 thousand simulated triangles: of a rank with all
+# libraries, and for each triangle of a design and of the refined mesh of the error estimate.
+OF_RANK, OF_TRIANGLE, OF_REFINED = 0.2 * 2**30, 34e3, 28e3
+# A Newton step by the number n of triangles, in arbitrary units: Python, what grows with n, and
+# the factorisation, which grows with n^1.43 (docs/performance.md).
+FIXED, LINEAR, FACTOR, POWER = 5e-3, 3.3e-6, 0.147 / 12e3**1.43, 1.43
+# Newton steps of each part, fewest and most, as counted in runs of the scenes.
+DESIGN_STEP, PRINT, LINE_PRINT, CURVE_POINT, REFINED = (
+    (6, 10),
+    (10, 40),
+    (40, 130),
+    (6, 20),
+    (8, 20),
+)
+# Cleaning, drawing and laying of lines take as long as so many Newton steps.
+CLEANING, LAYING = 10, (6, 15)
+# The probe's mesh is finer by this factor than the coarsest useful one.
+PROBE_FINER = 2.0
+# Triangles of a mesh that is made at once.
+QUICK = 50_000
+PROBE_STEPS = 2
+# Part of a design that is no Newton step: reading, set-ups, pictures; in s.
+AROUND = (5.0, 20.0)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a run.
+
+    Attributes:
+        name: What it is.
+        triangles: Triangles of its mesh.
+        newton_steps: Fewest and most Newton steps that are likely.
+    """
+
+    name: str
+    triangles: int
+    newton_steps: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Cost of a run.
+
+    Attributes:
+        triangles: Expected triangles of the finest mesh of the design or of its print.
+        largest: Those of the largest mesh at all, that of the error estimate for instance.
+        unknowns: Unknowns of an equilibrium on the finest mesh.
+        memory: Bytes of all ranks together, to about a quarter.
+        parts: Parts of the run that take time.
+    """
+
+    triangles: int
+    largest: int
+    unknowns: int
+    memory: float
+    parts: tuple[Part, ...]
+
+    def seconds(self, per_step: float, triangles: int) -> tuple[float, float]:
+        """Return the least and the largest likely time in s.
+
+        Args:
+            per_step: Time in s of a Newton step of the probe.
+            triangles: Triangles of the probe's mesh.
+        """
+        unit = per_step / _weight(triangles)
+        low, high = AROUND
+        for part in self.parts:
+            weight = unit * _weight(part.triangles)
+            low += weight * part.newton_steps[0]
+            high += weight * part.newton_steps[1]
+        return low, high
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A few real design steps on a mesh.
+
+    Attributes:
+        triangles: Triangles of the mesh.
+        newton_steps: Newton steps that were made.
+        seconds: Time of these, with adjoints and updates of the design, in s.
+    """
+
+    triangles: int
+    newton_steps: int
+    seconds: float
+
+    @property
+    def per_step(self) -> float:
+        """Time of a Newton step in s."""
+        return self.seconds / self.newton_steps
+
+
+def probe_config(config: C) -> C:
+    """Return the configuration of a mesh that is coarse enough for a probe.
+
+    It is the design's own mesh where that is coarse, or given.
+    """
+    edge, longest = _edge(config), config.coarsest_edge
+    if edge is None or longest is None:
+        return config.at_level(0)
+    factor = max(1.0, longest / PROBE_FINER / edge)
+    known = config.kinds()
+    lengths = {name: getattr(config, name) for name in MESH_LENGTHS if name in known}
+    scaled = {name: factor * h for name, h in lengths.items() if h is not None}
+    return config.updated(levels=1, **scaled)
+
+
+def probe(comm: MPI.Comm, case: ActuatorCase, config: ActuatorConfig) -> Probe:
+    """Make a few steps of a design from noise and take their time (collective).
+
+    Args:
+        comm: Communicator.
+        case: The case on the mesh of `probe_config`.
+        config: The configuration of that mesh.
+
+    Raises:
+        NoEquilibriumError: The start has no equilibrium.
+    """
+    problem = actuator_problem(comm, case, config)
+    return probe_problem(problem, len(case.pattern.panel), config.seed)
+
+
+def probe_problem(problem: DesignProblem, triangles: int, seed: int) -> Probe:
+    """Make a few steps of a design from noise and take their time (collective).
+
+    Args:
+        problem: The problem.
+        triangles: Triangles of its mesh.
+        seed: Seed of the start.
+
+    Raises:
+        NoEquilibriumError: The start has no equilibrium.
+    """
+    begin = time.perf_counter()
+    result = optimize(problem, DesignOptions((Stage(PROBE_STEPS),)), seed=seed)
+    seconds = problem.comm.bcast(time.perf_counter() - begin)
+    return Probe(triangles, sum(row.newton_steps for row in result.history), seconds)
+
+
+def simple_cost(
+    triangles: int, largest: int, unknowns: int, ranks: int, parts: tuple[Part, ...]
+) -> Cost:
+    """Return the cost of a run from its meshes and parts.
+
+    Args:
+        triangles: Triangles of the finest mesh of the design.
+        largest: Those of the largest mesh that is simulated.
+        unknowns: Unknowns of an equilibrium on the finest mesh.
+        ranks: Number of ranks.
+        parts: Its parts.
+    """
+    work = max(OF_TRIANGLE * triangles, OF_REFINED * largest)
+    memory = ranks * OF_RANK + work * (1.2 if ranks > 1 else 1.0)
+    return Cost(triangles, largest, unknowns, memory, parts)
+
+
+def cost(config: ActuatorConfig, made: Sized, ranks: int) -> Cost:
+    """Return the expected cost of a design.
+
+    Args:
+        config: The configuration of the whole design.
+        made: Area, and the mesh of `probe_config`, by `sized`.
+        ranks: Number of ranks.
+    """
+    area, count = made.area, made.triangles
+    finest = _finest_triangles(config, made)
+    lines = config.start == "relaxed"
+    largest = 4 * finest if config.estimate_error and not lines else finest
+    parts = _line_parts(config, area, count, finest) if lines else _density_parts(config, finest)
+    return simple_cost(finest, largest, round(_unknowns(config, made) * finest), ranks, parts)
+
+
+@dataclass(frozen=True, eq=False)
+class Sized:
+    """Area of a skin, before its finest mesh is made.
+
+    Attributes:
+        area: Area in m².
+        triangles: Triangles of the given mesh; 0 where it is not made.
+        case: The case on that mesh; None where even this has too many triangles for a quick look.
+    """
+
+    area: float
+    triangles: int
+    case: ActuatorCase | None
+
+
+def sized(comm: MPI.Comm, case: CaseMaker[C], mesh: C, config: C) -> Sized:
+    """Return the area of a skin, and check that no mesh of its design is too fine (collective).
+
+    Args:
+        comm: Communicator.
+        case: Makes the case of a configuration.
+        mesh: Configuration of a mesh that is made, if it is not too large for a quick look.
+        config: Configuration of the whole design.
+
+    Raises:
+        MeshSizeError: A mesh would have more triangles than `triangle_limit` allows.
+    """
+    try:
+        with lowered_limit(QUICK):
+            made = case(comm, mesh)
+    except MeshSizeError as error:  # raised by all ranks
+        found = Sized(error.area, 0, None)
+    else:
+        found = Sized(float(made.pattern.areas.sum()), len(made.pattern.panel), made)
+    for edge in _edges(config):
+        require_affordable(found.area, edge)
+    return found
+
+
+def affordable(case: CaseMaker[C], config: C) -> CaseMaker[C]:
+    """Return a maker of cases that first checks all meshes of a design.
+
+    Args:
+        case: Makes the case of a configuration.
+        config: The configuration of the whole design.
+
+    Returns:
+        It raises MeshSizeError with the first case if a mesh of the design would have more
+        triangles than `triangle_limit` allows.
+    """
+    checked = False
+
+    def make(comm: MPI.Comm, of: C) -> ActuatorCase:
+        nonlocal checked
+        if checked:
+            return case(comm, of)
+        first = sized(comm, case, of, config)
+        checked = True
+        if comm.rank == 0:
+            log.info("about %d triangles on the finest mesh", _finest_triangles(config, first))
+        return case(comm, of) if first.case is None else first.case
+
+    return make
+
+
+def _edge(config: ActuatorConfig) -> float | None:
+    """Return the edge length of the finest mesh of densities; None where the mesh is given."""
+    edge: float | None = getattr(config, "edge_length", None)
+    return edge
+
+
+def _edges(config: ActuatorConfig) -> Sequence[float]:
+    """Return the edge lengths of the finest meshes of a design; none where the mesh is given."""
+    edge = _edge(config)
+    if edge is None:
+        return ()
+    if config.start == "relaxed":
+        return (config.relaxed_edge_length, config.print_edge_length)
+    return (edge,)
+
+
+def _finest_triangles(config: ActuatorConfig, made: Sized) -> int:
+    edges = _edges(config)
+    if edges:
+        return round(expected_triangles(made.area, min(edges)))
+    return round(made.triangles * 4.0 ** (config.level_count - 1))
+
+
+def _unknowns(config: ActuatorConfig, made: Sized) -> float:
+    """Return coordinates of vertices and, for "midedge", rotations of edges for each triangle."""
+    # A closed surface has half as many vertices as triangles, and three edges for two of them.
+    points, edges = 0.5, 1.5
+    if made.case is not None:
+        pattern = made.case.pattern
+        points, edges = (len(x) / made.triangles for x in (pattern.points, pattern.edges.ends))
+    return 3 * points + (edges if config.bending == "midedge" else 0.0)
+
+
+def _density_parts(config: ActuatorConfig, finest: int) -> tuple[Part, ...]:
+    """Return the parts of a design by densities; each mesh has a quarter of the next one."""
+    parts, levels = [], config.level_count
+    for level, options in enumerate(config.options):
+        steps = sum(stage.iterations + 1 for stage in options.stages)
+        if level == 0:
+            steps *= config.starts
+        triangles = round(finest / 4.0 ** (levels - 1 - level))
+        most = steps + config.polish_iterations
+        parts.append(
+            Part(
+                f"design, mesh {level + 1} of {levels}",
+                triangles,
+                (DESIGN_STEP[0] * steps, DESIGN_STEP[1] * most),
+            )
+        )
+    rounds = config.corrections if config.TARGETS else 0
+    more = config.level_iterations + 1
+    if rounds:
+        likely = (DESIGN_STEP[0] * more, DESIGN_STEP[1] * more * rounds)
+        parts.append(Part(f"corrections, {rounds} at most", finest, likely))
+    least = PRINT[0] + CLEANING
+    parts.append(
+        Part("prints", finest, (least * levels, (PRINT[1] + CLEANING) * (levels + rounds)))
+    )
+    if config.estimate_error:
+        parts.append(Part("estimate of the error", 4 * finest, REFINED))
+    return (*parts, *_curve_part(config, finest))
+
+
+def _line_parts(config: ActuatorConfig, area: float, count: int, finest: int) -> tuple[Part, ...]:
+    """Return the parts of a relaxed design and of the prints of its lines."""
+    given = not _edges(config)
+    relaxed = count if given else round(expected_triangles(area, config.relaxed_edge_length))
+    rounds, more = config.corrections, config.relaxed_options.more_iterations
+    steps, most = config.relaxed_iterations, 2 * config.relaxed_iterations + rounds * more
+    least = 1 + rounds // 2  # the last ones are left out where a print is close
+    parts = [
+        Part("relaxed design", relaxed, (3 * steps, DESIGN_STEP[1] * most)),
+        Part("laying of lines", finest, (LAYING[0] * least, LAYING[1] * (1 + rounds))),
+        Part(
+            f"prints of lines, {1 + rounds} at most",
+            finest,
+            (LINE_PRINT[0] * least, LINE_PRINT[1] * (1 + rounds)),
+        ),
+    ]
+    if config.density_iterations:
+        own = config.density_iterations + rounds * (config.level_iterations + 1)
+        likely = (DESIGN_STEP[0] * config.density_iterations, DESIGN_STEP[1] * own)
+        parts.append(Part("densities from lines", finest, likely))
+    if config.estimate_error:
+        parts.append(Part("estimate of the error", finest // 2, LINE_PRINT))
+    return (*parts, *_curve_part(config, finest))
+
+
+def _curve_part(config: ActuatorConfig, finest: int) -> tuple[Part, ...]:
+    if config.curve_pressure is None:
+        return ()
+    points = config.curve_steps, config.curve_steps + HALVINGS
+    likely = CURVE_POINT[0] * points[0], CURVE_POINT[1] * points[1]
+    return (Part("curve over the pressure", finest, likely),)
+
+
+def _weight(triangles: float) -> float:
+    return FIXED + LINEAR * triangles + FACTOR * triangles**POWER

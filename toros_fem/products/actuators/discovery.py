@@ -1,0 +1,492 @@
+"""Design from a random start without drawn lines: relaxed design, printable lines, correction."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import NoEquilibriumError, ParameterError
+from toros_fem.base.mpi import free_dropped, on_first_rank
+from toros_fem.design.lines.field import LineField
+from toros_fem.design.lines.laid_lines import LaidLines
+from toros_fem.design.lines.lay_lines import lay_lines
+from toros_fem.design.lines.options import LineOptions
+from toros_fem.design.loop.journal import Journal
+from toros_fem.design.loop.loop import Callback, DesignResult, optimize
+from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.design.loop.warm_start import WarmStart
+from toros_fem.design.relaxed.find import RelaxedResult, find_lines
+from toros_fem.making.as_printed.as_printed import PrintedDesign, as_printed
+from toros_fem.making.as_printed.printed_lines import clean_print, printed_lines
+from toros_fem.making.print.cleaning import CleanedRegions
+from toros_fem.making.print.regions import part_regions, regions_on
+from toros_fem.measures.metrics import Metric
+from toros_fem.meshes.mirror import mirrored
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.products.actuators.case import ActuatorCase
+from toros_fem.products.actuators.config import ActuatorConfig
+from toros_fem.products.actuators.line_widths import mended_widths
+from toros_fem.products.actuators.problem import CaseMaker, actuator_problem
+from toros_fem.products.actuators.space_mapping import CLOSE, aims_of, asked_next, largest_error
+from toros_fem.results.console import print_line
+
+# Below this error lines stay where they are, and corrections change their widths first.
+NEAR = 0.3
+# Other widths help if the error is at most this fraction of the one before.
+HELPS = 0.7
+# Below this error only widths change any more, and two rounds that are no better are the last:
+# moving lines costs more than there is to gain, and what is left is the mesh's error.
+FINE = 0.05
+
+C = TypeVar("C", bound=ActuatorConfig)
+
+# Least ratio of edge lengths of two meshes whose difference tells an error.
+COARSER = 1.15
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One relaxed design, laid as lines and simulated.
+
+    Attributes:
+        asked: Target of each metric that was asked of the relaxed design, by key.
+        relaxed: The relaxed design.
+        laid: Its lines.
+        printed: Their print, simulated.
+        metrics: Metrics of the print, by key; empty without an equilibrium.
+        error: Largest distance of a metric from its target, over its scale; infinite without an
+            equilibrium.
+        widened: Whether these are the lines of the round before, with other widths.
+    """
+
+    asked: Mapping[str, float]
+    relaxed: RelaxedResult
+    laid: LaidLines
+    printed: PrintedDesign
+    metrics: Mapping[str, float]
+    error: float
+    widened: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Discovery:
+    """Lines that were found from a random start.
+
+    Attributes:
+        rounds: All rounds, in the order in which they were made.
+        best: The round whose print is closest to the targets.
+        case: What was designed, on the mesh that follows the lines of the best round.
+        regions: These lines on the panels of that mesh, polygons in m.
+        problem: Its density problem.
+        seconds: Wall time in s of the relaxed designs, of laying lines, and of simulating prints.
+    """
+
+    rounds: tuple[Round, ...]
+    best: Round
+    case: ActuatorCase
+    regions: list[BaseGeometry]
+    problem: ShapeDesign
+    seconds: Mapping[str, float]
+
+    def result(self) -> DesignResult:
+        """Return the best round as the result of a design; its history is the relaxed design's."""
+        best = self.best
+        evaluation = best.printed.evaluation
+        assert evaluation is not None
+        return DesignResult(
+            problem=self.problem,
+            density=evaluation.projected,
+            final=evaluation,
+            history=best.relaxed.history,
+            reason=best.relaxed.reason,
+            seconds=dict(self.seconds),
+        )
+
+    def figures(self) -> dict[str, Any]:
+        """Return the entries of the summary: relaxed design, lines, and what was asked for."""
+        first, best = self.rounds[0], self.best
+        return {
+            "relaxed": {
+                **first.relaxed.metrics,
+                "objective": first.relaxed.objective,
+                "steps": len(first.relaxed.history),
+                "newton_steps": first.relaxed.newton_steps,
+                "triangles": len(first.relaxed.field.pattern.panel),
+                "seconds": first.relaxed.seconds,
+            },
+            "lines": {
+                **best.metrics,
+                "rounds": [
+                    {"asked": dict(r.asked), "widened": r.widened, **r.metrics} for r in self.rounds
+                ],
+                "families": [
+                    {
+                        "width_mm": 1e3 * f.width,
+                        "lines": f.lines,
+                        "length_mm": 1e3 * f.length,
+                        "share": f.share,
+                        "laid": f.laid,
+                        "ends": dict(f.ends),
+                    }
+                    for f in best.laid.families
+                ],
+                "printed_fraction": best.laid.area / float(best.laid.pattern.areas.sum()),
+            },
+        }
+
+
+class _Simulated(NamedTuple):
+    """A round, the case and the lines on its mesh, and its problem."""
+
+    round: Round
+    case: ActuatorCase
+    regions: list[BaseGeometry]
+    problem: ShapeDesign
+
+
+def discover(
+    comm: MPI.Comm,
+    case: CaseMaker[C],
+    config: C,
+    callback: Callback | None = None,
+    *,
+    verbose: bool = False,
+    journal: Journal | None = None,
+) -> Discovery:
+    """Find printable lines that take an actuator to its target, from noise (collective).
+
+    The relaxed design is laid as lines, which are simulated as printed. What the print misses by
+    far is asked of the relaxed design on top, and so on (space mapping, Bandler et al. 1994): a
+    relaxed design costs a fraction of a simulated print. What it misses by little is mended by the
+    widths of its lines (`mended_widths`). Where a target is in no field of the configuration
+    (`TARGETS`), there is one round only.
+
+    Args:
+        comm: Communicator.
+        case: Makes what to design, of the communicator and a configuration.
+        config: All numbers.
+        callback: Called after each step of the relaxed designs, on every rank.
+        verbose: Whether to print every Newton step.
+        journal: Keeps the relaxed designs and the prints; None keeps nothing.
+
+    Raises:
+        NoEquilibriumError: No print has an equilibrium, or the random start has none.
+        TorosError: A number is out of its bounds.
+    """
+    search = _Search(comm, case, config, callback, verbose, journal)
+    lines = search.ask()
+    while lines is not None:
+        search.print(lines)
+        lines = search.next_lines()
+    return search.found()
+
+
+class _Search(Generic[C]):
+    """The rounds of one search, and what the next one goes on from; all methods are collective."""
+
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        case: CaseMaker[C],
+        config: C,
+        callback: Callback | None,
+        verbose: bool,
+        journal: Journal | None,
+    ) -> None:
+        self.comm, self.case, self.config = comm, case, config
+        self.callback, self.verbose, self.journal = callback, verbose, journal
+        self.seconds = {"relaxed": 0.0, "lines": 0.0, "prints": 0.0}
+        self.plain = case(comm, config.of_print)  # the mesh that is moved onto lines
+        self.aims = aims_of(self.plain.metrics)
+        self.asked = {key: aim.target for key, aim in self.aims.items()}
+        self.rounds: list[Round] = []
+        self.relaxed: RelaxedResult | None = None
+        self.near: tuple[Pattern, Floats] | None = None  # the shape that a print starts from
+        self.widened = False  # whether the lines to print are the last ones with other widths
+        self.answers: list[Round] = []  # rounds whose widths are as laid
+        self.like: LaidLines | None = None
+        self.alike = 0  # first of the answers with these lines
+        self.last: _Simulated | None = None
+        self.best: _Simulated | None = None
+        self.fruitless = 0  # rounds since the best one
+
+    def ask(self) -> LaidLines | None:
+        """Return the lines of a relaxed design of what is asked; None where it cannot be asked.
+
+        Raises:
+            NoEquilibriumError: The random start has no equilibrium.
+        """
+        comm, config = self.comm, self.config
+        begin = time.perf_counter()
+        try:
+            # First the configuration's own targets, which may be in none of its fields.
+            coarse = config.of_relaxed.asked(self.asked if self.rounds else {})
+        except ParameterError:  # beyond what the targets' fields allow
+            return None
+        case = self.case(comm, coarse)
+        design = actuator_problem(comm, case, coarse, verbose=self.verbose)
+        options = config.relaxed_options
+        try:
+            self.relaxed = find_lines(
+                design,
+                options,
+                seed=config.seed,
+                callback=self.callback,
+                after=self.relaxed,
+                journal=self.journal,
+            )
+        except NoEquilibriumError:
+            if not self.rounds:
+                raise
+            return None
+        middle = time.perf_counter()
+        lines = _laid(comm, case, self.relaxed.field, config.line_options, self.like)
+        self.near, self.widened = (case.pattern, self.relaxed.positions), False
+        self.seconds["relaxed"] += middle - begin
+        self.seconds["lines"] += time.perf_counter() - middle
+        return lines
+
+    def print(self, lines: LaidLines) -> None:
+        """Simulate the print of lines: a round."""
+        begin = time.perf_counter()
+        self.last = None  # its problem is freed if it is not the best one's
+        free_dropped(self.comm)
+        relaxed, near = self.relaxed, self.near
+        assert relaxed is not None
+        assert near is not None
+        fine, regions, problem, printed = _printed(
+            self.comm,
+            self.plain,
+            self.config,
+            near,
+            lines,
+            relaxed.pressures or None,
+            self.verbose,
+            self.journal,
+        )
+        metrics, error = {}, np.inf
+        if printed.evaluation is not None:
+            metrics = problem.metrics_of(printed.evaluation.equilibrium)
+            error = largest_error(metrics, self.aims)
+        made = Round(dict(self.asked), relaxed, lines, printed, metrics, error, self.widened)
+        self.rounds.append(made)
+        if not made.widened:
+            self.answers.append(made)
+        self.last = _Simulated(made, fine, regions, problem)
+        self.fruitless += 1
+        if self.best is None or error < self.best.round.error:
+            self.best, self.fruitless = self.last, 0
+        self.seconds["prints"] += time.perf_counter() - begin
+        _report(self.comm, len(self.rounds) - 1, problem.metrics, made)
+
+    def next_lines(self) -> LaidLines | None:
+        """Return the lines of the next round; None after the last."""
+        last, best = self.last, self.best
+        assert last is not None
+        assert best is not None
+        made, error = last.round, last.round.error
+        fitting = best.round.error < FINE
+        if (
+            len(self.rounds) > self.config.corrections
+            or error < CLOSE
+            or not set(self.aims) <= set(self.config.TARGETS)
+            or (made.printed.evaluation is None and not made.widened)
+            or (fitting and self.fruitless > 1)
+        ):
+            return None
+        if self.like is None and error < NEAR:
+            self.like, self.alike = made.laid, len(self.answers) - 1
+        helped = not made.widened or error < HELPS * self.rounds[-2].error
+        if error < NEAR and (helped or fitting):
+            wider = self._widened(last)
+            if wider is not None:
+                return wider
+        self.asked = asked_next(self.answers[self.alike :], self.aims)
+        return self.ask()
+
+    def _widened(self, last: _Simulated) -> LaidLines | None:
+        """Return the last lines with other widths; None where these cannot help."""
+        begin = time.perf_counter()
+        made, evaluation = last.round, last.round.printed.evaluation
+        assert evaluation is not None
+        wider = mended_widths(
+            self.comm, last.problem, made.printed, made.laid, made.metrics, self.aims
+        )
+        self.near = last.case.pattern, last.problem.shape_of(evaluation.equilibrium)
+        self.widened = True
+        self.seconds["lines"] += time.perf_counter() - begin
+        return wider
+
+    def found(self) -> Discovery:
+        """Return the best round and all others.
+
+        Raises:
+            NoEquilibriumError: No print has an equilibrium.
+        """
+        best = self.best
+        assert best is not None
+        if not np.isfinite(best.round.error):
+            raise NoEquilibriumError(
+                "no print of the relaxed design has an equilibrium: "
+                f"{self.rounds[0].printed.failure} Ask for less, or for finer lines (laid_width)."
+            )
+        return Discovery(tuple(self.rounds), *best, self.seconds)
+
+
+def metrics_on_coarser_mesh(
+    comm: MPI.Comm, case: CaseMaker[C], config: C, found: Discovery
+) -> tuple[float, Mapping[str, float]]:
+    """Return how much longer edges can be, at most 2 times, and the best print's metrics then.
+
+    Edges are no longer than lines are wide. It is collective.
+
+    Args:
+        comm: Communicator.
+        case: Makes what was designed.
+        config: As of `discover`.
+        found: What it returned.
+
+    Raises:
+        NoEquilibriumError: The print has no equilibrium on that mesh.
+        ParameterError: Edges are nearly as long as lines are wide already.
+    """
+    given = config.print_edge_length
+    ratio = min(2.0, min(config.laid_widths) / given)
+    if ratio < COARSER:
+        raise ParameterError(
+            f"print_edge_length = {given} m is so near to the width of the lines, "
+            f"{min(config.laid_widths)} m, that there is no coarser mesh to compare with. Give "
+            "shorter edges."
+        )
+    best = found.best
+    evaluation = best.printed.evaluation
+    assert evaluation is not None
+    coarser = config.updated(print_edge_length=ratio * given)
+    near = found.case.pattern, found.problem.shape_of(evaluation.equilibrium)
+    pressures = evaluation.equilibrium.pressures
+    plain = case(comm, coarser.of_print)
+    _, _, problem, printed = _printed(comm, plain, coarser, near, best.laid, pressures, False)
+    if printed.evaluation is None:
+        raise NoEquilibriumError(printed.failure)
+    return ratio, problem.metrics_of(printed.evaluation.equilibrium)
+
+
+def densities_last(
+    comm: MPI.Comm,
+    config: ActuatorConfig,
+    found: Discovery,
+    callback: Callback | None = None,
+    *,
+    verbose: bool = False,
+    journal: Journal | None = None,
+) -> tuple[DesignResult, PrintedDesign] | None:
+    """Design the densities on from the best lines; None without an equilibrium (collective).
+
+    Width constraints hold from the first step, and the filter radius is about the lines' width.
+
+    Args:
+        comm: Communicator.
+        config: As of `discover`.
+        found: What it returned.
+        callback: Called after each step, on every rank.
+        verbose: Whether to print every Newton step.
+        journal: As of `optimize`.
+    """
+    best = found.best
+    problem = actuator_problem(comm, found.case, config.of_densities, verbose=verbose)
+    lines = best.printed.evaluation
+    assert lines is not None
+    # Another problem may share out the triangles otherwise.
+    density = found.problem.skin.gather_cells(lines.projected)
+    warm = WarmStart(
+        density=density[problem.skin.owned_cells],
+        pressures=lines.equilibrium.pressures,
+        state=problem.state_at(found.problem.shape_of(lines.equilibrium)),
+        history=best.relaxed.history,
+        level=best.relaxed.history[-1].level + 1,
+    )
+    try:
+        result = optimize(
+            problem, config.density_options, callback=callback, after=warm, journal=journal
+        )
+    except NoEquilibriumError:  # of the blurred lines; raised by all ranks or by none
+        return None
+    printed = as_printed(
+        problem, result, config.print_limits, island_area=config.island_area, journal=journal
+    )
+    return result, printed
+
+
+def _laid(
+    comm: MPI.Comm,
+    case: ActuatorCase,
+    field: LineField,
+    options: LineOptions,
+    like: LaidLines | None,
+) -> LaidLines:
+    """Return the lines of a field on the triangles that are designed (collective)."""
+    printed = None if case.passive is None else case.passive > 0.5
+    return on_first_rank(
+        comm, lambda: lay_lines(field, options, printed=printed, planes=case.symmetry, like=like)
+    )
+
+
+def _printed(
+    comm: MPI.Comm,
+    case: ActuatorCase,
+    config: ActuatorConfig,
+    near: tuple[Pattern, Floats],
+    laid: LaidLines,
+    pressure: Sequence[float] | None,
+    verbose: bool,
+    journal: Journal | None = None,
+) -> tuple[ActuatorCase, list[BaseGeometry], ShapeDesign, PrintedDesign]:
+    """Return the case on a mesh that follows the lines, these, the problem and the print.
+
+    It is collective.
+    """
+    part = case.pattern
+
+    def cleaning() -> tuple[CleanedRegions, list[BaseGeometry]]:
+        whole = mirrored(part, case.symmetry) if case.symmetry else None
+        found = regions_on(laid.pattern, laid.regions, part)
+        cleaned = clean_print(part, whole, found, config.print_limits, config.island_area)
+        return cleaned, part_regions(part, cleaned.regions)
+
+    cleaned, regions = on_first_rank(comm, cleaning)
+    fine = case.following(comm, regions)
+    problem = actuator_problem(comm, fine, config.of_print, verbose=verbose)
+    printed = printed_lines(
+        problem,
+        part,
+        regions,
+        config.print_limits,
+        cleaned=cleaned,
+        near=near,
+        pressure=pressure,
+        journal=journal,
+    )
+    return fine, regions, problem, printed
+
+
+def _report(comm: MPI.Comm, number: int, metrics: tuple[Metric, ...], made: Round) -> None:
+    """Print a line on a round, on the first rank."""
+    if comm.rank:
+        return
+    parts = [
+        f"{m.name} {m.formatted(made.metrics[m.key])} of {m.formatted(m.target)}"
+        + f", asked {m.formatted(made.asked[m.key])}"
+        for m in metrics
+        if m.target is not None and made.metrics
+    ]
+    lines = sum(f.lines for f in made.laid.families)
+    found = "; ".join(parts) if made.printed.evaluation is not None else "no equilibrium"
+    widths = " of other widths" if made.widened else ""
+    print_line(f"round {number}: {lines} lines{widths}, as printed {found}")

@@ -1,0 +1,83 @@
+"""What to ask a design for, so that its print meets the targets (space mapping)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.measures.metrics import Metric
+
+# A print is good enough where every metric is this close to its target, over its scale.
+CLOSE = 5e-3
+# Bounds on the change of a printed metric over that of the one asked.
+LEAST_SLOPE, LARGEST_SLOPE = 0.4, 3.0
+# Largest change of what is asked in one round, over the scale of its metric.
+LARGEST_STEP = 0.4
+
+
+class Answer(Protocol):
+    """The metrics of a print, and the targets that were asked for it, both by key."""
+
+    @property
+    def asked(self) -> Mapping[str, float]:
+        """Targets that were asked."""
+
+    @property
+    def metrics(self) -> Mapping[str, float]:
+        """Metrics of the print; empty without an equilibrium."""
+
+
+class Aim(NamedTuple):
+    """Target of a metric, and the distance from it that counts as 1."""
+
+    target: float
+    scale: float
+
+
+def aims_of(metrics: Sequence[Metric]) -> dict[str, Aim]:
+    """Return the aims of all metrics that have a target, by key."""
+    return {
+        m.key: Aim(m.target, m.scale or abs(m.target) or 1.0)
+        for m in metrics
+        if m.target is not None
+    }
+
+
+def largest_error(metrics: Mapping[str, float], aims: Mapping[str, Aim]) -> float:
+    """Return the largest distance of a metric from its target, scaled; infinite if unknown.
+
+    Without any target it is 0.
+    """
+    if not aims.keys() <= metrics.keys():
+        return np.inf
+    errors = (abs(metrics[key] - aim.target) / aim.scale for key, aim in aims.items())
+    return max(errors, default=0.0)
+
+
+def asked_next(rounds: Sequence[Answer], aims: Mapping[str, Aim]) -> dict[str, float]:
+    """Return what to ask for next: Broyden's step, whose first matrix is the identity.
+
+    Broyden's matrix, the change of printed by that of asked metrics, also knows what one of them
+    does to another.
+    """
+    size = np.array([aim.scale for aim in aims.values()])
+
+    def vector(values: Mapping[str, float]) -> Floats:
+        return np.array([values[key] for key in aims]) / size
+
+    slope: Floats = np.eye(len(size))
+    for before, after in pairwise(rounds):
+        step = vector(after.asked) - vector(before.asked)
+        change = vector(after.metrics) - vector(before.metrics)
+        if step @ step > 0:
+            slope += np.outer(change - slope @ step, step) / (step @ step)
+    left, value, right = np.linalg.svd(slope)
+    value = np.clip(value, LEAST_SLOPE, LARGEST_SLOPE)
+    missing = vector({key: aim.target for key, aim in aims.items()}) - vector(rounds[-1].metrics)
+    step = np.clip(right.T @ (left.T @ missing / value), -LARGEST_STEP, LARGEST_STEP)
+    asked = size * (vector(rounds[-1].asked) + step)
+    return dict(zip(aims, asked.tolist(), strict=True))

@@ -1,0 +1,164 @@
+"""Forces of a pulled sheet that is printed, and their derivatives by both moduli, by the adjoint.
+
+The force on the moving clamp is F = c·r(q, m), with the first variation r of the energy, and c a
+unit motion of the clamp. At an equilibrium r vanishes at the free components. So
+dF/dm = (c + w)·∂r/∂m with K w = −K c at the free components: w is how the sheet follows the clamp.
+A linear functional g of the positions, as the mean lateral stretch, has dG/dm = −(K⁻¹ g)·∂r/∂m.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import MaterialWarning
+from toros_fem.base.mpi import dot
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.skin.coefficients import assembled, work_vector
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.meshes.skin import Skin
+from toros_fem.products.tiles.pull_test import PullMachine
+
+MATERIALS = ("fabric", "reinforcement")
+
+
+@dataclass(frozen=True, eq=False)
+class SheetCurve:
+    """A pulled sheet, and how it changes with the moduli.
+
+    Attributes:
+        stress: Force on the moving clamp over the width in N/m, (k,).
+        lateral: Mean lateral stretch of the middle, (k,).
+        stress_by, lateral_by: Derivatives by the logarithms of the moduli of fabric and
+            reinforcement, (k, 2).
+        steps: Number of Newton steps.
+    """
+
+    stress: Floats
+    lateral: Floats
+    stress_by: Floats
+    lateral_by: Floats
+    steps: int
+
+
+def scaled(composite: Composite, factors: Sequence[float] | Floats) -> Composite:
+    """Return a composite with the moduli of fabric and reinforcement times factors."""
+    sheets = {
+        name: replace(sheet, young=float(factor) * sheet.young)
+        for name, factor in zip(MATERIALS, factors, strict=True)
+        for sheet in (getattr(composite, name),)
+    }
+    return replace(composite, **sheets)
+
+
+class PrintedSheet:
+    """A printed sheet that is pulled with different moduli.
+
+    Args:
+        skin: The sewn skin of a flat rectangle along x and y.
+        composite: Materials; bending is left out.
+        density: Whether each owned triangle is printed, as densities in [0, 1].
+        axis: 0 to pull along x, 1 along y.
+        gauge: Length in m of the middle that the lateral stretch is averaged over.
+        options: Options of the equilibrium solver.
+
+    Raises:
+        PatternError: The skin is not a flat rectangle along x and y.
+        ParameterError: The gauge is longer than the sheet.
+    """
+
+    def __init__(
+        self,
+        skin: Skin,
+        composite: Composite,
+        density: Floats,
+        axis: int,
+        gauge: float,
+        options: NewtonOptions | None = None,
+    ) -> None:
+        self.skin, self.density, self.axis = skin, density, axis
+        self.composite = replace(composite, bending=None)
+        self.gauge, self.options = gauge, options
+        machine = self._machine(np.ones(2))
+        self._base = machine.solver.model
+        # The first variation is linear in the moduli: its parts are differences of these models.
+        self._other = [
+            SkinModel(skin, scaled(self.composite, 1 + np.eye(2)[k]), self._base.supports)
+            for k in range(2)
+        ]
+        for model in (self._base, *self._other):
+            model.set_density(model.check(density))
+        self._clamp = np.zeros(self._base.size_local)
+        self._base.positions(self._clamp)[machine.far[skin.owned_vertices], axis] = 1.0
+        self._mean = np.zeros(self._base.size_local)
+        weights = machine.lateral_weights()[skin.owned_vertices]
+        self._base.positions(self._mean)[:] = weights
+
+    def _machine(self, factors: Floats) -> PullMachine:
+        composite = scaled(self.composite, factors)
+        with warnings.catch_warnings():  # a search may pass moduli that are odd
+            warnings.simplefilter("ignore", MaterialWarning)
+            return PullMachine(self.skin, composite, self.axis, self.gauge, self.options)
+
+    def curve(self, factors: Floats, strains: Floats) -> SheetCurve:
+        """Pull the sheet and differentiate its stress and its lateral stretch (collective).
+
+        Args:
+            factors: Factors on the moduli of fabric and reinforcement, (2,).
+            strains: Strains of the clamps' distance, in the order of the pull, (k,).
+
+        Raises:
+            NoEquilibriumError: There is no equilibrium at one of the strains.
+        """
+        machine, comm = self._machine(factors), self.skin.comm
+        solver, rows, state, steps = machine.solver, [], None, 0
+        pushed = _TangentTimes(solver.model, self._clamp)
+        for strain in strains:
+            result = machine.solve(self.density, float(strain), state)
+            state, steps = result.state, steps + result.steps
+            positions = self.skin.gather_vertices(result.positions)
+            stress = machine.forces(result)[1, self.axis] / machine.width
+            lateral = machine.middle_stretch(positions)[1 - self.axis]
+            parts = self._parts(state)
+            follow = self._clamp - solver.solve_tangent(pushed.at(state), result)
+            widening = solver.solve_tangent(self._mean, result)
+            adjoints = np.array([follow / machine.width, -widening])
+            rows.append(
+                [stress, lateral]
+                + [
+                    dot(comm, adjoint, np.asarray(factor * part))
+                    for adjoint in adjoints
+                    for factor, part in zip(factors, parts, strict=True)
+                ]
+            )
+        table = np.array(rows)
+        return SheetCurve(table[:, 0], table[:, 1], table[:, 2:4], table[:, 4:], steps)
+
+    def _parts(self, state: Floats) -> list[Floats]:
+        """Return the first variations of fabric and of reinforcement, with the first moduli."""
+        both = self._base.residual(state) + self._base.reaction(state)
+        return [other.residual(state) + other.reaction(state) - both for other in self._other]
+
+
+class _TangentTimes:
+    """The tangent of a model times one direction, free and fixed components alike."""
+
+    def __init__(self, model: SkinModel, direction: Floats) -> None:
+        self._model = model
+        along = fem.Function(model.space)
+        along.x.array[: model.size_local] = direction
+        along.x.scatter_forward()
+        self._form = fem.form(ufl.derivative(model.ufl_forms.residual, model.q, along))
+        self._buffer = work_vector(model.space)
+
+    def at(self, state: Floats) -> Floats:
+        """Return K c at a state, owned unknowns (collective)."""
+        self._model.set_state(state)
+        return assembled(self._form, self._buffer)

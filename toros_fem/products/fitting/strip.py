@@ -1,0 +1,108 @@
+"""The strip as it is really tested: clamps hold its width, so that it is stiffer at its ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from mpi4py import MPI
+from scipy.interpolate import PchipInterpolator
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.mpi import require_comm
+from toros_fem.base.validation import require_count, require_positive
+from toros_fem.materials.sheet import Composite, Knit, Material
+from toros_fem.meshes.sheet import rectangle
+from toros_fem.meshes.skin import sew
+from toros_fem.products.fitting.uniaxial import uniaxial_curve
+from toros_fem.products.tiles.pull_test import pull
+
+# Strains at which the strip is simulated, as parts of the largest.
+PARTS = (0.03, 0.15, 0.3, 0.45, 0.6, 0.75, 0.88, 1.0)
+
+
+@dataclass(frozen=True)
+class ClampedStrip:
+    """A strip between clamps that hold its width; the stretch is that of their distance.
+
+    Attributes:
+        comm: Communicator that simulates it.
+        length: Distance of the clamps in m, undeformed.
+        width: Width in m.
+        gauge: Length in m of the middle in which the lateral stretch is measured; None takes the
+            width, or half the length of a short strip.
+        edges: Number of the mesh's edges across the width.
+
+    Raises:
+        ParameterError: A length is not positive, the gauge is longer than the strip, or there is
+            no edge.
+    """
+
+    comm: MPI.Comm
+    length: float
+    width: float
+    gauge: float | None = None
+    edges: int = 6
+
+    def __post_init__(self) -> None:
+        require_comm(self.comm)
+        require_positive(length=self.length, width=self.width)
+        require_count(2, edges=self.edges)
+        if self.gauge is not None:
+            require_positive(gauge=self.gauge, at_most=self.length)
+        if self.width > 20 * self.length or self.length > 100 * self.width:
+            raise ParameterError(
+                f"a strip of {self.length:g} m × {self.width:g} m is no strip: are both in m?"
+            )
+
+    def correction(
+        self,
+        material: Material,
+        c1: float,
+        c2: float,
+        strain: Floats,
+        *,
+        knit_ratio: float = 1.0,
+        direction: str = "wale",
+    ) -> tuple[Floats, Floats]:
+        """Return what the clamps change, by simulation (collective).
+
+        Args:
+            material: The sheet.
+            c1, c2: Bounds of eq. (1).
+            strain: Strains of the clamps' distance, (n,).
+            knit_ratio: Ratio of a knit.
+            direction: Direction of the pull, "course" or "wale".
+
+        Returns:
+            The factor on the stress of a free strip, (n,), and the difference of the middle's
+            lateral stretch from that of a free strip, (n,).
+
+        Raises:
+            NoEquilibriumError: The strip has no equilibrium at one of the strains.
+        """
+        top = float(np.max(strain))
+        at = top * np.array(PARTS)
+        edge = min(self.length, self.width) / self.edges
+        pattern = rectangle(self.comm, self.length, self.width, edge, "crossed")
+        skin = sew(self.comm, pattern)
+        grain = 0.0 if direction == "course" else np.pi / 2
+        sheet = replace(material, c1=c1, c2=c2)
+        composite = Composite(
+            sheet,
+            sheet,
+            bending=None,
+            knit=Knit(knit_ratio, grain) if knit_ratio > 1 else None,
+        )
+        gauge = self.gauge or min(self.width, self.length / 2)
+        test = pull(skin, composite, np.zeros(len(skin.owned_cells)), 0, at, gauge)
+        free, lateral = uniaxial_curve(
+            material, c1, c2, 1 + at, knit_ratio=knit_ratio, direction=direction
+        )
+        factor = test.curve.stress / free
+        shift = 1 - test.curve.contraction * at - lateral
+        places = np.concatenate([[0.0], at])
+        by_factor = PchipInterpolator(places, np.concatenate([factor[:1], factor]))
+        by_shift = PchipInterpolator(places, np.concatenate([[0.0], shift]))
+        return np.asarray(by_factor(strain)), np.asarray(by_shift(strain))

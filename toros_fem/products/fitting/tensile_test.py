@@ -1,0 +1,125 @@
+"""One tensile test of a strip, as numbers, and its branches of loading and unloading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.errors import MeasurementError, ParameterError
+from toros_fem.base.validation import checked_floats, require_choice, require_positive
+
+BRANCHES = ("last-loading", "first-loading", "last-unloading", "all")
+# A turn of the stretch smaller than this part of its range is noise.
+TURN = 0.15
+# Fewest points of a curve.
+FEWEST = 5
+
+
+@dataclass(frozen=True, eq=False)
+class TensileTest:
+    """A strip pulled in one direction, free to narrow.
+
+    Attributes:
+        stretch: Stretch along the pull, (n,), in the order of the test.
+        stress: Nominal stress per width in N/m, (n,): force over undeformed width.
+        thickness: Thickness in m.
+        lateral: Lateral stretch, (n,); None where it was not measured.
+        specimen: Name of the specimen.
+        direction: Direction of the pull: "course", "wale", or any other name.
+
+    Raises:
+        ParameterError: The arrays differ in length, are not finite, or have fewer than 5 points; a
+            stretch is not positive; or the thickness is not positive.
+    """
+
+    stretch: Floats
+    stress: Floats
+    thickness: float
+    lateral: Floats | None = None
+    specimen: str = "1"
+    direction: str = ""
+
+    def __post_init__(self) -> None:
+        require_positive(thickness=self.thickness)
+        stretch = checked_floats(
+            "stretch", self.stretch, f"of shape (n,), n at least {FEWEST}",
+            lambda shape: len(shape) == 1 and shape[0] >= FEWEST,
+        )  # fmt: skip
+        names = ["stress"] if self.lateral is None else ["stress", "lateral"]
+        what = f"of shape {stretch.shape}, as the stretch"
+        for name in names:
+            values = checked_floats(name, getattr(self, name), what, stretch.shape)
+            object.__setattr__(self, name, values)
+        for name in ("stretch", *names[1:]):
+            least = float(getattr(self, name).min()) if name != "stretch" else float(stretch.min())
+            if not least > 0:
+                raise ParameterError(
+                    f"{name} of specimen {self.specimen!r} reaches {least:.6g}; a stretch is "
+                    "positive, 1 at rest."
+                )
+        object.__setattr__(self, "stretch", stretch)
+        object.__setattr__(self, "thickness", float(self.thickness))
+
+    def taken(self, rows: Ints) -> TensileTest:
+        """Return the test with some of its points, by their numbers."""
+        lateral = None if self.lateral is None else self.lateral[rows]
+        return replace(self, stretch=self.stretch[rows], stress=self.stress[rows], lateral=lateral)
+
+    def branch(self, which: str) -> TensileTest:
+        """Return the points of one branch of the load cycles.
+
+        Args:
+            which: One of `BRANCHES`; "all" takes every point.
+
+        Raises:
+            MeasurementError: There is no such branch, or it has fewer than 5 points.
+        """
+        require_choice("branch", which, BRANCHES)
+        if which == "all":
+            return self
+        rising, falling = _branches(self.stretch)
+        found = falling if which == "last-unloading" else rising
+        if not found:
+            kind = "unloading" if which == "last-unloading" else "loading"
+            raise MeasurementError(
+                f"specimen {self.specimen!r}: the stretch has no branch of {kind}. Take another "
+                f"branch: {', '.join(BRANCHES)}."
+            )
+        begin, end = found[0] if which == "first-loading" else found[-1]
+        rows = np.arange(begin, end + 1)
+        if len(rows) < FEWEST:
+            raise MeasurementError(
+                f"specimen {self.specimen!r}: the branch {which!r} has {len(rows)} points; at "
+                f"least {FEWEST} are needed."
+            )
+        return self.taken(rows)
+
+
+def _branches(stretch: Floats) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
+    """Return first and last point of each rising and of each falling branch.
+
+    A branch ends where the stretch has turned by more than `TURN` of its range.
+    """
+    least = TURN * float(np.ptp(stretch))
+    turns, sign, best = [0], 0, 0
+    for k in range(1, len(stretch)):
+        if sign == 0:
+            if abs(stretch[k] - stretch[0]) > least:
+                sign = 1 if stretch[k] > stretch[0] else -1
+                before = stretch[: k + 1] * sign
+                turns, best = [int(np.argmin(before))], k
+        elif sign * (stretch[k] - stretch[best]) >= 0:
+            best = k
+        elif sign * (stretch[best] - stretch[k]) > least:
+            turns.append(best)
+            sign, best = -sign, k
+    turns.append(best)
+    rising: list[tuple[int, int]] = []
+    falling: list[tuple[int, int]] = []
+    for begin, end in pairwise(turns):
+        if end > begin:
+            (rising if stretch[end] > stretch[begin] else falling).append((begin, end))
+    return rising, falling

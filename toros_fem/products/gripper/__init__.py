@@ -1,0 +1,1 @@
+"""A gripper whose fingers close on an object (Fig. 1)."""

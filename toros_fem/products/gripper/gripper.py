@@ -1,0 +1,586 @@
+"""A gripper whose fingers close on an object when inflated, and lift it (paper Fig. 1).
+
+Each finger is flat, made of two panels, and clamped at its root in a mount. The mount also carries
+the inner panel on a stem: held in a flat line alone the finger would turn about it like a hinge.
+Three fingers stand around a sphere, four around a box. Half a finger is designed, by symmetry, in
+contact with the object, which is held in its place. A line along the inner panel is always printed,
+so that this panel keeps its length. The target shape goes around the object. The objective also
+asks for a holding force, that of the normal forces upwards and of the friction that they allow.
+
+The printed gripper then lifts the object from a thin post. The object slides until the fingers bear
+its weight. The summary gives the largest mass that they bear, the sliding at the object's own mass,
+contact area and pressure, and the force of each finger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.config import quantity
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.files import write_json, write_together
+from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.measures.gap import SHAPES, Body
+from toros_fem.measures.metrics import Metric
+from toros_fem.measures.shape import Nodes, Objective
+from toros_fem.mechanics.contact.bodies import RigidBody
+from toros_fem.mechanics.contact.config import ContactConfig
+from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.contact.solids import rigid_mesh
+from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.mechanics.paths.pull_out import PullPoint, largest_force, pull_out, slip_under
+from toros_fem.mechanics.readings.holding import HoldingObjective
+from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
+from toros_fem.meshes import Mirrored, Pattern, curl, finger, plane_centroids, sew
+from toros_fem.products.actuators.case import ActuatorCase, Touching
+from toros_fem.products.actuators.config import ActuatorConfig, TipWeights
+from toros_fem.products.actuators.legs import leg_cross_sections, tip_angle_metric
+from toros_fem.products.actuators.run import ActuatorResult, design_actuator, summary_sentence
+from toros_fem.products.gripper.lift import LiftShape, from_room, in_room, solid, write_lift
+from toros_fem.results.frames.record import repeated
+
+ALONG, TOWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+WRAP_ANGLE = {"sphere": 90.0, "box": 60.0}  # in degrees
+FINGERS = {"sphere": 3, "box": 4}  # as many as its sides, so that each finger does the same
+TOUCHING_WIDTH = 1 / 3  # of the finger's width, which is to lie on the object
+TOUCHING_GAP = 0.5e-3  # m; where the target is nearer to a box, the finger is to touch it
+TIP_TWELFTHS = 3  # of the finger beyond its root, whose angle is measured
+GRAVITY = 9.81  # m/s²
+# Steps of the lift while the object slides by up to the limit, and from there on.
+NEAR_STEPS, FAR_STEPS = 8, 8
+# Figures of the lift that the summary itself has too.
+HEADLINE = ("held_mass_kg", "slip_mm", "smallest_distance_mm")
+
+
+@dataclass(frozen=True)
+class GripperConfig(ContactConfig, ActuatorConfig):
+    """Numbers of the gripper; SI units.
+
+    Raises:
+        ParameterError: As in `ActuatorConfig`, the finger would bend inside its mount, or the stem
+            ends before the root or beyond the finger.
+    """
+
+    shape: str = quantity("sphere", "shape of the object", choices=SHAPES)
+    size: float = quantity(0.04, "diameter of the sphere or edge of the box", "m", above=0)
+    finger_length: float = quantity(0.09, "length of a finger", "m", above=0)
+    finger_width: float = quantity(0.025, "width of a finger", "m", above=0)
+    root_length: float = quantity(0.015, "length of a finger in the mount", "m", above=0)
+    stem_length: float = quantity(
+        0.025, "length of a finger whose inner panel the mount's stem carries", "m", above=0
+    )
+    backbone_width: float = quantity(
+        6e-3, "width of the line along the inner panel that is always printed", "m", at_least=0
+    )
+    edge_length: float = quantity(1.2e-3, "edge length of the mesh", "m", above=0)
+    inflated_depth: float = quantity(
+        0.016, "depth of the inflated finger where it is straight, a first guess", "m", at_least=0
+    )
+    wrap_angle: float | None = quantity(
+        None,
+        "angle by which a finger goes around the object; none takes 90 at a sphere and 60 at a box",
+        "deg",
+        above=0,
+        at_most=360,
+    )
+    tip_angle: float | None = quantity(
+        None,
+        "angle by which the finger's outer quarter is to turn; none takes that at the object",
+        "deg",
+        above=0,
+        at_most=360,
+    )
+    edge_bend_radius: float = quantity(
+        0.03, "radius around which a finger bends at a box, whose edges are sharper", "m", above=0
+    )
+    edge_angle: float = quantity(
+        45.0,
+        "angle by which a finger has turned where it touches a box's edge",
+        "deg",
+        above=0,
+        at_most=180,
+    )
+    tail_length: float = quantity(
+        0.01, "length of a finger that is straight below a box", "m", at_least=0
+    )
+    cross_sections: int = quantity(4, "number of cross-sections of a finger", at_least=1)
+    centreline_weight: float = quantity(
+        0.05, "weight of the finger's centre line over that of its orientation", at_least=0
+    )
+    orientation_length: float = TipWeights.redefault("orientation_length", 0.02)
+    contact_weight: float = quantity(
+        5.0, "weight of the inner panel's distance from the object", at_least=0
+    )
+    mass: float = quantity(0.1, "mass of the object", "kg", above=0)
+    friction: float | None = ContactConfig.redefault("friction", 0.6)
+    holding_factor: float = quantity(
+        4.0, "holding force that the design asks for, over the object's weight", above=0
+    )
+    holding_weight: float = quantity(1.0, "weight of the holding force that is missing", at_least=0)
+    object_mesh: str | None = quantity(
+        None,
+        "mesh file of an object to be lifted in the place of the shape that is designed for, its z "
+        "upwards; none lifts that shape",
+    )
+    object_scale: float = quantity(1e-3, "length of the mesh file's unit", "m", above=0)
+    lift_distance: float | None = quantity(
+        0.05, "distance by which the mounts move up; none leaves the lift out", "m", above=0
+    )
+    slip_limit: float = quantity(
+        5e-3, "sliding of the object up to which it counts as held", "m", above=0
+    )
+    seams: str = ActuatorConfig.redefault("seams", "hinged")
+    levels: int | None = ActuatorConfig.redefault("levels", 1)
+    pressure: float = ActuatorConfig.redefault("pressure", 10e3)
+    pressure_max: float = ActuatorConfig.redefault("pressure_max", 15e3)
+    # Steps that only raise the holding force are small.
+    min_decrease: float | None = ActuatorConfig.redefault("min_decrease", None)
+    polish_iterations: int = ActuatorConfig.redefault("polish_iterations", 40)
+    # The paper states none.
+    design_pressure: bool = ActuatorConfig.redefault("design_pressure", True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.root_length <= self.stem_length < self.finger_length:
+            raise ParameterError(
+                f"stem_length = {self.stem_length} m must be at least root_length = "
+                f"{self.root_length} m and less than finger_length = {self.finger_length} m."
+            )
+        if self.bend_start < self.root_length:
+            raise ParameterError(
+                f"the finger starts to bend at {self.bend_start:.3g} m, inside its mount, which "
+                f"ends at root_length = {self.root_length:.3g} m. Give a longer finger, a smaller "
+                "object or wrap_angle, or around a box a smaller edge_bend_radius or tail_length."
+            )
+
+    TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "tip_angle"}
+
+    @property
+    def coarsest_edge(self) -> float:
+        """Longest edge length in m of a useful mesh: four edges across half a finger."""
+        return self.finger_width / 8
+
+    @property
+    def bend_angle(self) -> float:
+        """Angle in rad by which a finger goes around the object."""
+        return float(np.radians(self.wrap_angle or WRAP_ANGLE[self.shape]))
+
+    @property
+    def bend_radius(self) -> float:
+        """Radius in m around which the inner panel bends."""
+        return self.edge_bend_radius if self.shape == "box" else self.size / 2
+
+    @property
+    def bend_start(self) -> float:
+        """Distance in m from the root at which a finger starts to bend.
+
+        The inner panel keeps its length and goes around the object; its tip ends where it should.
+        """
+        tail = self.tail_length if self.shape == "box" else 0.0
+        return float(self.finger_length - tail - self.bend_angle * self.bend_radius)
+
+    @property
+    def body(self) -> Body:
+        """The object inside the bend; a box touches with its edge."""
+        free = Body(self.shape, self.size, (0.0, 0.0, 0.0))
+        # The edge's arc touches the bend from inside; a sphere fills it.
+        turn, inside = np.radians(self.edge_angle), self.bend_radius - free.radius
+        core = self.size / 2 - free.radius
+        x = self.bend_start + inside * np.sin(turn) - core
+        z = self.inflated_depth / 2 + self.bend_radius - inside * np.cos(turn) + core
+        return Body(self.shape, self.size, (float(x), 0.0, float(z)))
+
+    @property
+    def fingers(self) -> int:
+        """Number of fingers around the object."""
+        return FINGERS[self.shape]
+
+    @property
+    def contact(self) -> Contact:
+        """Contact with the object, which is held, and with the next finger, without friction.
+
+        By symmetry fingers meet in planes through the object's axis.
+        """
+        body, half = self.body, np.pi / self.fingers
+        between = Ground((0.0, 0.0, body.centre[2]), (0.0, -np.cos(half), -np.sin(half)))
+        return Contact(
+            ground=between,
+            bodies=[solid(body)],
+            self_contact=False,
+            distance=self.contact_distance,
+        )
+
+    @property
+    def touching(self) -> tuple[float, float]:
+        """First and last distance in m from the root at which the inner panel is to touch."""
+        if self.shape == "sphere":
+            return self.bend_start, self.finger_length - self.finger_width / 4
+        middle = self.bend_start + np.radians(self.edge_angle) * self.bend_radius
+        # An arc leaves another one of radius r by s²/2 (1/r − 1/R) at the distance s.
+        sharper = 1 / self.body.radius - 1 / self.bend_radius
+        half = max(np.sqrt(2 * TOUCHING_GAP / sharper), self.edge_length)
+        return float(middle - half), float(middle + half)
+
+
+def coarse(config: GripperConfig) -> GripperConfig:
+    """Return the same design on a coarse mesh with few steps; it takes a minute or two."""
+    return config.updated(
+        edge_length=2.4e-3,
+        filter_radius=3.7e-3,
+        levels=1,
+        iterations=60,
+        constrained_iterations=40,
+    )
+
+
+def touching_vertices(pattern: Pattern, config: GripperConfig) -> npt.NDArray[np.bool_]:
+    """Return which vertices are to touch: a strip along the inner panel's middle, (n,)."""
+    inner = np.zeros(len(pattern.points), dtype=bool)
+    inner[pattern.vertices_of("top")] = True
+    x, y, _ = pattern.points.T
+    begin, end = config.touching
+    middle = np.abs(y) < TOUCHING_WIDTH * config.finger_width / 2
+    return np.asarray(inner & (x > begin) & (x < end) & middle)
+
+
+def mounted(pattern: Pattern, config: GripperConfig) -> npt.NDArray[np.bool_]:
+    """Return the components of the vertices that the mount holds, (n, 3): root and stem."""
+    held = pattern.points[:, 0] <= config.root_length * (1 + 1e-9)
+    inner = pattern.vertices_of("top")
+    held[inner[pattern.points[inner, 0] <= config.stem_length * (1 + 1e-9)]] = True
+    return np.repeat(held[:, None], 3, axis=1)
+
+
+def gap_metric(config: GripperConfig) -> Metric:
+    """Return the mean distance in mm of the touching strip from the object, inside or outside."""
+    body = config.body
+
+    def measure(pattern: Pattern, positions: npt.NDArray[np.float64]) -> float:
+        touching = touching_vertices(pattern, config)
+        distance, _ = body.distance(positions[touching])
+        return float(1e3 * np.average(np.abs(distance), weights=pattern.vertex_areas[touching]))
+
+    return Metric("gap", "mm", 0.0, measure, scale=1e3 * config.size)
+
+
+def case(comm: MPI.Comm, config: GripperConfig) -> ActuatorCase:
+    """Return half a finger and its target."""
+    root, angle = config.root_length, config.bend_angle
+    pattern = finger(
+        comm,
+        config.edge_length,
+        length=config.finger_length,
+        width=config.finger_width,
+        root=root,
+        planes=(1,),
+    )
+    tip_angle = tip_angle_metric(0.0, ALONG, TOWARD, root, outer_count=TIP_TWELFTHS)
+
+    def around(turn: float) -> npt.NDArray[np.float64]:
+        deform = curl(
+            turn,
+            angle * config.bend_radius,
+            origin=(config.bend_start, 0, config.inflated_depth / 2),
+            along=ALONG,
+            toward=TOWARD,
+        )
+        return deform(pattern.points)
+
+    target = around(angle)
+    tip = tip_angle.measure(pattern, target)
+    if config.tip_angle is not None:
+        # The outer quarter turns by a fixed part of the whole angle; the object stays.
+        target, tip = around(angle * config.tip_angle / tip), config.tip_angle
+    inner = pattern.panel == pattern.panel_index("top")
+    off_middle = np.abs(plane_centroids(pattern)[:, 1])
+    touching = touching_vertices(pattern, config).astype(np.float64)
+    supports = Supports(mounted(pattern, config)) | symmetry_plane(pattern, 1)
+    contact = config.contact
+    sizes = contact.sizes(config.composite)
+
+    def holding(skin: Nodes) -> Objective:
+        # Upwards, and towards the object's axis as far as friction makes use of it.
+        direction = (config.friction or 0.0) * np.asarray(TOWARD) - np.asarray(ALONG)
+        force = config.holding_factor * config.mass * GRAVITY / (2 * config.fingers)
+        return HoldingObjective(
+            skin, contact, sizes, supports.fixed, direction, force, config.holding_weight
+        )
+
+    return ActuatorCase(
+        pattern=pattern,
+        target=target,
+        supports=supports,
+        passive=np.where(inner & (off_middle < config.backbone_width / 2), 1.0, np.nan),
+        metrics=(
+            gap_metric(config),
+            replace(tip_angle, target=tip),
+        ),
+        cross_sections=leg_cross_sections(
+            pattern,
+            ALONG,
+            root,
+            config.cross_sections,
+            config.centreline_weight,
+            config.orientation_length,
+        ),
+        touching=Touching(config.body, touching, config.contact_weight),
+        contact=contact,
+        further=holding,
+        # The outer panel is to stretch; without this hint the start is the same in and out.
+        start=np.where(inner, 0.65, 0.35),
+        symmetry=(1,),
+    )
+
+
+def lift(
+    comm: MPI.Comm, output: Path, config: GripperConfig, design: ActuatorResult
+) -> dict[str, Any]:
+    """Let the printed gripper lift its object, and the initial design too; return the figures.
+
+    Seen from the mounts the post goes down by the distance of the lift, and the object with it
+    until the fingers hold its weight. It moves along its axis alone, by symmetry, or where it is a
+    mesh as on a guide. Nothing moves it back, so that one curve of the holding force over its depth
+    tells what becomes of each mass. Fingers close without friction, which acts from then on.
+
+    Args:
+        comm: Communicator.
+        output: Folder for pictures, frames and figures.
+        config: Numbers of the gripper.
+        design: The designed finger.
+    """
+    problem, printed = design.problem, design.printed
+    shown = printed.evaluation or design.result.final
+    _, initial = problem.fields(problem.with_passive(problem.start_density(design.summary["seed"])))
+    grip = _grip(comm, problem, config)
+    lifts, rows = {}, []
+    for name, owned in (("initial design", initial), ("as printed", shown.projected)):
+        density = problem.skin.gather_cells(owned)
+        # A finger may have several equilibria: that of the print is known.
+        known = owned is shown.projected and grip.fingers is None
+        near = shown.equilibrium.positions if known else None
+        made = _lifted(grip, density, shown.equilibrium.pressures, config, near)
+        lifts[name] = _figures(made, grip, config)
+        if made.points:
+            rows.append((grip.shown_density(density), _shapes(name, made, grip, config)))
+    figures = {
+        "mass_kg": config.mass,
+        "friction": config.friction,
+        "fingers": config.fingers,
+        **lifts["as printed"],
+        "initial": lifts["initial design"],
+    }
+    if rows:
+        regions = list(printed.regions) * (config.fingers // grip.copies)
+        write_lift(comm, output, grip.shown_pattern, rows, regions, grip.body, grip.copies, figures)
+    return figures
+
+
+@dataclass(frozen=True, eq=False)
+class _Grip:
+    """What is simulated of a gripper that lifts: half a finger, or all fingers.
+
+    Attributes:
+        closing, pulling: Solvers without and with friction.
+        body: The object.
+        mirror: The whole finger that the designed half is a part of.
+        fingers: Number of fingers that are simulated; None for half of one.
+        copies: Number of equal copies of what is shown: fingers, or all of them as one.
+        parts: Number of equal parts of the gripper, of which one is simulated.
+    """
+
+    closing: EquilibriumSolver
+    pulling: EquilibriumSolver
+    body: RigidBody
+    mirror: Mirrored
+    fingers: int | None
+    copies: int
+    parts: int
+
+    @property
+    def shown_pattern(self) -> Pattern:
+        """Pattern of what is shown."""
+        return self.mirror.pattern if self.fingers is None else self.closing.skin.pattern
+
+    def shown_density(self, density: Floats) -> Floats:
+        """Return the density of all triangles that are shown, from those of half a finger."""
+        whole = self.mirror.at_cells(density)
+        return whole if self.fingers is None else np.tile(whole, self.fingers)
+
+    def simulated(self, density: Floats) -> Floats:
+        """Return the density of owned triangles, from those of half a finger, (t,)."""
+        whole = density if self.fingers is None else self.shown_density(density)
+        return np.asarray(whole[self.closing.skin.owned_cells])
+
+    def shown_positions(self, positions: Floats) -> Floats:
+        """Return positions of all vertices that are shown, from those that are simulated."""
+        return self.mirror.at_vertices(positions) if self.fingers is None else positions
+
+
+def _grip(comm: MPI.Comm, problem: ShapeDesign, config: GripperConfig) -> _Grip:
+    """Return half a finger and the designed object, or all fingers and the object's mesh."""
+    model, mirror, count = problem.solver.model, problem.whole, config.fingers
+    assert mirror is not None
+    contact, skin, supports = config.contact, problem.skin, model.supports
+    body, all_fingers = contact.bodies[0], config.object_mesh is not None
+    if config.object_mesh is not None:
+        body = _placed_mesh(comm, config.object_mesh, config)
+        contact = Contact(bodies=[body], self_contact=False, distance=config.contact_distance)
+        axis = config.body.centre[2]
+        turned = [
+            from_room(in_room(mirror.pattern.points, axis, angle), axis)
+            for angle in 2 * np.pi * np.arange(count) / count
+        ]
+        pattern = replace(repeated(mirror.pattern, [], count)[0], points=np.concatenate(turned))
+        skin = sew(comm, pattern)
+        supports = Supports(np.tile(mounted(mirror.pattern, config), (count, 1)))
+    options = problem.solver.options
+    closing, pulling = (
+        EquilibriumSolver(
+            skin, model.composite, supports, options, contact=replace(contact, friction=friction)
+        )
+        for friction in (None, config.friction)
+    )
+    return _Grip(
+        closing,
+        pulling,
+        body,
+        mirror,
+        count if all_fingers else None,
+        1 if all_fingers else count,
+        1 if all_fingers else 2 * count,
+    )
+
+
+def _placed_mesh(comm: MPI.Comm, path: str, config: GripperConfig) -> RigidBody:
+    """Return the object of a mesh file, upright, in the frame of the first finger."""
+    read = rigid_mesh(comm, "object", path, scale=config.object_scale)
+    centre = config.body.centre
+    points = from_room(read.points - read.centre, 0.0) + [centre[0], 0.0, centre[2]]
+    return RigidBody("object", points, read.triangles)
+
+
+@dataclass(frozen=True, eq=False)
+class _Lift:
+    """What one design does: its pull, and why this ended early; empty at its end."""
+
+    points: tuple[PullPoint, ...]
+    failure: str
+
+    def slip(self, grip: _Grip, config: GripperConfig) -> float | None:
+        """Return the sliding in m at which the fingers bear the object; None if they do not."""
+        found = slip_under(self.points, config.mass * GRAVITY / grip.parts)
+        return None if found is None or found > config.slip_limit else found
+
+
+def _lifted(
+    grip: _Grip,
+    density: Floats,
+    pressures: Sequence[float],
+    config: GripperConfig,
+    start: Floats | None = None,
+) -> _Lift:
+    """Pull the object out of the fingers: to the limit, and all the way if it drops."""
+    limit, end = config.slip_limit, config.lift_distance or 0.0
+    near = limit * np.linspace(0.0, 1.0, NEAR_STEPS + 1) ** 2
+    far = np.linspace(limit, max(end, limit), FAR_STEPS + 1)[1:]
+    depths = [*near, *(depth for depth in far if depth > limit)]
+    owned, points = grip.simulated(density), list[PullPoint]()
+    try:
+        closed = grip.closing.solve(owned, pressures, start=start)
+        for point in pull_out(grip.pulling, owned, pressures, depths, ALONG, closed.positions):
+            points.append(point)
+            held = _Lift(tuple(points), "").slip(grip, config) is not None
+            if held and point.depth >= limit:
+                break
+    except EquilibriumError as caught:  # raised by all ranks or by none
+        return _Lift(tuple(points), str(caught))
+    return _Lift(tuple(points), "")
+
+
+def _figures(lifted: _Lift, grip: _Grip, config: GripperConfig) -> dict[str, Any]:
+    """Return the figures of a lift; those of fingers are at the end of the object's sliding."""
+    if not lifted.points:
+        return {
+            "held_mass_kg": None,
+            "slip_mm": None,
+            "smallest_distance_mm": None,
+            "failure": lifted.failure,
+        }
+    slip, pattern = lifted.slip(grip, config), grip.closing.skin.pattern
+    depths = np.array([point.depth for point in lifted.points])
+    at = lifted.points[int(np.argmin(np.abs(depths - (slip or 0.0))))]
+    corners = at.positions[pattern.triangles]
+    crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    thirds = np.repeat(np.linalg.norm(crosses, axis=1) / 6, 3)
+    areas = np.bincount(pattern.triangles.ravel(), thirds, minlength=len(pattern.points))
+    normal, share = np.linalg.norm(at.normals, axis=1), grip.parts / config.fingers
+    area, force = share * float(areas[normal > 0].sum()), share * float(normal.sum())
+    held = grip.parts * largest_force(lifted.points, config.slip_limit) / GRAVITY
+    return {
+        "held_mass_kg": max(held, 0.0),
+        "slip_mm": None if slip is None else 1e3 * slip,
+        "smallest_distance_mm": 1e3 * min(p.result.smallest_distance or 0.0 for p in lifted.points),
+        "finger_force_n": force,
+        "contact_area_mm2": 1e6 * area,
+        "contact_pressure_kpa": 1e-3 * force / area if area else None,
+        "failure": lifted.failure or None,
+    }
+
+
+def _shapes(name: str, lifted: _Lift, grip: _Grip, config: GripperConfig) -> list[LiftShape]:
+    """Return fingers and object as they close, half-way up, and at the end of a lift."""
+    slip, found = lifted.slip(grip, config), []
+    depths = np.array([point.depth for point in lifted.points])
+    for part, word in ((0.0, "closed"), (0.5, "half-way up"), (1.0, "lifted")):
+        raised = part * (config.lift_distance or 0.0)
+        sunk = raised if slip is None else min(slip, raised)
+        nearest = lifted.points[int(np.argmin(np.abs(depths - sunk)))]
+        positions = grip.shown_positions(nearest.positions)
+        found.append(LiftShape(f"{name}, {word}", positions, sunk, raised))
+    return found
+
+
+def run(
+    comm: MPI.Comm,
+    output: Path | str,
+    config: GripperConfig | None = None,
+    *,
+    verbose: bool = False,
+) -> dict[str, Any]:
+    """Design the finger, lift the object; return the summary, with the lift's figures in "load".
+
+    Args:
+        comm: Communicator.
+        output: Folder for summary, history, pattern, fields and pictures.
+        config: Numbers of this design; None takes the defaults.
+        verbose: Whether to print every Newton step.
+    """
+    config, output = config or GripperConfig(), Path(output)
+    made = design_actuator(comm, output, case, config, verbose=verbose)
+    if config.lift_distance is None:
+        return made.summary
+    load = lift(comm, output, config, made)
+    summary = {**made.summary, **{key: load.get(key) for key in HEADLINE}, "load": load}
+    write_together(comm, output, lambda: write_json(output / "summary.json", summary))
+    return summary
+
+
+def sentence(summary: dict[str, Any]) -> str:
+    """Return the result in words."""
+    load = summary.get("load")
+    if load is None:
+        return summary_sentence(summary)
+    slip, held, initial = load["slip_mm"], load["held_mass_kg"], load["initial"]["held_mass_kg"]
+    lifted = "are dropped" if slip is None else f"slide by {slip:.1f} mm"
+    found = f"{summary_sentence(summary)}; {1e3 * load['mass_kg']:.0f} g {lifted}"
+    if held is not None:
+        found += f", at most {1e3 * held:.0f} g are held"
+    return found if initial is None else f"{found}, {1e3 * initial:.0f} g by the initial design"

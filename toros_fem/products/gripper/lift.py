@@ -1,0 +1,184 @@
+"""Object, pictures and frames of a gripper that lifts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.files import write_json, write_together
+from toros_fem.measures.gap import Body
+from toros_fem.mechanics.contact.bodies import RigidBody
+from toros_fem.mechanics.contact.solids import rigid_box, rigid_sphere
+from toros_fem.meshes.cut_triangles import cut_triangles
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.results.frames.files import Frame
+from toros_fem.results.frames.record import repeated, write_series
+from toros_fem.results.frames.shown_skin import ShownSkin
+from toros_fem.results.writer import if_plotting
+
+# Rays on which a body's surface is found, over its size: it lies no further out.
+FARTHEST = 2.0
+# Half the width of the post and its distance from the object in pictures, over the object's size.
+POST, BELOW = 0.06, 0.01
+VIEW = (12.0, 25.0)
+
+
+@dataclass(frozen=True, eq=False)
+class LiftShape:
+    """Fingers and object at one moment of a lift.
+
+    Attributes:
+        title: What is shown.
+        positions: Positions of the vertices of one whole finger, (n, 3), in m, in its own frame:
+            along x from the mount, towards the object along z.
+        sunk: Distance in m by which the object has moved down, seen from the mounts.
+        raised: Distance in m by which the mounts have moved up.
+    """
+
+    title: str
+    positions: Floats
+    sunk: float
+    raised: float
+
+
+def solid(body: Body, name: str = "object") -> RigidBody:
+    """Return a sphere, or a box with rounded edges, as a rigid body.
+
+    Args:
+        body: Its shape and place.
+        name: Its name.
+    """
+    if body.shape == "sphere":
+        return rigid_sphere(name, body.size / 2, body.centre)
+    ball = rigid_sphere(name, 1.0)
+    rays = ball.points / np.linalg.norm(ball.points, axis=1)[:, None]
+    low: Floats = np.zeros(len(rays))
+    high: Floats = np.full(len(rays), FARTHEST * body.size)
+    for _ in range(50):  # each ray from the centre leaves the body once
+        middle = (low + high) / 2
+        outside = body.distance(body.centre + middle[:, None] * rays)[0] > 0
+        low, high = np.where(outside, low, middle), np.where(outside, middle, high)
+    return RigidBody(name, body.centre + low[:, None] * rays, ball.triangles)
+
+
+def write_lift(
+    comm: MPI.Comm,
+    folder: Path,
+    pattern: Pattern,
+    rows: Sequence[tuple[Floats, Sequence[LiftShape]]],
+    regions: Sequence[BaseGeometry],
+    body: RigidBody,
+    fingers: int,
+    figures: Mapping[str, Any],
+) -> None:
+    """Write load.json, frames, and pictures of all fingers around the object (collective).
+
+    The fingers hang down along their own x; their own z points to the object's axis.
+
+    Args:
+        comm: Communicator.
+        folder: Output folder, which exists.
+        pattern: The pattern of one whole finger.
+        rows: Density of its triangles, (t,), and shapes of a lift, a row of the picture each; the
+            last one is that of the print.
+        regions: Print on each of its panels, polygons in m.
+        body: The object before the lift, in the finger's frame.
+        fingers: Number of fingers around it.
+        figures: Content of load.json.
+
+    Raises:
+        OutputError: A file cannot be written.
+    """
+
+    def write() -> None:
+        write_json(folder / "load.json", figures)
+        axis, count = float(body.centre[2]), len(pattern.points)
+        around = 2 * np.pi * np.arange(fingers) / fingers
+        post, faces = _post(body)
+
+        def fingers_of(shape: LiftShape) -> Floats:
+            up = [0.0, 0.0, shape.raised]
+            return np.concatenate([in_room(shape.positions, axis, a) + up for a in around])
+
+        def object_of(shape: LiftShape) -> Floats:
+            return in_room(body.points, axis, 0.0) + [0.0, 0.0, shape.raised - shape.sunk]
+
+        cells = np.concatenate(
+            [pattern.triangles + k * count for k in range(fingers)]
+            + [body.triangles + fingers * count, faces + fingers * count + len(body.points)]
+        )
+        other = np.full(len(body.triangles) + len(faces), np.nan)
+        shapes = [
+            (shape.title, np.concatenate([fingers_of(shape), object_of(shape), post]))
+            for _, row in rows
+            for shape in row
+        ]
+        densities = [
+            np.append(np.tile(density, fingers), other) for density, row in rows for _ in row
+        ]
+        closed, last = rows[-1][1][0], rows[-1][1][-1]
+        three, prints = repeated(pattern, regions, fingers)
+        room = in_room(body.points, axis, 0.0) + [0.0, 0.0, last.raised - last.sunk]
+        skin = ShownSkin(three, regions=prints, body=(room, body.triangles))
+        write_series(folder, skin, [Frame("load", 0, "", fingers_of(last), None, {})])
+        side = np.concatenate([in_room(closed.positions, axis, 0.0), object_of(closed)])
+
+        def draw() -> None:
+            from toros_fem.results.pictures.shape_plot import plot_shapes
+
+            plot_shapes(
+                folder / "lift.png", cells, shapes, np.stack(densities), VIEW, len(rows[-1][1])
+            )
+            plot_shapes(
+                folder / "finger.png",
+                np.concatenate([pattern.triangles, body.triangles + count]),
+                [("one finger, from the side", side)],
+                np.append(np.zeros(len(pattern.triangles)), other[: len(body.triangles)]),
+                printed=cut_triangles(pattern, regions),
+            )
+
+        if_plotting(draw)
+
+    write_together(comm, folder, write)
+
+
+def in_room(points: Floats, axis: float, angle: float) -> Floats:
+    """Return points of a finger's frame in the room: z up, the object's axis at x = y = 0.
+
+    Args:
+        points: Points, (n, 3), in m.
+        axis: Distance in m of the object's axis from the flat finger.
+        angle: Angle in rad of the finger around the axis.
+    """
+    out = axis - points[:, 2]
+    c, s = np.cos(angle), np.sin(angle)
+    y = -points[:, 1]  # mirrored like z, since otherwise the skin would be inside out
+    return np.column_stack([c * out - s * y, s * out + c * y, -points[:, 0]])
+
+
+def from_room(points: Floats, axis: float) -> Floats:
+    """Return points of the room in the frame of the finger at the angle 0, as of `in_room`.
+
+    Args:
+        points: Points, (n, 3), in m.
+        axis: Distance in m of the object's axis from the flat finger.
+    """
+    x, y, z = points.T
+    return np.column_stack([-z, -y, axis - x])
+
+
+def _post(body: RigidBody) -> tuple[Floats, Ints]:
+    """Return the corners of a post below the object in the room, and its triangles."""
+    low, high = body.points.min(axis=0), body.points.max(axis=0)
+    size = float((high - low).max())
+    top = -high[0] - BELOW * size
+    half = np.array([POST * size, POST * size, size / 2])
+    post = rigid_box("post", 2 * half, (0.0, 0.0, top - half[2]))
+    return post.points, post.triangles

@@ -1,0 +1,1 @@
+"""A skin from a mesh file."""

@@ -1,0 +1,484 @@
+"""A skin of your own from a mesh file: its supports, its print, its target and its metrics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.config import entries, quantity
+from toros_fem.base.errors import ParameterError
+from toros_fem.measures.body_axis import DIRECTIONS, BodyAxis, body_axis
+from toros_fem.measures.cross_sections import CrossSections
+from toros_fem.measures.metrics import Metric, distance
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.meshes import read_surface, unwrap
+from toros_fem.meshes.chart import METHODS
+from toros_fem.meshes.deformed import from_copy, from_mesh
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern_file import NAME, read_pattern
+from toros_fem.meshes.refine import refine
+from toros_fem.meshes.topology import half_edges
+from toros_fem.products.actuators.case import ActuatorCase
+from toros_fem.products.actuators.config import ActuatorConfig, TipWeights
+from toros_fem.products.actuators.problem import CaseMaker
+from toros_fem.products.actuators.run import design_actuator
+from toros_fem.products.actuators.simulate import FILES, simulate_actuator
+from toros_fem.products.own_mesh.regions import RegionConfig
+
+COMPONENTS = ("x", "y", "z", "xy", "xz", "yz", "xyz")
+COUNTED = ("shape", "cross-sections")
+METRICS = ("distance", "angle", "twist", "shortening")
+# Filter radius over the mean edge length, where none is given.
+FILTER_EDGES = 1.5
+MESH = {"mesh": f"mesh file (STL, OBJ, PLY, MSH, VTU), or a {NAME} with its panels"}
+TARGET = {
+    "target": "the same mesh deformed to the target, its triangles in the same order; none: the "
+    "target is that of the table [target]"
+}
+
+
+@dataclass(frozen=True)
+class HeldConfig(RegionConfig):
+    """A region whose vertices are held."""
+
+    components: str = quantity(
+        "xyz", "components of the position that are held, of the others the skin is free",
+        choices=COMPONENTS,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class OwnMeshConfig(TipWeights, ActuatorConfig):
+    """Numbers of a skin of your own; SI units.
+
+    Raises:
+        ParameterError: As in `ActuatorConfig`, or a metric is unknown.
+    """
+
+    scale: float = quantity(1e-3, "length of the mesh file's unit; a pattern is in m", "m", above=0)
+    component: int | None = quantity(
+        None, "connected component of the file, 0 for the largest; none: it holds only one",
+        at_least=0,
+    )  # fmt: skip
+    refinements: int = quantity(
+        0, "how often each triangle of the file is divided into four", at_least=0, at_most=6
+    )
+    cuts: str = quantity(
+        "given", "where the surface is cut into panels: at the lines and parts of the file, found "
+        "if it has none, or always found", choices=("given", "auto"),
+    )  # fmt: skip
+    method: str = quantity("auto", "how panels are laid flat", choices=METHODS)
+    crease_angle: float = quantity(
+        45.0, "angle between normals above which a found cut follows an edge", "deg", above=0,
+        at_most=180,
+    )  # fmt: skip
+    max_stretch: float | None = quantity(
+        None, "largest stretch of a panel; none: 0.15 with found cuts, no bound with given ones",
+        above=0,
+    )  # fmt: skip
+    held: tuple[HeldConfig, ...] = entries(HeldConfig, "Where the skin is held")
+    printed: tuple[RegionConfig, ...] = entries(RegionConfig, "Where it is printed all over")
+    plain: tuple[RegionConfig, ...] = entries(RegionConfig, "Where nothing is printed")
+
+    axis: str = quantity("z", "direction from root to tip", choices=DIRECTIONS)
+    toward: str = quantity("x", "direction that a bend goes to", choices=DIRECTIONS)
+    begin: float = quantity(
+        0.0, "distance from the near end at which the target begins to deform the body", "m",
+        at_least=0,
+    )  # fmt: skip
+    end: float | None = quantity(
+        None, "distance at which it ends; none takes the far end, or where a round tip begins",
+        "m", above=0,
+    )  # fmt: skip
+    bend: float | None = quantity(
+        None, "bend angle of the target", "deg", at_least=-720, at_most=720
+    )
+    twist: float | None = quantity(
+        None, "twist of the target, positive if counter-clockwise seen from the tip", "deg",
+        at_least=-2160, at_most=2160,
+    )  # fmt: skip
+    shorten: float | None = quantity(None, "shortening of the target", "%", below=100)
+    neutral: float | None = quantity(
+        None,
+        "distance of the line that keeps its length from the axis, towards the inner side; none "
+        "takes the inner side itself",
+        "m",
+    )
+
+    counted: str = quantity(
+        "shape", "what counts: the whole shape, or cross-sections only, which may swell freely",
+        choices=COUNTED,
+    )  # fmt: skip
+    cross_sections: int = quantity(12, "number of cross-sections", at_least=1)
+    axial_weight: float = quantity(
+        1.0, "weight of the cross-sections' positions along the axis over that across", at_least=0
+    )
+    metrics: str | None = quantity(
+        None,
+        f"numbers to judge by, of {', '.join(METRICS)}, with commas between them; none takes those "
+        "of the target",
+    )
+    filter_radius: float | None = quantity(  # type: ignore[assignment]
+        None, "radius R of the filter on the finest mesh; none takes one and a half edge lengths",
+        "m", above=0,
+    )  # fmt: skip
+
+    TARGETS: ClassVar[Mapping[str, str]] = {
+        "angle_deg": "bend",
+        "twist_deg": "twist",
+        "shortening_percent": "shorten",
+    }
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in self.metric_names or ():
+            if name not in METRICS:
+                raise ParameterError(
+                    f"metrics = {self.metrics!r} names {name!r}; known are {', '.join(METRICS)}."
+                )
+
+    @property
+    def metric_names(self) -> tuple[str, ...] | None:
+        """Names of the metrics; None for those of the target."""
+        if self.metrics is None:
+            return None
+        return tuple(dict.fromkeys(name.strip() for name in self.metrics.split(",")))
+
+    @property
+    def _most_levels(self) -> int:
+        return 1 + self.refinements
+
+    def at_level(self, level: int) -> Self:
+        """Return the configuration of one mesh alone, as of `ActuatorConfig`."""
+        coarser = self.level_count - 1 - level
+        return super().at_level(level).updated(refinements=self.refinements - coarser)
+
+    @property
+    def of_relaxed(self) -> Self:
+        """The configuration of the relaxed design, on the mesh of the file."""
+        return super().of_relaxed.updated(refinements=0)
+
+
+def coarse(config: OwnMeshConfig) -> OwnMeshConfig:
+    """Return the same design on the mesh of the file, with few steps."""
+    radius = config.filter_radius
+    return config.updated(
+        filter_radius=None if radius is None else radius * 2.0**config.refinements,
+        levels=1,
+        refinements=0,
+        iterations=min(config.iterations, 30),
+        constrained_iterations=min(config.constrained_iterations, 20),
+        corrections=min(config.corrections, 1),
+        polish_iterations=min(config.polish_iterations, 10),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class OwnSkin:
+    """What the files of a scene hold, the same on all ranks.
+
+    Attributes:
+        pattern: Panels and seams on the mesh of the file.
+        target: Target positions of its vertices, (n, 3), in m; None where the configuration
+            describes the target.
+    """
+
+    pattern: Pattern
+    target: Floats | None = None
+
+
+def read_skin(
+    comm: MPI.Comm, config: OwnMeshConfig, mesh: Path | str, target: Path | str | None = None
+) -> OwnSkin:
+    """Read a mesh, cut it into flat panels, and read its target (collective).
+
+    Args:
+        comm: Communicator.
+        config: Scale and cuts.
+        mesh: Mesh file; or a pattern file, or the folder that it lies in.
+        target: Mesh file of the target; None for none.
+
+    Raises:
+        TorosError: A file cannot be read, or does not fit.
+    """
+    path = Path(mesh)
+    if comm.bcast(path.is_dir()):
+        path = path / NAME
+    if path.suffix == ".npz":
+        pattern = read_pattern(comm, path)
+        return OwnSkin(pattern, None if target is None else from_mesh(comm, Path(target), pattern))
+    pattern = unwrap(
+        comm,
+        read_surface(comm, path, config.scale, config.component),
+        "auto" if config.cuts == "auto" else None,
+        config.method,
+        crease_angle=np.radians(config.crease_angle),
+        max_stretch=config.max_stretch,
+    ).pattern
+    if target is None:
+        return OwnSkin(pattern)
+    return OwnSkin(pattern, from_copy(comm, path, Path(target), pattern, config.scale))
+
+
+def own_case(comm: MPI.Comm, config: OwnMeshConfig, skin: OwnSkin) -> ActuatorCase:
+    """Return the case of a skin on its mesh, refined as the configuration says.
+
+    Args:
+        comm: Communicator; not used, since all ranks have the whole skin.
+        config: Regions, target, weights and metrics.
+        skin: The skin on the mesh of its file.
+
+    Raises:
+        ParameterError: A region holds nothing, nothing is held, or there is no target, or two.
+        PanelError: There is no panel of a name.
+    """
+    del comm
+    pattern = _refined(skin, config.refinements)[0]
+    axis = body_axis(skin.pattern, config.axis, config.toward, config.begin, config.end)
+    target = _target(config, skin, axis)
+    goal = target(pattern)
+    case = ActuatorCase(
+        pattern=pattern,
+        target=goal,
+        supports=_supports(config, pattern),
+        metrics=_metrics(config, skin, axis, target),
+        passive=_passive(config, pattern),
+    )
+    if config.counted == "cross-sections":
+        return _with_cross_sections(case, config, axis)
+    return _with_weights(case, config, axis)
+
+
+def _refined(skin: OwnSkin, times: int) -> tuple[Pattern, Floats | None]:
+    """Return a refined pattern and the target on it."""
+    pattern, target = skin.pattern, skin.target
+    for _ in range(times):
+        finer = refine(pattern)
+        pattern, target = finer.pattern, None if target is None else finer.at_vertices(target)
+    return pattern, target
+
+
+def _target(config: OwnMeshConfig, skin: OwnSkin, axis: BodyAxis) -> Callable[[Pattern], Floats]:
+    """Return the target positions of the vertices of the pattern, or of a refined one."""
+    asked = {"bend": config.bend, "twist": config.twist, "shorten": config.shorten}
+    given = [name for name, value in asked.items() if value is not None]
+    if skin.target is None:
+        if not given:
+            raise ParameterError(
+                "there is no target: give bend, twist or shorten, or a target file of the deformed "
+                "mesh."
+            )
+        deform = axis.deformer(
+            None if config.bend is None else float(np.radians(config.bend)),
+            None if config.twist is None else float(np.radians(config.twist)),
+            None if config.shorten is None else config.shorten / 100,
+            axis.half_width if config.neutral is None else config.neutral,
+        )
+        return lambda pattern: deform(pattern.points)
+    if given:
+        raise ParameterError(
+            f"there are two targets: a file, and {given[0]} = {asked[given[0]]:g}. Leave one out."
+        )
+
+    def of_file(pattern: Pattern) -> Floats:
+        times = 0
+        while len(skin.pattern.panel) * 4**times < len(pattern.panel):
+            times += 1
+        target = _refined(skin, times)[1]
+        assert target is not None
+        return target
+
+    return of_file
+
+
+def _supports(config: OwnMeshConfig, pattern: Pattern) -> Supports:
+    if not config.held:
+        raise ParameterError(
+            'nothing holds the skin: give held, with where = "z < 5 mm" for instance.'
+        )
+    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
+    for held in config.held:
+        columns = np.array([letter in held.components for letter in "xyz"])
+        fixed |= held.vertices(pattern)[:, None] & columns
+    if fixed.all():
+        raise ParameterError(
+            "held holds every vertex, so that nothing can move. Check its unit: a plain number is "
+            "in m."
+        )
+    return Supports(fixed)
+
+
+def _passive(config: OwnMeshConfig, pattern: Pattern) -> Floats | None:
+    """Return the prescribed density of all triangles, (t,), NaN where it is designed."""
+    if not (config.printed or config.plain):
+        return None
+    found = np.full(len(pattern.panel), np.nan)
+    for region in config.printed:
+        found[region.cells(pattern)] = 1.0
+    for region in config.plain:
+        cells = region.cells(pattern)
+        if (found[cells] == 1).any():
+            raise ParameterError("a triangle is both in printed and in plain; keep them apart.")
+        found[cells] = 0.0
+    if not np.isnan(found).any():
+        raise ParameterError("printed and plain leave nothing to design; make them smaller.")
+    return found
+
+
+def _metrics(
+    config: OwnMeshConfig, skin: OwnSkin, axis: BodyAxis, target: Callable[[Pattern], Floats]
+) -> tuple[Metric, ...]:
+    """Return the metrics, their targets measured on a target that comes as a file."""
+    asked = {"angle": config.bend, "twist": config.twist, "shortening": config.shorten}
+    names = config.metric_names
+    if names is None:
+        names = tuple(name for name, value in asked.items() if value is not None)
+        if config.counted == "shape":
+            names = (*names, "distance")
+    makers = {
+        "angle": axis.angle_metric,
+        "twist": axis.twist_metric,
+        "shortening": axis.shortening_metric,
+    }
+    found = []
+    for name in names:
+        if name == "distance":
+            found.append(Metric("distance", "mm", 0.0, _distance(target), 1e3 * axis.length))
+            continue
+        metric = makers[name](asked[name])
+        if skin.target is not None:
+            metric = makers[name](metric.measure(skin.pattern, skin.target))
+        found.append(metric)
+    return tuple(found)
+
+
+def _distance(target: Callable[[Pattern], Floats]) -> Callable[[Pattern, Floats], float]:
+    return lambda pattern, positions: 1e3 * distance(pattern, positions, target(pattern))
+
+
+def _with_weights(case: ActuatorCase, config: OwnMeshConfig, axis: BodyAxis) -> ActuatorCase:
+    """Return the case with weights of the tip's position and orientation, as those of the tube."""
+    if not (config.tip_weight or config.orientation_length):
+        return case
+    pattern, tip = case.pattern, axis.tip(case.pattern)
+    area, weights = pattern.vertex_areas, np.ones(len(pattern.points))
+    weights[tip] += config.tip_weight * area.sum() / area[tip].sum()
+    if not config.orientation_length:
+        return replace(case, weights=weights)
+    # Turned by a small angle about a diameter a tip moves by angle · radius/√2 in root mean square.
+    arm = pattern.points[tip] - np.average(pattern.points[tip], axis=0, weights=area[tip])
+    radius = float(np.sqrt(np.average((arm**2).sum(axis=1), weights=area[tip])))
+    relative = np.zeros(len(pattern.points))
+    ratio = np.sqrt(2) * config.orientation_length / radius
+    relative[tip] = ratio**2 * (area @ weights) / area[tip].sum()
+    return replace(case, weights=weights, relative=relative)
+
+
+def _with_cross_sections(case: ActuatorCase, config: OwnMeshConfig, axis: BodyAxis) -> ActuatorCase:
+    """Return the case with an objective of cross-sections, weighted as those of the tube."""
+    labels, count = axis.labels(case.pattern, config.cross_sections), config.cross_sections
+    if axis.flat_tip:
+        fraction = np.append(np.full(count, 1 / count), config.tip_weight)
+    else:
+        fraction = np.append(np.full(count - 1, 1 / count), max(1 / count, config.tip_weight))
+    along = np.abs(axis.along) > 0.5
+    components = np.where(along, config.axial_weight, 1.0)
+    ratio = config.orientation_length / case.pattern.size
+    orientation = np.full(len(fraction), len(fraction) * fraction[-1] * ratio**2)
+    sections = CrossSections(labels, np.outer(fraction, components), orientation)
+    return replace(case, cross_sections=sections)
+
+
+def _resolved(config: OwnMeshConfig, skin: OwnSkin) -> OwnMeshConfig:
+    """Return the configuration with a filter radius."""
+    if config.filter_radius is not None:
+        return config
+    points, ends = skin.pattern.points, half_edges(skin.pattern.triangles)
+    edge = float(np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1).mean())
+    return config.updated(filter_radius=FILTER_EDGES * edge / 2.0**config.refinements)
+
+
+def cases(
+    comm: MPI.Comm,
+    config: OwnMeshConfig,
+    *,
+    mesh: Path | str | None = None,
+    target: Path | str | None = None,
+) -> tuple[CaseMaker[OwnMeshConfig], OwnMeshConfig]:
+    """Return what makes the case of a skin of your own, and the configuration with its radius.
+
+    Args:
+        comm: Communicator (collective).
+        config: Numbers of the design.
+        mesh: Mesh file; or a pattern file, or the folder that it lies in.
+        target: Mesh file of the target; None takes that of the configuration.
+
+    Raises:
+        TorosError: A file cannot be read, or does not fit.
+    """
+    if mesh is None:
+        raise ParameterError("there is no mesh: name a mesh file.")
+    skin = read_skin(comm, config, mesh, target)
+    return (lambda comm, config: own_case(comm, config, skin)), _resolved(config, skin)
+
+
+def run(
+    comm: MPI.Comm,
+    output: Path | str,
+    config: OwnMeshConfig,
+    *,
+    mesh: Path | str | None = None,
+    target: Path | str | None = None,
+    verbose: bool = False,
+) -> dict[str, Any]:
+    """Design the print of a skin of your own and write all results; return the summary.
+
+    Args:
+        comm: Communicator.
+        output: Folder for the results.
+        config: Numbers of this design.
+        mesh: Mesh file; or a pattern file, or the folder that it lies in.
+        target: Mesh file of the target; None takes that of the configuration.
+        verbose: Whether to print every Newton step.
+
+    Raises:
+        TorosError: A file cannot be read, or numbers, regions and mesh do not fit.
+    """
+    case, config = cases(comm, config, mesh=mesh, target=target)
+    return design_actuator(comm, output, case, config, verbose=verbose).summary
+
+
+def simulate(
+    comm: MPI.Comm,
+    output: Path | str,
+    config: OwnMeshConfig,
+    *,
+    mesh: Path | str | None = None,
+    target: Path | str | None = None,
+    pattern: Path | str | None = None,
+    verbose: bool = False,
+) -> dict[str, Any]:
+    """Inflate a skin of your own without designing it, as `simulate_actuator`.
+
+    Args:
+        comm, output, config, mesh, target, verbose: As of `run`.
+        pattern: Output folder of a design of this skin; None: only what is always printed is.
+    """
+    case, config = cases(comm, config, mesh=mesh, target=target)
+    return simulate_actuator(comm, output, case, config, pattern=pattern, verbose=verbose)
+
+
+DESIGN_FILES = {**MESH, **TARGET}
+SIMULATION_FILES = {**MESH, **TARGET, **FILES}
+# What a new scene file shows: a body that stands on z = 0 and bends.
+EXAMPLE = OwnMeshConfig(
+    held=(HeldConfig(where="z < 5 mm"),),
+    bend=60.0,
+    design_pressure=True,
+)

@@ -1,0 +1,188 @@
+"""Configuration of a tile design, the tile and its target, and the result of the design."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.config import quantity
+from toros_fem.design.density.filters import make_filter
+from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
+from toros_fem.design.density.perimeter import Perimeter
+from toros_fem.design.density.projection import Projection
+from toros_fem.design.density.symmetric import SymmetricFilter
+from toros_fem.design.loop.config import DesignConfig
+from toros_fem.design.loop.loop import DesignResult
+from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.making.print.printability import PrintLimits
+from toros_fem.mechanics.equilibrium.newton import NewtonStep
+from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.meshes.skin import sew
+from toros_fem.meshes.tile import Tile
+from toros_fem.products.tile_design.problem import TileProblem
+from toros_fem.products.tiles.objectives import ProfileObjective, ProfileTarget
+from toros_fem.products.tiles.printability import TilePrintability
+from toros_fem.products.tiles.solver import TileSolver
+from toros_fem.products.tiles.stiffness_profile import Profile, ProfileSolver
+
+
+@dataclass(frozen=True)
+class TileConfig(DesignConfig):
+    """Strain, random starts, steps of each part, and corrections of a tile design; SI units.
+
+    A printed stiffness within `tolerance` of its target needs no correction. A design ends early
+    where its objective is at most the square of half the tolerance.
+    """
+
+    filter_radius: float = DesignConfig.redefault("filter_radius", 0.7e-3)
+    island_area: float = DesignConfig.redefault("island_area", 0.1e-6)
+    strain: float = quantity(0.1, "strain λ − 1 at which stiffness is computed", above=-1)
+    starts: int = quantity(
+        8, "largest number of random starts, lines and waves by turns", at_least=1
+    )
+    trial_iterations: int = quantity(
+        12, "largest number of steps of each start, at β and again at 4 β", at_least=1
+    )
+    draft_iterations: int = quantity(
+        40, "largest number of further steps of the two best starts, coarse mesh", at_least=1
+    )
+    finish_iterations: int = quantity(
+        15, "largest number of steps on the design's mesh, at 4 β and again at 8 β", at_least=1
+    )
+    corrections: int = quantity(
+        3, "largest number of corrections of the target by the print's deviation", at_least=0
+    )
+    correction_iterations: int = quantity(
+        15, "largest number of steps after each correction", at_least=1
+    )
+    tolerance: float = quantity(
+        0.02, "relative deviation of a printed stiffness that needs no correction", above=0
+    )
+    constrained: bool = quantity(True, "width constraints in all steps")
+
+    @property
+    def print_limits(self) -> PrintLimits:
+        """Limits of the printer."""
+        return PrintLimits(width=self.print_width, gap=self.print_width)
+
+
+@dataclass(frozen=True, eq=False)
+class TileCase:
+    """A tile and its target.
+
+    Attributes:
+        tile: The tile on the mesh of the design.
+        angles: Directions of the objective, (k,), in rad; of a symmetric design only those that
+            its symmetry does not repeat.
+        objective: Objective of the profile in these directions.
+        symmetry: Symmetry of the design, as for `Tile.symmetry_maps`.
+        coarse: The same tile on a coarser mesh, for the random starts; None takes `tile`.
+        fine: The same tile on a finer mesh, for the simulation of the print; None takes `tile`.
+    """
+
+    tile: Tile
+    angles: Floats
+    objective: ProfileObjective
+    symmetry: str = "none"
+    coarse: Tile | None = None
+    fine: Tile | None = None
+
+    @property
+    def target(self) -> ProfileTarget | None:
+        """The objective where it is a target profile; None where it is another objective."""
+        return self.objective if isinstance(self.objective, ProfileTarget) else None
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A random start after its first steps.
+
+    Attributes:
+        start: What it started from, "lines" or "waves".
+        objective: T.
+        islands: Number of islands of its print.
+        narrow: Number of places where its lines or gaps are under the printer's limit.
+    """
+
+    start: str
+    objective: float
+    islands: int
+    narrow: int
+
+
+@dataclass(frozen=True, eq=False)
+class TileResult:
+    """The result of a tile design.
+
+    Attributes:
+        problem: The design problem, with the objective of the case.
+        result: Result of the design loop: density, history and the reason why it ended.
+        printed: The print of this density.
+        profile: Profile of the print on the finer mesh, in the directions of the objective; None
+            if it has no equilibrium.
+        failure: Why there is no profile; empty if there is one.
+        printability: Islands, lines and gaps of the print in the endless sheet.
+        trials: The random starts after their trial.
+        deviation: Largest relative deviation of this print from the target; infinite without an
+            equilibrium, 0 without a target.
+        deviations: That of each print, before and after each correction; empty without a target.
+    """
+
+    problem: TileProblem
+    result: DesignResult
+    printed: PrintedDesign
+    profile: Profile | None
+    failure: str
+    printability: TilePrintability
+    trials: tuple[Trial, ...] = ()
+    deviation: float = 0.0
+    deviations: tuple[float, ...] = ()
+
+
+def tile_problem(
+    batch: MPI.Comm,
+    case: TileCase,
+    config: TileConfig,
+    log: Callable[[NewtonStep | str], None] | None = None,
+) -> TileProblem:
+    """Build the design problem of a tile; each rank sews the whole tile (collective).
+
+    Args:
+        batch: Communicator whose ranks share the directions.
+        case: The tile and its target.
+        config: Numbers of the design.
+        log: As for `TileSolver`.
+
+    Raises:
+        TorosError: A number is out of its bounds, or the case is not valid.
+    """
+    c, tile, lattice = config, case.tile, case.tile.lattice
+    skin = sew(MPI.COMM_SELF, tile.pattern)
+    solver = TileSolver(skin, c.composite, Periodic(tile), log=log)
+    inner = make_filter(c.filter, skin, c.filter_radius, lattice=lattice)
+    projection = Projection(c.beta, c.eta)
+    perimeter = None
+    if c.perimeter_weight is not None:
+        window = c.perimeter_window * c.filter_radius
+        perimeter = Perimeter(skin, window, c.perimeter_sharpness, lattice=lattice)
+    problem = TileProblem(
+        solver=ProfileSolver(solver, case.angles, c.strain, batch),
+        objective=case.objective,
+        filter=SymmetricFilter(skin, inner, tile.symmetry_maps(case.symmetry)),
+        projection=projection,
+        perimeter=perimeter,
+        perimeter_weight=c.perimeter_weight,
+        target=case.target,
+    )
+    if c.constrained:
+        problem.length_scale = LengthScaleConstraints(
+            skin,
+            problem.filter,
+            LengthScale(line_width=c.line_width, gap_width=c.gap_width),
+            problem.designed,
+            projection,
+        )
+    return problem

@@ -1,0 +1,198 @@
+"""A fabric with designed stiffness: a tile that repeats (paper section 4.3, Fig. 7).
+
+The print of a square tile of 1 cm is designed so that the fabric has the target stiffness when it
+is pulled by 10 % in any direction and free across. Several random starts are tried,
+families of straight and wavy lines and long waves of the density by turns, and the best is
+continued; islands and lines or gaps below `--print-width` count against a start and a print. All
+figures are those of the printed pattern, simulated again on a mesh of half the edge length.
+
+Targets: "orthotropic" (2000 N/m along x, 500 along y and at 45°), "tetragonal" (2000 along x and y,
+400 at 45°), "isotropic" (700 everywhere), "anisotropic" (the largest ratio of stiffness along x to
+that along y), "auxetic" (widens when pulled along x or y). `demos/tile_sheet.py` makes a sheet of
+the result.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem.base.config import quantity
+from toros_fem.base.errors import ParameterError
+from toros_fem.meshes import tile
+from toros_fem.meshes.tile import KINDS
+from toros_fem.products.tile_design.as_printed import measure_print
+from toros_fem.products.tile_design.case import TileCase, TileConfig
+from toros_fem.products.tile_design.report import write_tile_results
+from toros_fem.products.tile_design.search import design_tile
+from toros_fem.products.tiles.objectives import Contrast, ProfileObjective, ProfileTarget
+from toros_fem.products.tiles.printed_tile import PrintedTile
+from toros_fem.results.console import print_step
+from toros_fem.results.reporter import DesignReporter
+from toros_fem.results.runs.folder import journal_of
+
+# Symmetry of the design for each target.
+SYMMETRIES = {
+    "orthotropic": "orthotropic",
+    "tetragonal": "tetragonal",
+    "isotropic": "tetragonal",
+    "anisotropic": "orthotropic",
+    "auxetic": "chiral",
+}
+# Stiffness along x, at 45° and along y, in N/m, of the targets that prescribe it.
+STIFFNESSES = {
+    "orthotropic": (2000.0, 500.0, 500.0),
+    "tetragonal": (2000.0, 400.0, 2000.0),
+    "isotropic": (700.0, 700.0, 700.0),
+}
+
+
+@dataclass(frozen=True)
+class TargetTileConfig(TileConfig):
+    """Target and mesh of the tile; SI units."""
+
+    target: str = quantity("tetragonal", "target of the design", choices=tuple(SYMMETRIES))
+    size: float = quantity(0.01, "side of the square tile", "m", above=0)
+    edge_length: float = quantity(
+        0.125e-3, "edge length; twice as long for the starts, half as long for prints", "m", above=0
+    )
+    mesh: str = quantity("crossed", "kind of mesh", choices=KINDS)
+    directions: int = quantity(
+        3, "number of angles between directions, in 45° (tetragonal) or in each half of 90°",
+        at_least=1,
+    )  # fmt: skip
+    stiffness_0: float | None = quantity(
+        None, "target stiffness along x; none takes that of --target", "N/m", above=0
+    )
+    stiffness_45: float | None = quantity(
+        None, "target stiffness at 45°; none takes that of --target", "N/m", above=0
+    )
+    stiffness_90: float | None = quantity(
+        None, "target stiffness along y, if orthotropic; none takes that of --target", "N/m",
+        above=0,
+    )  # fmt: skip
+    contraction: float = quantity(
+        -0.2, "lateral contraction of the auxetic target", at_least=-1, at_most=1
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.edge_length > self.size / 5:
+            raise ParameterError(
+                f"edge_length = {self.edge_length:g} m must be at most {self.size / 5:g} m, a "
+                "fifth of the tile: the mesh of the starts has edges twice as long."
+            )
+
+
+def coarse(config: TargetTileConfig) -> TargetTileConfig:
+    """Return the quick variant: longer edges, a larger filter radius, fewer starts and steps."""
+    return config.updated(
+        edge_length=0.2e-3, filter_radius=0.8e-3, starts=5, trial_iterations=12, draft_iterations=16
+    )
+
+
+def linear_profile(angles: np.ndarray, along: float, diagonal: float, across: float) -> np.ndarray:
+    """Return the stiffness of a linear orthotropic sheet at angles, from that at 0°, 45° and 90°.
+
+    1/s = cos⁴/s₀ + sin⁴/s₉₀ + (4/s₄₅ − 1/s₀ − 1/s₉₀) sin² cos².
+    """
+    c, s = np.cos(angles) ** 2, np.sin(angles) ** 2
+    mixed = 4 / diagonal - 1 / along - 1 / across
+    return np.asarray(1 / (c**2 / along + s**2 / across + mixed * c * s))
+
+
+def tile_case(comm: MPI.Comm, config: TargetTileConfig) -> TileCase:
+    """Return the tile on its three meshes, with the target (collective)."""
+    c, symmetry = config, SYMMETRIES[config.target]
+    quarter = np.pi / 4 if symmetry == "tetragonal" else np.pi / 2
+    count = c.directions * (1 if symmetry == "tetragonal" else 2)
+    angles = np.asarray(np.linspace(0, quarter, count + 1), dtype=np.float64)
+    objective: ProfileObjective
+    if c.target == "anisotropic":
+        angles = angles[[0, -1]]
+        objective = Contrast(soft=angles > 0, stiff=angles == 0)
+    elif c.target == "auxetic":
+        angles = angles[:1]
+        objective = ProfileTarget(contraction=np.array([c.contraction]))
+    else:
+        given = (c.stiffness_0, c.stiffness_45, c.stiffness_90)
+        along, diagonal, across = (
+            default if value is None else value
+            for value, default in zip(given, STIFFNESSES[c.target], strict=True)
+        )
+        if symmetry == "tetragonal":
+            across = along
+        objective = ProfileTarget(linear_profile(angles, along, diagonal, across))
+    coarser, own, finer = (
+        tile(comm, c.size, factor * c.edge_length, c.mesh, symmetry) for factor in (2, 1, 0.5)
+    )
+    return TileCase(own, angles, objective, symmetry, coarser, finer)
+
+
+def run(
+    comm: MPI.Comm,
+    output: str | Path,
+    config: TargetTileConfig = TargetTileConfig(),
+    *,
+    verbose: bool = False,
+) -> dict[str, Any]:
+    """Design the tile and return the summary.
+
+    Args:
+        comm: Communicator; its ranks share the directions.
+        output: Folder for summary, history, profile, pattern, `tile.npz`, fields and pictures.
+        config: Numbers of the design.
+        verbose: Whether to print every step of the equilibrium solver.
+    """
+    reporter = DesignReporter(comm, output)
+    case = tile_case(comm, config)
+    log = print_step(comm) if verbose else None
+    result = design_tile(comm, case, config, reporter, log, journal_of(output))
+    measured = measure_print(comm, case, config, result)
+    printed_tile = PrintedTile(
+        printed=result.printed.cells,
+        size=(config.size, config.size),
+        edge_length=config.edge_length,
+        mesh=config.mesh,
+        symmetry=case.symmetry,
+        composite=config.composite,
+    )
+    return write_tile_results(
+        comm,
+        output,
+        case,
+        result,
+        measured,
+        printed_tile,
+        config=config,
+        seconds=reporter.seconds,
+    )
+
+
+def sentence(summary: dict[str, Any]) -> str:
+    """Return the result in a sentence."""
+    worst, made = summary["worst_percent"], summary["manufacture"]
+    seconds = summary["seconds"]["total"]
+    if summary["printed"] is None:
+        return f"the print has no equilibrium: {summary['printed_failure']}; {seconds:.0f} s"
+    stiffness = ", ".join(f"{s:.0f}" for s in summary["printed"]["stiffness_n_per_m"])
+    deviation = "" if worst is None else f", at most {worst:.1f} % from the target"
+    contraction = summary["printed"]["contraction"][0]
+    angles = zip(summary["angles_deg"], summary["buckling"] or [], strict=False)
+    buckled = ", ".join(f"{angle:.0f}°" for angle, buckles in angles if buckles)
+    wrinkles = (
+        f"; a sheet that is not kept flat buckles when pulled at {buckled}" if buckled else ""
+    )
+    widths = "".join(
+        f", {name} from {made[key]:.2f} mm"
+        for name, key in (("lines", "smallest_width_mm"), ("gaps", "smallest_gap_mm"))
+        if made[key] is not None
+    )
+    return (
+        f"stiffness {stiffness} N/m as printed{deviation}; contraction {contraction:.2f} along x; "
+        f"{made['islands']} islands{widths}{wrinkles}; {seconds:.0f} s"
+    )

@@ -1,0 +1,151 @@
+"""A sheet of tiles: a file to print, and a pull test beside its prediction.
+
+A designed tile is read from the output folder of `demos/tile.py` and laid side by side: 10 along
+the pull and 5 across. The print file shows the whole sheet in true scale. The lines of neighbouring
+tiles are joined, and there is unprinted cloth for clamps at both ends. The simulated sheet is as
+long as the print, since the cloth inside a clamp does not stretch. Both its ends are fixed in all
+components and one of them moves, in the plane. The prediction is that of the periodic tile on the
+same mesh: its stiffness and its lateral contraction. Without a tile the demo takes a simple one,
+with its diagonals as lines of 1 mm.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem.base.config import Config, quantity
+from toros_fem.base.files import write_json, write_table, write_together
+from toros_fem.base.versions import versions
+from toros_fem.making.panels.options import ManufactureOptions
+from toros_fem.making.panels.svg import write_svg
+from toros_fem.making.sheets.write import FOLDER, if_possible, write_manufacture
+from toros_fem.meshes import tile
+from toros_fem.products.tiles.printed_tile import PrintedTile, read_tile
+from toros_fem.products.tiles.pull_test import pull_sheet
+from toros_fem.products.tiles.sheet import DIRECTIONS, print_layout, remesh, tile_sheet
+from toros_fem.results.console import print_step
+from toros_fem.results.writer import if_plotting
+
+# Side of the simple tile in m, the number of edges along it, and the width of its lines in m.
+SIDE, EDGES, LINE_WIDTH = 0.01, 28, 1e-3
+
+
+@dataclass(frozen=True)
+class TileSheetConfig(Config):
+    """Sheet and pull test; SI units."""
+
+    direction: str = quantity("both", "direction of the pull", choices=(*DIRECTIONS, "both"))
+    along: int = quantity(10, "number of tiles along the pull", at_least=1)
+    across: int = quantity(5, "number of tiles across the pull", at_least=1)
+    strain: float = quantity(0.1, "largest strain λ − 1 of the clamps' distance", above=0)
+    strain_steps: int = quantity(5, "number of equal steps up to this strain", at_least=1)
+    margin: float = quantity(
+        0.02, "length of unprinted cloth at both ends of the print", "m", at_least=0
+    )
+    edge_length: float | None = quantity(
+        None, "edge length of the simulated sheet; none takes the tile's own mesh", "m", above=0
+    )
+
+
+def coarse(config: TileSheetConfig) -> TileSheetConfig:
+    """Return the quick variant: a small sheet on a coarse mesh."""
+    return config.updated(edge_length=0.72e-3, along=6, across=3)
+
+
+def cross_tile(comm: MPI.Comm) -> PrintedTile:
+    """Return a square tile of the default materials with both diagonals printed (collective)."""
+    x, y = tile(comm, SIDE, SIDE / EDGES).pattern.centroids.T
+    distances = [np.abs((d + SIDE / 2) % SIDE - SIDE / 2) for d in (x - y, x + y)]
+    printed = np.minimum(*distances) < LINE_WIDTH / np.sqrt(2)
+    return PrintedTile(printed, (SIDE, SIDE), SIDE / EDGES, symmetry="tetragonal")
+
+
+def run(
+    comm: MPI.Comm,
+    output: str | Path,
+    config: TileSheetConfig = TileSheetConfig(),
+    *,
+    tile: str | Path | None = None,
+    verbose: bool = False,
+) -> dict[str, Any]:
+    """Write the print file, pull the sheet, and return the summary.
+
+    Args:
+        comm: Communicator.
+        output: Folder for print file, summary, curves and pictures.
+        config: Sheet and pull test.
+        tile: Folder of the printed tile; None takes `cross_tile`.
+        verbose: Whether to print every step of the equilibrium solver.
+    """
+    begin, folder = time.perf_counter(), Path(output)
+    strains = np.asarray(
+        np.linspace(0.0, config.strain, config.strain_steps + 1), dtype=np.float64
+    )[1:]
+    directions = DIRECTIONS if config.direction == "both" else (config.direction,)
+    design = cross_tile(comm) if tile is None else read_tile(comm, tile)
+    simulated = design
+    if config.edge_length is not None:
+        simulated = remesh(comm, design, config.edge_length)
+    designed_mesh, mesh = design.tile(comm), simulated.tile(comm)
+    counts = (config.along, config.across)
+    sheets = [tile_sheet(designed_mesh, direction, *counts) for direction in directions]
+    cloth, regions = print_layout(sheets, design.printed, config.margin)
+    log = print_step(comm) if verbose else None
+    pulled = [
+        pull_sheet(comm, tile_sheet(mesh, direction, *counts), mesh, simulated, strains, log)
+        for direction in directions
+    ]
+    area = float(np.prod(design.size))
+    summary = {
+        "directions": {one.sheet.direction: one.summary() for one in pulled},
+        "tile_m": design.size,
+        "printed_share": float(designed_mesh.pattern.areas[design.printed].sum()) / area,
+        "printed_share_simulated": float(mesh.pattern.areas[simulated.printed].sum()) / area,
+        "printed_m2": [region.area for region in regions],
+        "triangles": len(pulled[0].sheet.cell),
+        "ranks": comm.size,
+        "seconds": {"total": time.perf_counter() - begin},
+        "versions": versions(),
+        "inputs": {**config.as_dict(), "tile": None if tile is None else str(tile)},
+    }
+
+    def draw() -> None:
+        from toros_fem.products.tiles.plots import plot_pulls, plot_sheet
+
+        plot_pulls(folder / "curve.png", pulled)
+        for one in pulled:
+            direction, printed = one.sheet.direction, simulated.printed[one.sheet.cell]
+            title = f"pulled by {100 * config.strain:g} % along {direction}"
+            path = folder / f"sheet_{direction}.png"
+            plot_sheet(path, one.sheet.pattern, one.test.positions, printed, title)
+
+    def write() -> None:
+        write_svg(folder / "pattern.svg", cloth, regions)
+        write_table(folder / "curve.csv", [row for one in pulled for row in one.rows()])
+        write_json(folder / "summary.json", summary)
+        if_plotting(draw)
+        high = ManufactureOptions(layer_height=design.composite.reinforcement.thickness)
+        place = folder / FOLDER
+        if_possible(lambda: write_manufacture(place, cloth, regions, high, summary=summary))
+
+    write_together(comm, folder, write)
+    return summary
+
+
+def sentence(summary: dict[str, Any]) -> str:
+    """Return the result in a sentence."""
+    strain = 100 * summary["inputs"]["strain"]
+    return "; ".join(
+        f"along {name} at {strain:g} %: {f['stiffness_n_per_m']:.0f} N/m, predicted "
+        f"{f['stiffness_predicted_n_per_m']:.0f}; contraction {f['contraction']:.2f}, predicted "
+        f"{f['contraction_predicted']:.2f}; in the middle {f['middle']['contraction']:.2f}, "
+        f"predicted {f['middle']['contraction_predicted']:.2f} at "
+        f"{100 * f['middle']['strain']:.1f} %"
+        for name, f in summary["directions"].items()
+    )

@@ -1,0 +1,370 @@
+"""Equilibria of a periodic tile at a prescribed mean deformation, and their derivatives."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import NoEquilibriumError, ParameterError
+from toros_fem.base.mpi import dot
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.continuation import (
+    Attempt,
+    ContinuationResult,
+    run_continuation,
+)
+from toros_fem.mechanics.equilibrium.newton import NewtonStep
+from toros_fem.mechanics.equilibrium.options import NewtonOptions
+from toros_fem.mechanics.equilibrium.snes import Attempts, SnesSolver
+from toros_fem.mechanics.skin.coefficients import check_density
+from toros_fem.mechanics.skin.periodicity import Periodic, PeriodicModel
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.meshes.skin import Skin
+
+# First and smallest step of a continuation, as fractions of the mean deformation.
+FIRST_STEP = 1 / 4
+SMALLEST_STEP = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class TileState:
+    """A tile in equilibrium at a mean deformation.
+
+    Attributes:
+        angle: Angle from the first axis of the flat sheet to direction n, in rad.
+        gradient: Mean deformation gradient F̄, (3, 2), rows n, t, z, columns n, t.
+        stress: Mean first Piola-Kirchhoff stress in N/m, (3, 2), the derivative of `energy` by F̄;
+            zero where F̄ is free.
+        energy: Mean energy per flat area in J/m².
+        state: Owned unknowns of `PeriodicModel`, in axes n, t, z.
+        positions: Positions of the owned nodes in m, (k, 3), a view of `state`.
+        stretch_use: Largest fraction of the stretch bounds that a triangle uses, < 1.
+        steps: Number of Newton steps, each with a new factorisation.
+        factorisations: Number of factorisations, those with a diagonal shift included.
+    """
+
+    angle: float
+    gradient: Floats
+    stress: Floats
+    energy: float
+    state: Floats
+    positions: Floats
+    stretch_use: float
+    steps: int
+    factorisations: int
+
+
+class TileSolver:
+    """Solver of equilibria x = F̄ x̄ + w of a tile, w periodic, and of their derivatives.
+
+    One fixed vertex and the prescribed components of F̄ exclude rigid motions. Positions and F̄ are
+    in axes n, t, z: those of the flat sheet, rotated by the direction's angle.
+
+    `solve` leaves the tangent's factorisation for the derivatives of the last equilibrium. The
+    density gradients are the discrete adjoint's, by hand; tests tie them to differences.
+
+    Attributes:
+        model: Energy and derivatives.
+        area: Flat area of the tile in m².
+
+    Args:
+        skin: The tile's sewn skin.
+        composite: Materials and stretch bounds; a sheet that stays in its plane does not bend.
+        periodic: The tile and its prescribed mean deformation.
+        options: Options of Newton's method.
+        log: Called with every row of a solve's history.
+
+    Raises:
+        ParameterError: The sheet may leave its plane and does not resist bending, or its rest shape
+            or seams do not fit a tile.
+    """
+
+    def __init__(
+        self,
+        skin: Skin,
+        composite: Composite,
+        periodic: Periodic,
+        options: NewtonOptions | None = None,
+        log: Callable[[NewtonStep | str], None] | None = None,
+    ) -> None:
+        bending = composite.bending
+        if periodic.flat:
+            composite = replace(composite, bending=None, print_side=None)
+        elif bending is None or bending.rest != "flat" or bending.seams != "continuous":
+            raise ParameterError(
+                "a tile that may leave its plane must resist bending, with rest = 'flat' and "
+                "seams = 'continuous', since its borders are not seams. Or set flat = True to keep "
+                "it in its plane."
+            )
+        fixed = np.zeros((len(skin.pattern.points), 3), dtype=bool)
+        fixed[:, 2] = periodic.flat
+        fixed[0] = True
+        self.skin, self.periodic = skin, periodic
+        self.options = options or NewtonOptions()
+        self.model = PeriodicModel(skin, composite, Supports(fixed), periodic)
+        self._snes = SnesSolver(self.model, self.options, log)
+        periodic_tangent = self._snes.factor.periodic
+        assert periodic_tangent is not None
+        self._periodic_tangent, self._turn = periodic_tangent, self.model.images.turn
+        self._prescribed = np.array(periodic.prescribed)
+        self.area = float(skin.pattern.areas.sum())
+        self._flat_positions = skin.pattern.points[skin.owned_vertices, :2]
+        pairs = self.model.tangent_layout[1].shape[1]
+        self._entries: Floats = np.zeros(len(skin.cell) * pairs * (pairs + 1) // 2)
+        self._last: TileState | None = None
+        self._responses: dict[bytes, tuple[Floats, Floats]] = {}
+
+    def solve(
+        self,
+        density: Floats,
+        angle: float,
+        gradient: Floats,
+        *,
+        start: TileState | None = None,
+        allow_continuation: bool = True,
+    ) -> TileState:
+        """Return the stable equilibrium at a mean deformation (collective).
+
+        Args:
+            density: Projected density of the owned triangles, in [0, 1].
+            angle: Angle from the first axis of the flat sheet to direction n, in rad.
+            gradient: F̄, (3, 2), of which only the prescribed components are read.
+            start: State to start from, of another density or mean deformation, at the same angle;
+                None starts from the homogeneously stretched sheet.
+            allow_continuation: Whether to fall back on continuation from the flat sheet where the
+                first solve fails.
+
+        Raises:
+            ParameterError: The gradient does not fit, or `start` has another angle.
+            DensityError: The density does not fit, or leaves [0, 1].
+            NoEquilibriumError: There is no equilibrium.
+        """
+        check_density(self.skin, density)
+        given = np.asarray(gradient, dtype=np.float64)
+        fits = given.shape == (3, 2) and np.isfinite(given[self._prescribed]).all()
+        if not (fits and np.isfinite(angle)):
+            raise ParameterError(
+                f"gradient = {gradient} at angle = {angle} must be (3, 2), "
+                "with finite prescribed components."
+            )
+        target = np.where(self._prescribed, given, 0.0)
+        if start is not None and start.angle != angle:
+            raise ParameterError(
+                f"the start has angle = {start.angle:g} rad, the solve {angle:g} rad. Start from a "
+                "state of the same direction, or from None."
+            )
+        self._forget()
+        self._turn(angle)
+        self.model.set_density(density)
+        attempts = Attempts(self._snes)
+        begin, state = np.eye(3)[:, :2], self._assembled(angle)
+        if start is not None:
+            begin, state = start.gradient, start.state
+        change = np.where(self._prescribed, target - begin, 0.0)
+
+        def attempt(x: Floats, fraction: float) -> Attempt:
+            there = self.model.mean_gradient(x)
+            rest = np.where(self._prescribed, begin + fraction * change - there, 0.0)
+            return attempts(self._stretched(x, angle, rest))
+
+        first = attempt(state, 1.0)
+        found, outcome = first.state, first.outcome
+        if outcome <= 0 and allow_continuation:
+            begin, state = np.eye(3)[:, :2], self._assembled(angle)
+            change = np.where(self._prescribed, target - begin, 0.0)
+            done = run_continuation(
+                attempt, ContinuationResult(state, 0.0, 1), 1.0, FIRST_STEP, SMALLEST_STEP
+            )
+            found, outcome = done.state, done.outcome if done.load_factor == 1.0 else -1
+        if outcome <= 0:
+            raise NoEquilibriumError(
+                f"the tile has no equilibrium at the mean deformation {target[:2].tolist()} along "
+                f"{np.degrees(angle):.4g} degrees inside the stretch bounds "
+                f"{self.model.composite.stated_bounds}. Stretch it less, "
+                "soften the print, or refine the mesh."
+            )
+        self._last = self._result(found, angle, attempts.steps, attempts.factorisations)
+        return self._last
+
+    def restore(
+        self, density: Floats, angle: float, unknowns: Floats, *, counts: tuple[int, int]
+    ) -> TileState:
+        """Return an equilibrium as if it had just been solved for (collective).
+
+        Args:
+            density, angle: As of `solve`.
+            unknowns: `SkinModel.gather` of its state.
+            counts: Its numbers of Newton steps and factorisations.
+
+        Raises:
+            ParameterError: The unknowns are those of another tile.
+            NoEquilibriumError: It is no stable equilibrium.
+        """
+        state = self.model.scatter(unknowns)
+        if not self.stable(state, density, angle):
+            raise NoEquilibriumError(
+                f"the saved state of the tile along {np.degrees(angle):.4g} degrees is not stable."
+            )
+        self._last = self._result(state, angle, *counts)
+        return self._last
+
+    def state_derivative(self, at: TileState, change: Floats) -> Floats:
+        """Return dq/dF̄ : change, the derivative of the state by F̄ (collective).
+
+        Args:
+            at: The last equilibrium of this solver, whose tangent is factorised.
+            change: Direction in the prescribed components of F̄, (3, 2).
+
+        Raises:
+            ParameterError: The solver has been used since.
+        """
+        return self._linear_response(at, change)[1]
+
+    def stiffness(self, at: TileState, changes: Floats) -> Floats:
+        """Return the second derivative of the mean energy by F̄ in N/m, (k, k) (collective).
+
+        Args:
+            at: As for `state_derivative`.
+            changes: Directions in the prescribed components of F̄, (k, 3, 2).
+
+        Raises:
+            ParameterError: The solver has been used since.
+        """
+        comm, pairs = self.skin.comm, [self._linear_response(at, change) for change in changes]
+        return np.array([[dot(comm, f, q) / self.area for _, q in pairs] for f, _ in pairs])
+
+    def stress_gradient(self, at: TileState, change: Floats) -> Floats:
+        """Return d(P̄ : change)/dρ̄ at owned triangles, in N/m, prescribed F̄ constant (collective).
+
+        The derivative of the state is its own adjoint here: no further solve is needed.
+
+        Args:
+            at: As for `state_derivative`.
+            change: Direction in the prescribed components of F̄, (3, 2).
+
+        Raises:
+            ParameterError: The solver has been used since.
+        """
+        sensitivity = self.model.density_sensitivity(at.state, self.state_derivative(at, change))
+        return np.asarray(sensitivity / self.area)
+
+    def strain_gradient(self, at: TileState, part: Floats) -> Floats:
+        """Return d(F̄ : part)/dρ̄ at owned triangles by one adjoint solve (collective).
+
+        Args:
+            at: As for `state_derivative`.
+            part: Factors on the free components of F̄, (3, 2).
+
+        Raises:
+            ParameterError: The solver has been used since.
+        """
+        self._require_last(at)
+        rhs: Floats = np.zeros_like(at.state)
+        self.model.set_mean_gradient(rhs, np.asarray(part / self.periodic.length))
+        adjoint = self._snes.factor.solve(rhs * self.model.free)
+        sensitivity = self.model.density_sensitivity(at.state, adjoint)
+        return np.asarray(-sensitivity / self.periodic.length)
+
+    def stable(self, state: Floats, density: Floats, angle: float) -> bool:
+        """Return whether an equilibrium is stable (collective).
+
+        Args:
+            state: Owned unknowns of an equilibrium.
+            density: Its projected density at owned triangles.
+            angle: Its direction in rad.
+        """
+        self._forget()
+        self._turn(angle)
+        self.model.set_density(density)
+        return self._snes.newton.stable(state)
+
+    def buckles(self, flat: TileState, density: Floats) -> bool:
+        """Return whether a flat equilibrium is unstable out of its plane (collective).
+
+        Args:
+            flat: Equilibrium of a solver of the same skin with `flat` = True.
+            density: Its projected density at owned triangles.
+
+        Raises:
+            ParameterError: This solver keeps the sheet in its plane.
+        """
+        if self.periodic.flat:
+            raise ParameterError(
+                "this solver keeps the tile in its plane, so it cannot buckle. Make the solver "
+                "with Periodic(tile, flat=False) and materials that bend."
+            )
+        state: Floats = np.zeros(self.model.size_local)
+        self.model.positions(state)[:] = flat.positions
+        self.model.set_mean_gradient(state, flat.gradient)
+        return not self.stable(state, density, flat.angle)
+
+    def flat_positions(self, angle: float) -> Floats:
+        """Return the positions of the owned nodes in the flat sheet, axes n, t, in m, (k, 2)."""
+        c, s = np.cos(angle), np.sin(angle)
+        return self._flat_positions @ np.array([[c, -s], [s, c]])
+
+    def _assembled(self, angle: float) -> Floats:
+        state = self.model.assembled
+        self.model.positions(state)[:, :2] = self.flat_positions(angle)
+        return state
+
+    def _stretched(self, state: Floats, angle: float, change: Floats) -> Floats:
+        """Return a state with a homogeneous deformation added."""
+        out, added = state.copy(), np.zeros_like(state)
+        self.model.positions(added)[:] = self.flat_positions(angle) @ change.T
+        self.model.set_mean_gradient(added, change)
+        # The fixed vertex keeps its position.
+        fixed = self.model.skin.owned_vertices == 0
+        shift = self.model.positions(added)[fixed].sum(axis=0)
+        self.model.positions(added)[:] -= self.skin.comm.allreduce(shift)
+        return out + added
+
+    def _linear_response(self, at: TileState, change: Floats) -> tuple[Floats, Floats]:
+        """Return the derivatives of force and state by F̄; they are kept for further calls.
+
+        The force is that of all unknowns with the state constant.
+        """
+        self._require_last(at)
+        prescribed = np.where(self._prescribed, change, 0.0)
+        key = prescribed.tobytes()
+        if key not in self._responses:
+            if not self._responses:
+                self.model.tangent_entries(at.state, self._entries)
+            force = self._periodic_tangent.force(self._entries, prescribed)
+            state: Floats = np.zeros_like(force)
+            self.model.set_mean_gradient(state, prescribed)
+            state -= self._snes.factor.solve(force * self.model.free)
+            for array in (force, state):
+                array.setflags(write=False)
+            self._responses[key] = force, state
+        return self._responses[key]
+
+    def _result(self, state: Floats, angle: float, steps: int, factorisations: int) -> TileState:
+        model = self.model
+        state.setflags(write=False)
+        stress = model.mean_force(state) / self.area
+        return TileState(
+            angle=angle,
+            gradient=model.mean_gradient(state),
+            stress=np.where(self._prescribed, stress, 0.0),
+            energy=model.energy(state) / self.area,
+            state=state,
+            positions=model.positions(state),
+            stretch_use=model.bounds.worst(model.corners(state)),
+            steps=steps,
+            factorisations=factorisations,
+        )
+
+    def _forget(self) -> None:
+        self._last = None
+        self._responses.clear()
+
+    def _require_last(self, at: TileState) -> None:
+        if at is not self._last:
+            raise ParameterError(
+                "the solver has been used since this state, so its tangent is another one. Solve "
+                "for this state again before its derivatives."
+            )

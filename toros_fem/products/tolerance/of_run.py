@@ -1,0 +1,118 @@
+"""Tolerances of a finished run, from what its folder holds."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.errors import NoEquilibriumError, OutputError
+from toros_fem.base.mpi import on_first_rank
+from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.making.print.print_file import read_print_polygons
+from toros_fem.making.print.regions import part_regions, regions_on
+from toros_fem.meshes.mirror import mirrored
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.pattern_file import NAME, read_pattern
+from toros_fem.products.actuators.config import ActuatorConfig
+from toros_fem.products.actuators.problem import CaseMaker, actuator_problem
+from toros_fem.products.tolerance.result import Tolerances
+from toros_fem.products.tolerance.settings import ToleranceConfig
+from toros_fem.products.tolerance.simulated import Drawn, simulated_tolerances
+from toros_fem.results.frames.files import FOLDER, read_frames
+from toros_fem.results.frames.shown_skin import read_skin
+
+SUMMARY = "summary.json"
+
+
+def tolerances_of_run(
+    comm: MPI.Comm,
+    run: Path | str,
+    cases: Callable[..., tuple[CaseMaker[Any], Any]],
+    whole: ActuatorConfig,
+    files: Mapping[str, Path],
+    config: ToleranceConfig | None = None,
+) -> Tolerances:
+    """Return how a finished design moves if it is not made as drawn (collective).
+
+    The simulation starts from the shape of the print that the run has stored.
+
+    Args:
+        comm: Communicator.
+        run: Folder of the design, by `toros design` or a demo.
+        cases: Makes the case on the mesh of a configuration, as of the design's kind of scene.
+        whole: Configuration of the design.
+        files: Files that the design has taken, by name.
+        config: How far what is off; None takes the defaults.
+
+    Raises:
+        OutputError: The folder holds no finished design of an actuator.
+        NoEquilibriumError: The print has no equilibrium.
+        TorosError: A file cannot be read, or does not fit.
+    """
+    folder, begin = Path(run), time.perf_counter()
+    summary = on_first_rank(comm, lambda: finished_summary(folder))
+    if summary.get("printed_failure"):
+        raise NoEquilibriumError(f"the print has no equilibrium: {summary['printed_failure']}")
+    make, found = cases(comm, whole, **files)
+    laid = found.start == "relaxed"
+    mesh = found.of_print if laid else found.at_level(found.level_count - 1)
+    mesh = mesh.updated(width_tolerance=None)  # a print has no eroded and dilated densities
+    case = make(comm, mesh)
+    part = case.pattern
+    stored = read_print_polygons(comm, folder)
+    skin = mirrored(part, case.symmetry).pattern if case.symmetry else part
+
+    def polygons() -> tuple[list[BaseGeometry], tuple[Pattern, Floats] | None]:
+        on_whole = regions_on(stored.pattern, stored.regions, skin)
+        return part_regions(part, on_whole), _shape(folder)
+
+    regions, near = on_first_rank(comm, polygons)
+    following = case.following(comm, regions)
+
+    def remake(pattern: Pattern) -> ShapeDesign:
+        return actuator_problem(comm, following.on(pattern), mesh)
+
+    pressure = summary["pressure_pa"]
+    own = {m.key: summary[m.key] for m in case.metrics if summary.get(m.key) is not None}
+    drawn = Drawn(regions, (stored.pattern, stored.regions), stored.limits, near, pressure, own)
+    return simulated_tolerances(
+        actuator_problem(comm, following, mesh), remake, drawn, config, begin=begin
+    )
+
+
+def finished_summary(folder: Path) -> Mapping[str, Any]:
+    """Return the summary of a finished design (one rank).
+
+    Raises:
+        OutputError: The folder holds none.
+    """
+    path = folder / SUMMARY
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as caught:
+        raise OutputError(
+            f"{path} cannot be read ({caught}): give the folder of a finished design."
+        ) from None
+    if not isinstance(content, dict) or "printed_failure" not in content:
+        raise OutputError(f"{folder} holds no finished design: {path} has no print.")
+    return content
+
+
+def _shape(folder: Path) -> tuple[Pattern, Floats] | None:
+    """Return the pattern that was designed and the shape of its print; None if none is stored."""
+    frames = read_frames(folder / FOLDER, "print")
+    if not frames:
+        return None
+    part = read_pattern(MPI.COMM_SELF, folder / NAME)
+    whole = read_skin(folder / FOLDER / frames[-1].skin).pattern
+    positions = part.points.copy()
+    # The triangles of a part are the first of the whole.
+    positions[part.triangles] = frames[-1].positions[whole.triangles[: len(part.panel)]]
+    return part, positions

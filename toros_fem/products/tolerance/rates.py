@@ -1,0 +1,205 @@
+"""First-order changes of a skin's shape, metrics and objective, by its own tangent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.mpi import dot, largest
+from toros_fem.design.loop.shape_design import ShapeDesign
+from toros_fem.design.loop.shape_problem import METRIC_STEP
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
+from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.products.tolerance.result import OBJECTIVE
+
+# Step of differences of the residual by a stiffness, as a fraction of it.
+STEP = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Rate:
+    """Derivatives by one quantity.
+
+    Attributes:
+        motion: Derivative of the state, at owned unknowns; of a border's motion that of places of
+            the sheet, without what goes along with the mesh.
+        values: Derivatives of objective and metrics, by key.
+    """
+
+    motion: Floats
+    values: dict[str, float]
+
+
+class TangentRates:
+    """Derivatives of an equilibrium by what its skin is made of (all methods are collective).
+
+    With the residual f = ∂E/∂x and the tangent K, a change of f is followed by the motion
+    y = −K⁻¹ δf; metrics are differenced along it. The objective's derivative is −λ · δf with
+    K λ = ∂T/∂x: the adjoint of eq. (19).
+
+    Args:
+        problem: The design problem.
+        density: Density of the owned triangles.
+        equilibrium: The last equilibrium of its solver.
+    """
+
+    def __init__(
+        self, problem: ShapeDesign, density: Floats, equilibrium: EquilibriumResult
+    ) -> None:
+        self.problem, self.density, self.equilibrium = problem, density, equilibrium
+        self.model = problem.solver.model
+        self.load = self.model.load
+        gradient = np.zeros_like(equilibrium.state)
+        self.model.positions(gradient)[:] = problem.objective.backward(equilibrium.positions)
+        self._adjoint = problem.solver.solve_tangent(gradient, equilibrium, adjoint=True)
+
+    def by_pressure(self) -> Rate:
+        """Return the derivatives by the pressure, over the pressure."""
+        model, state = self.model, self.equilibrium.state
+        force = np.zeros_like(state)
+        for chamber, pressure in enumerate(self.load.pressures):
+            force -= pressure * model.volume_gradient(state, chamber)
+        return self._rate(force)
+
+    def by_composite(self, changed: Callable[[float], Composite]) -> Rate:
+        """Return the derivatives by a factor on a part of the materials.
+
+        Args:
+            changed: The materials where that part is multiplied by a factor.
+        """
+        force = self._residual(changed(1 + STEP)) - self._residual(changed(1 - STEP))
+        return self._rate(np.asarray(force / (2 * STEP)))
+
+    def by_borders(self, less: MovedSkin, more: MovedSkin, step: float) -> Rate:
+        """Return the derivatives by the way of the print's borders, per m.
+
+        They are those of places of the sheet: what goes along with the mesh is left out.
+
+        Args:
+            less, more: The skin with its borders moved by −step and by step.
+            step: Way in m.
+        """
+        ends = [skin.residual(self.density_of_all, self.load) for skin in (less, more)]
+        return self._rate(np.asarray(self.model.scatter(ends[1] - ends[0]) / (2 * step)))
+
+    @property
+    def density_of_all(self) -> Floats:
+        """Density of all triangles, (t,)."""
+        return self.problem.skin.gather_cells(self.density)
+
+    def _residual(self, composite: Composite) -> Floats:
+        model = other_solver(self.problem, composite).model
+        model.set_density(self.density)
+        model.set_load(self.load)
+        return model.residual(self.equilibrium.state)
+
+    def _rate(self, force: Floats) -> Rate:
+        """Return the derivatives for one of the residual."""
+        problem, equilibrium, comm = self.problem, self.equilibrium, self.problem.comm
+        motion = problem.solver.solve_tangent(-force, equilibrium)
+        values = {OBJECTIVE: -dot(comm, self._adjoint, force)}
+        moved = self.model.positions(motion)
+        way = largest(comm, float(np.abs(moved).max(initial=0.0)))
+        step = METRIC_STEP * problem.skin.pattern.size / way if way > 0 else 1.0
+        places = [
+            problem.skin.gather_vertices(equilibrium.positions + sign * step * moved)
+            for sign in (-1, 1)
+        ]
+        for metric in problem.metrics:
+            less, more = (metric.value(problem.skin.pattern, x) for x in places)
+            values[metric.key] = (more - less) / (2 * step)
+        return Rate(motion, values)
+
+
+class MovedSkin:
+    """The same skin with its print's borders moved (all methods are collective).
+
+    Attributes:
+        problem: Its design problem.
+        unknowns: Where the equilibrium's unknowns go with the mesh, by original index.
+
+    Args:
+        problem: The problem on the moved pattern.
+        nominal: The pattern before.
+        motion: Way of the flat points, (m, 2), in m.
+        unknowns: Unknowns of the equilibrium before, as of `SkinModel.gather`.
+    """
+
+    def __init__(
+        self, problem: ShapeDesign, nominal: Pattern, motion: Floats, unknowns: Floats
+    ) -> None:
+        self.problem, self._nominal, self._motion = problem, nominal, motion
+        count = 3 * len(nominal.points)
+        places = unknowns[:count].reshape(-1, 3)
+        moved = places + self._carried(nominal, places)
+        self.unknowns = np.concatenate([moved.ravel(), unknowns[count:]])
+
+    def state(self, change: Floats | float = 0.0) -> Floats:
+        """Return the state of this rank, with a change of all unknowns added."""
+        return self.problem.solver.model.scatter(self.unknowns + change)
+
+    def residual(self, density: Floats, load: LoadCase) -> Floats:
+        """Return the residual of all unknowns, by original index.
+
+        Args:
+            density: Density of all triangles, (t,).
+            load: The load case.
+        """
+        model, skin = self.problem.solver.model, self.problem.skin
+        model.set_density(density[skin.owned_cells])
+        model.set_load(load)
+        return model.gather(model.residual(self.state()))
+
+    def before(self, owned: Floats) -> Floats:
+        """Return where the vertices' places before the move are in a shape, (n, 3), in m.
+
+        Metrics and objectives sort vertices by their places; so these stay the same ones.
+
+        Args:
+            owned: Positions of the owned nodes.
+        """
+        skin = self.problem.skin
+        positions = skin.gather_vertices(owned)
+        return np.asarray(positions - self._carried(skin.pattern, positions))
+
+    def _carried(self, pattern: Pattern, positions: Floats) -> Floats:
+        """Return the way of all vertices with the deformed mesh, (n, 3)."""
+        a, b, c = np.moveaxis(pattern.corners, 1, 0)
+        flat = np.stack([b - a, c - a], axis=2)
+        a, b, c = np.moveaxis(positions[pattern.triangles], 1, 0)
+        gradient = np.stack([b - a, c - a], axis=2) @ np.linalg.inv(flat)
+        each = np.einsum("tij,tkj->tki", gradient, self._motion[pattern.flat_triangles])
+        total, areas = np.zeros_like(positions), np.zeros(len(positions))
+        np.add.at(total, pattern.triangles, pattern.areas[:, None, None] * each)
+        np.add.at(areas, pattern.triangles, pattern.areas[:, None])
+        # What is held stays where the supports have it.
+        held = self.problem.skin.pattern.points - self._nominal.points
+        fixed = self.problem.solver.model.supports.fixed
+        return np.where(fixed, held, total / areas[:, None])
+
+
+def values_at(problem: ShapeDesign, owned: Floats) -> dict[str, float]:
+    """Return objective and metrics at positions of the owned nodes, by key (collective)."""
+    positions, pattern = problem.skin.gather_vertices(owned), problem.skin.pattern
+    metrics: dict[str, float] = {m.key: m.value(pattern, positions) for m in problem.metrics}
+    return {OBJECTIVE: problem.objective.forward(owned), **metrics}
+
+
+def other_solver(problem: ShapeDesign, composite: Composite) -> EquilibriumSolver:
+    """Return a solver of the same skin of other materials (collective)."""
+    solver = problem.solver
+    model = solver.model
+    return EquilibriumSolver(
+        problem.skin,
+        composite,
+        model.supports,
+        solver.options,
+        chambers=model.chambers,
+        weight=model.weight,
+        contact=solver.contact,
+    )

@@ -1,0 +1,225 @@
+"""How objective, metrics and widths move where a skin is not made as drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from toros_fem.measures.metrics import UNITS, Metric
+
+# What is off, and how it reads where it is less and where it is more.
+WORDS = {
+    "print width": ("a print {} too narrow", "a print {} too wide"),
+    "fabric modulus": ("fabric {} too soft", "fabric {} too stiff"),
+    "fabric thickness": ("fabric {} too thin", "fabric {} too thick"),
+    "print modulus": ("a print {} too soft", "a print {} too stiff"),
+    "print thickness": ("a print {} too thin", "a print {} too thick"),
+    "pressure": ("a pressure {} too low", "a pressure {} too high"),
+}
+OBJECTIVE = "objective"
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """A skin of which one quantity is off.
+
+    Attributes:
+        quantity: What is off, a key of `WORDS`.
+        change: By how much: a width in m, all else as a fraction.
+        values: Objective and metrics by key, simulated; empty without an equilibrium.
+        predicted: The same to first order, from the tangent at the skin as drawn.
+        notes: What is not as usual, as sentences: lines that vanish or merge, another equilibrium.
+        steps: Number of Newton steps.
+        smallest_width, smallest_gap: Thinnest line and gap of the print in m; None where there is
+            none, and where the print is as drawn.
+        areas: Change of the printed area in m², of the polygons and of the mesh; None where the
+            print is as drawn.
+    """
+
+    quantity: str
+    change: float
+    values: Mapping[str, float]
+    predicted: Mapping[str, float]
+    notes: tuple[str, ...] = ()
+    steps: int = 0
+    smallest_width: float | None = None
+    smallest_gap: float | None = None
+    areas: tuple[float, float] | None = None
+
+    @property
+    def amount(self) -> str:
+        """Size of the change without its sign, such as "0.1 mm" or "20 %"."""
+        size = abs(self.change)
+        return f"{1e3 * size:g} mm" if self.quantity == "print width" else f"{100 * size:g} %"
+
+    @property
+    def label(self) -> str:
+        """Change with its sign, such as "+0.1 mm"."""
+        return f"{'−' if self.change < 0 else '+'}{self.amount}"
+
+    @property
+    def words(self) -> str:
+        """The change in words, such as "a print 0.1 mm too narrow"."""
+        return WORDS[self.quantity][self.change > 0].format(self.amount)
+
+
+@dataclass(frozen=True, eq=False)
+class Tolerances:
+    """What a skin does that is not made as drawn.
+
+    Attributes:
+        metrics: Numbers that the design is judged by, the most important first.
+        nominal: Objective and metrics by key as drawn, on the mesh that follows the print.
+        own_mesh: Metrics by key on the mesh of the design; empty if not known.
+        smallest_width, smallest_gap: Thinnest line and gap of the print in m; None without any.
+        pressure: Pressure in Pa.
+        variants: All variants, by quantity and change.
+        triangles: Number of triangles of the mesh.
+        steps: Number of Newton steps as drawn, and of all variants together.
+        seconds: Wall time as drawn, with its mesh, and of all variants together.
+    """
+
+    metrics: tuple[Metric, ...]
+    nominal: Mapping[str, float]
+    own_mesh: Mapping[str, float]
+    smallest_width: float | None
+    smallest_gap: float | None
+    pressure: float
+    variants: tuple[Variant, ...]
+    triangles: int
+    steps: tuple[int, int]
+    seconds: tuple[float, float]
+
+    def change(self, variant: Variant, key: str, *, predicted: bool = False) -> float | None:
+        """Return by how much a metric, or the objective, moves; None without an equilibrium."""
+        found = (variant.predicted if predicted else variant.values).get(key)
+        return None if found is None else found - self.nominal[key]
+
+    def worst(self, key: str) -> Variant | None:
+        """Return the variant that moves a metric most: one without an equilibrium before all."""
+        failed = [v for v in self.variants if not v.values]
+        if failed:
+            return failed[0]
+        nominal = self.nominal[key]
+        return max(self.variants, key=lambda v: abs(v.values[key] - nominal), default=None)
+
+    def sentence(self, variant: Variant, metric: Metric) -> str:
+        """Return what a variant does to a metric, such as "… costs 4° of the angle"."""
+        words = variant.words[:1].upper() + variant.words[1:]
+        if not variant.values:
+            return f"{words} has no equilibrium: {' '.join(variant.notes)}"
+        before, after = self.nominal[metric.key], variant.values[metric.key]
+        change = after - before
+        size = metric.formatted(float(f"{abs(change):.2g}"))
+        what = f"changes the {metric.name} by {'−' if change < 0 else '+'}{size}"
+        if metric.target is not None and abs(after) < abs(before) <= abs(metric.target):
+            what = f"costs {size} of the {metric.name}"
+        return f"{words} {what}: {shown(metric, before)} becomes {shown(metric, after)}."
+
+    @property
+    def worst_sentences(self) -> list[str]:
+        """What moves each metric most, as sentences."""
+        found = [(self.worst(metric.key), metric) for metric in self.metrics]
+        return list(
+            dict.fromkeys(self.sentence(variant, m) for variant, m in found if variant is not None)
+        )
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return a row for each variant, simulated and predicted, as tables have them."""
+        found = []
+        for variant in self.variants:
+            row: dict[str, Any] = {"quantity": variant.quantity, "change": variant.label}
+            for key in self.nominal:
+                row[key] = variant.values.get(key)
+                row[f"{key}_change"] = self.change(variant, key)
+                row[f"{key}_change_first_order"] = self.change(variant, key, predicted=True)
+            row["smallest_width_mm"] = _mm(variant.smallest_width)
+            row["smallest_gap_mm"] = _mm(variant.smallest_gap)
+            row["newton_steps"] = variant.steps
+            found.append(row)
+        return found
+
+    def summary(self) -> dict[str, Any]:
+        """Return all figures as plain numbers; keys end in their units."""
+        rows = self.rows()
+        for row, variant in zip(rows, self.variants, strict=True):
+            row["relative" if variant.quantity != "print width" else "change_m"] = variant.change
+            row["words"], row["notes"] = variant.words, list(variant.notes)
+            if variant.areas is not None:
+                polygons, mesh = variant.areas
+                row["printed_area_change_mm2"] = {"polygons": 1e6 * polygons, "mesh": 1e6 * mesh}
+        worst = {}
+        for metric in self.metrics:
+            most = self.worst(metric.key)
+            if most is not None:
+                worst[metric.key] = {
+                    "quantity": most.quantity,
+                    "change": most.label,
+                    "value_change": self.change(most, metric.key),
+                    "sentence": self.sentence(most, metric),
+                }
+        return {
+            "pressure_pa": self.pressure,
+            "nominal": dict(self.nominal),
+            "own_mesh": dict(self.own_mesh),
+            "targets": {m.key: m.target for m in self.metrics},
+            "smallest_width_mm": _mm(self.smallest_width),
+            "smallest_gap_mm": _mm(self.smallest_gap),
+            "variants": rows,
+            "worst": worst,
+            "triangles": self.triangles,
+            "newton_steps": {"nominal": self.steps[0], "variants": self.steps[1]},
+            "seconds": {"nominal": self.seconds[0], "variants": self.seconds[1]},
+        }
+
+
+def shown(metric: Metric, value: float) -> str:
+    """Return a value with its unit, to a tenth, or a thousandth of a ratio."""
+    digits = 3 if metric.unit == "ratio" else 1
+    return f"{value:.{digits}f}{UNITS.get(metric.unit, ('', f' {metric.unit}'))[1]}"
+
+
+def shown_change(metric: Metric, value: float | None) -> str:
+    """Return a change with its sign, or a dash where there is none."""
+    if value is None:
+        return "–"
+    digits = 3 if metric.unit == "ratio" else 1
+    return f"{value:+.{digits}f}".replace("-", "−")
+
+
+def text_table(found: Tolerances) -> str:
+    """Return the table of all variants for a terminal, changes as simulated and to first order."""
+    names = [f"{m.name} ({UNITS.get(m.unit, ('', m.unit))[1].strip()})" for m in found.metrics]
+    rows = [["", "", *names, "objective", "line, gap (mm)"]]
+    for variant in found.variants:
+        cells = [
+            f"{shown_change(m, found.change(variant, m.key))} "
+            f"[{shown_change(m, found.change(variant, m.key, predicted=True))}]"
+            for m in found.metrics
+        ]
+        change = found.change(variant, OBJECTIVE)
+        cells.append("–" if change is None else f"{change:+.2e}".replace("-", "−"))
+        widths = [variant.smallest_width, variant.smallest_gap]
+        cells.append(
+            ", ".join("–" if w is None else f"{1e3 * w:.2f}" for w in widths)
+            if variant.quantity == "print width"
+            else ""
+        )
+        rows.append([variant.quantity, variant.label, *cells])
+    return aligned(rows)
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Return rows of cells as lines, the first two columns to the left and others to the right."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    lines = []
+    for row in rows:
+        cells = [c.ljust(w) for c, w in zip(row[:2], widths[:2], strict=True)]
+        cells += [c.rjust(w) for c, w in zip(row[2:], widths[2:], strict=True)]
+        lines.append("  ".join(cells).rstrip())
+    return "\n".join(lines)
+
+
+def _mm(width: float | None) -> float | None:
+    return None if width is None else 1e3 * width

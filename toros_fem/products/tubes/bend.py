@@ -1,0 +1,53 @@
+"""A tube that bends when inflated (paper Fig. 8b).
+
+The tube lies along z and its end z = 0 is clamped. Its caps are printed, its wall is designed. The
+target bends towards +x, and the inner side of the bend keeps its length. The end plate at the tip
+counts as much as all the rest. The target is symmetric about y = 0, so half the tube is designed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem.base.config import quantity
+from toros_fem.measures.metrics import Measurement
+from toros_fem.meshes import bend
+from toros_fem.products.actuators.case import ActuatorCase
+from toros_fem.products.actuators.run import design_run
+from toros_fem.products.tubes.tube import SymmetricConfig, TubeConfig, bend_metric, tube_case
+
+# Fig. 8b of the paper: the printed skin, inflated.
+MEASURED = (Measurement("angle_deg", 180.0, 13e3, 150.0, "paper, measured"),)
+
+
+@dataclass(frozen=True)
+class BendConfig(SymmetricConfig, TubeConfig):
+    """Numbers of the bending tube; SI units."""
+
+    angle: float = quantity(180.0, "bend angle of the target", "deg", at_least=-720, at_most=720)
+    neutral: float = quantity(
+        0.01,
+        "distance of the line that keeps its length from the axis, towards the inner side",
+        "m",
+    )
+
+    corrections: int = TubeConfig.redefault("corrections", 6)
+    # Fewer islands, a shorter border, and nearer to the target: docs/optimisation.md.
+    perimeter_weight: float | None = TubeConfig.redefault("perimeter_weight", 1e-4)
+
+    TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
+
+
+def case(comm: MPI.Comm, config: BendConfig) -> ActuatorCase:
+    """Return half the tube, or the whole, and its target."""
+    target = bend(np.radians(config.angle), config.length, neutral=config.neutral)
+    planes = () if config.whole else (1,)
+    return tube_case(comm, config, target, [bend_metric(config.angle)], planes)
+
+
+run = design_run(case, BendConfig(), MEASURED)

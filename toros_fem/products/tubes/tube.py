@@ -1,0 +1,310 @@
+"""The capped tube that bends, shortens or twists (paper Fig. 8)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem.base.array_types import Floats
+from toros_fem.base.config import Config, quantity
+from toros_fem.base.errors import ParameterError, TargetError
+from toros_fem.materials.sheet import Bending
+from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
+from toros_fem.measures.metrics import (
+    Metric,
+    MetricFunction,
+    bend_angle,
+    length_ratio,
+    shortening,
+    twist_angle,
+)
+from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
+from toros_fem.meshes.cylinder import BASE, TIP, WALL, cylinder
+from toros_fem.meshes.mirror import mirrored
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.meshes.targets import Deformer
+from toros_fem.meshes.topology import edge_keys
+from toros_fem.products.actuators.case import ActuatorCase
+from toros_fem.products.actuators.config import ActuatorConfig, TipWeights
+
+# Number of edges around the tube on the coarsest of several meshes: from one with 11 the bend came
+# out with lines twice as wide, and T half as large again.
+LEAST_AROUND = 18
+# The same along a tube that is short.
+LEAST_ALONG = 6
+
+
+@dataclass(frozen=True)
+class TubeSizes(Config):
+    """Sizes and mesh of the tube; SI units."""
+
+    length: float = quantity(0.15, "length of the tube", "m", above=0)
+    diameter: float = quantity(0.02, "diameter of the tube", "m", above=0)
+    edge_length: float = quantity(1.4e-3, "edge length of the mesh", "m", above=0)
+    mesh: str = quantity("unstructured", "mesh of the wall", choices=("unstructured", "structured"))
+
+
+@dataclass(frozen=True)
+class SymmetricConfig(Config):
+    """Choice between a part and the whole, for scenes with a symmetric target."""
+
+    whole: bool = quantity(False, "simulate the whole tube and not its part between the planes")
+
+
+@dataclass(frozen=True)
+class TubeConfig(TubeSizes, TipWeights, ActuatorConfig):
+    """Numbers that all designed tubes have; SI units."""
+
+    @property
+    def coarsest_edge(self) -> float:
+        """Longest edge length in m of a useful mesh: eighteen edges around, and some along."""
+        return min(float(np.pi * self.diameter / LEAST_AROUND), self.length / LEAST_ALONG)
+
+
+@dataclass(frozen=True)
+class CrossSectionTubeConfig(TubeConfig):
+    """A tube that may swell freely: its cross-sections count; SI units."""
+
+    # From noise, densities of these tubes end in traps.
+    start: str = TubeConfig.redefault("start", "relaxed")
+    corrections: int = TubeConfig.redefault("corrections", 6)
+    cross_sections: int = quantity(
+        12, "number of cross-sections along the wall; the tip is one more", at_least=1
+    )
+    axial_weight: float = quantity(
+        1.0, "weight of the cross-sections' positions along the axis over that across", at_least=0
+    )
+
+
+T = TypeVar("T", bound=TubeConfig)
+
+# A length that is off by so much counts like a twist or an angle that is not there at all.
+LENGTH_SCALE = 0.2
+# Largest distance of a target from its mirror image, as a fraction of the tube's size.
+SYMMETRIC = 1e-9
+
+
+# Width of lines on a coarse mesh, in m.
+COARSE_WIDTH = 1.2e-3
+
+
+def coarse_tube(config: T) -> T:
+    """Return the same design on a coarse mesh, with few steps and wider lines."""
+    return config.updated(
+        edge_length=2.85e-3,
+        filter_radius=4.4e-3,
+        levels=1,
+        iterations=40,
+        constrained_iterations=30,
+        relaxed_edge_length=5e-3,
+        print_edge_length=0.9e-3,
+        laid_width=max(config.laid_width, COARSE_WIDTH),
+        second_laid_width=config.second_laid_width and max(config.second_laid_width, COARSE_WIDTH),
+        corrections=min(config.corrections, 4),
+    )
+
+
+def bend_metric(target: float) -> Metric:
+    """Return the bend angle of a tube's tip in degrees, by `metrics.bend_angle`."""
+    return Metric("angle", "deg", target, _in_degrees(bend_angle))
+
+
+def twist_metric(target: float | None) -> Metric:
+    """Return the twist of a tube's tip in degrees, by `metrics.twist_angle`; None: no target."""
+    return Metric("twist", "deg", target, _in_degrees(twist_angle))
+
+
+def shortening_metric(target: float) -> Metric:
+    """Return the shortening of a tube in per cent, by `metrics.shortening`."""
+    return Metric("shortening", "percent", target, lambda of, x: 100 * shortening(of, x))
+
+
+def length_metric(target: float | None) -> Metric:
+    """Return the distance of a tube's ends over the assembled one; None: no target."""
+    return Metric("length", "ratio", target, length_ratio, LENGTH_SCALE)
+
+
+def tube_case(
+    comm: MPI.Comm,
+    config: TubeConfig,
+    target: Deformer,
+    metrics: Sequence[Metric],
+    planes: tuple[int, ...] = (),
+) -> ActuatorCase:
+    """Return a tube along z whose whole shape counts; its base is clamped, its caps are printed.
+
+    All vertices have a target position; those of the end plate count more than the rest.
+
+    Args:
+        comm: Communicator.
+        config: Sizes and weights.
+        target: Maps assembled to target positions.
+        metrics: Numbers that the design is judged by, as functions of the whole tube. The
+            `length_metric` is watched too if it is not among them.
+        planes: Symmetry planes of the target that the tube is cut at, as of `meshes.cylinder`.
+            Objective and metrics are those of the whole tube.
+
+    Raises:
+        ParameterError: A size is too large for the tube, or the knit is not symmetric.
+        TargetError: The target is not symmetric.
+    """
+    case = _clamped(comm, config, target, metrics, planes)
+    pattern = mirrored(case.pattern, planes).pattern
+    plate, area = pattern.vertices_of(TIP), pattern.vertex_areas
+    weights = np.ones(len(pattern.points))
+    weights[plate] += config.tip_weight * area.sum() / area[plate].sum()
+    # The ring and not the plate, which bulges. Turned by a small angle about a diameter it moves by
+    # angle · radius/√2 in root mean square.
+    ring = np.intersect1d(plate, pattern.vertices_of(WALL))
+    relative = np.zeros(len(pattern.points))
+    ratio = np.sqrt(2) * config.orientation_length / (config.diameter / 2)
+    relative[ring] = ratio**2 * (area @ weights) / area[ring].sum()
+    return replace(case, weights=weights, relative=relative)
+
+
+def cross_section_case(
+    comm: MPI.Comm,
+    config: CrossSectionTubeConfig,
+    target: Deformer,
+    metrics: Sequence[Metric],
+    planes: tuple[int, ...] = (),
+) -> ActuatorCase:
+    """Return the tube of `tube_case` with an objective of cross-sections only.
+
+    Their positions and orientations have a target; the skin may swell freely. With an axial weight
+    of 0 it may also lengthen and shorten. The position of the tip counts `tip_weight` times as much
+    as the mean over all other cross-sections.
+
+    Args:
+        comm: Communicator.
+        config: Sizes and weights.
+        target, metrics, planes: As of `tube_case`.
+
+    Raises:
+        ParameterError: A size is too large for the tube, or the knit is not symmetric.
+        TargetError: The target is not symmetric.
+    """
+    case, count = _clamped(comm, config, target, metrics, planes), config.cross_sections
+    pattern = mirrored(case.pattern, planes).pattern
+    fraction = np.append(np.full(count, 1 / count), config.tip_weight)
+    # If each of n sections is off by δ/n from the one before, the tip is off by δ.
+    ratio = config.orientation_length / pattern.size
+    return replace(
+        case,
+        cross_sections=CrossSections(
+            label_cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count),
+            np.outer(fraction, [1.0, 1.0, config.axial_weight]),
+            np.full(count + 1, (count + 1) * config.tip_weight * ratio**2),
+        ),
+    )
+
+
+def plain_tube(
+    comm: MPI.Comm,
+    config: TubeSizes,
+    planes: tuple[int, ...] = (),
+    *,
+    seams: str = Bending.seams,
+) -> tuple[Pattern, Supports, Floats]:
+    """Return the tube without reinforcement of its wall.
+
+    Args:
+        comm: Communicator.
+        config: Sizes.
+        planes: Symmetry planes that it is cut at, as of `meshes.cylinder`.
+        seams: How seams carry moments, as of `materials.Bending`.
+
+    Returns:
+        Pattern, supports, and the density of all triangles, (t,).
+
+    Raises:
+        ParameterError: A size is too large for the tube; or seams are hinged, so that the plane
+            x = 0 is none of symmetry.
+    """
+    pattern = _tube(comm, config, planes)
+    density = np.nan_to_num(_printed_caps(pattern), nan=0.0)
+    return pattern, _supports(pattern, planes, seams), density
+
+
+def plain_planes(seams: str) -> tuple[int, ...]:
+    """Return the symmetry planes of a tube without a pattern; seams as of `materials.Bending`."""
+    return (0, 1) if seams == "continuous" else (1,)
+
+
+def _in_degrees(measure: Callable[[Pattern, Floats], float]) -> MetricFunction:
+    return lambda pattern, positions: float(np.degrees(measure(pattern, positions)))
+
+
+def _tube(comm: MPI.Comm, config: TubeSizes, planes: tuple[int, ...]) -> Pattern:
+    return cylinder(
+        comm,
+        config.length,
+        config.diameter,
+        config.edge_length,
+        mesh=config.mesh,
+        planes=planes,
+    )
+
+
+def _clamped(
+    comm: MPI.Comm,
+    config: TubeConfig,
+    target: Deformer,
+    metrics: Sequence[Metric],
+    planes: tuple[int, ...],
+) -> ActuatorCase:
+    """Return a tube clamped at its base, without any weights."""
+    if planes and config.knit_ratio is not None and config.grain_angle % 90:
+        raise ParameterError(
+            f"grain_angle = {config.grain_angle} deg is not symmetric: the other part would have "
+            "the mirrored grain. Set 0 or 90, or design the whole tube."
+        )
+    pattern = _tube(comm, config, planes)
+    whole = mirrored(pattern, planes)
+    found, expected = target(whole.pattern.points), whole.at_vertices(target(pattern.points))
+    off = float(np.abs(found - expected).max())
+    if off > SYMMETRIC * pattern.size:
+        raise TargetError(
+            f"the target is not symmetric about the planes {planes} (0 for x = 0, 1 for y = 0): a "
+            f"vertex and its image are {off:.3g} m apart. Give fewer planes."
+        )
+    length = length_metric(None)
+    watched = [] if length.key in {metric.key for metric in metrics} else [length]
+    return ActuatorCase(
+        pattern=pattern,
+        target=target(pattern.points),
+        supports=_supports(pattern, planes, config.seams),
+        metrics=tuple(metric.of_whole(planes) for metric in (*metrics, *watched)),
+        passive=_printed_caps(pattern),
+        symmetry=planes,
+        objective_of_whole=True,
+    )
+
+
+def _supports(pattern: Pattern, planes: tuple[int, ...], seams: str) -> Supports:
+    """Return supports at the base and in the planes."""
+    supports = clamp(pattern, [BASE])
+    for axis in planes:
+        supports |= symmetry_plane(pattern, axis)
+    if seams == "continuous" or not planes:
+        return supports
+    if 0 in planes:
+        raise ParameterError(
+            f"seams = {seams!r}: a tube with a hinge at x < 0 alone is not symmetric about x = 0. "
+            "Give planes = (1,), or make the seams continuous."
+        )
+    # A cut where the whole has a hinged seam carries no moment.
+    hinged = mirrored(pattern, planes).pattern.seam_edges[: len(pattern.panel)]
+    triangles, count = pattern.triangles, len(pattern.points)
+    ends = np.stack([np.roll(triangles, -1, axis=1), np.roll(triangles, -2, axis=1)], axis=2)
+    kept = ~np.isin(edge_keys(supports.guided, count), edge_keys(ends[hinged], count))
+    return replace(supports, guided=supports.guided[kept], normals=supports.normals[kept])
+
+
+def _printed_caps(pattern: Pattern) -> Floats:
+    """Return prescribed densities: end plates printed all over, the wall designed."""
+    return np.where(pattern.panel == pattern.panel_index(WALL), np.nan, 1.0)

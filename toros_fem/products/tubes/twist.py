@@ -1,0 +1,85 @@
+"""A tube that twists when inflated (paper Fig. 8d).
+
+The end plate is to turn about the axis, and each cross-section in proportion to its height. The
+skin may swell freely. It may lengthen too, unless it is asked to keep its length.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from mpi4py import MPI
+
+from toros_fem.base.config import quantity
+from toros_fem.measures.metrics import Measurement
+from toros_fem.meshes import compose, contract, twist
+from toros_fem.products.actuators.case import ActuatorCase
+from toros_fem.products.actuators.run import design_run
+from toros_fem.products.tubes.tube import (
+    CrossSectionTubeConfig,
+    cross_section_case,
+    length_metric,
+    twist_metric,
+)
+
+# Width of the helices over that asked, if the length is kept: thin ones hold the axial lines less.
+HELICES = 0.78
+# Fig. 8d of the paper: the printed skin, inflated.
+MEASURED = (Measurement("twist_deg", 300.0, 15e3, 300.0, "paper, measured"),)
+
+
+@dataclass(frozen=True)
+class TwistConfig(CrossSectionTubeConfig):
+    """Numbers of the twisting tube; SI units."""
+
+    twist: float = quantity(
+        300.0,
+        "twist of the target, positive if counter-clockwise seen from the tip",
+        "deg",
+        at_least=-2160,
+        at_most=2160,
+    )
+    keep_length: bool = quantity(False, "let the tube keep its length, or have the one given")
+    length_ratio: float = quantity(
+        1.0, "length of the target over that of the tube, if the length is kept", above=0
+    )
+    axial_weight: float = quantity(
+        60.0,
+        "weight of the cross-sections' positions along the axis over that across, if the length "
+        "is kept",
+        at_least=0,
+    )
+    pressure: float = CrossSectionTubeConfig.redefault("pressure", 15e3)
+    # Few wide lines along the tube hold the helices less than many thin ones.
+    axial_width: float = quantity(
+        3e-3, "width of the lines of the first family, if the length is kept", "m", above=0
+    )
+
+    print_edge_length: float = CrossSectionTubeConfig.redefault("print_edge_length", 0.65e-3)
+
+    TARGETS: ClassVar[Mapping[str, str]] = {"twist_deg": "twist", "length_ratio": "length_ratio"}
+
+    @property
+    def laid_widths(self) -> tuple[float, float]:
+        """Width in m of the lines along either family."""
+        first, second = super().laid_widths
+        if not self.keep_length:
+            return first, second
+        return self.axial_width, HELICES * second if self.second_laid_width is None else second
+
+
+def case(comm: MPI.Comm, config: TwistConfig) -> ActuatorCase:
+    """Return the tube and its target."""
+    target = twist(np.radians(config.twist), config.length)
+    metrics = [twist_metric(config.twist)]
+    if not config.keep_length:
+        return cross_section_case(comm, config.updated(axial_weight=0.0), target, metrics)
+    target = compose(target, contract(config.length_ratio))
+    metrics.append(length_metric(config.length_ratio))
+    return cross_section_case(comm, config, target, metrics)
+
+
+run = design_run(case, TwistConfig(), MEASURED)

@@ -1,0 +1,216 @@
+"""A walker with several chambers in a cycle of pressures on the ground: stride, slip, energy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.files import write_json, write_table, write_together
+from toros_fem.base.validation import require_count
+from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.meshes.cut_triangles import cut_triangles
+from toros_fem.meshes.mirror import Mirrored
+from toros_fem.products.actuators.legs import tip_positions
+from toros_fem.results.frames.record import write_path
+from toros_fem.results.frames.shown_skin import ShownSkin
+from toros_fem.results.writer import if_plotting
+
+
+@dataclass(frozen=True, eq=False)
+class Gait:
+    """One cycle of pressures.
+
+    Attributes:
+        names: Names of the chambers.
+        phases: Fraction of the full pressure in each chamber at the end of each phase, (p, k). The
+            cycle starts where the last phase ends.
+        steps: Number of equilibria in each phase.
+
+    Raises:
+        ParameterError: The phases do not fit the chambers.
+    """
+
+    names: tuple[str, ...]
+    phases: Floats
+    steps: int
+
+    def __post_init__(self) -> None:
+        require_count(1, steps=self.steps)
+        if self.phases.ndim != 2 or self.phases.shape[1] != len(self.names):
+            raise ParameterError(
+                f"phases has shape {self.phases.shape}; with chambers {self.names} it must be "
+                f"(…, {len(self.names)})."
+            )
+
+    @property
+    def pressure_fractions(self) -> Floats:
+        """Fraction of the full pressure in each chamber over the whole cycle, (rows, k)."""
+        ends = np.concatenate([self.phases[-1:], self.phases])
+        progress = np.arange(1, self.steps + 1)[:, None] / self.steps
+        rows = [a + progress * (b - a) for a, b in pairwise(ends)]
+        return np.concatenate([ends[:1], *rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Walk:
+    """What a robot does on the ground in one cycle of pressures.
+
+    Attributes:
+        feet: Positions of the tips of the legs at each equilibrium, (rows, f, 3), in m, heights
+            from the ground.
+        touching: Which of them touch the ground, (rows, f).
+        pressures: Pressure of each chamber in Pa, (rows, k).
+        volumes: Volume of each chamber in m³, (rows, k).
+    """
+
+    feet: Floats
+    touching: Bools
+    pressures: Floats
+    volumes: Floats
+
+    @property
+    def stride(self) -> float:
+        """Distance in m by which the feet get ahead along x, in the mean."""
+        return float((self.feet[-1] - self.feet[0])[:, 0].mean())
+
+    @property
+    def slip(self) -> float:
+        """Way in m that the feet slide backwards on the ground, in the mean of all feet."""
+        back = np.minimum(np.diff(self.feet[:, :, 0], axis=0), 0.0)
+        both = self.touching[1:] & self.touching[:-1]
+        return float(-(back * both).sum(axis=0).mean())
+
+    @property
+    def work(self) -> Floats:
+        """Work P ΔV in J of the pressure of each chamber in each step, (rows − 1, k)."""
+        mean = (self.pressures[1:] + self.pressures[:-1]) / 2
+        return np.asarray(mean * np.diff(self.volumes, axis=0))
+
+    @property
+    def supplied_energy(self) -> float:
+        """Sum of P ΔV in J over the steps in which a chamber takes up work."""
+        return float(np.maximum(self.work, 0.0).sum())
+
+    @property
+    def lost_energy(self) -> float:
+        """Work in J over the closed cycle: what friction and snapping turn into heat."""
+        return float(self.work.sum())
+
+
+def walk_of(
+    points: Sequence[TracePoint], whole: Mirrored, directions: Floats, ground: float, reach: float
+) -> Walk:
+    """Return what a robot does along a path of equilibria.
+
+    Args:
+        points: The equilibria of a part of the robot.
+        whole: The whole robot and that part.
+        directions: Unit vectors along the legs of the whole in the assembled skin, (f, 2).
+        ground: Height of the ground in m.
+        reach: Distance in m of the middle surface from the ground at which a foot touches it.
+    """
+    shapes = [whole.at_vertices(point.positions) - [0, 0, ground] for point in points]
+    along = whole.pattern.points[:, :2] @ directions.T
+    # Halves of the legs: a leg that lies touches with more than its tip.
+    outer = along > 0.5 * along.max(axis=0)
+    lowest = [[shape[leg, 2].min() for leg in outer.T] for shape in shapes]
+    parts = len(whole.cell) // len(np.unique(whole.cell))
+    return Walk(
+        np.array([tip_positions(whole.pattern, shape, directions) for shape in shapes]),
+        np.array(lowest) <= reach,
+        np.array([point.result.pressures for point in points]),
+        parts * np.array([point.result.volumes for point in points]),
+    )
+
+
+def write_gait(
+    comm: MPI.Comm,
+    folder: Path,
+    gait: Gait,
+    walk: Walk,
+    points: Sequence[TracePoint],
+    whole: Mirrored,
+    regions: Sequence[BaseGeometry],
+    figures: Mapping[str, Any],
+    measured: tuple[str, float] | None = None,
+) -> dict[str, Any]:
+    """Write table, pictures and figures of a cycle and return the figures (collective).
+
+    Args:
+        comm: Communicator.
+        folder: Output folder, which exists.
+        gait: The cycle.
+        walk: What the robot does.
+        points: Its equilibria, one for each row of `gait.pressure_fractions`, or for the first of
+            them if the cycle is not complete; then there is no stride.
+        whole: The whole robot, and the part that the equilibria are of.
+        regions: Print on each panel of the whole, polygons in m.
+        figures: Further entries of gait.json.
+        measured: A measured stride in m, drawn beside that of the cycle, after who measured it;
+            None for none.
+
+    Raises:
+        OutputError: A file cannot be written.
+    """
+    complete = len(points) == len(gait.pressure_fractions)
+    stride = walk.stride if complete else None
+    distances = [point.result.smallest_distance for point in points]
+    found = {
+        **figures,
+        "stride_mm": stride and 1e3 * stride,
+        "slip_mm": 1e3 * walk.slip if complete else None,
+        "smallest_distance_mm": 1e3 * min(d for d in distances if d is not None),
+        "measured_stride_mm": measured and 1e3 * measured[1],
+        "supplied_energy_j": walk.supplied_energy,
+        "lost_energy_j": walk.lost_energy if complete else None,
+        "foot_lift_mm": 1e3 * float(walk.feet[:, :, 2].max()),
+        "equilibria": len(points),
+    }
+    shapes = [whole.at_vertices(point.positions) for point in points]
+    pattern = whole.pattern
+
+    def write() -> None:
+        rows = []
+        for point, places in zip(points, walk.feet, strict=True):
+            row = {f"{n}_pa": p for n, p in zip(gait.names, point.result.pressures, strict=True)}
+            for k, foot in enumerate(places):
+                row |= {f"foot_{k}_{axis}_m": v for axis, v in zip("xyz", foot, strict=True)}
+            rows.append({**row, **point.metrics})
+        write_table(folder / "gait.csv", rows)
+        write_json(folder / "gait.json", found)
+        skin = ShownSkin(pattern, regions=regions)
+        write_path(folder, "gait", skin, points, whole=whole, chambers=gait.names)
+        shown = []
+        for number, k in enumerate(range(0, len(points), gait.steps)):
+            fractions = zip(gait.names, gait.pressure_fractions[k], strict=True)
+            full = [name for name, fraction in fractions if fraction >= 0.5]
+            shown.append((f"{number}: {', '.join(full) or 'none'}", shapes[k]))
+
+        def draw() -> None:
+            from toros_fem.results.pictures.curve_plot import plot_tracks
+            from toros_fem.results.pictures.shape_plot import plot_shapes
+
+            plot_shapes(
+                folder / "gait.png",
+                pattern.triangles,
+                shown,
+                np.zeros(len(pattern.triangles)),
+                view=(15.0, 15.0),
+                columns=4,
+                printed=cut_triangles(pattern, regions),
+            )
+            plot_tracks(folder / "tracks.png", walk.feet, gait.steps, stride, measured)
+
+        if_plotting(draw)
+
+    write_together(comm, folder, write)
+    return found

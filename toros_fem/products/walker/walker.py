@@ -1,0 +1,403 @@
+"""An X-shaped walker that stands up or crawls when inflated (paper Figs. 9, 10).
+
+A quarter with one leg is designed, by symmetry: for the shape of its legs, or for the stride of its
+gait. The whole robot is printed. Half of it, front and rear leg on one side, then walks on the
+ground, with its own weight, friction and self-contact, through cycles of a gait: chambers are
+filled and emptied fully. A gait is a path of equilibria, without inertia.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.config import quantity
+from toros_fem.base.files import write_json, write_together
+from toros_fem.base.mpi import on_first_rank
+from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
+from toros_fem.measures.metrics import Metric
+from toros_fem.mechanics.contact.config import ContactConfig
+from toros_fem.mechanics.contact.library import ipctk
+from toros_fem.mechanics.contact.opening import opened
+from toros_fem.mechanics.contact.pads import Pads
+from toros_fem.mechanics.contact.settings import Contact, Ground
+from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.mechanics.paths.trace import trace
+from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.mechanics.skin.chambers import Chambers
+from toros_fem.mechanics.skin.dead_loads import Weight
+from toros_fem.mechanics.skin.supports import symmetry_plane
+from toros_fem.meshes import Pattern, Star, compose, plane_centroids, sew, stand, walker
+from toros_fem.meshes.mirror import Mirrored, mirrored
+from toros_fem.products.actuators.case import ActuatorCase
+from toros_fem.products.actuators.config import ActuatorConfig, TipWeights
+from toros_fem.products.actuators.legs import (
+    leg_cross_sections,
+    leg_vertices,
+    rest_on_body,
+    tip_angle_metric,
+)
+from toros_fem.products.actuators.run import ActuatorResult, design_actuator, summary_sentence
+from toros_fem.products.walker.gait import Gait, Walk, walk_of, write_gait
+
+AIMS = ("shape", "stride")
+ANGLE = {"stand": 90.0, "crawl": 60.0}  # of the legs, in degrees
+CHAMBERS = ("body", "front", "rear")
+# Phases of the gait: pressure of each chamber at their ends, over the full one.
+PHASES = {
+    # Bent legs draw the rear feet up to the front ones; emptied, these push the front ones ahead.
+    "one-way": np.array([[1, 1, 1], [1, 0, 0]]),
+    # Rear feet grip, the body reaches out, front feet grip, rear feet let go, the body draws in.
+    "nonslip": np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [1, 1, 0], [0, 1, 0], [0, 1, 1]]),
+}
+# Part of the shape in the objective of a stride: it tells down from up.
+SHAPE_IN_STRIDE = 0.1
+# The ground lies so far below the lowest point of the start, over the distance of contact.
+CLEARANCE = 0.5
+# Figures of the gait that the summary repeats.
+SUMMARISED = ("stride_mm", "slip_mm", "smallest_distance_mm")
+DOWN = (0.0, 0.0, -1.0)
+# Fig. 10 of the paper: distance in m by which the crawling robot gets ahead in a cycle.
+MEASURED_STRIDE = ("paper, measured", 0.025)
+
+
+@dataclass(frozen=True)
+class WalkerConfig(ActuatorConfig, ContactConfig):
+    """Numbers of the walker; SI units."""
+
+    motion: str = quantity("stand", "what the legs are designed for", choices=tuple(ANGLE))
+    angle: float | None = quantity(
+        None, "angle by which legs bend; none takes 90 to stand and 60 to crawl", "deg", above=0
+    )
+    leg_length: float = quantity(0.06, "length of a leg from the body's circle", "m", above=0)
+    leg_width: float = quantity(0.024, "width of a leg", "m", above=0)
+    body_radius: float = quantity(0.02, "radius of the body", "m", above=0)
+    fillet: float = quantity(6e-3, "radius of the fillets between body and legs", "m", above=0)
+    edge_length: float = quantity(1.8e-3, "edge length of the mesh", "m", above=0)
+    bent_length: float = quantity(
+        0.03, "length of a leg that bends, from its root; the rest stays straight", "m", above=0
+    )
+    foot_length: float | None = quantity(
+        None, "length of a leg's end that is printed; none leaves it to the design", "m", above=0
+    )
+    cross_sections: int = quantity(6, "number of cross-sections of the leg", at_least=1)
+    centreline_weight: float = quantity(
+        0.02, "weight of the leg's centre line over that of its orientation", at_least=0
+    )
+    orientation_length: float = TipWeights.redefault("orientation_length", 0.03)
+    reach: float = quantity(
+        6e-3, "distance along x by which the body reaches out to either side if it crawls", "m"
+    )
+    aim: str = quantity(
+        "shape", "what is designed: the shape of the legs, or the stride", choices=AIMS
+    )
+    gait_steps: int | None = quantity(
+        8, "number of equilibria in each phase of the gait; none leaves the gait out", at_least=1
+    )
+    feet: str = quantity(
+        "one-way", "feet with pads that slide forwards, or without", choices=tuple(PHASES)
+    )
+    friction: float | None = ContactConfig.redefault("friction", 0.8)
+    pad_friction: float = quantity(
+        0.2,
+        "coefficient of friction of the pads that slide forwards; backwards it is that of "
+        "all faces",
+        above=0,
+    )
+    pad_length: float = quantity(0.015, "length of a leg's end that carries pads", "m", above=0)
+    fabric_mass: float = quantity(
+        0.25, "mass of the fabric and of a bladder, by area", "kg/m²", at_least=0
+    )
+    print_mass: float = quantity(0.6, "mass of the print, by area", "kg/m²", at_least=0)
+    seams: str = ActuatorConfig.redefault("seams", "hinged")
+    levels: int | None = ActuatorConfig.redefault("levels", 1)
+    filter_radius: float = ActuatorConfig.redefault("filter_radius", 2.75e-3)
+    pressure: float = ActuatorConfig.redefault("pressure", 20e3)
+
+    TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
+
+    @property
+    def leg_angle(self) -> float:
+        """Angle in degrees by which legs are to bend."""
+        return ANGLE[self.motion] if self.angle is None else self.angle
+
+    @property
+    def coarsest_edge(self) -> float:
+        """Longest edge length in m of a useful mesh: six edges across a leg."""
+        return self.leg_width / 6
+
+    @property
+    def star(self) -> Star:
+        """Outline of the robot."""
+        return Star(4, self.leg_length, self.leg_width, self.body_radius, self.fillet, np.pi / 4)
+
+
+def coarse(config: WalkerConfig) -> WalkerConfig:
+    """Return the same design on a coarse mesh with few steps; most of its minutes are the gait."""
+    return config.updated(
+        edge_length=2.8e-3,
+        filter_radius=4.3e-3,
+        # T hardly depends on the print in the feet: few steps would leave holes and blobs there.
+        foot_length=0.015,
+        levels=1,
+        iterations=40,
+        constrained_iterations=30,
+    )
+
+
+def case(comm: MPI.Comm, config: WalkerConfig) -> ActuatorCase:
+    """Return a quarter of the robot and its target."""
+    star, angle = config.star, config.leg_angle
+    pattern = walker(comm, config.edge_length, star, planes=(0, 1))
+    along = np.append(star.directions[0], 0.0)
+    target = stand(
+        np.radians(angle), config.bent_length, directions=star.directions[:1], root=star.root
+    )
+    if config.motion == "crawl":
+        target = compose(target, lambda points: points + [config.reach, 0, 0])
+    sections = leg_cross_sections(
+        pattern,
+        along,
+        star.root,
+        config.cross_sections,
+        config.centreline_weight,
+        config.orientation_length,
+    )
+    shape = target(pattern.points)
+    metric, apart = tip_angle_metric(angle, along, DOWN, star.root), None
+    if config.aim == "stride":
+        nearest = config.leg_width / 2
+        sections, shape = stride_sections(sections, shape, nearest)
+        metric = foot_metric(nearest, along, star.root, config.cross_sections)
+        if config.design_pressure:
+            apart = body_and_leg(pattern, star)
+    return ActuatorCase(
+        pattern=pattern,
+        target=shape,
+        supports=rest_on_body(pattern, star.body_radius, (0, 1)),
+        passive=foot_density(pattern, config),
+        metrics=(metric,),
+        cross_sections=sections,
+        # The top is to stretch; without this hint the start does not distinguish up from down.
+        start=np.where(pattern.panel == pattern.panel_index("top"), 0.35, 0.65),
+        symmetry=(0, 1),
+        chambers=apart,
+    )
+
+
+def stride_sections(
+    sections: CrossSections, target: Floats, nearest: float
+) -> tuple[CrossSections, Floats]:
+    """Return the cross-sections whose objective is the stride of the gait, and their target.
+
+    An emptied leg lies flat whatever its print, so that the stride of feet that do not slide
+    backwards is twice the way along x by which a full leg draws its foot in. The foot, the last
+    cross-section, is to come as near to the plane between front and rear legs as these are wide.
+
+    Args:
+        sections: Those of the leg's shape, which count less now: they tell down from up.
+        target: Target positions of the shape, (n, 3), in m.
+        nearest: Distance of the foot from the plane x = 0 in m, at which front and rear feet meet.
+    """
+    positions = SHAPE_IN_STRIDE * sections.position_weights
+    positions[-1, 0] = 1.0
+    foot = sections.labels == len(positions) - 1
+    target = target.copy()
+    target[foot, 0] += nearest - target[foot, 0].mean()
+    weights = SHAPE_IN_STRIDE * sections.orientation_weights
+    return CrossSections(sections.labels, positions, weights), target
+
+
+def foot_metric(nearest: float, along: Floats, root: float, count: int) -> Metric:
+    """Return the distance in mm of the foot from the plane between front and rear legs.
+
+    Args:
+        nearest: Target in m.
+        along: Unit vector along the leg, (3,).
+        root: Where the leg begins, in m along it.
+        count: Number of its cross-sections, of which the last is the foot.
+    """
+
+    def measure(pattern: Pattern, positions: Floats) -> float:
+        vertices = leg_vertices(pattern, along, root)
+        labels = label_cross_sections(pattern, vertices, along, count, border=False)
+        return 1e3 * float(positions[labels == count - 1, 0].mean())
+
+    return Metric("foot", "mm", 1e3 * nearest, measure)
+
+
+def body_and_leg(pattern: Pattern, star: Star) -> Chambers:
+    """Return two chambers of a quarter, whose full pressures are designed for the gait."""
+    leg = plane_centroids(pattern) @ star.directions[0] > star.root
+    return Chambers(("body", "leg"), leg.astype(np.int64))
+
+
+def foot_density(pattern: Pattern, config: WalkerConfig) -> npt.NDArray[np.float64] | None:
+    """Return the prescribed density of all triangles, (t,): 1 in the feet, NaN elsewhere.
+
+    Without feet there is none.
+    """
+    if config.foot_length is None:
+        return None
+    star = config.star
+    reach = (plane_centroids(pattern) @ star.directions.T).max(axis=1)
+    return np.where(reach > star.reach - config.foot_length, 1.0, np.nan)
+
+
+def chambers(pattern: Pattern, star: Star) -> Chambers:
+    """Return three chambers: the body, the legs at x > 0, and those at x < 0."""
+    centroids = plane_centroids(pattern)
+    leg = (centroids @ star.directions.T > star.root).any(axis=1)
+    return Chambers(CHAMBERS, np.where(leg, np.where(centroids[:, 0] > 0, 1, 2), 0))
+
+
+def contact_of(pattern: Pattern, config: WalkerConfig, height: float) -> Contact:
+    """Return ground, friction and pads of a walker, and the contact of its layers.
+
+    Args:
+        pattern: The walker, or half of it.
+        config: Its numbers.
+        height: Height of the ground in m.
+    """
+    star, pads = config.star, None
+    if config.feet == "one-way":
+        reach = (pattern.points[:, :2] @ star.directions.T).max(axis=1)
+        backward = config.pad_friction if config.friction is None else config.friction
+        on_feet = reach > star.reach - config.pad_length
+        pads = Pads(on_feet, (1.0, 0.0, 0.0), config.pad_friction, backward)
+    return Contact(
+        Ground((0.0, 0.0, height)),
+        friction=config.friction,
+        pads=pads,
+        distance=config.contact_distance,
+    )
+
+
+def follow_gait(
+    comm: MPI.Comm,
+    config: WalkerConfig,
+    gait: Gait,
+    pattern: Pattern,
+    whole: Mirrored,
+    printed: Bools,
+    pressures: Sequence[float],
+) -> tuple[list[TracePoint], Walk | None, str]:
+    """Simulate half of a robot on the ground through one cycle of a gait (collective).
+
+    It begins flat on the ground, and fills what the end of the last phase has filled. The other
+    half is its mirror image.
+
+    Args:
+        comm: Communicator.
+        config: Numbers of the walker.
+        gait: The cycle.
+        pattern: Half of the robot, at y ≥ 0.
+        whole: The whole of it.
+        printed: Whether each triangle of the whole is printed, (t,).
+        pressures: Full pressure of each chamber in Pa, (3,).
+
+    Returns:
+        The equilibria, what the robot does, and why the path ends before the cycle does; empty
+        where it does not. Without any equilibrium the second is None.
+    """
+    skin, supports, star = sew(comm, pattern), symmetry_plane(pattern, 1), config.star
+    sizes = contact_of(pattern, config, 0.0).sizes(config.composite)
+    start = on_first_rank(comm, lambda: opened(pattern, sizes, supports.in_planes(pattern)))
+    height = float(start[:, 2].min()) - sizes.thickness / 2 - CLEARANCE * sizes.distance
+    solver = EquilibriumSolver(
+        skin,
+        config.composite,
+        supports,
+        chambers=chambers(pattern, star),
+        weight=Weight(config.fabric_mass, config.fabric_mass + config.print_mass),
+        contact=contact_of(pattern, config, height),
+    )
+    legs = [
+        tip_angle_metric(config.leg_angle, np.append(d, 0), DOWN, star.root, name=f"leg_{k}")
+        for k, d in enumerate(star.directions)
+        if d[1] > 0
+    ]
+    density = printed[: len(pattern.triangles)].astype(np.float64)[skin.owned_cells]
+    levels = [[float(p) for p in row] for row in np.asarray(pressures) * gait.pressure_fractions]
+    points: list[TracePoint] = []
+    failure = ""
+    try:
+        points.extend(trace(solver, density, levels, legs, start[skin.owned_vertices]))
+    except EquilibriumError as caught:  # raised by all ranks or by none
+        failure = str(caught)
+    if not points:
+        return points, None, failure
+    reach = sizes.thickness / 2 + sizes.distance
+    return points, walk_of(points, whole, star.directions, height, reach), failure
+
+
+def walk(
+    comm: MPI.Comm, output: Path, config: WalkerConfig, steps: int, design: ActuatorResult
+) -> dict[str, Any]:
+    """Simulate the printed robot on the ground through its gait; return its figures.
+
+    Args:
+        comm: Communicator.
+        output: Folder for table, pictures and figures.
+        config: Numbers of the walker.
+        steps: Number of equilibria in each phase.
+        design: The designed robot.
+    """
+    printed = design.printed
+    shown = printed.evaluation or design.result.final
+    # The triangles and vertices of the half come first, as in the whole that is printed.
+    half = mirrored(design.problem.skin.pattern, (0,)).pattern
+    whole = mirrored(half, (1,))
+    full = [shown.equilibrium.pressures[k] for k in (0, -1, -1)]
+    gait = Gait(CHAMBERS, PHASES[config.feet].astype(np.float64), steps)
+    points, found, failure = follow_gait(comm, config, gait, half, whole, printed.cells, full)
+    figures: dict[str, Any] = {"chambers": CHAMBERS, "pressures_pa": full}
+    if failure:
+        figures["failure"] = failure
+    if found is None:
+        return figures
+    return write_gait(
+        comm, output, gait, found, points, whole, printed.regions, figures,
+        MEASURED_STRIDE if config.motion == "crawl" else None,
+    )  # fmt: skip
+
+
+def run(
+    comm: MPI.Comm, output: Path | str, config: WalkerConfig | None = None, *, verbose: bool = False
+) -> dict[str, Any]:
+    """Design the walker and let it walk; return the summary, with the gait's under "gait".
+
+    Args:
+        comm: Communicator.
+        output: Folder for summary, history, pattern, fields, pictures and the gait's table.
+        config: Numbers of this design; None takes the defaults.
+        verbose: Whether to print every Newton step.
+    """
+    config = config or WalkerConfig()
+    if config.gait_steps is not None:
+        ipctk()  # what is missing is told before the design, not after it
+    made = design_actuator(comm, output, case, config, verbose=verbose)
+    if config.gait_steps is None:
+        return made.summary
+    gait = walk(comm, Path(output), config, config.gait_steps, made)
+    summary = {**made.summary, **{key: gait.get(key) for key in SUMMARISED}, "gait": gait}
+    write_together(comm, output, lambda: write_json(Path(output) / "summary.json", summary))
+    return summary
+
+
+def sentence(summary: dict[str, Any]) -> str:
+    """Return the result in words."""
+    gait = summary.get("gait")
+    walked = ""
+    if gait and "failure" in gait:
+        walked = f"; its gait ends after {gait.get('equilibria', 0)} equilibria: {gait['failure']}"
+    elif gait:
+        walked = f"; a stride of {gait['stride_mm']:.1f} mm, {gait['slip_mm']:.1f} mm of slip"
+    return summary_sentence(summary) + walked

@@ -1,0 +1,131 @@
+"""Lines, and a progress bar on a terminal, while a design runs."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+
+from mpi4py import MPI
+from tqdm import tqdm
+
+from toros_fem.design.loop.options import Iteration
+from toros_fem.mechanics.equilibrium.newton import NewtonStep
+
+# Least width of a column that holds a metric.
+METRIC_WIDTH = 12
+# Time in s between two lines on the progress, where there is no terminal.
+LINE_EVERY = 30.0
+
+
+def print_line(text: str) -> None:
+    """Print a line above the progress bar, if there is one (one rank)."""
+    tqdm.write(text, file=sys.stdout)
+    sys.stdout.flush()
+
+
+def print_step(comm: MPI.Comm) -> Callable[[NewtonStep | str], None]:
+    """Return a log for `EquilibriumSolver` that prints each Newton step on the first rank."""
+
+    def show(row: NewtonStep | str) -> None:
+        if comm.rank == 0:
+            print_line(f"    {row}")
+
+    return show
+
+
+def header(row: Iteration) -> str:
+    """Return the titles of the columns of `line`."""
+    titles = [_title(key) for key in row.metrics]
+    metrics = "".join(f"  {t:>{_width(t) - 2}}" for t in titles)
+    return (
+        f"  it  level  stage   objective{metrics}  kPa     volume   grey   g_r"
+        "      g_t     rejected  newton  seconds"
+    )
+
+
+def line(row: Iteration) -> str:
+    """Return a row of the history as a line of text."""
+    metrics = "".join(f"{value:{_width(_title(key))}.2f}" for key, value in row.metrics.items())
+    return (
+        f"{row.iteration:4d}  {row.level:5d}  {row.stage:5d}  {row.objective:10.4e}{metrics}"
+        f"  {row.pressure / 1e3:6.3f}  {row.volume_fraction:6.3f}  {row.grey_level:5.3f}"
+        f"  {row.g_r:7.1e}  {row.g_t:7.1e}  {row.rejected:8d}  {row.newton_steps:6d}"
+        f"  {row.seconds:7.2f}"
+    )
+
+
+def _title(key: str) -> str:
+    """Return "angle/deg" for the key "angle_deg"."""
+    name, _, unit = key.rpartition("_")
+    return f"{name}/{unit}" if name else key
+
+
+def _width(title: str) -> int:
+    return max(METRIC_WIDTH, len(title) + 2)
+
+
+class ProgressBar:
+    """The number of steps done and the time left: a bar on a terminal, else lines now and then.
+
+    The time left is that of the steps so far, those of a resumed run left out. Steps on finer
+    meshes take longer.
+    """
+
+    def __init__(self) -> None:
+        self._bar: tqdm | None = None
+        self._total: int | None = None
+        self._first: tuple[int, float] | None = None  # step, and time in s
+        self._said = 0.0
+
+    def expect(self, total: int) -> None:
+        """Set the planned number of steps."""
+        self._total = total
+        if self._bar is not None:
+            self._bar.total = total
+            self._bar.refresh()
+
+    def advance(self, done: int) -> None:
+        """Show how many steps are done; the last planned one removes the bar."""
+        now = time.monotonic()
+        if self._first is None or done < self._first[0]:
+            self._first, self._said = (done, now), now
+        if self._total is None or done >= self._total:
+            self.close()
+            return
+        if not sys.stderr.isatty():
+            self._say(done, now)
+            return
+        if self._bar is None:
+            self._bar = tqdm(
+                total=self._total,
+                initial=done,
+                unit="step",
+                file=sys.stderr,
+                mininterval=0,
+                leave=False,
+            )
+        self._bar.update(done - self._bar.n)
+
+    def _say(self, done: int, now: float) -> None:
+        assert self._first is not None
+        assert self._total is not None
+        first, begin = self._first
+        if done > first and now >= self._said + LINE_EVERY:
+            self._said = now
+            left = (now - begin) / (done - first) * (self._total - done)
+            print_line(f"step {done} of {self._total}, about {duration(left)} left")
+
+    def close(self) -> None:
+        """Remove the bar."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
+
+
+def duration(seconds: float) -> str:
+    """Return a time in h, min or s, in about two digits."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    number, unit = (seconds / 60, "min") if seconds < 3600 else (seconds / 3600, "h")
+    return f"{number:.1f} {unit}" if number < 10 else f"{number:.0f} {unit}"

@@ -1,0 +1,207 @@
+"""What is recorded of a run while it computes: its design's steps, its print, and its paths."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from shapely.geometry.base import BaseGeometry
+
+from toros_fem.base.array_types import Floats, Ints
+from toros_fem.design.loop.options import Iteration
+from toros_fem.design.loop.problem import Evaluation
+from toros_fem.design.loop.shape_problem import ShapeProblem
+from toros_fem.measures.alignment import AlignedObjective
+from toros_fem.mechanics.paths.trace_point import TracePoint
+from toros_fem.meshes.mirror import Mirrored
+from toros_fem.meshes.pattern import Pattern
+from toros_fem.results.frames.files import FOLDER, Frame, forget_from, thin, write_frame
+from toros_fem.results.frames.shown_skin import ShownSkin, write_skin
+
+# Series that a finished design is followed by.
+FOLLOWING = ("print", "pressure", "gait", "load")
+
+
+def gathered_frame(row: Iteration, evaluation: Evaluation[Any]) -> tuple[ShownSkin, Frame] | None:
+    """Return the frame of a design's step and its skin, on every rank (collective).
+
+    None where the design is not that of a shape. The frame does not name its skin's file yet.
+
+    Args:
+        row: The step's row of the history.
+        evaluation: Its design.
+    """
+    problem = evaluation.problem
+    if not isinstance(problem, ShapeProblem):
+        return None
+    positions = problem.shape_of(evaluation.equilibrium)
+    density = problem.skin.gather_cells(problem.shown_density(evaluation))
+    skin = shown_skin(problem)
+    if problem.whole is not None:
+        positions = problem.whole.at_vertices(positions)
+        density = problem.whole.at_cells(density)
+    frame = Frame(
+        "iteration",
+        row.iteration,
+        "",
+        positions,
+        density,
+        row.columns(),
+        evaluation.equilibrium.condition.sentences,
+    )
+    return skin, frame
+
+
+def shown_skin(problem: ShapeProblem, regions: Sequence[BaseGeometry] | None = None) -> ShownSkin:
+    """Return the whole skin of a design problem, on every rank (collective).
+
+    Args:
+        problem: The design problem.
+        regions: Print on each panel of the whole, polygons in m; None before there is one.
+    """
+    pattern, whole, target = problem.skin.pattern, problem.whole, problem.target
+    passive = None if problem.passive is None else problem.skin.gather_cells(problem.passive)
+    if whole is not None:
+        pattern = whole.pattern
+        target = None if target is None else whole.at_vertices(target)
+        passive = None if passive is None else whole.at_cells(passive)
+    aligned = isinstance(problem.objective, AlignedObjective)
+    return ShownSkin(pattern, target, aligned, passive, regions)
+
+
+def write_step(folder: Path, skin: ShownSkin, frame: Frame) -> None:
+    """Write the frame of a design's step, and thin out those before it (one rank).
+
+    Frames of later steps and of what follows a design are deleted: they are of an older run, or of
+    steps that a resumed run does again.
+
+    Args:
+        folder: Folder of the run.
+        skin: The skin.
+        frame: The frame.
+    """
+    folder = _made(folder)
+    forget_from(folder, frame.series, frame.number)
+    for series in FOLLOWING:
+        forget_from(folder, series, 0)
+    write_frame(folder, _of(frame, write_skin(folder, skin)))
+    thin(folder, frame.series)
+
+
+def write_path(
+    folder: Path,
+    series: str,
+    skin: ShownSkin,
+    points: Sequence[TracePoint],
+    whole: Mirrored | None = None,
+    density: Floats | None = None,
+    shapes: Sequence[Floats] | None = None,
+    chambers: Sequence[str] = (),
+) -> None:
+    """Write the frames of a path of equilibria (one rank).
+
+    Args:
+        folder: Folder of the run.
+        series: What they follow: "pressure" or "gait".
+        skin: The whole skin.
+        points: The equilibria.
+        whole: The whole that the equilibria's skin is a part of; None if they are whole.
+        density: Density of all triangles, (t,), where the skin has no print.
+        shapes: Positions to show in the place of those of the points; None for none.
+        chambers: Names of the chambers whose pressures are recorded.
+    """
+    frames = []
+    for number, point in enumerate(points):
+        positions = point.positions if shapes is None else shapes[number]
+        values = {"pressure_pa": point.result.pressure, **point.metrics}
+        pressures = zip(chambers, point.result.pressures, strict=False)
+        values |= {f"{name}_pa": pressure for name, pressure in pressures}
+        frames.append(
+            Frame(
+                series,
+                number,
+                "",
+                positions if whole is None else whole.at_vertices(positions),
+                density,
+                values,
+                point.result.condition.sentences,
+            )
+        )
+    write_series(folder, skin, frames)
+
+
+def write_print(
+    folder: Path,
+    skin: ShownSkin,
+    positions: Floats,
+    values: Mapping[str, float],
+    note: str,
+    density: Floats | None,
+) -> None:
+    """Write the frame of a finished design (one rank).
+
+    Args:
+        folder: Folder of the run.
+        skin: The whole skin, with its print if that has an equilibrium.
+        positions: Positions of its vertices, (n, 3), in m.
+        values: Pressure and metrics.
+        note: What is not as usual in this equilibrium, as sentences.
+        density: Density of all triangles, (t,), of a design whose print has no equilibrium; else
+            None.
+    """
+    write_series(folder, skin, [Frame("print", 0, "", positions, density, values, note)])
+
+
+def write_series(folder: Path, skin: ShownSkin, frames: Sequence[Frame]) -> None:
+    """Write the frames of a finished series, those of an older run deleted (one rank).
+
+    Args:
+        folder: Folder of the run.
+        skin: Their skin.
+        frames: The frames, one at least; they do not name their skin's file yet.
+    """
+    folder = _made(folder)
+    forget_from(folder, frames[0].series, 0)
+    name = write_skin(folder, skin)
+    for frame in frames:
+        write_frame(folder, _of(frame, name))
+
+
+def repeated(
+    pattern: Pattern, regions: Sequence[BaseGeometry], count: int
+) -> tuple[Pattern, list[BaseGeometry]]:
+    """Return several copies of a skin as one pattern, and their print.
+
+    Args:
+        pattern: Pattern of one skin.
+        regions: Print on each of its panels, polygons in m.
+        count: Number of copies. All have the same positions.
+    """
+    copy = np.arange(count)[:, None]
+
+    def numbered(values: Ints, size: int) -> Ints:
+        return np.concatenate([values + k * size for k in range(count)])
+
+    panels = len(pattern.panel_names)
+    return Pattern(
+        flat_points=np.tile(pattern.flat_points, (count, 1)),
+        flat_triangles=numbered(pattern.flat_triangles, len(pattern.flat_points)),
+        panel=(pattern.panel + panels * copy).ravel(),
+        sewn=(pattern.sewn + len(pattern.points) * copy).ravel(),
+        points=np.tile(pattern.points, (count, 1)),
+        panel_names=tuple(f"{name} {k + 1}" for k in range(count) for name in pattern.panel_names),
+        seam_tolerance=pattern.seam_tolerance,
+        moulded=pattern.moulded,
+    ), [*regions] * count
+
+
+def _made(folder: Path) -> Path:
+    (folder / FOLDER).mkdir(exist_ok=True)
+    return folder / FOLDER
+
+
+def _of(frame: Frame, skin: str) -> Frame:
+    return replace(frame, skin=skin)

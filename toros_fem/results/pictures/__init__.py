@@ -1,0 +1,1 @@
+"""Pictures of designs, patterns, shapes and curves; matplotlib is loaded on use."""

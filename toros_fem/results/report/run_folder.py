@@ -1,0 +1,108 @@
+"""What a run's folder holds, read back."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from toros_fem.base.errors import OutputError
+from toros_fem.results.frames.files import FOLDER, Frame, read_frames
+from toros_fem.results.frames.shown_skin import ShownSkin, read_skin
+
+# Series in the order of the page's sliders.
+SERIES = ("pressure", "iteration", "gait", "load")
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """The content of a run's folder; what is missing is empty.
+
+    Attributes:
+        folder: The folder.
+        summary: Content of summary.json; empty for a run that was stopped.
+        history: Rows of history.csv, numbers by column.
+        curve: Rows of curve.csv.
+        series: Frames by what they follow, in the order of `SERIES`.
+        skins: Skins of the frames, by their files' names.
+        note: What is not as usual in the print's equilibrium, as sentences.
+        tolerance: Content of tolerance.json.
+    """
+
+    folder: Path
+    summary: Mapping[str, Any]
+    history: Sequence[Mapping[str, float]]
+    curve: Sequence[Mapping[str, float]]
+    series: Mapping[str, Sequence[Frame]]
+    skins: Mapping[str, ShownSkin]
+    note: str
+    tolerance: Mapping[str, Any]
+
+    @property
+    def name(self) -> str:
+        """The folder's own name."""
+        return self.folder.resolve().name
+
+
+def read_run(folder: str | Path) -> Run:
+    """Return the content of a run's folder.
+
+    Where there is no curve, the print at the pressure of its design is the series "pressure".
+    Steps after the last row of a finished design's history are left out: they led to no better
+    print.
+
+    Raises:
+        OutputError: The folder is missing or holds nothing to show, or a file cannot be read.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise OutputError(f"{folder} is no folder. Give the folder of a run, its --output.")
+    summary, history = _read_json(folder / "summary.json"), _read_table(folder / "history.csv")
+    frames = folder / FOLDER
+    series = {name: read_frames(frames, name) for name in SERIES}
+    made = read_frames(frames, "print")
+    series["pressure"] = series["pressure"] or made
+    if summary and history:
+        last = history[-1]["iteration"]
+        series["iteration"] = [f for f in series["iteration"] if f.number <= last]
+    series = {name: found for name, found in series.items() if found}
+    if not series and not history and not summary:
+        raise OutputError(
+            f"{folder} holds neither frames, history.csv nor summary.json, so it is no run or one "
+            "that had not begun. Give the folder of a run, its --output."
+        )
+    names = {frame.skin for found in series.values() for frame in found}
+    skins = {name: read_skin(frames / name) for name in sorted(names)}
+    note = made[0].note if made else ""
+    tolerance = _read_json(folder / "tolerance.json")
+    curve = _read_table(folder / "curve.csv")
+    return Run(folder, summary, history, curve, series, skins, note, tolerance)
+
+
+def _read_json(path: Path) -> Mapping[str, Any]:
+    if not path.exists():
+        return {}
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as caught:
+        raise OutputError(f"{path} cannot be read: {caught}. Delete it, or mend it.") from None
+    if not isinstance(content, dict):
+        raise OutputError(f"{path} holds no summary of a run. Delete it.")
+    return content
+
+
+def _read_table(path: Path) -> list[dict[str, float]]:
+    """Return the rows of a table of numbers; empty without the file."""
+    if not path.exists():
+        return []
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            return [
+                {key: float(value) for key, value in row.items() if value not in (None, "")}
+                for row in csv.DictReader(file)
+            ]
+    except (OSError, ValueError, TypeError, AttributeError) as caught:
+        raise OutputError(f"{path} cannot be read: {caught}. Delete it, or mend it.") from None

@@ -1,0 +1,101 @@
+"""Reporter of a design: console, progress bar, and the history on disk while it runs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from mpi4py import MPI
+
+from toros_fem.base.files import write_together
+from toros_fem.base.validation import require_kind
+from toros_fem.design.loop.options import Iteration
+from toros_fem.design.loop.problem import Evaluation
+from toros_fem.results.console import ProgressBar, header, line, print_line
+from toros_fem.results.files import HistoryFile
+from toros_fem.results.frames.record import gathered_frame, write_step
+
+
+class DesignReporter:
+    """Reporter of a design: console lines, progress bar, and history.csv while it runs.
+
+    It is the `callback` of `optimize`. Its construction starts the clock of the run. As a context
+    manager it removes the progress bar at the end.
+
+    Args:
+        comm: Communicator.
+        folder: Output folder, made if missing.
+
+    Raises:
+        OutputError: The folder cannot be made or written to; here and in each call.
+    """
+
+    def __init__(self, comm: MPI.Comm, folder: str | Path) -> None:
+        require_kind("folder", folder, (str, Path), "the path of a folder")
+        self._begin = time.perf_counter()
+        self._comm, self._folder = comm, Path(folder)
+        self._setup: float | None = None
+        self._history = HistoryFile(self._folder / "history.csv")
+        self._bar = ProgressBar()
+        write_together(comm, self._folder, lambda: None)
+
+    def expect(self, iterations: int) -> None:
+        """Set the planned number of steps, all of the run so far included, for the bar."""
+        self._bar.expect(iterations)
+
+    @property
+    def seconds(self) -> dict[str, float]:
+        """Wall time in s on this rank since the start: until the first step, and in total."""
+        total = time.perf_counter() - self._begin
+        return {"setup": total if self._setup is None else self._setup, "total": total}
+
+    def __call__(self, row: Iteration, evaluation: Evaluation[Any]) -> None:
+        """Report one iteration and record its shape (collective)."""
+        self.report(row)
+        shown = gathered_frame(row, evaluation)
+        if shown is not None:
+            write_together(self._comm, self._folder, lambda: write_step(self._folder, *shown))
+
+    def restored(self, rows: Sequence[Iteration]) -> None:
+        """Take the rows of an interrupted run, without printing them (collective)."""
+
+        def show() -> None:
+            for row in rows:
+                self._history.write(row)
+            if rows:
+                print_line(f"resumed after iteration {rows[-1].iteration}")
+
+        write_together(self._comm, self._folder, show)
+
+    def report(self, row: Iteration) -> None:
+        """Report a row of the history, also one of an earlier part of the design (collective)."""
+        first = self._setup is None
+        if first:
+            self._setup = time.perf_counter() - self._begin - row.seconds
+
+        def show() -> None:
+            self._history.write(row)
+            if first:
+                print_line(header(row))
+            print_line(line(row))
+            self._bar.advance(row.iteration)
+
+        write_together(self._comm, self._folder, show)
+
+    def close(self) -> None:
+        """Remove the progress bar."""
+        self._bar.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()

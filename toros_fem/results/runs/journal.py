@@ -1,0 +1,144 @@
+"""Checkpoints of all loops of a run, one file each, in the order in which the loops come."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+from mpi4py import MPI
+
+from toros_fem.base.errors import CheckpointError, OutputError
+from toros_fem.base.mpi import on_first_rank
+from toros_fem.design.loop.journal import Checkpoint
+from toros_fem.results.runs.files import read_checkpoint, version, write_checkpoint
+from toros_fem.results.runs.signals import Signals
+
+log = logging.getLogger(__name__)
+
+
+class RunJournal:
+    """Journal of a run; it implements `design.journal.Journal`.
+
+    Args:
+        folder: Folder of the checkpoints, which exists.
+        identity: Tells the run from others.
+        every: Number of iterations between two writes.
+        signals: The run's signals.
+        stop: Raises the error that ends the run, for the number of a signal.
+        name: Beginning of the names of all files.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        identity: str,
+        every: int,
+        signals: Signals,
+        stop: Callable[[int], None],
+        name: str = "",
+    ) -> None:
+        self._folder, self._identity, self._every = folder, identity, every
+        self._signals, self._stop, self._name = signals, stop, name
+        self._count = 0
+
+    def branch(self, name: str) -> RunJournal:
+        """Return a journal inside this one, with a sequence of its own."""
+        return RunJournal(
+            self._folder,
+            self._identity,
+            self._every,
+            self._signals,
+            self._stop,
+            f"{self._name}{name}.",
+        )
+
+    def entry(self, comm: MPI.Comm, signature: str) -> RunEntry:
+        """Return the next entry (collective)."""
+        path = self._folder / f"{self._name}{self._count:03d}.npz"
+        self._count += 1
+        belongs_to = {"inputs": self._identity, "problem": signature}
+        return RunEntry(comm, path, belongs_to, self._every, self._signals, self._stop)
+
+
+class RunEntry:
+    """The checkpoint of one design loop or simulation.
+
+    Args:
+        comm: Communicator of the loop, which may be a part of the run's.
+        path: Its file.
+        belongs_to: What tells the file from a foreign one.
+        every, signals, stop: As of `RunJournal`.
+    """
+
+    def __init__(
+        self,
+        comm: MPI.Comm,
+        path: Path,
+        belongs_to: dict[str, str],
+        every: int,
+        signals: Signals,
+        stop: Callable[[int], None],
+    ) -> None:
+        self._comm, self._path, self._belongs_to = comm, path, belongs_to
+        self._every, self._signals, self._stop = every, signals, stop
+        self._since = every  # the first one is written
+
+    def saved(self) -> Checkpoint | None:
+        """Return the checkpoint of an earlier, interrupted run; None without (collective).
+
+        From now on a stop waits for the next `offer`.
+
+        Raises:
+            CheckpointError: It is damaged, of a newer version, or belongs to something else.
+        """
+
+        def read() -> Checkpoint | None:
+            if not self._path.exists():
+                return None
+            found, writer = read_checkpoint(self._path, self._belongs_to)
+            if writer != version():
+                log.warning(
+                    "%s was written by toros_fem %s; this is %s, and digits may differ",
+                    self._path, writer, version(),
+                )  # fmt: skip
+            return found
+
+        self._signals.waits = True
+        return on_first_rank(self._comm, read)
+
+    def offer(self, make: Callable[[], Checkpoint], *, last: bool) -> None:
+        """Write a checkpoint if it is due, or if a signal asks for it (collective).
+
+        Raises:
+            RunStoppedError: A signal asked for an end; the checkpoint is written.
+            OutputError: It cannot be written; the one before stays.
+        """
+        self._since += 1
+        number, write = self._signals.asked(self._comm)
+        if last or write or number or self._since >= self._every:
+            self._write(make())
+            self._since = 0
+        if write:
+            log.info("the state is written to %s", self._path.parent)
+        if number:
+            self._stop(number)
+        self._signals.waits = not last
+
+    def close(self) -> None:
+        """Say that no checkpoint will come soon, so that a stop need not wait for it."""
+        self._signals.waits = False
+
+    def _write(self, checkpoint: Checkpoint) -> None:
+        def write() -> None:
+            try:
+                write_checkpoint(self._path, checkpoint, self._belongs_to)
+            except OSError as caught:
+                raise OutputError(
+                    f"{self._path} could not be written: {caught}. The state of an earlier "
+                    "iteration is kept there. Free some space and resume."
+                ) from None
+            except ValueError as caught:  # NaN is no fault; a type that JSON lacks is
+                raise CheckpointError(f"{self._path} cannot hold this state: {caught}") from None
+
+        on_first_rank(self._comm, write)

@@ -1,8 +1,0 @@
-"""As made, not as drawn: tolerances of print, materials and pressure (docs/tolerance.md)."""
-
-from toros_fem.tolerance.result import Tolerances, Variant
-from toros_fem.tolerance.settings import ToleranceConfig
-from toros_fem.tolerance.simulated import tolerances
-from toros_fem.tolerance.writing import write_tolerances
-
-__all__ = ["ToleranceConfig", "Tolerances", "Variant", "tolerances", "write_tolerances"]
