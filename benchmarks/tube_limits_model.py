@@ -52,7 +52,7 @@ class State:
 
     @property
     def twist(self) -> float:
-        """Twist of the whole tube in degrees, counter-clockwise, as `metrics.twist_angle`."""
+        """Twist of the whole tube in degrees, counter-clockwise, as `measures.twist_angle`."""
         return float(np.degrees(self.shear * LENGTH / RADIUS))
 
     @property

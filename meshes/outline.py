@@ -45,7 +45,7 @@ def two_panels(
         lines: Straight lines from border to border of the whole outline, ((x, y), (x, y)) in m,
             along which both panels get mesh edges.
         planes: Symmetry planes that cut the skin: 0 keeps x ≥ 0, 1 keeps y ≥ 0. The cut is not
-            sewn: `supports.symmetry_plane` supports it, `mirror.mirrored` completes the skin.
+            sewn: `symmetry_plane` supports it, `mirrored` completes the skin.
 
     Raises:
         OutlineError: The outline crosses itself, is not symmetric, or does not fit its lines or

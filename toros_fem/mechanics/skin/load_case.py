@@ -118,7 +118,7 @@ def make_load_case(
         displacement: Displacement of the fixed components in m, (n, 3); None takes that of the
             supports.
         weight_fraction: Fraction of the skin's own weight that acts.
-        poses: Poses of rigid bodies, as `contact.poses_of` returns them.
+        poses: Poses of rigid bodies, as `mechanics.contact.settings.poses_of` returns them.
         bodies_fraction: Fraction of the weight of free bodies that acts.
 
     Raises:

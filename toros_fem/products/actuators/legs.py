@@ -77,7 +77,7 @@ def tip_angle_metric(
 ) -> Metric:
     """Return the angle in degrees by which the outer part of a leg or finger has turned.
 
-    It is the `metrics.turn_angle` of all vertices of that part, after the cross-sections that
+    It is the `measures.turn_angle` of all vertices of that part, after the cross-sections that
     come before it. The part should be one that the target leaves straight.
 
     Args:

@@ -90,7 +90,7 @@ def library_entry(
     title: str | None = None,
     source: str | None = None,
 ) -> LibraryMaterial:
-    """Return a fitted material as an entry of a library, for `library.write_material`.
+    """Return a fitted material as an entry of a library, for `materials.library.write_material`.
 
     Args:
         result: The fit.

@@ -103,7 +103,7 @@ def tile_printability(
 
 
 def tile_cleaner(tile: Tile, symmetry: str) -> Cleaner:
-    """Return what `fabrication.clean` is for panels: lines and gaps go on across a tile's border.
+    """Return what `making.print.clean` is for panels: lines and gaps go on across a tile's border.
 
     `SIDE` × `SIDE` tiles are cleaned, and the one in the middle is kept. Pieces that end inside
     are islands: they do not reach their own periodic images.

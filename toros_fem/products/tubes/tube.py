@@ -109,17 +109,17 @@ def coarse_tube(config: T) -> T:
 
 
 def bend_metric(target: float) -> Metric:
-    """Return the bend angle of a tube's tip in degrees, by `metrics.bend_angle`."""
+    """Return the bend angle of a tube's tip in degrees, by `measures.bend_angle`."""
     return Metric("angle", "deg", target, _in_degrees(bend_angle))
 
 
 def twist_metric(target: float | None) -> Metric:
-    """Return the twist of a tube's tip in degrees, by `metrics.twist_angle`; None: no target."""
+    """Return the twist of a tube's tip in degrees, by `measures.twist_angle`; None: no target."""
     return Metric("twist", "deg", target, _in_degrees(twist_angle))
 
 
 def shortening_metric(target: float) -> Metric:
-    """Return the shortening of a tube in per cent, by `metrics.shortening`."""
+    """Return the shortening of a tube in per cent, by `measures.shortening`."""
     return Metric("shortening", "percent", target, lambda of, x: 100 * shortening(of, x))
 
 
@@ -216,7 +216,7 @@ def plain_tube(
         comm: Communicator.
         config: Sizes.
         planes: Symmetry planes that it is cut at, as of `meshes.cylinder`.
-        seams: How seams carry moments, as of `materials.Bending`.
+        seams: How seams carry moments, as of `Bending`.
 
     Returns:
         Pattern, supports, and the density of all triangles, (t,).
@@ -231,7 +231,7 @@ def plain_tube(
 
 
 def plain_planes(seams: str) -> tuple[int, ...]:
-    """Return the symmetry planes of a tube without a pattern; seams as of `materials.Bending`."""
+    """Return the symmetry planes of a tube without a pattern; seams as of `Bending`."""
     return (0, 1) if seams == "continuous" else (1,)
 
 

@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 
 
 class RunJournal:
-    """Journal of a run; it implements `design.journal.Journal`.
+    """Journal of a run; it implements `design.loop.journal.Journal`.
 
     Args:
         folder: Folder of the checkpoints, which exists.
