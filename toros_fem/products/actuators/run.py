@@ -147,6 +147,7 @@ def design_actuator(
     figures: dict[str, Any] = {
         "seed": config.seed if best is None else best.seed,
         "start": "random" if problem.start is None else "pattern",
+        "rounds": best_print.rounds,
     }
     if best is not None:
         figures["starts"] = {
@@ -177,6 +178,7 @@ def _from_lines(
             reporter.expect(found.best.relaxed.history[-1].iteration + config.density_iterations)
             better = _densities(comm, case, config, found, reporter, verbose, journal)
     figures: dict[str, Any] = {"seed": config.seed, "start": "random", **found.figures()}
+    figures["rounds"] = len(found.rounds) - 1
     figures["densities_kept"] = better is not None
     relaxed = found.best.relaxed
     if better is not None:
@@ -463,6 +465,7 @@ class _Corrected:
     result: DesignResult
     printed: PrintedDesign
     spread: PrintSpread | None
+    rounds: int = 0  # number of corrections until the search ended
 
 
 def _robust_figures(made: _Corrected) -> dict[str, Any]:
@@ -549,7 +552,7 @@ def _corrected(
             found.final, shape=problem.objective.forward(found.final.equilibrium.positions)
         )
         rounds.append(answer(asked, replace(found, problem=problem, final=final), made))
-    return min(rounds, key=badness)
+    return replace(min(rounds, key=badness), rounds=len(rounds) - 1)
 
 
 def _without_free_islands(
