@@ -29,7 +29,6 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.making.print.printability import printed_cells
 from toros_fem.measures.metrics import shortening, twist_angle
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
-from toros_fem.mechanics.skin.feasible_start import relaxed_into_bounds
 from toros_fem.meshes import Pattern, mirrored, sew
 from toros_fem.meshes.snap import snapped
 from toros_fem.meshes.transfer import make_transfer
@@ -136,12 +135,10 @@ def converge(name: str, rule: str, mesh: str, edges: Sequence[float]) -> Iterato
         solver = EquilibriumSolver(skin, config.composite, supports)
         start = None
         if before is not None:
-            start = make_transfer(before[0], pattern).positions(before[1])
-            start = relaxed_into_bounds(pattern, config.composite, supports.fixed, start)
+            start = solver.start_at(make_transfer(before[0], pattern).positions(before[1]))
         ready = time.process_time()
         try:
-            own = None if start is None else start[skin.owned_vertices]
-            found = solver.solve(density[skin.owned_cells], net.pressure, start=own)
+            found = solver.solve(density[skin.owned_cells], net.pressure, start=start)
         except EquilibriumError as caught:
             yield {**row, "twist_deg": None, "shortening_percent": None, "reason": str(caught)}
             continue

@@ -431,3 +431,41 @@ def test_starts_that_contact_forbids_are_refused(comm: MPI.Comm) -> None:
         EquilibriumSolver(skin, Composite(TABLE_A), supports, contact=ground).solve(
             fabric(skin), 1e3
         )
+
+
+def outside(solver: EquilibriumSolver, use: float) -> np.ndarray:
+    """Return owned positions of a stretched tube, with a vertex off so that one triangle is out."""
+    pattern, model = solver.skin.pattern, solver.model
+    whole = pattern.points * [1.0, 1.0, 1.3]
+    middle = int(np.argmin(np.abs(pattern.points - [RADIUS, 0.0, 0.03]).sum(axis=1)))
+
+    def at(off: float) -> np.ndarray:
+        moved = whole.copy()
+        moved[middle, 2] += off
+        return moved[solver.skin.owned_vertices]
+
+    def used(off: float) -> float:
+        return model.bounds.worst_of_start(model.corners(model.state_of(at(off))))
+
+    low, high = 0.0, 0.02
+    for _ in range(60):
+        half = (low + high) / 2
+        low, high = (half, high) if used(half) < use else (low, half)
+    assert used(high) == pytest.approx(use, abs=1e-6)
+    return at(high)
+
+
+@pytest.mark.parametrize("use", [1.01, 1.3])
+def test_a_start_outside_the_stretch_bounds_is_brought_inside(
+    tube_solver: EquilibriumSolver, use: float
+) -> None:
+    solver = tube_solver
+    plain = fabric(solver.skin)
+    expected = solver.solve(plain, 1e3)
+    start = outside(solver, use)
+    for given in (start, solver.model.state_of(start)):  # positions, and all unknowns
+        found = solver.solve(plain, 1e3, start=given)
+        assert found.converged
+        assert found.stretch_use < 1
+        np.testing.assert_allclose(found.positions, expected.positions, atol=1e-9)
+    assert solver.solve(plain, 1e3, start=start, trial=True).converged

@@ -27,7 +27,6 @@ from toros_fem.measures.motion import motion_along
 from toros_fem.measures.shape import Objective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.mechanics.skin.coefficients import check_density
-from toros_fem.mechanics.skin.feasible_start import relaxed_into_bounds
 from toros_fem.meshes.mirror import Mirrored
 from toros_fem.meshes.skin import Skin
 
@@ -260,13 +259,7 @@ class ShapeProblem(DesignProblem[EquilibriumResult]):
         Where they leave the stretch bounds they are relaxed; None if that does not help, or if
         surfaces overlap or cross that may touch (collective).
         """
-        model, pattern = self.solver.model, self.skin.pattern
-        fixed = model.supports.fixed
-        found = relaxed_into_bounds(pattern, model.composite, fixed, positions)
-        if found is None:
-            return None
-        owned = found[self.skin.owned_vertices]
-        return owned if model.refusal(model.state_of(owned)) is None else None
+        return self.solver.start_at(positions)
 
     def start_density(self, seed: int) -> Floats:
         """Return `start` with noise added, or noise around 0.5, at owned triangles.

@@ -12,7 +12,14 @@ from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import MaterialWarning, NoEquilibriumError, ParameterError, UnitWarning
-from toros_fem.base.mpi import largest, norm, raise_together, require_alike, warn_together
+from toros_fem.base.mpi import (
+    largest,
+    norm,
+    on_first_rank,
+    raise_together,
+    require_alike,
+    warn_together,
+)
 from toros_fem.base.validation import (
     real_numbers,
     require_between,
@@ -38,6 +45,7 @@ from toros_fem.mechanics.equilibrium.prescribed import PrescribedDisplacement
 from toros_fem.mechanics.equilibrium.snes import Attempts, SnesSolver
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight
+from toros_fem.mechanics.skin.feasible_start import relaxed_into_bounds
 from toros_fem.mechanics.skin.load_case import LoadCase, make_load_case
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.relaxed_model import CROSSING, RelaxedModel
@@ -263,8 +271,9 @@ class EquilibriumSolver:
                 rad from where they were made, not read for free bodies. None leaves them there.
             start: Owned unknowns to start from, for example those of a neighbouring equilibrium;
                 or positions of the owned nodes, (n, 3), for example of a solver with another
-                bending term. Fixed components are moved to their prescribed positions. None starts
-                from the assembled positions; with contact, layers that touch there are moved apart
+                bending term. Where triangles leave the stretch bounds it is relaxed until they are
+                inside. Fixed components are moved to their prescribed positions. None starts from
+                the assembled positions; with contact, layers that touch there are moved apart
                 first, and displacements count from where they then are. An earlier result of this
                 solver is the step before this one on a path: friction goes on from it.
             sliding: Where the skin sticks at the begin of the step, of an earlier result; None
@@ -278,8 +287,8 @@ class EquilibriumSolver:
 
         Raises:
             ParameterError: The pressure is negative or not finite, an array does not fit, the
-                start leaves the stretch bounds (of two materials the wider ones), or surfaces
-                overlap or cross there that may touch.
+                start leaves the stretch bounds (of two materials the wider ones) and cannot be
+                relaxed into them, or surfaces overlap or cross there that may touch.
             DensityError: The density does not fit, or leaves [0, 1].
             OpenSkinError: Pressure on a skin with free edges that no symmetry plane closes.
             EquilibriumError: No equilibrium was found; the error holds the last good state.
@@ -317,6 +326,23 @@ class EquilibriumSolver:
         if raise_on_failure and not result.converged:
             raise EquilibriumError(result.reason, result)
         return result
+
+    def start_at(self, positions: Floats) -> Floats | None:
+        """Return positions of the owned nodes that a solve can start from (collective).
+
+        Args:
+            positions: Positions of all assembled vertices, (n, 3), in m, for example of a coarser
+                mesh.
+
+        Returns:
+            These positions, relaxed where they leave the stretch bounds or nearly so; None if that
+            does not help, or if surfaces overlap or cross that may touch.
+        """
+        found, model = self._relaxed(positions), self.model
+        if found is None:
+            return None
+        owned = found[self.skin.owned_vertices]
+        return owned if model.refusal(model.state_of(owned)) is None else None
 
     def finish(self, trial: EquilibriumResult) -> EquilibriumResult:
         """Complete a trial: the tolerance of the options, and a stable state (collective).
@@ -664,6 +690,11 @@ class EquilibriumSolver:
         elif start is not None:
             state = model.with_short_turns(start)
         use = model.bounds.worst_of_start(model.corners(state))
+        if start is not None and 1 <= use < np.inf:
+            inside = self._relaxed(self.skin.gather_vertices(model.positions(state)))
+            if inside is not None:
+                model.positions(state)[:] = inside[self.skin.owned_vertices]
+                return state
         if not use < 1:
             bounds = model.composite.stated_bounds
             what, remedy = "start", f"Start from the assembled positions, or raise {bounds}."
@@ -675,6 +706,14 @@ class EquilibriumSolver:
                 f"bound is 1. {remedy}"
             )
         return state
+
+    def _relaxed(self, positions: Floats) -> Floats | None:
+        """Return positions of all vertices inside the stretch bounds, or None (collective)."""
+        pattern, model = self.skin.pattern, self.model
+        return on_first_rank(
+            self.skin.comm,
+            lambda: relaxed_into_bounds(pattern, model.composite, model.supports.fixed, positions),
+        )
 
     def _require_apart(self, state: Floats, load: LoadCase, *, cold: bool) -> None:
         """Check that contact can act on a start, with bodies at their poses or where made.
