@@ -4,8 +4,8 @@
     python benchmarks/headline.py --quick
 
 README.md and demos/README.md publish the figures in `headline.json`, each with the largest
-deviation that is acceptable on another machine. Differences in rounding grow about tenfold with
-each step of the design loop, so a long run ends in a neighbouring design and not in the same one.
+deviation that is acceptable on another machine. Another mesh, or a Newton iteration that fails on
+one machine alone, leads to a neighbouring design and not to the same one.
 A long run takes 4 to 25 minutes; `--quick` takes the coarse variants, of those demos that publish
 figures of them. The exit code is 1 if a figure deviates. The tests repeat short runs only
 (`expected.py`).

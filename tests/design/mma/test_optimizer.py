@@ -197,3 +197,32 @@ def test_integers_are_numbers() -> None:
 
     whole = run(MMAOptions(move=1, asymptote_start=1, penalty=1000))
     assert np.array_equal(whole, run(MMAOptions(move=1.0, asymptote_start=1.0, penalty=1000.0)))
+
+
+def test_rounded_steps_do_not_depend_on_rounding() -> None:
+    """Gradients that differ by rounding give the same points; without a resolution they drift."""
+    n = 40
+    goal = np.linspace(-0.2, 1.2, n)  # some variables end at their bounds
+
+    def run(resolution: float, noise: float) -> np.ndarray:
+        rng = np.random.default_rng(1)
+        mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), 1, resolution=resolution)
+        x = vec(np.full(n, 0.5))
+        for _ in range(30):
+            at = x.array.copy()
+            gradient = 2 * (at - goal) * (1 + noise * rng.standard_normal(n))
+            total = [vec(np.full(n, 1 / n))]
+            mma.step(x, float(((at - goal) ** 2).sum()), vec(gradient), [at.mean() - 0.45], total)
+        return x.array.copy()
+
+    exact = run(1e-3, 0.0)
+    assert np.array_equal(run(1e-3, 1e-13), exact)
+    assert not np.array_equal(run(0.0, 1e-13), run(0.0, 0.0))
+    assert exact == pytest.approx(1e-3 * np.round(1e3 * exact), abs=1e-15)
+    assert exact == pytest.approx(run(0.0, 0.0), abs=2e-3)
+
+
+@pytest.mark.parametrize("resolution", [-0.1, 2.0])
+def test_resolution_is_a_fraction(resolution: float) -> None:
+    with pytest.raises(ParameterError, match="resolution"):
+        MMA(vec(np.zeros(1)), vec(np.ones(1)), resolution=resolution)

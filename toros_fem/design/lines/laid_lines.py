@@ -12,6 +12,7 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.rounding import rounded
 from toros_fem.design.lines.centre_lines import CentreLine
 from toros_fem.design.lines.ends import BORDER, LINE, PRINTED, Family
 from toros_fem.design.lines.options import LineOptions
@@ -21,6 +22,10 @@ from toros_fem.design.lines.transport import LineMesh
 from toros_fem.meshes.cut_triangles import cut_by_triangles
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.transfer import scaled_points
+
+# Places and widths of lines are rounded to this part of the least width: the same lines then make
+# the same polygons, and these the same mesh.
+RESOLUTION = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +123,7 @@ def laid(drawing: Drawing, layouts: Mapping[int, Layout]) -> LaidLines:
         layouts: Where the stripes of families lie.
     """
     mesh, planes = drawing.mesh, drawing.planes
-    strips = _strips(mesh, drawing.families)
+    strips = _strips(mesh, drawing.families, RESOLUTION * drawing.options.print_width)
     regions, under, shares = _regions(mesh, strips, planes, drawing.options)
     lines = tuple(
         tuple(replace(line, cell=mesh.cells[line.cell]) for line in family.lines)
@@ -172,8 +177,8 @@ def _ends(lines: Sequence[CentreLine]) -> dict[str, int]:
     return dict(sorted(Counter(end for line in lines for end in line.ends or ()).items()))
 
 
-def _strips(mesh: LineMesh, families: list[Family]) -> list[list[Strip]]:
-    """Return the strips of the lines of each family.
+def _strips(mesh: LineMesh, families: list[Family], unit: float) -> list[list[Strip]]:
+    """Return the strips of the lines of each family, their places and widths rounded to a unit.
 
     One that ends on a thinner line tapers to its width, so that it does not stand out behind it.
     """
@@ -205,7 +210,8 @@ def _strips(mesh: LineMesh, families: list[Family]) -> list[list[Strip]]:
             radii = np.minimum(radii, bound[0, 0] + away)
         start, end_kind = line.ends or (LINE, LINE)
         beyond = start in (BORDER, PRINTED), end_kind in (BORDER, PRINTED)
-        strips[number].append(Strip(panel[line.cell], line.points, radii, beyond))
+        places = rounded(line.points, unit), rounded(radii, unit)
+        strips[number].append(Strip(panel[line.cell], *places, beyond))
     return strips
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import CheckpointError, NoEquilibriumError, ParameterError
 from toros_fem.base.mpi import largest, norm, require_alike
+from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import require_callable, require_count, require_kind, shown
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.loop.journal import (
@@ -36,6 +37,10 @@ from toros_fem.design.mma.optimizer import MMA, MMAState
 LOOK_BACK = 10
 # Least price of a violated constraint in the merit function, in MMA's scaled units.
 PRICE = 1.0
+# Part of its range to which a variable is rounded after each step, or KNOWN times `x_tol` if that
+# is smaller. So runs that differ by rounding take the same steps: unrounded, the difference grows
+# by a factor of up to ten in each.
+RESOLUTION, KNOWN = 1e-3, 10.0
 # What MMA carries from step to step: vectors of the variables, and small arrays.
 MMA_VECTORS = ("previous", "before_previous", "distance")
 MMA_SMALL = ("multipliers", "curvature")
@@ -284,6 +289,10 @@ class _Loop:
     ) -> None:
         """Run one stage from the current design, or from a saved state of this stage."""
         given, options = self.problem, self.options
+        resolution = min(RESOLUTION, KNOWN * options.x_tol)
+        if saved is None:
+            # A start from another mesh or print has rounding of its own.
+            self.x.array[:] = rounded(self.x.array, resolution)
         projection, constrained = given.projection, stage.constrained
         if stage.beta is not None:
             projection = Projection(stage.beta, projection.eta)
@@ -308,6 +317,7 @@ class _Loop:
             options=options.mma,
             move=self.variables.move,
             residuals=len(evaluation.residuals.gradients),
+            resolution=resolution,
         )
         scaled = Scaled(
             problem,

@@ -12,6 +12,7 @@ from petsc4py import PETSc
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import largest, smallest, total
+from toros_fem.base.rounding import rounded
 from toros_fem.base.validation import (
     checked_floats,
     require_between,
@@ -28,6 +29,7 @@ Numbers = Sequence[float] | Floats
 SMALL = 1e-5  # Svanberg's raa0; it keeps the approximations strictly convex
 CURVATURE_DECAY = 0.5  # factor on the curvature of retries in each new step
 RAISES = 20  # largest number of increases of the curvature in one retry, each up to tenfold
+GRADED = 5.0  # times ab/(a² + b²) of two moves: they count in full up to a ratio of five
 ROUNDING = 1e-10  # of a function's largest change: a smaller excess counts as rounding
 
 
@@ -104,6 +106,8 @@ class MMA:
         options: Svanberg's parameters.
         move: Move limit of each variable over its range; None: that of the options for all.
         residuals: Number of rₖ.
+        resolution: Part of its range to which a variable is rounded in proposed points; 0 for
+            Svanberg's method as it is. Steps then do not depend on the rounding of gradients.
 
     Raises:
         ParameterError: An upper bound is below its lower bound, a bound is not finite, or a
@@ -119,6 +123,7 @@ class MMA:
         move: PETSc.Vec | None = None,
         *,
         residuals: int = 0,
+        resolution: float = 0.0,
     ) -> None:
         for name, vector in (("lower", lower), ("upper", upper)):
             require_kind(name, vector, PETSc.Vec, "a PETSc.Vec")
@@ -150,6 +155,9 @@ class MMA:
                 largest(self._comm, np.max(self._move, initial=0.5)),
             ):
                 require_positive(move=end, at_most=1.0)
+        require_between(0.0, 1.0, resolution=resolution)
+        self._resolution = resolution
+        self._unit = resolution * (self._upper - self._lower)
         self._m, self._r = constraints, residuals
         self._rows = constraints + 2 * residuals
         self._model = Approximation(self._comm, len(self._lower), self._rows)
@@ -357,20 +365,32 @@ class MMA:
             )
 
     def _distance(self, x: Floats) -> Floats:
-        """Return the distance of the asymptotes from x (Svanberg 2007, eqs. 3.11-3.14)."""
+        """Return the distance of the asymptotes from x (Svanberg 2007, eqs. 3.11-3.14).
+
+        His factor jumps where one of the last two moves changes its sign. With a resolution it
+        passes through 1 there, so that a difference of one unit cannot change the next step much.
+        """
         state, o = self.state, self.options
         out = self._upper - self._lower
         if state.before_previous is None:
             out *= o.asymptote_start
             return out
-        assert state.previous is not None
+        here, there = state.previous, state.before_previous
+        assert here is not None
         assert state.distance is not None
         for part in cache_blocks(len(x)):
             span = out[part]
-            turn = x[part] - state.previous[part]
-            turn *= state.previous[part] - state.before_previous[part]
-            distance = np.where(turn > 0, o.asymptote_grow, 1.0)
-            np.copyto(distance, o.asymptote_shrink, where=turn < 0)
+            move, before = x[part] - here[part], here[part] - there[part]
+            turn, unit = move * before, self._unit[part]
+            if self._resolution > 0:
+                turn /= np.maximum(move**2 + before**2 + unit**2, TINY)
+                turn *= GRADED
+                np.clip(turn, -1.0, 1.0, out=turn)
+            else:
+                np.sign(turn, out=turn)
+            distance = np.where(turn > 0, o.asymptote_grow - 1, 1 - o.asymptote_shrink)
+            distance *= turn
+            distance += 1
             distance *= state.distance[part]
             np.maximum(distance, 0.01 * span, out=distance)
             np.minimum(distance, 10 * span, out=span)
@@ -412,6 +432,9 @@ class MMA:
         state.multipliers = found.multipliers
         bounds = (self._lower, self._upper)
         model.write_minimizer(found.multipliers, state.previous, state.distance, bounds, x.array)
+        if self._resolution > 0:
+            steps = rounded(x.array - self._lower, self._unit)
+            np.clip(self._lower + steps, *bounds, out=x.array)
 
 
 def _stacked(value: float, values: Numbers, residuals: Numbers) -> Floats:

@@ -9,10 +9,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.rounding import rounded
 from toros_fem.measures.metrics import Metric
 
 # A print is good enough where every metric is this close to its target, over its scale.
 CLOSE = 5e-3
+# What is asked is rounded to this part of its metric's scale.
+RESOLUTION = 1e-5
 # Bounds on the change of a printed metric over that of the one asked.
 LEAST_SLOPE, LARGEST_SLOPE = 0.4, 3.0
 # Largest change of what is asked in one round, over the scale of its metric.
@@ -79,5 +82,5 @@ def asked_next(rounds: Sequence[Answer], aims: Mapping[str, Aim]) -> dict[str, f
     value = np.clip(value, LEAST_SLOPE, LARGEST_SLOPE)
     missing = vector({key: aim.target for key, aim in aims.items()}) - vector(rounds[-1].metrics)
     step = np.clip(right.T @ (left.T @ missing / value), -LARGEST_STEP, LARGEST_STEP)
-    asked = size * (vector(rounds[-1].asked) + step)
-    return dict(zip(aims, asked.tolist(), strict=True))
+    asked = size * rounded(vector(rounds[-1].asked) + step, RESOLUTION)
+    return dict(zip(aims, map(float, asked), strict=True))
