@@ -24,19 +24,17 @@ def blas_kernel() -> str | None:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions that a result depends on, and OpenBLAS's kernel type, where known."""
-    known: dict[str, str] = {}
+    """Return what a result depends on: versions, and the kernel type of OpenBLAS."""
+    gmsh = None
     with contextlib.suppress(importlib.metadata.PackageNotFoundError):  # some have no metadata
-        known["gmsh"] = importlib.metadata.version("gmsh")
-    kernel = blas_kernel()
-    if kernel is not None:
-        known["blas_kernel"] = kernel
+        gmsh = importlib.metadata.version("gmsh")
     return {
-        **known,
         "toros_fem": __version__,
         "dolfinx": dolfinx.__version__,
         "petsc4py": petsc4py.__version__,
         "numpy": np.__version__,
+        "gmsh": gmsh or "unknown",
+        "blas_kernel": blas_kernel() or "unknown",
         "python": sys.version.split()[0],
         "platform": platform.platform(),
     }

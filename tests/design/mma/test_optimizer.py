@@ -204,7 +204,7 @@ def test_rounded_steps_do_not_depend_on_rounding() -> None:
     n = 40
     goal = np.linspace(-0.2, 1.2, n)  # some variables end at their bounds
 
-    def run(resolution: float, noise: float) -> np.ndarray:
+    def run(resolution: float | None, noise: float) -> np.ndarray:
         rng = np.random.default_rng(1)
         mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), 1, resolution=resolution)
         x = vec(np.full(n, 0.5))
@@ -217,12 +217,12 @@ def test_rounded_steps_do_not_depend_on_rounding() -> None:
 
     exact = run(1e-3, 0.0)
     assert np.array_equal(run(1e-3, 1e-13), exact)
-    assert not np.array_equal(run(0.0, 1e-13), run(0.0, 0.0))
+    assert not np.array_equal(run(None, 1e-13), run(None, 0.0))
     assert exact == pytest.approx(1e-3 * np.round(1e3 * exact), abs=1e-15)
-    assert exact == pytest.approx(run(0.0, 0.0), abs=2e-3)
+    assert exact == pytest.approx(run(None, 0.0), abs=2e-3)
 
 
-@pytest.mark.parametrize("resolution", [-0.1, 2.0])
+@pytest.mark.parametrize("resolution", [0.0, -0.1, 2.0])
 def test_resolution_is_a_fraction(resolution: float) -> None:
     with pytest.raises(ParameterError, match="resolution"):
         MMA(vec(np.zeros(1)), vec(np.ones(1)), resolution=resolution)

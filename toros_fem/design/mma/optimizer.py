@@ -106,12 +106,12 @@ class MMA:
         options: Svanberg's parameters.
         move: Move limit of each variable over its range; None: that of the options for all.
         residuals: Number of rₖ.
-        resolution: Part of its range to which a variable is rounded in proposed points; 0 for
-            Svanberg's method as it is. Steps then do not depend on the rounding of gradients.
+        resolution: Part of its range to which a variable is rounded in proposed points, so that
+            steps do not depend on the rounding of gradients; None for Svanberg's method as it is.
 
     Raises:
-        ParameterError: An upper bound is below its lower bound, a bound is not finite, or a
-            move limit is outside (0, 1].
+        ParameterError: An upper bound is below its lower bound, a bound is not finite, or a move
+            limit or the resolution is outside (0, 1].
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class MMA:
         move: PETSc.Vec | None = None,
         *,
         residuals: int = 0,
-        resolution: float = 0.0,
+        resolution: float | None = None,
     ) -> None:
         for name, vector in (("lower", lower), ("upper", upper)):
             require_kind(name, vector, PETSc.Vec, "a PETSc.Vec")
@@ -155,9 +155,10 @@ class MMA:
                 largest(self._comm, np.max(self._move, initial=0.5)),
             ):
                 require_positive(move=end, at_most=1.0)
-        require_between(0.0, 1.0, resolution=resolution)
-        self._resolution = resolution
-        self._unit = resolution * (self._upper - self._lower)
+        self._unit: Floats | None = None
+        if resolution is not None:
+            require_positive(resolution=resolution, at_most=1.0)
+            self._unit = resolution * (self._upper - self._lower)
         self._m, self._r = constraints, residuals
         self._rows = constraints + 2 * residuals
         self._model = Approximation(self._comm, len(self._lower), self._rows)
@@ -381,9 +382,9 @@ class MMA:
         for part in cache_blocks(len(x)):
             span = out[part]
             move, before = x[part] - here[part], here[part] - there[part]
-            turn, unit = move * before, self._unit[part]
-            if self._resolution > 0:
-                turn /= np.maximum(move**2 + before**2 + unit**2, TINY)
+            turn = move * before
+            if self._unit is not None:
+                turn /= np.maximum(move**2 + before**2 + self._unit[part] ** 2, TINY)
                 turn *= GRADED
                 np.clip(turn, -1.0, 1.0, out=turn)
             else:
@@ -432,7 +433,7 @@ class MMA:
         state.multipliers = found.multipliers
         bounds = (self._lower, self._upper)
         model.write_minimizer(found.multipliers, state.previous, state.distance, bounds, x.array)
-        if self._resolution > 0:
+        if self._unit is not None:
             steps = rounded(x.array - self._lower, self._unit)
             np.clip(self._lower + steps, *bounds, out=x.array)
 

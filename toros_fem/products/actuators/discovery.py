@@ -34,16 +34,18 @@ from toros_fem.products.actuators.case import ActuatorCase
 from toros_fem.products.actuators.config import ActuatorConfig
 from toros_fem.products.actuators.line_widths import mended_widths
 from toros_fem.products.actuators.problem import CaseMaker, actuator_problem
-from toros_fem.products.actuators.space_mapping import CLOSE, aims_of, asked_next, largest_error
+from toros_fem.products.actuators.space_mapping import (
+    CLOSE,
+    FINE,
+    HELPS,
+    aims_of,
+    asked_next,
+    largest_error,
+)
 from toros_fem.results.console import print_line
 
 # Below this error lines stay where they are, and corrections change their widths first.
 NEAR = 0.3
-# Other widths help if the error is at most this fraction of the one before.
-HELPS = 0.7
-# Below this error only widths change any more, and two rounds that are no better are the last:
-# moving lines costs more than there is to gain, and what is left is the mesh's error.
-FINE = 0.05
 
 C = TypeVar("C", bound=ActuatorConfig)
 

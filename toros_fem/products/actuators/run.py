@@ -48,7 +48,14 @@ from toros_fem.products.actuators.discovery import (
 )
 from toros_fem.products.actuators.pressure_curve import curve_figures
 from toros_fem.products.actuators.problem import CaseMaker, actuator_problem
-from toros_fem.products.actuators.space_mapping import CLOSE, aims_of, asked_next, largest_error
+from toros_fem.products.actuators.space_mapping import (
+    CLOSE,
+    FINE,
+    HELPS,
+    aims_of,
+    asked_next,
+    largest_error,
+)
 from toros_fem.results.reporter import DesignReporter
 from toros_fem.results.runs.folder import journal_of, run_of
 from toros_fem.results.writer import write_results
@@ -493,9 +500,9 @@ def _corrected(
     """Ask the design for what its print misses, and return the best print (collective).
 
     The design is continued on the finest mesh with targets beyond those of the problem. Metrics
-    whose target no field holds only count for which print is best. A robust design is told how far
-    its prints are apart; of those that are close to the targets the one with the least spread is
-    best.
+    whose target no field holds only count for which print is best. Near the targets a correction
+    that hardly helps is the last. A robust design is told how far its prints are apart; of those
+    that are close to the targets the one with the least spread is best.
     """
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
@@ -552,6 +559,9 @@ def _corrected(
             found.final, shape=problem.objective.forward(found.final.equilibrium.positions)
         )
         rounds.append(answer(asked, replace(found, problem=problem, final=final), made))
+        (before, _), (now, _) = min(map(badness, rounds[:-1])), badness(rounds[-1])
+        if robust is None and now > HELPS * before and min(now, before) < FINE:
+            break
     return replace(min(rounds, key=badness), rounds=len(rounds) - 1)
 
 

@@ -14,6 +14,11 @@ from toros_fem.measures.metrics import Metric
 
 # A print is good enough where every metric is this close to its target, over its scale.
 CLOSE = 5e-3
+# Below this error what is left is of the size of the mesh's error, and of that by which prints of
+# like designs differ. Lines stay where they are, and a correction that hardly helps is the last.
+FINE = 5e-2
+# A correction helps if the error is at most this fraction of the one before.
+HELPS = 0.7
 # What is asked is rounded to this part of its metric's scale.
 RESOLUTION = 1e-5
 # Bounds on the change of a printed metric over that of the one asked.
