@@ -2,11 +2,12 @@
 
     python benchmarks/reproducible.py --seeds 8 --kernels Haswell SkylakeX
     python benchmarks/reproducible.py --scenes contract --seeds 3 --ranks 2
-    python benchmarks/reproducible.py --report
+    python benchmarks/reproducible.py --docs
 
 Designs the coarse demos with each seed and each kernel type of OpenBLAS, one run after the other,
 each in a process of its own with one thread. A row is added to `reproducible.csv` after each run;
-runs that have a row already are left out. The table shows how far rounds, figure and time spread.
+runs that have a row already are left out. The table shows how far rounds, figure and time spread;
+`--docs` runs nothing and writes it into docs/optimisation.md.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -31,11 +31,14 @@ from mpi4py import MPI
 sys.path.insert(0, str(Path(__file__).parent))
 
 from demo_runs import DEMOS, value_of, without_curve
+from page_tables import replaced
 
 from toros_fem.mechanics.equilibrium.linear_solver import TangentFactor
 from toros_fem.mechanics.equilibrium.newton import NewtonResult, RegularisedNewton
 
 FILE = Path(__file__).parent / "reproducible.csv"
+PAGE = Path(__file__).parent.parent / "docs" / "optimisation.md"
+MARKS = ("<!-- reproducible runs -->", "<!-- end of the reproducible runs -->")
 # The figure that a scene is known by.
 FIGURES = {"bend": "angle_deg", "contract": "shortening_percent", "gripper": "held_mass_kg"}
 KEY = ("scene", "seed", "kernel", "gmsh", "ranks")
@@ -89,25 +92,37 @@ def started(scene: str, seed: int, kernel: str, ranks: int) -> dict[str, Any]:
     return {**key, **figures, **spent}
 
 
-def report(rows: list[dict[str, str]]) -> None:
-    """Print the spread of each scene's runs."""
-    print("scene      runs  failed  rounds  figure: least  median  largest  s longest/median")
-    for scene in FIGURES:
+def table(rows: list[dict[str, str]]) -> str:
+    """Return the spread of each scene's runs as Markdown."""
+    first = rows[0]
+    kernels = sorted({row["kernel"] for row in rows})
+    lines = [
+        f"OpenBLAS with the kernel types {' and '.join(kernels)}, gmsh {first['gmsh']}, ranks: "
+        f"{first['ranks']}, one thread each.",
+        "",
+        "| scene | seeds, runs, failed | rounds | least, median, largest figure | kernels differ "
+        "by at most | CPU s: median, longest over it |",
+        "|---|---|---|---|---|---|",
+    ]
+    for scene, key in FIGURES.items():
         runs = [row for row in rows if row["scene"] == scene]
         good = [row for row in runs if row["figure"]]
         if not good:
             continue
-
-        def spread(name: str, of: Callable[[Any], Any], good: Any = good) -> float:
-            return float(of([float(row[name]) for row in good]))
-
-        rounds = f"{spread('rounds', min):.0f}-{spread('rounds', max):.0f}"
-        slowest = spread("cpu_seconds", max) / spread("cpu_seconds", np.median)
-        print(
-            f"{scene:9s} {len(runs):5d} {len(runs) - len(good):7d} {rounds:>7s} "
-            f"{spread('figure', min):14.4g} {spread('figure', np.median):7.4g} "
-            f"{spread('figure', max):8.4g} {slowest:17.2f}"
+        figure, rounds, spent = (
+            np.array([float(row[name]) for row in good])
+            for name in ("figure", "rounds", "cpu_seconds")
         )
+        seeds = np.array([int(row["seed"]) for row in good])
+        apart = max(np.ptp(figure[seeds == seed]) for seed in seeds) / np.median(figure)
+        low, middle, high = figure.min(), np.median(figure), figure.max()
+        lines.append(
+            f"| {scene} | {len(np.unique(seeds))}, {len(runs)}, {len(runs) - len(good)} | "
+            f"{rounds.min():.0f} to {rounds.max():.0f} | {low:.4g}, {middle:.4g}, {high:.4g} "
+            f"(`{key}`) | {apart:.1g} of it | {np.median(spent):.0f}, "
+            f"{spent.max() / np.median(spent):.2f} |"
+        )
+    return "\n".join(lines)
 
 
 def main() -> None:
@@ -120,7 +135,7 @@ def main() -> None:
     parser.add_argument("--kernels", nargs="+", default=["Haswell", "SkylakeX"])
     parser.add_argument("--ranks", type=int, default=1)
     parser.add_argument("--csv", type=Path, default=FILE, help="file of the rows")
-    parser.add_argument("--report", action="store_true", help="only print the table")
+    parser.add_argument("--docs", action="store_true", help="only write the table into the page")
     parser.add_argument("--one", nargs=3, metavar=("SCENE", "SEED", "FOLDER"), help="one run here")
     given = parser.parse_args()
     if given.one:
@@ -137,7 +152,7 @@ def main() -> None:
     wanted = [
         (n, s + 1, k) for s in range(given.seeds) for n in given.scenes for k in given.kernels
     ]
-    for scene, seed, kernel in [] if given.report else wanted:
+    for scene, seed, kernel in [] if given.docs else wanted:
         if (scene, str(seed), kernel, gmsh.__version__, str(given.ranks)) in known:
             continue
         row = started(scene, seed, kernel, given.ranks)
@@ -146,7 +161,10 @@ def main() -> None:
             writer = csv.DictWriter(file, COLUMNS)
             writer.writeheader()
             writer.writerows(rows)
-    report(rows)
+    print(table(rows))
+    if given.docs:
+        page = PAGE.read_text(encoding="utf-8")
+        PAGE.write_text(replaced(page, *MARKS, table(rows)), encoding="utf-8")
 
 
 if __name__ == "__main__":
