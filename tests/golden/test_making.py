@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from helpers.panels import pattern_of, striped
+from helpers.panels import pattern_of as shared_pattern
+from helpers.panels import striped
 from helpers.prints import flawed_tube, regions_of
 from helpers.scenes import square
 from mpi4py import MPI
@@ -31,6 +32,8 @@ from toros_fem.meshes.sheet import disc, rectangle
 
 pytestmark = [pytest.mark.one_rank, pytest.mark.usefixtures("kept_meshes")]
 ALONE = MPI.COMM_SELF
+# Made anew: other tests share those of gmsh.
+pattern_of = shared_pattern.__wrapped__
 
 
 def lines_of(laid: LaidLines) -> dict[str, Any]:

@@ -77,7 +77,7 @@ def public_names() -> list[str]:
         for name in getattr(module, "__all__", ()):
             public = getattr(toros_fem, name, None) is getattr(module, name)
             names.add(f"{'toros_fem' if public else room}.{name}")
-    return sorted(names - {"toros_fem.__version__", "toros_fem.base.errors", "toros_fem.meshes"})
+    return sorted(names - {"toros_fem.__version__", "toros_fem.errors", "toros_fem.meshes"})
 
 
 @pytest.mark.slow

@@ -214,13 +214,14 @@ def test_a_design_that_was_stopped_goes_on_bit_for_bit() -> None:
 def test_objective_of_zero() -> None:
     """T = 0 cannot be scaled: at the start, and on the way."""
     problem = make_problem(True, ProfileTarget(np.full(3, 1e3)), angles=THREE)
-    there = problem.evaluate(start_of(problem)).equilibrium
+    start = np.round(start_of(problem), 3)  # as the loop rounds its variables
+    there = problem.evaluate(start).equilibrium
     reached = dataclasses.replace(problem, objective=ProfileTarget(there.stiffness))
-    result = optimize(reached, DesignOptions((Stage(2),)), start=start_of(problem))
+    result = optimize(reached, DesignOptions((Stage(2),)), start=start)
     assert result.final.objective < 1e-20
-    assert result.density == pytest.approx(start_of(problem), abs=1e-6)
+    assert result.density == pytest.approx(start, abs=1e-6)
     near = dataclasses.replace(problem, objective=ProfileTarget(1.01 * there.stiffness))
-    result = optimize(near, DesignOptions((Stage(12),)), start=start_of(problem))
+    result = optimize(near, DesignOptions((Stage(12),), x_tol=1e-9), start=start)
     assert result.final.objective < 1e-12
     assert np.isfinite(result.density).all()
 
