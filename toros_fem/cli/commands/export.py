@@ -23,9 +23,8 @@ from toros_fem.making.sheets.page import NAME as PAGE
 from toros_fem.making.sheets.reading import read_regions
 from toros_fem.making.sheets.write import FOLDER, made_as, write_manufacture
 from toros_fem.meshes.pattern_file import NAME, read_pattern, write_pattern
+from toros_fem.results.runs.folder import SUMMARY
 from toros_fem.results.writer import if_plotting
-
-SUMMARY = "summary.json"
 
 
 def _options(parser: argparse.ArgumentParser) -> None:

@@ -11,8 +11,8 @@ from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.products.actuators.config import ActuatorConfig
 from toros_fem.products.kinds import KINDS, Kind
-from toros_fem.products.tolerance.of_run import SUMMARY, finished_summary
-from toros_fem.results.runs.folder import SCENE
+from toros_fem.products.tolerance.of_run import finished_summary
+from toros_fem.results.runs.folder import SCENE, SUMMARY
 
 
 def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[Kind, ActuatorConfig, dict[str, Path]]:

@@ -27,8 +27,7 @@ from toros_fem.products.tolerance.settings import ToleranceConfig
 from toros_fem.products.tolerance.simulated import Drawn, simulated_tolerances
 from toros_fem.results.frames.files import FOLDER, read_frames
 from toros_fem.results.frames.shown_skin import read_skin
-
-SUMMARY = "summary.json"
+from toros_fem.results.runs.folder import SUMMARY
 
 
 def tolerances_of_run(

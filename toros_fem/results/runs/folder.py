@@ -31,6 +31,7 @@ T = TypeVar("T")
 
 # Folder of the state inside that of a run, its record, and the text of the scene.
 STATE, RECORD, SCENE = "state", "run.json", "scene.toml"
+SUMMARY = "summary.json"
 # Number of iterations between two writes of the state.
 EVERY = 2
 ANEW = "Start the run anew in another folder."
