@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import io
+import itertools
 import sys
 from collections.abc import Callable, Generator
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import pytest
 from helpers.scenes import ROOT
 from helpers.top_level import files_on_disk
+from kit.durations import order_by_durations, write_durations
 from kit.kept_meshes import KeptMeshes, mesher
 from kit.pin import pin
 from mpi4py import MPI
@@ -30,14 +32,24 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--write-pins", action="store_true", help="write tests/golden/*.csv anew")
+    parser.addoption(
+        "--write-durations", action="store_true", help="write this leg of tests/durations.csv anew"
+    )
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    if MPI.COMM_WORLD.size > 1:
-        alone = pytest.mark.skip(reason="has no communicator: every rank does the same")
-        for item in items:
-            if item.get_closest_marker("one_rank"):
-                item.add_marker(alone)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out of several ranks what takes no communicator; run the longest files first."""
+    ranks = MPI.COMM_WORLD.size
+    if ranks > 1:
+        alone = [item for item in items if "comm" not in item.fixturenames]  # type: ignore[attr-defined]
+        config.hook.pytest_deselected(items=alone)
+        items[:] = [item for item in items if item not in set(alone)]
+    order_by_durations(items, ranks)
+
+
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
+    if config.getoption("--write-durations") and MPI.COMM_WORLD.rank == 0:
+        write_durations(itertools.chain(*terminalreporter.stats.values()), MPI.COMM_WORLD.size)
 
 
 def pytest_collection_finish() -> None:
@@ -60,7 +72,7 @@ def pytest_runtest_makereport(
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _clean_up(comm: MPI.Comm) -> Generator[None]:
+def _clean_up() -> Generator[None]:
     """Free what a file's tests leave behind, on all ranks together.
 
     PETSc keeps distributed objects until all ranks have dropped them and meet here.
@@ -68,7 +80,7 @@ def _clean_up(comm: MPI.Comm) -> Generator[None]:
     yield
     gc.collect()
     PETSc.garbage_cleanup()
-    comm.barrier()
+    MPI.COMM_WORLD.barrier()
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -81,7 +93,14 @@ def _nothing_left_behind() -> Generator[None]:
 
 @pytest.fixture(scope="session")
 def comm() -> MPI.Comm:
+    """All ranks. Only tests that take it, by themselves or through a fixture, run on several."""
     return MPI.COMM_WORLD
+
+
+@pytest.fixture(scope="session")
+def alone() -> MPI.Comm:
+    """One rank, for what does not depend on their number."""
+    return MPI.COMM_SELF
 
 
 @pytest.fixture

@@ -12,8 +12,6 @@ import pytest
 from toros_fem.base.config import Config, entries, quantity
 from toros_fem.base.errors import ParameterError
 
-pytestmark = pytest.mark.one_rank
-
 
 @dataclass(frozen=True)
 class Sample(Config):

@@ -6,8 +6,6 @@ import pytest
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.units import DIMENSIONS, read_quantity, write_quantity
 
-pytestmark = pytest.mark.one_rank
-
 
 @pytest.mark.parametrize(
     ("text", "unit", "value"),

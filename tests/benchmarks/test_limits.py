@@ -73,7 +73,6 @@ def test_stripes_become_fibres_or_fabric() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="each rank would simulate the same")
 def test_simulated_tube_is_near_the_model() -> None:
     """Coarse, with ends that do not widen: within a quarter of the model, and under it."""
     case, pressures = Case(4, 45, edge=3e-3), [2e3, 5e3]

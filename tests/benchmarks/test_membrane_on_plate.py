@@ -5,7 +5,6 @@ import pytest
 from helpers.scenes import table
 from membrane_on_plate import RADIUS, THICKNESS, Law, energy, free_disc, pressed_disc
 
-pytestmark = pytest.mark.one_rank
 LAW = Law(c1=1.8, c2=2.0)
 
 

@@ -8,7 +8,6 @@ from membrane_under_ball import BALL, dimple
 LAW = Law(c1=1.8, c2=2.0)
 
 
-@pytest.mark.one_rank
 @pytest.mark.slow
 def test_the_sheet_stores_the_work_of_the_ball() -> None:
     """DU = W dδ, and so for W ± w exactly to third order."""

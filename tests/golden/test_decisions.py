@@ -73,24 +73,23 @@ def choices(folder: Path) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param("bend", marks=pytest.mark.one_rank),
-        "contract",
-        pytest.param("twist", marks=pytest.mark.one_rank),
-    ],
-)
-def test_design(comm: MPI.Comm, name: str, tmp_path: Path, pinned: Callable[..., None]) -> None:
+def check_design(comm: MPI.Comm, name: str, folder: Path, pinned: Callable[..., None]) -> None:
     kind, values = KINDS[DESIGNS[name][0]], DESIGNS[name][1]
-    folder = shared(comm, tmp_path) / name
     assert kind.design is not None
     kind.design.run(comm, folder, kind.config.updated(**values))
     comm.barrier()
     pinned(f"decisions/{name}", choices(folder))
 
 
-@pytest.mark.one_rank
+@pytest.mark.parametrize("name", ["bend", "twist"])
+def test_design_alone(name: str, tmp_path: Path, pinned: Callable[..., None]) -> None:
+    check_design(MPI.COMM_SELF, name, tmp_path / name, pinned)
+
+
+def test_design(comm: MPI.Comm, tmp_path: Path, pinned: Callable[..., None]) -> None:
+    check_design(comm, "contract", shared(comm, tmp_path) / "contract", pinned)
+
+
 @pytest.mark.parametrize("seed", [23, 24, 31, 36, 37, 38, 40, 41])
 def test_hard_solve(seed: int, pinned: Callable[..., None]) -> None:
     """Steps by kind, retries with a shift and levels of load on the way to an equilibrium."""
@@ -119,7 +118,6 @@ def test_hard_solve(seed: int, pinned: Callable[..., None]) -> None:
     pinned(f"decisions/hard_solve_{seed}", figures)
 
 
-@pytest.mark.one_rank
 def test_stride(pinned: Callable[..., None]) -> None:
     """Three equilibria of a walker on the ground, with pads."""
     pytest.importorskip("ipctk")
@@ -147,7 +145,6 @@ def test_stride(pinned: Callable[..., None]) -> None:
     pinned("decisions/stride", figures, rel=1e-5, small=1e-9)
 
 
-@pytest.mark.one_rank
 def test_lift(pinned: Callable[..., None]) -> None:
     """The force by which printed fingers hold their object, over its depth."""
     pytest.importorskip("ipctk")

@@ -15,8 +15,6 @@ from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
 
-pytestmark = pytest.mark.one_rank
-
 FOLDED = ("edge_length=5 mm", "levels=2", "highest_pressure=90 MPa", "pressure=50 MPa")
 # Words of each command, in a folder where the first two have made their scenes.
 COMMANDS = {

@@ -20,7 +20,7 @@ from mpi4py import MPI
 from toros_fem.cli.commands.main import run
 
 # Two ranks write the same, and take minutes for it.
-pytestmark = [pytest.mark.one_rank, pytest.mark.slow]
+pytestmark = [pytest.mark.slow]
 
 ALONE = MPI.COMM_SELF
 STEPS = {

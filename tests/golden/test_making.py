@@ -30,7 +30,7 @@ from toros_fem.making.sheets.sheets import layout
 from toros_fem.meshes import cylinder, mirrored
 from toros_fem.meshes.sheet import disc, rectangle
 
-pytestmark = [pytest.mark.one_rank, pytest.mark.usefixtures("kept_meshes")]
+pytestmark = [pytest.mark.usefixtures("kept_meshes")]
 ALONE = MPI.COMM_SELF
 # Made anew: other tests share those of gmsh.
 pattern_of = shared_pattern.__wrapped__

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from helpers.scenes import ROOT
 
-pytestmark = [pytest.mark.one_rank, pytest.mark.slow]
+pytestmark = [pytest.mark.slow]
 
 # Says its peak in MB, and how many forms it had to compile, which takes memory too.
 DESIGN = """

@@ -13,11 +13,8 @@ from types import ModuleType
 from typing import Any, get_origin
 
 import numpy as np
-import pytest
 
 import toros_fem
-
-pytestmark = pytest.mark.one_rank
 
 
 def faces() -> Iterator[ModuleType]:

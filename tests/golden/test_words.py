@@ -20,8 +20,6 @@ from toros_fem.cli.scene_files.materials import FILE, TABLE, roles_of
 from toros_fem.cli.scene_files.sections import sections_of
 from toros_fem.products.kinds import KINDS, Kind
 
-pytestmark = pytest.mark.one_rank
-
 DEMOS = sorted((ROOT / "demos").glob("*.py"))
 
 

@@ -79,7 +79,6 @@ def commands() -> list[tuple[str, tuple[str, ...]]]:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreters")
 @pytest.mark.parametrize(("script", "options"), commands(), ids=lambda value: str(value)[:40])
 def test_commands_have_their_options(script: str, options: tuple[str, ...]) -> None:
     command = [str(ROOT / script)]
@@ -126,7 +125,6 @@ SHORT = (
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreters")
 def test_commands_of_the_tutorial_run_one_after_the_other(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "tutorial" / "first_design.md").read_text(encoding="utf-8")
     lines = re.findall(r"^toros (.+)$", text, re.MULTILINE)

@@ -52,8 +52,6 @@ from toros_fem.products.tiles import PrintedTile, read_tile, write_tile
 from toros_fem.results.runs.files import read_checkpoint, write_checkpoint
 from toros_fem.results.runs.folder import RunRecord, open_run, read_run
 
-pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="readers work on one rank")
-
 ALONE = MPI.COMM_SELF
 POINTS = 0.01 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]])
 TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 4], [2, 3, 4], [1, 4, 3]])

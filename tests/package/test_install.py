@@ -10,9 +10,6 @@ from pathlib import Path
 
 import pytest
 from helpers.scenes import ROOT
-from mpi4py import MPI
-
-pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="runs its own interpreters")
 
 
 def dotted(path: Path) -> str:

@@ -7,10 +7,7 @@ import sys
 from pathlib import Path
 from types import SimpleNamespace
 
-import pytest
 from helpers.scenes import ROOT
-
-pytestmark = pytest.mark.one_rank
 
 # From top to bottom: a module may import from its own room and from rooms below it.
 ROOMS = [

@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 from helpers.scenes import ROOT
-from mpi4py import MPI
 
 import toros_fem
 
@@ -67,7 +66,6 @@ def test_recipe_needs_what_the_package_needs() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreters")
 def test_wheel_works_where_nothing_else_is() -> None:
     """Source archive, wheel from it, import, a solve, and the command `toros`."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}

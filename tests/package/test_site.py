@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 from helpers.scenes import ROOT
-from mpi4py import MPI
 
 import toros_fem
 
@@ -81,7 +80,6 @@ def public_names() -> list[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreter")
 def test_site_has_every_public_name_and_no_warning(tmp_path: Path) -> None:
     site = tmp_path / "site"
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}

@@ -6,8 +6,6 @@ import pytest
 from helpers.scenes import ROOT
 from helpers.top_level import files_on_disk
 
-pytestmark = pytest.mark.one_rank
-
 LISTED = {
     ".ci", ".gitignore", "CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "COPYING",
     "COPYING.LESSER", "Makefile", "README.md", "benchmarks", "demos", "docs", "examples", "forms",

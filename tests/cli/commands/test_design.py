@@ -128,7 +128,6 @@ def test_kinds_without_an_action(
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreters")
 def test_stopped_and_resumed_on_other_ranks(tmp_path: Path) -> None:
     """SIGTERM ends a real run with its code and one line; two ranks go on with it."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}

@@ -176,7 +176,6 @@ def test_only_the_first_rank_prints(comm: MPI.Comm, capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreters")
 def test_a_process_of_its_own() -> None:
     """The entry point, as a shell sees it."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}

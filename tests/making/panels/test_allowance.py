@@ -7,8 +7,6 @@ from shapely.geometry import LineString, Point, Polygon, box
 
 from toros_fem.making.panels.allowance import cut_outline
 
-pytestmark = pytest.mark.one_rank
-
 MM = 1e-3
 CORNERS = np.array([[0, 0], [100, 0], [100, 50], [0, 50], [0, 0]]) * MM
 SQUARE = Polygon(CORNERS)

@@ -8,8 +8,6 @@ from shapely.geometry import Point, Polygon, box
 
 from toros_fem.making.print.smoothing import smoothed
 
-pytestmark = pytest.mark.one_rank
-
 PANEL = metres(box(-20, -20, 20, 20))
 LENGTH = 0.7e-3
 

@@ -14,8 +14,6 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.making.print.thickness import thickened
 from toros_fem.making.print.widths import measure_widths
 
-pytestmark = pytest.mark.one_rank
-
 LIMIT, HOLE = 0.6, 0.5
 PANEL = box(-15, -10, 15, 10)
 

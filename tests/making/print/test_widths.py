@@ -11,8 +11,6 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.making.print.widths import Widths, measure_widths
 
-pytestmark = pytest.mark.one_rank
-
 RESOLUTION = 0.03
 PANEL = box(-20, -20, 20, 20)
 

@@ -6,12 +6,9 @@ from pathlib import Path
 import pytest
 from helpers.browser import opened
 from helpers.runs import SUMMARY, regions_of, tube
-from mpi4py import MPI
 
 from toros_fem.making.panels import ManufactureOptions
 from toros_fem.making.sheets import write_manufacture
-
-pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank writes a page")
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,6 @@ from shapely.affinity import rotate, translate
 from toros_fem.base.errors import SheetError
 from toros_fem.making.sheets.placement import Placement, nest
 
-pytestmark = pytest.mark.one_rank
-
 GAP, MARGIN = 4e-3, 10e-3
 BED = (0.25, 0.21)
 

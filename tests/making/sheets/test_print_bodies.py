@@ -16,8 +16,6 @@ from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.making.panels import ManufactureOptions, panel_drawings
 from toros_fem.making.sheets import PrintBody, print_bodies, print_body, write_3mf, write_stl
 
-pytestmark = pytest.mark.one_rank
-
 trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
 HEIGHT, BASE = 0.4e-3, 0.3e-3
 SPOTS = np.random.default_rng(3)

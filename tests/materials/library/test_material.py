@@ -8,8 +8,6 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.materials.library import LibraryMaterial
 from toros_fem.materials.sheet import Bladder, Material
 
-pytestmark = pytest.mark.one_rank
-
 FABRIC: dict[str, Any] = {
     "name": "my-jersey", "kind": "fabric", "title": "my jersey", "young": 1e5, "poisson": 0.3,
     "thickness": 5e-4, "stretch_range": (1, 1.5), "source": "own test", "trust": "measured",

@@ -8,8 +8,6 @@ import pytest
 from toros_fem.materials.library import print_offset, read_library, reinforced
 from toros_fem.materials.sheet import Material
 
-pytestmark = pytest.mark.one_rank
-
 
 def laminate(layers: list[Material]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A, B and D − B A⁻¹ B of layers upon each other, by quadrature over the thickness.

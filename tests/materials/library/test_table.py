@@ -3,13 +3,10 @@
 import runpy
 from dataclasses import replace
 
-import pytest
 from helpers.scenes import ROOT
 
 from toros_fem.materials.library import TRUSTS, read_library
 from toros_fem.materials.library.table import material_details, table_markdown, table_text
-
-pytestmark = pytest.mark.one_rank
 
 LIBRARY = read_library()
 

@@ -9,8 +9,6 @@ from toros_fem.base.errors import LibraryError, OutputError
 from toros_fem.materials.library import read_library, write_material
 from toros_fem.materials.library.writing import material_text
 
-pytestmark = pytest.mark.one_rank
-
 SHIPPED = read_library()
 
 

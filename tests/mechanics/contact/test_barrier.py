@@ -8,8 +8,6 @@ from toros_fem.mechanics.contact import Ground, rigid_box
 from toros_fem.mechanics.contact.barrier import Barrier
 from toros_fem.mechanics.contact.settings import ContactSizes
 
-pytestmark = pytest.mark.one_rank
-
 SIZES = ContactSizes(5e-4, 1e-4, 1e6, 1e-4)
 
 

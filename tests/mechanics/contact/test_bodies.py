@@ -12,8 +12,6 @@ from toros_fem.mechanics.contact.motion import rotation
 from toros_fem.meshes.surface import volume
 from toros_fem.meshes.topology import normals
 
-pytestmark = pytest.mark.one_rank
-
 DEPTH = 2e-4
 
 

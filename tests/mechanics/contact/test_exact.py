@@ -39,7 +39,6 @@ def coarse(name: str, mesh: str) -> list[Row]:
 
 
 @pytest.mark.slow
-@pytest.mark.one_rank
 @pytest.mark.parametrize(
     ("name", "mesh", "bound"),
     [
@@ -59,7 +58,6 @@ def test_membranes_between_plates(name: str, mesh: str, bound: float) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.one_rank
 @pytest.mark.parametrize(("name", "mesh"), [("fold-gap", "right"), ("plate-height", "structured")])
 def test_what_touches_comes_as_near_as_the_distance(name: str, mesh: str) -> None:
     _, fine = coarse(name, mesh)
@@ -92,7 +90,6 @@ def test_layers_of_a_fold_push_each_other_alike() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.one_rank
 def test_a_belt_holds_by_the_exponential_of_its_angle() -> None:
     """To both sides, as the drum turns with the pull or against it."""
     expected = np.exp(np.pi * BELT_FRICTION)
@@ -121,7 +118,6 @@ def test_a_pad_keeps_its_place_up_to_the_angle_of_friction() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.one_rank
 def test_a_pad_slips_beyond_the_angle_of_friction() -> None:
     assert not on_slope(2, 4, 1.01 * PAD_FRICTION, dragged=False).result.converged
 

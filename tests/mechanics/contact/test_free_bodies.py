@@ -7,8 +7,6 @@ from helpers.scenes import taylor_rates
 from toros_fem.mechanics.contact import Contact, rigid_box, rigid_sphere
 from toros_fem.mechanics.contact.free_bodies import FreeBodies
 
-pytestmark = pytest.mark.one_rank
-
 THICKNESS = 4e-4
 
 

@@ -10,8 +10,6 @@ from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.mechanics.contact.friction import Coulomb
 
-pytestmark = pytest.mark.one_rank
-
 LAW = Coulomb(0.6, 1e-4)
 RNG = np.random.default_rng(0)
 NORMAL = RNG.standard_normal((40, 3))

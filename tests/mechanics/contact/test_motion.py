@@ -12,8 +12,6 @@ from toros_fem.mechanics.contact.motion import (
     shortest,
 )
 
-pytestmark = pytest.mark.one_rank
-
 AXIS = np.array([2.0, -1.0, 0.5]) / np.linalg.norm([2.0, -1.0, 0.5])
 ANGLES = [0.0, 1e-9, 1e-3, 0.3, 0.999, 1.001, 2.0, 3.0, 6.0]
 

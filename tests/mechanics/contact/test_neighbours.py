@@ -13,8 +13,6 @@ from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.meshes import Pattern, cylinder, finger, rectangle
 from toros_fem.meshes.topology import edges_of, lengths
 
-pytestmark = pytest.mark.one_rank
-
 SIZES = ContactSizes(5e-4, 2.5e-4, 1e5, 1e-4)
 COMM = MPI.COMM_SELF
 

@@ -13,8 +13,6 @@ from toros_fem.meshes import Pattern, cylinder, finger, rectangle, two_panels, w
 from toros_fem.meshes.pattern import Panel
 from toros_fem.meshes.sheet import circle
 
-pytestmark = pytest.mark.one_rank
-
 ipctk = pytest.importorskip("ipctk")
 
 SIZES = ContactSizes(5e-4, 2.5e-4, 1e5, 1e-4)

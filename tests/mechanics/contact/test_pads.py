@@ -14,8 +14,6 @@ from toros_fem.mechanics.contact.settings import ContactSizes
 from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
 from toros_fem.mechanics.contact.solids import rigid_box
 
-pytestmark = pytest.mark.one_rank
-
 ONE = np.ones(1, dtype=bool)
 LAW = Pads(ONE, (1.0, 0.4, 0.2), forward=0.2, backward=0.8).law(1e-4)
 RNG = np.random.default_rng(0)

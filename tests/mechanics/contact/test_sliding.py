@@ -12,8 +12,6 @@ from toros_fem.mechanics.contact.motion import placed
 from toros_fem.mechanics.contact.sliding import Sliding, SlidingFriction
 from toros_fem.mechanics.contact.solids import rigid_box
 
-pytestmark = pytest.mark.one_rank
-
 COUNT, SLIP = 8, 1e-4
 RNG = np.random.default_rng(1)
 POINTS = RNG.uniform(-1e-2, 1e-2, (COUNT, 3))

@@ -31,7 +31,6 @@ def edge_lengths(body: RigidBody) -> np.ndarray:
     return lengths(body.points, edges_of(body.triangles).ends)
 
 
-@pytest.mark.one_rank
 @pytest.mark.parametrize("radius", [0.002, 0.02, 0.1])
 def test_spheres(radius: float) -> None:
     ball = rigid_sphere("ball", radius, CENTRE)
@@ -48,7 +47,6 @@ def test_spheres(radius: float) -> None:
     assert edges.max() < 1.2 * edges.min()
 
 
-@pytest.mark.one_rank
 @pytest.mark.parametrize("edge", [None, 1.0, 4e-3])
 def test_boxes(edge: float | None) -> None:
     box = rigid_box("box", (0.04, 0.03, 0.02), CENTRE, edge_length=edge)
@@ -61,7 +59,6 @@ def test_boxes(edge: float | None) -> None:
     assert shapes(box.points, box.triangles).min() > 0.4
 
 
-@pytest.mark.one_rank
 @pytest.mark.parametrize("axis", [(0.0, 0.0, 2.0), (-1.0, 0.0, 0.0), (1.0, 2.0, -3.0)])
 @pytest.mark.parametrize("radius", [0.002, 0.02, 0.1])
 def test_cylinders(radius: float, axis: tuple[float, float, float]) -> None:
@@ -77,7 +74,6 @@ def test_cylinders(radius: float, axis: tuple[float, float, float]) -> None:
     assert shapes(rod.points, rod.triangles).min() > 0.35
 
 
-@pytest.mark.one_rank
 def test_given_edge_lengths() -> None:
     assert len(rigid_sphere("ball", 1.0, edge_length=9.0).triangles) == 20
     assert len(rigid_cylinder("rod", 1.0, 1.0, edge_length=9.0).triangles) == 6 + 6 + 12
@@ -89,7 +85,6 @@ def test_given_edge_lengths() -> None:
         rigid_sphere("ball", 0.02, edge_length=1e-6)
 
 
-@pytest.mark.one_rank
 def test_values_that_are_refused() -> None:
     with pytest.raises(errors.ParameterError, match="radius = -1 must be"):
         rigid_sphere("ball", -1)

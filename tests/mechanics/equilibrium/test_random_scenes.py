@@ -1,11 +1,8 @@
 """Random skins under random loads end in a verified equilibrium, or in an error that is true."""
 
 import pytest
-from mpi4py import MPI
 from random_scenes import outcome_of
 
-# The judge is dense and serial.
-ALONE = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank only")
 # Newton steps that no scene here may exceed.
 MOST = 1500
 # Their stiff folded seams collapse onto themselves; what the oracle of the benchmark finds takes
@@ -13,7 +10,6 @@ MOST = 1500
 COLLAPSE = (7, 14)
 
 
-@ALONE
 @pytest.mark.parametrize("seed", [seed for seed in range(42) if seed not in COLLAPSE])
 def test_random_scene(seed: int) -> None:
     row = outcome_of(seed, few_terms=True)
@@ -23,7 +19,6 @@ def test_random_scene(seed: int) -> None:
         assert row["why"] == "ParameterError"
 
 
-@ALONE
 def test_a_collapse_names_its_folds() -> None:
     row = outcome_of(COLLAPSE[-1], few_terms=True, ask_oracle=False)
     assert row["outcome"] == "no equilibrium"
@@ -31,7 +26,6 @@ def test_a_collapse_names_its_folds() -> None:
     assert row["steps"] <= MOST
 
 
-@ALONE
 def test_a_free_membrane_is_no_equilibrium() -> None:
     row = outcome_of(471)  # a sheet without bending or load
     assert row["outcome"] == "no equilibrium"

@@ -52,7 +52,6 @@ def test_forces_of_a_pull_are_balanced(comm: MPI.Comm) -> None:
         pull_out(solver, density, 15e3, [0.0], gripper.ALONG, closed.positions, body=1)
 
 
-@pytest.mark.one_rank
 def test_reading_a_pull() -> None:
     nothing = np.zeros((0, 3))
     points = [

@@ -11,8 +11,6 @@ from toros_fem import FitOptions, fit_material, read_tensile_tests
 from toros_fem.base.errors import MeasurementError, ParameterError
 from toros_fem.products.fitting import Given, TensileTest
 
-pytestmark = pytest.mark.one_rank
-
 BY_HESSIAN = FitOptions(intervals="hessian")
 
 

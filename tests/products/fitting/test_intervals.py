@@ -8,8 +8,6 @@ from scipy.signal import lfilter
 from toros_fem import FitOptions, TensileTest, fit_material
 from toros_fem.products.fitting.intervals import correlation
 
-pytestmark = pytest.mark.one_rank
-
 
 def curve(rng: np.random.Generator, rho: float, points: int) -> np.ndarray:
     return np.asarray(lfilter([1.0], [1.0, -rho], rng.standard_normal(points + 100))[100:])

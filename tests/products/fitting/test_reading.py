@@ -11,8 +11,6 @@ from hypothesis import strategies as st
 from toros_fem.base.errors import MeasurementError, ParameterError
 from toros_fem.products.fitting import Given, TensileTest, read_tensile_tests
 
-pytestmark = pytest.mark.one_rank
-
 STRAIN = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
 FORCE = np.array([0.0, 1.0, 2.1, 3.3, 4.8, 7.0])
 WIDTH, THICKNESS = 0.025, 0.5e-3

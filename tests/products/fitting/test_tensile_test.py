@@ -8,8 +8,6 @@ import pytest
 from toros_fem import TensileTest
 from toros_fem.base.errors import MeasurementError, ParameterError
 
-pytestmark = pytest.mark.one_rank
-
 
 def cycles(noise: float = 0.0) -> TensileTest:
     """Three cycles, each to a larger stretch; the stress holds the number of the branch."""

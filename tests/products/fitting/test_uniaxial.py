@@ -16,8 +16,6 @@ from toros_fem.products.fitting.uniaxial import (
     uniaxial_curve,
 )
 
-pytestmark = pytest.mark.one_rank
-
 
 def test_closed_form_table() -> None:
     rows = [r for r in table("gent_uniaxial") if r["mat"] == "A" and float(r["stretch"]) >= 1]

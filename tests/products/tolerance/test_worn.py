@@ -9,8 +9,6 @@ from helpers.scenes import square
 from toros_fem.meshes import Pattern
 from toros_fem.products.tolerance.worn import broken_lines, offset_print
 
-pytestmark = pytest.mark.one_rank
-
 RESOLUTION = 0.03 * MM
 
 

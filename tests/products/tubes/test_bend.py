@@ -193,7 +193,6 @@ def command(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreter")
 def test_command_line_designs_a_bend(tmp_path: Path) -> None:
     """32 steps on 800 triangles print 179.5° of 180° (seed 2; seeds 3 and 4: 175.6° and 174.0°)."""
     fewer = ("--iterations", "16", "--constrained-iterations", "16", "--seed", "2")
@@ -221,7 +220,6 @@ def test_command_line_designs_a_bend(tmp_path: Path) -> None:
     assert done.stdout.count("\n") == 36, "a header, a row for each step and stage, the result"
 
 
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts its own interpreter")
 def test_command_line_refuses_in_one_line(tmp_path: Path) -> None:
     done = command("--coarse", "--pressure", "-3", "--output", str(tmp_path / "out"))
     assert done.returncode == 2

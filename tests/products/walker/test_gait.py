@@ -14,7 +14,6 @@ from toros_fem.meshes.mirror import mirrored
 from toros_fem.products.walker.gait import Gait, Walk, walk_of
 
 
-@pytest.mark.one_rank
 def test_pressures_of_a_cycle() -> None:
     """From the end of the last phase through all phases, in equal steps."""
     gait = Gait(("front", "rear"), np.array([[1.0, 0.0], [0.5, 1.0]]), 2)
@@ -24,7 +23,6 @@ def test_pressures_of_a_cycle() -> None:
         Gait(("one",), np.zeros((2, 2)), 1)
 
 
-@pytest.mark.one_rank
 def test_stride_and_slip() -> None:
     """The rear foot draws up and slides back by 1 mm; the front foot reaches out in the air."""
     rear, front = np.array([0.0, 6.0, 5.0]), np.array([50.0, 50.0, 55.0])
@@ -38,7 +36,6 @@ def test_stride_and_slip() -> None:
     assert walk.supplied_energy == walk.lost_energy == 0
 
 
-@pytest.mark.one_rank
 def test_energy_of_a_cycle() -> None:
     """A chamber that is filled at 2 kPa and emptied at 1 kPa loses the area of its loop."""
     pressures = np.array([[1e3], [2e3], [2e3], [1e3], [1e3]])

@@ -99,7 +99,6 @@ def test_ground_and_pads(comm: MPI.Comm, feet: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.one_rank
 def test_a_walker_walks() -> None:
     """Legs with a printed bottom bend under the body, and pads let it go ahead alone."""
     pytest.importorskip("ipctk")

@@ -4,14 +4,11 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-import pytest
 import shapely
 from helpers.scenes import square
 
 from toros_fem.results.pictures.design_plot import plot_design
 from toros_fem.results.pictures.drawing import FABRIC, PRINTED
-
-pytestmark = pytest.mark.one_rank
 
 
 def test_three_stages_of_a_design(tmp_path: Path) -> None:

@@ -9,8 +9,6 @@ from matplotlib.text import Text
 
 from toros_fem.results.pictures.labels import Label, groups, write_labels
 
-pytestmark = pytest.mark.one_rank
-
 
 @pytest.mark.parametrize(("count", "room"), [(12, True), (150, False)])
 def test_labels_do_not_overlap(count: int, room: bool) -> None:

@@ -4,14 +4,11 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-import pytest
 import shapely
 from helpers.scenes import square
 
 from toros_fem.design.lines.field import LineField
 from toros_fem.results.pictures.line_plot import plot_line_field
-
-pytestmark = pytest.mark.one_rank
 
 
 def test_families_and_their_print(tmp_path: Path) -> None:

@@ -10,8 +10,6 @@ from toros_fem.base.errors import OutputError, ParameterError
 from toros_fem.results.report import write_animation
 from toros_fem.results.report.animation import _ground
 
-pytestmark = pytest.mark.one_rank
-
 image = pytest.importorskip("PIL.Image")
 
 

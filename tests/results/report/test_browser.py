@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from helpers.browser import Page, opened
 from helpers.runs import change_summary, tube, write_run
-from mpi4py import MPI
 
 from toros_fem.results.report import write_report
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one browser is enough"),
 ]
 DARK, FABRIC = np.array([33, 51, 84]), np.array([237, 219, 184])
 

@@ -6,8 +6,6 @@ import pytest
 
 from toros_fem.results.report.charts import Chart, Line
 
-pytestmark = pytest.mark.one_rank
-
 
 def chart(**further: object) -> str:
     line = Line("angle", [0.0, 5.0, 10.0], [0.0, 30.0, 90.0])

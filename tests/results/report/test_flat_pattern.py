@@ -4,11 +4,7 @@ import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
-import pytest
-
 from toros_fem.results.report.flat_pattern import flat_pattern
-
-pytestmark = pytest.mark.one_rank
 
 
 def test_it_is_the_drawing_with_a_bar(run: Path) -> None:

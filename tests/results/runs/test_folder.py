@@ -128,8 +128,10 @@ def test_results_without_a_record_are_moved_but_not_other_files(
         assert names(folder) == {".lock", "earlier-1", "finger.stl", "mine.toml", "state"}
 
 
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="child processes are no ranks")
-def test_a_folder_in_use_is_refused_until_its_process_is_dead(comm: MPI.Comm, folder: Path) -> None:
+def test_a_folder_in_use_is_refused_until_its_process_is_dead(
+    alone: MPI.Comm, tmp_path: Path
+) -> None:
+    folder = tmp_path / "run"
     script = (
         "import sys; from pathlib import Path; from toros_fem.results.runs.lock import FolderLock\n"
         "folder = Path(sys.argv[1]); folder.mkdir(); lock = FolderLock(folder)\n"
@@ -144,13 +146,13 @@ def test_a_folder_in_use_is_refused_until_its_process_is_dead(comm: MPI.Comm, fo
         assert other.stdout is not None
         assert other.stdout.readline() == b"locked\n"
         with pytest.raises(RunError, match=f"process {other.pid} on "):
-            open_run(comm, folder, INPUTS)
+            open_run(alone, folder, INPUTS)
         assert names(folder) == {".lock"}
         other.kill()
         other.wait()
-        with open_run(comm, folder, INPUTS), pytest.raises(RunError, match="in use"):
-            open_run(comm, folder, INPUTS)
-    with open_run(comm, folder, INPUTS):
+        with open_run(alone, folder, INPUTS), pytest.raises(RunError, match="in use"):
+            open_run(alone, folder, INPUTS)
+    with open_run(alone, folder, INPUTS):
         pass
 
 
@@ -259,16 +261,18 @@ def test_signals_ask_for_a_write_or_an_end(comm: MPI.Comm, folder: Path) -> None
     assert [signal.getsignal(s) for s in (signal.SIGTERM, signal.SIGUSR1)] == before
 
 
-@pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="the other ranks would be aborted")
-def test_where_nothing_is_to_be_written_a_run_stops_at_once(comm: MPI.Comm, folder: Path) -> None:
+def test_where_nothing_is_to_be_written_a_run_stops_at_once(
+    alone: MPI.Comm, tmp_path: Path
+) -> None:
     """Outside of loops, and in them at a second signal."""
-    with pytest.raises(RunStoppedError, match="SIGINT"), open_run(comm, folder, INPUTS):  # noqa: PT012
+    folder = tmp_path / "run"
+    with pytest.raises(RunStoppedError, match="SIGINT"), open_run(alone, folder, INPUTS):  # noqa: PT012
         try:
             os.kill(os.getpid(), signal.SIGINT)
         except RunStoppedError:  # as PETSc does with errors in callbacks
             raise RuntimeError("error code -1") from None
-    with open_run(comm, folder, INPUTS, resume=True) as run:
-        entry = run.journal(folder).entry(comm, "loop")
+    with open_run(alone, folder, INPUTS, resume=True) as run:
+        entry = run.journal(folder).entry(alone, "loop")
         entry.offer(lambda: STATE, last=False)
         os.kill(os.getpid(), signal.SIGINT)
         with pytest.raises(RunStoppedError):

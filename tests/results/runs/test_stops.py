@@ -12,11 +12,9 @@ import numpy as np
 import pytest
 from helpers.run_files import content
 from helpers.scenes import ROOT
-from mpi4py import MPI
 
 # Under mpirun a child process would act as one of its ranks.
 pytestmark = [
-    pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="child processes are no ranks"),
     pytest.mark.slow,
 ]
 
