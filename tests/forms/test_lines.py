@@ -1,32 +1,24 @@
 """Line families: energy by hand, closed forms against `ufl.derivative` and differences."""
 
-import dataclasses
 import itertools
 
 import numpy as np
 import pytest
-import ufl
-from dolfinx import fem, la
 from helpers.expressions import matrix, number
-from helpers.models import SIZE, affine, automatic_tangent, bent_tube, line_design, pressurize
-from helpers.models import upper_rows as closed_rows
+from helpers.models import SIZE, affine, line_design
 from helpers.scenes import square
 from mpi4py import MPI
-from scipy.sparse import csr_matrix, triu
 
-from toros_fem.base.mpi import norm
-from toros_fem.forms.blocks import Blocks
 from toros_fem.forms.lines import (
     Family,
     bending_stiffness,
     fabric_factor,
     stretching_energy,
-    stretching_pairs,
 )
 from toros_fem.materials.sheet import Bending, Composite, Material
 from toros_fem.mechanics.skin.relaxed_model import CROSSING, RelaxedModel
 from toros_fem.mechanics.skin.supports import Supports, clamp
-from toros_fem.meshes import Skin, cylinder, sew
+from toros_fem.meshes import cylinder, sew
 
 FLAT = np.array([[0.0, 0.0], [2.0, 0.1], [0.5, 1.5]])
 JACOBIAN = np.column_stack([FLAT[1] - FLAT[0], FLAT[2] - FLAT[0]])
@@ -39,16 +31,6 @@ def family(angle: float, stretching: float, bending: float = 0, twisting: float 
 
 def length(F: np.ndarray, angle: float) -> float:
     return float(np.linalg.norm(F @ [np.cos(angle), np.sin(angle)]))
-
-
-def hessian(families: list[Family], corners: np.ndarray, geometric: float) -> np.ndarray:
-    """The closed second variation by the corners, (9, 9)."""
-    blocks = Blocks(3)
-    points = [(float(x), float(y), float(z)) for x, y, z in corners]
-    blocks.add_edges(stretching_pairs(families, points, matrix(JACOBIAN), geometric))
-    upper = np.zeros((9, 9))
-    upper[np.triu_indices(9)] = [number(entry) for entry in blocks.upper()]
-    return upper + np.triu(upper, 1).T
 
 
 def test_factor_of_the_fabric_by_the_double_sum() -> None:
@@ -88,37 +70,6 @@ def test_energy_in_tension_and_compression() -> None:
     assert number(found) == pytest.approx(expected, rel=1e-13)
 
 
-@pytest.mark.parametrize("squeeze", [1.25, 0.8])
-def test_second_variation_and_its_material_part(squeeze: float) -> None:
-    """By differences of the energy; without rotations of stress it is positive, or the same."""
-    rng = np.random.default_rng(4)
-    corners = squeeze * np.column_stack([FLAT, np.zeros(3)]) + 0.1 * rng.standard_normal((3, 3))
-    stiffness = (2.0, 3.0, 5.0)
-
-    def energy(x: np.ndarray) -> float:
-        a, b, c = x.reshape(3, 3)
-        F = np.column_stack([b - a, c - a]) @ np.linalg.inv(JACOBIAN)
-        parts = [k / 2 * (length(F, t) - 1) ** 2 for t, k in zip(ANGLES, stiffness, strict=True)]
-        return float(sum(parts))
-
-    families = [family(t, k) for t, k in zip(ANGLES, stiffness, strict=True)]
-    whole, step, unit = hessian(families, corners, 1.0), 1e-4, np.eye(9)
-    for i in range(9):
-        for j in range(9):
-            signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
-            ends = [energy(corners.ravel() + step * (p * unit[i] + q * unit[j])) for p, q in signs]
-            by_difference = (ends[0] - ends[1] - ends[2] + ends[3]) / (4 * step**2)
-            assert whole[i, j] == pytest.approx(by_difference, abs=1e-6)
-    material = hessian(families, corners, 0.0)
-    lowest = np.linalg.eigvalsh(material)
-    assert lowest[0] > -1e-14 * lowest[-1]
-    if squeeze > 1:
-        assert material == pytest.approx(whole, abs=1e-13), "nothing is compressed"
-    else:
-        assert np.linalg.eigvalsh(whole)[0] < -0.1
-        assert np.linalg.eigvalsh(material - whole)[0] > -1e-13
-
-
 def test_stiffness_of_lines_that_bend_and_twist() -> None:
     Lambda = np.array([[3.0, 0.5], [0.5, -2.0]])
     families = [family(t, 0.0, 7.0, 2.0 + t) for t in ANGLES]
@@ -129,35 +80,6 @@ def test_stiffness_of_lines_that_bend_and_twist() -> None:
     D, parts = np.array(bending_stiffness(families), dtype=float), np.array([3.0, -2.0, 0.5])
     assert parts @ D @ parts == pytest.approx(expected, rel=1e-13)
     assert pytest.approx(D.T) == D
-
-
-# As in test_energy, so thick that stretching does not hide what bending adds.
-THICK = Composite(Material(1e5, 0.3, 5e-3), Material(26e5, 0.3, 5e-3))
-
-
-@pytest.mark.parametrize("curvature", ["midedge", None])
-def test_closed_forms_equal_the_automatic_ones(
-    tube: Skin, comm: MPI.Comm, curvature: str | None
-) -> None:
-    bending = None if curvature is None else Bending(curvature)
-    composite = dataclasses.replace(THICK, bending=bending)
-    model = RelaxedModel(tube, composite, clamp(tube.pattern, ["base"]), 2)
-    model.set_density(line_design(tube, 2, 6))
-    pressurize(model, 2e3)
-    state = bent_tube(model)
-    model.set_state(state)
-    energy = fem.form(
-        ufl.derivative(model.ufl_forms.energy, model.q, ufl.TestFunction(model.space))
-    )
-    vector = fem.assemble_vector(energy)
-    vector.scatter_reverse(la.InsertMode.add)
-    automatic = vector.array[: model.size_local] * model.free
-    assert norm(comm, model.residual(state) - automatic) <= 1e-13 * norm(comm, automatic)
-    closed = closed_rows(model, state)
-    rows, columns, values = automatic_tangent(model, state).getValuesCSR()
-    begin = model.space.dofmap.index_map.local_range[0]
-    expected = triu(csr_matrix((values, columns, rows), shape=closed.shape), k=begin)
-    assert norm(comm, (closed - expected).tocsr().data) <= 1e-12 * norm(comm, closed.data)
 
 
 def test_energy_of_a_sheet_by_hand(comm: MPI.Comm) -> None:

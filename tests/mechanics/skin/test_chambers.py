@@ -64,13 +64,6 @@ def moved(model: SkinModel) -> np.ndarray:
     return state
 
 
-def drawn(model: SkinModel, seed: int) -> np.ndarray:
-    whole = np.random.default_rng(seed).standard_normal(model.skin.pattern.points.shape)
-    direction = np.zeros(model.size_local)
-    model.positions(direction)[:] = whole[model.skin.owned_vertices]
-    return direction * model.free
-
-
 @pytest.mark.parametrize("count", [0, 2, 3, 4])
 def test_equal_pressures_are_one_chamber(grid: Skin, count: int) -> None:
     """Energy, force and tangent to rounding, wherever the origin is."""
@@ -101,37 +94,6 @@ def test_equal_pressures_are_one_chamber(grid: Skin, count: int) -> None:
     assert models[1].volumes(shifted) == pytest.approx(models[1].volumes(there), rel=1e-10)
     shares = models[1].volumes(models[1].assembled) / one[3].sum()
     assert shares.min() > 0.1, "each is a body"
-
-
-def test_derivatives_with_two_pressures(two: EquilibriumSolver) -> None:
-    """Force and tangent, walls included, against the energy."""
-    model, comm = two.model, two.skin.comm
-    model.set_density(np.full(len(two.skin.owned_cells), 0.2))
-    pressurize(model, 8e4, 1e4)  # so high that the walls weigh
-    state, direction = moved(model), drawn(model, 3)
-    slope = total(comm, model.residual(state) @ direction)
-    rates = taylor_rates(lambda h: model.energy(state + h * direction), slope, 1e-6)
-    assert rates == pytest.approx(2, abs=0.1)
-    tangent = UpperTangent(model)
-    entries = np.zeros(len(tangent.columns))
-    tangent.assemble(state, entries)
-    index_map = model.space.dofmap.index_map
-    shape = (model.size_local, index_map.size_global)
-    upper = csr_matrix((entries, tangent.columns, tangent.indptr), shape=shape).toarray()
-    upper = np.concatenate(comm.allgather(upper))
-    whole = np.concatenate(comm.allgather(direction))
-    product = (upper + upper.T - np.diag(upper.diagonal())) @ whole
-    product = product[index_map.local_range[0] : index_map.local_range[1]]
-    step = 1e-7
-    ends = [model.residual(state + sign * step * direction) for sign in (1, -1)]
-    expected = np.asarray((ends[0] - ends[1]) / (2 * step), dtype=np.float64)
-    assert norm(comm, product - expected) < 1e-7 * norm(comm, expected)
-    material = np.zeros_like(entries)
-    tangent.assemble(state, material, geometric=0.0)
-    pressurize(model, 0.0, 0.0)
-    without = np.zeros_like(entries)
-    tangent.assemble(state, without, geometric=0.0)
-    assert np.array_equal(material, without), "no pressure in the material part"
 
 
 @pytest.mark.parametrize("closed", [True, False])

@@ -8,7 +8,6 @@ from helpers.models import (
     SIZE,
     affine,
     bent_tube,
-    drawn,
     line_design,
     pressurize,
 )
@@ -28,7 +27,6 @@ from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.relaxed_model import RelaxedModel
 from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
-from toros_fem.mechanics.skin.tangent import UpperTangent
 from toros_fem.meshes import Pattern, Skin, cylinder, mirrored, sew
 from toros_fem.meshes.tile import tile
 from toros_fem.products.tiles.solver import TileSolver
@@ -169,28 +167,6 @@ def test_printed_fabric_stays_what_it_is(pair: list[SkinModel], comm: MPI.Comm) 
     assert scale > 0
     assert norm(comm, gaps[0]) < 1e-10 * scale
     assert norm(comm, gaps[1] - 0.75 * gaps[2]) < 1e-10 * scale
-
-
-def test_sensitivity_and_tangent(pair: list[SkinModel], comm: MPI.Comm) -> None:
-    model = pair[0]
-    state, adjoint = bent_tube(model), drawn(model, 1)
-    rng = np.random.default_rng(9)
-    low, high = rng.random((2, len(model.skin.pattern.panel)))[:, model.skin.owned_cells]
-    work = []
-    for density in (low, high):
-        model.set_density(density)
-        work.append(total(comm, model.residual(state) @ adjoint))
-    slope = total(comm, model.density_sensitivity(state, adjoint) @ (high - low))
-    assert slope == pytest.approx(work[1] - work[0], rel=1e-9)
-    tangent = UpperTangent(model)
-    entries = np.zeros(len(tangent.columns))
-    tangent.assemble(state, entries)
-    expected = tangent.multiply(entries, adjoint)
-    base, errors = model.residual(state), []
-    for step in 1e-5 * 2.0 ** -np.arange(4):
-        gap = model.residual(state + step * adjoint) - base - step * expected
-        errors.append(norm(comm, gap))
-    assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(2, abs=0.05)
 
 
 def test_courses_bend(comm: MPI.Comm) -> None:

@@ -1,0 +1,155 @@
+"""Each energy term: force, tangent, load, sensitivity and rotation, by the energy alone.
+
+A kind of unknown is moved alone: forces at positions would hide those at turns and bodies. Where a
+term adds to a bare skin, what the bare skin has is taken off first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.models import dense_tangent
+from kit.slopes import slope
+from kit.terms import TERMS, Term, design_of, model_of, periodic
+from scipy.spatial.transform import Rotation
+
+from toros_fem.mechanics.skin.load_case import LoadCase
+from toros_fem.mechanics.skin.model import SkinModel
+from toros_fem.mechanics.skin.periodicity import PeriodicModel
+
+STEP = 2e-8  # m: the fourth order's error is at rounding
+
+
+def kinds(model: SkinModel) -> list[np.ndarray]:
+    """Return which unknowns are positions, turns of edges, the lattice, and free bodies."""
+    places = np.zeros(model.size_local, dtype=bool)
+    model.positions(places)[:] = True
+    lattice, bodies = ~places & False, ~places & False
+    if isinstance(model, PeriodicModel):
+        lattice[model.lattice_dofs] = True
+    if model.free_bodies:
+        bodies[model.joined(0.0 * model.positions(places), np.ones((model.free_bodies, 6))) > 0] = (
+            True
+        )
+    return [places, ~places & ~lattice & ~bodies, lattice, bodies]
+
+
+def ways(model: SkinModel) -> Iterator[np.ndarray]:
+    """Yield a small random motion of each kind of unknown."""
+    numbers = np.random.default_rng(2).uniform(-1, 1, model.size_local)
+    for kind in kinds(model):
+        if (kind & model.free).any():
+            yield STEP * numbers * model.free * kind
+
+
+def compare(
+    energy: Callable[[np.ndarray], float],
+    force: Callable[[np.ndarray], np.ndarray],
+    tangent: np.ndarray,
+    state: np.ndarray,
+    model: SkinModel,
+) -> int:
+    """Check force and tangent along each kind of unknown; return how many do any work."""
+    pull, moved = force(state), 0
+    for way in ways(model):
+        work, wide = np.abs(pull) @ np.abs(way), np.abs(tangent) @ np.abs(way)
+        by_energy = slope(lambda h, way=way: energy(state + h * way))  # type: ignore[misc]
+        by_force = slope(lambda h, way=way: force(state + h * way))  # type: ignore[misc]
+        assert pull @ way == pytest.approx(by_energy, abs=1e-7 * work + 5e-17)
+        found = (tangent @ way) * model.free
+        assert np.abs(found - by_force * model.free).max() < 1e-6 * wide.max() + 1e-14
+        moved += bool(work > 1e-12)
+    return moved
+
+
+@pytest.mark.parametrize("term", TERMS.values(), ids=TERMS)
+def test_force_and_tangent(term: Term) -> None:
+    (state, model), size = model_of(term), 0
+    if term.adds is not None:
+        _, bare = model_of(Term(skin=term.skin))
+        size = bare.size_local
+
+    def alone(of: Callable[[SkinModel, np.ndarray], Any], x: np.ndarray) -> Any:
+        found = np.array(of(model, x))
+        if size:
+            found[(slice(size),) * found.ndim] -= of(bare, x[:size])
+        return found
+
+    moved = compare(
+        lambda x: float(alone(SkinModel.energy, x)),
+        lambda x: np.asarray(alone(SkinModel.residual, x)),
+        np.asarray(alone(dense_tangent, state)),
+        state,
+        model,
+    )
+    assert moved == term.kinds
+    if term.by_hand is not None:
+        places = model.skin.gather_vertices(model.positions(state))
+        found = float(alone(SkinModel.energy, state))
+        assert found == pytest.approx(term.by_hand(places), rel=1e-8)
+
+
+@pytest.mark.parametrize("bending", [True, False])
+def test_force_and_tangent_of_a_tile(bending: bool) -> None:
+    composite = TERMS["sheet" if bending else "membrane"].composite
+    state, model = periodic(composite)
+    tangent = dense_tangent(model, state)
+    assert compare(model.energy, model.residual, tangent, state, model) == 2 + bending
+
+
+@pytest.mark.parametrize("term", TERMS.values(), ids=TERMS)
+def test_load(term: Term) -> None:
+    """What a load adds to the forces is what `applied_load` says, and none is no force."""
+    state, model = model_of(term)
+    load, pull = model.applied_load(state), model.residual(state)
+    model.set_load(LoadCase(0 * term.load.pressures))
+    change = model.residual(state) - pull
+    assert change == pytest.approx(load, abs=1e-9 * np.abs(pull).max())
+    assert not model.applied_load(state).any()
+
+
+@pytest.mark.parametrize("term", TERMS.values(), ids=TERMS)
+def test_sensitivity(term: Term) -> None:
+    """Of the work of a random adjoint, by each column of the design."""
+    state, model = model_of(term)
+    adjoint = np.random.default_rng(6).uniform(-1, 1, model.size_local) * model.free
+    base = design_of(term)
+    found = model.density_sensitivity(state, adjoint)
+    assert found.shape == base.shape
+
+    def work(shift: float) -> float:
+        model.set_density(design_of(term, shift))
+        return float(model.residual(state) @ adjoint)
+
+    way = slope(lambda h: design_of(term, h), 1e-2)
+    change = slope(work, 1e-2)
+    assert (found * way).sum() == pytest.approx(change, rel=1e-6)
+    assert abs(change) > 1e-6 * np.abs(found * way).sum()
+
+
+@pytest.mark.parametrize("name", [name for name, term in TERMS.items() if term.free])
+def test_rotation(name: str) -> None:
+    """Energy does not see where the skin is and how it is turned; forces turn with it."""
+    state, model = model_of(TERMS[name])
+    turn = Rotation.from_euler("xyz", [0.4, -1.1, 2.0]).as_matrix()
+    there = state.copy()
+    model.positions(there)[:] = model.positions(state) @ turn.T + [0.03, -0.02, 0.05]
+    assert model.energy(there) == pytest.approx(model.energy(state), rel=1e-9)
+    pull = model.positions(model.residual(state) + model.reaction(state))
+    turned = model.positions(model.residual(there) + model.reaction(there))
+    assert turned == pytest.approx(pull @ turn.T, abs=1e-8 * np.abs(pull).max())
+
+
+@pytest.mark.parametrize("term", TERMS.values(), ids=TERMS)
+def test_material_part(term: Term) -> None:
+    """It is positive semidefinite, so that a multiple of it makes any tangent positive."""
+    state, model = model_of(term)
+    noise = np.random.default_rng(3).standard_normal(model.size_local)
+    state += 2e-4 * noise * model.free * kinds(model)[0] * (term.width == 1)
+    material = dense_tangent(model, state, 0.0)
+    scale = 1 / np.sqrt(np.abs(np.diag(material)))
+    lowest = np.linalg.eigvalsh(scale[:, None] * material * scale)
+    assert lowest[0] > -1e-11 * lowest[-1]
