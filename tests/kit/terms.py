@@ -215,7 +215,14 @@ def model_of(term: Term) -> tuple[np.ndarray, SkinModel]:
     start = model.assembled
     noise = np.random.default_rng(3).uniform(-1, 1, len(start))
     state = start + 3e-5 * noise * model.free
-    model.positions(state)[:, 0] *= term.width
+    places = model.positions(state)
+    if "contact" not in adds:  # stretched and bent, within all bounds
+        x, y, z = places.T.copy()
+        places.T[:] = 1.08 * x + 0.005 * (z / 0.06) ** 2, 1.04 * y, 1.12 * z
+        places[model.fixed[: places.size].reshape(-1, 3)] = model.positions(start)[
+            model.fixed[: places.size].reshape(-1, 3)
+        ]
+    places[:, 0] *= term.width
     model.begin_step(None, term.load)
     model.lag_friction(start)
     model.grow_pairs(state)
