@@ -138,22 +138,6 @@ def test_a_reporter_made_earlier_counts_the_set_up(
     assert made.result.history[-1].metrics["angle_deg"] == made.summary["design"]["angle_deg"]
 
 
-def test_a_run_ends_with_its_curve(
-    comm: MPI.Comm, tmp_path: Path, tube_to_bend: ActuatorCase
-) -> None:
-    folder = shared(comm, tmp_path)
-    config = SHORT.updated(curve_pressure=6e3, curve_steps=1)
-    summary = design_actuator(comm, folder, lambda *_: tube_to_bend, config).summary
-    comm.barrier()
-    with (folder / "curve.csv").open(encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    assert [float(row["pressure_pa"]) for row in rows[-2:]] == [5e3, 6e3]
-    for key in ("angle_deg", "length_ratio", "volume_m3"):
-        assert float(rows[-2][key]) == summary[key]
-    assert summary["curve"]["points"] == len(rows)
-    assert summary["curve"]["measured"] == []
-
-
 def case(comm: MPI.Comm, config: TubeConfig) -> ActuatorCase:
     target = bend(np.radians(45), 0.08, neutral=0.01)
     return tube_case(comm, config, target, [bend_metric(45.0)])

@@ -8,9 +8,8 @@ from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.meshes.pattern_file import NAME, write_pattern
+from toros_fem.meshes.pattern_file import write_pattern
 from toros_fem.products.actuators.simulate import simulate_actuator, simulation_sentence
-from toros_fem.products.kinds import KINDS
 from toros_fem.products.tubes import bend, inflate
 
 SMALL = bend.BendConfig(
@@ -47,24 +46,6 @@ def test_plain_skin_is_that_of_inflate(comm: MPI.Comm, tmp_path: Path) -> None:
     for name in ("curve.csv", "curve.png", "shapes.png", "skin.vtu"):
         assert (folder / "bend" / name).exists()
     assert simulation_sentence(found).endswith("at 5.00 kPa, plain skin")
-
-
-@pytest.mark.slow
-def test_print_of_a_design(comm: MPI.Comm, tmp_path: Path) -> None:
-    folder = shared(comm, tmp_path)
-    designed = bend.run(comm, folder / "designed", SMALL)
-    comm.barrier()
-    simulate = KINDS["bend"].simulate
-    assert simulate is not None
-    again = simulate.run(comm, folder / "again", SMALL, pattern=folder / "designed")
-    # Both are equilibria of one print, found along different paths.
-    assert again["angle_deg"] == pytest.approx(designed["angle_deg"], abs=0.01)
-    assert again["length_ratio"] == pytest.approx(designed["length_ratio"], rel=1e-4)
-    assert simulation_sentence(again).endswith("as printed")
-    finer = SMALL.updated(edge_length=3.5e-3)
-    other = simulate.run(comm, folder / "finer", finer, pattern=folder / "designed" / NAME)
-    assert other["triangles"] > 1.3 * again["triangles"]
-    assert other["angle_deg"] == pytest.approx(again["angle_deg"], rel=0.3)
 
 
 def test_what_is_refused(comm: MPI.Comm, tmp_path: Path) -> None:

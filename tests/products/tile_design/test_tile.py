@@ -1,18 +1,14 @@
 """The demo of a tile: targets, files, bad input."""
 
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.meshes import SYMMETRIES
 from toros_fem.products.tile_design import tile as demo
-from toros_fem.products.tiles.printed_tile import read_tile
 
 SMALL = demo.TargetTileConfig(
     edge_length=0.8e-3,
@@ -23,36 +19,6 @@ SMALL = demo.TargetTileConfig(
     finish_iterations=2,
     corrections=0,
 )
-
-
-@pytest.mark.slow
-def test_demo(comm: MPI.Comm, tmp_path: Path) -> None:
-    folder = shared(comm, tmp_path) / "tile"
-    summary = demo.run(comm, folder, SMALL.updated(fabric_young=0.2e6))
-    comm.barrier()
-    written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    assert written["ranks"] == comm.size
-    assert written["printed"] == summary["printed"]
-    assert len(summary["trials"]) == 2
-    assert len(summary["corrections_percent"]) == 1
-    assert summary["worst_percent"] == pytest.approx(min(summary["corrections_percent"]))
-    target = np.array(summary["target"]["stiffness_n_per_m"])
-    assert target == pytest.approx([2000, 1000, 500, 400])
-    printed = np.array(summary["printed"]["stiffness_n_per_m"])
-    assert summary["worst_percent"] == pytest.approx(100 * np.abs(printed / target - 1).max())
-    assert len(summary["buckling"]) == len(target)
-    assert summary["inputs"]["target"] == "tetragonal"
-    assert summary["inputs"]["stiffness_0"] is None
-    assert 0 < summary["seconds"]["setup"] < summary["seconds"]["total"]
-    made = read_tile(comm, folder)
-    assert made.composite.fabric.young == 0.2e6
-    assert 0 < made.tile(comm).pattern.areas[made.printed].sum() < 1e-4
-    history = (folder / "history.csv").read_text(encoding="utf-8").splitlines()
-    assert history[0].endswith(",worst_percent")
-    text = demo.sentence(summary)
-    assert f"at most {summary['worst_percent']:.1f} % from the target" in text
-    found = summary["manufacture"]
-    assert f"; {found['islands']} islands, lines from {found['smallest_width_mm']:.2f} mm" in text
 
 
 @pytest.mark.parametrize(
