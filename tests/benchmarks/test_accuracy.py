@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from accuracy_bending import BENDING
-from accuracy_case import Case, Row, rows_of
-from accuracy_gradients import GRADIENTS
-from accuracy_membrane import MEMBRANE
-from accuracy_patterns import PATTERNS, helical_twist, mckibben
 from helpers.scenes import table
+
+from benchmarks.accuracy.bending import BENDING
+from benchmarks.accuracy.known import Known, Refinement, refinements
+from benchmarks.accuracy.membrane import MEMBRANE
+from benchmarks.accuracy.patterns import PATTERNS, helical_twist, mckibben
+from benchmarks.accuracy.references import RADIUS, THICKNESS, Law, dimple, free_disc, pressed_disc
 
 HOMOGENEOUS = (
     "uniaxial-stress", "uniaxial-width", "equibiaxial", "strip-along", "strip-across",
@@ -31,29 +32,29 @@ ROUND = {
 NEARLY = {"mckibben-pinned": 3e-4, "helix-twist-polygon": 1e-3}
 
 
-def named(*names: str) -> list[Case]:
+def named(*names: str) -> list[Known]:
     cases = {case.name: case for case in (*MEMBRANE, *PATTERNS)}
     return [cases[name] for name in names]
 
 
-def quick(case: Case) -> list[list[Row]]:
+def quick(case: Known) -> list[list[Refinement]]:
     """The two coarsest meshes of each kind."""
-    rows = list(rows_of(case, quick=True))
+    rows = list(refinements(case, quick=True))
     return [rows[k : k + 2] for k in range(0, len(rows), 2)]
 
 
-def name_of(case: Case) -> str:
+def name_of(case: Known) -> str:
     return case.name
 
 
 @pytest.mark.parametrize("case", named(*HOMOGENEOUS), ids=name_of)
-def test_homogeneous_states_are_exact(case: Case) -> None:
-    for row in rows_of(case, quick=True):
+def test_homogeneous_states_are_exact(case: Known) -> None:
+    for row in refinements(case, quick=True):
         assert row.relative_error <= 1e-8
 
 
 @pytest.mark.parametrize("case", named(*ROUND), ids=name_of)
-def test_round_shapes_converge(case: Case) -> None:
+def test_round_shapes_converge(case: Known) -> None:
     """With the square of the edge length, on any mesh."""
     for (_, fine), bound in zip(quick(case), ROUND[case.name], strict=True):
         assert fine.relative_error <= bound
@@ -62,8 +63,8 @@ def test_round_shapes_converge(case: Case) -> None:
 
 
 @pytest.mark.parametrize("case", named(*NEARLY), ids=name_of)
-def test_stiff_lines_leave_a_tube_what_geometry_does(case: Case) -> None:
-    for row in rows_of(case, quick=True):
+def test_stiff_lines_leave_a_tube_what_geometry_does(case: Known) -> None:
+    for row in refinements(case, quick=True):
         assert row.relative_error <= NEARLY[case.name]
 
 
@@ -80,7 +81,7 @@ def test_polygonal_tube_but_for_its_twist() -> None:
 
 @pytest.mark.parametrize("case", named("mylar-volume", "mylar-height", "pillow-volume"),
                          ids=name_of)  # fmt: skip
-def test_what_hardly_stretches_nears_its_limit_from_below(case: Case) -> None:
+def test_what_hardly_stretches_nears_its_limit_from_below(case: Known) -> None:
     for coarse, fine in quick(case):
         assert 0.4 * case.reference < coarse.value < fine.value < case.reference
 
@@ -90,7 +91,7 @@ PLATES = [case for case in BENDING if case.name.startswith("plate")]
 
 @pytest.mark.slow
 @pytest.mark.parametrize("case", PLATES, ids=name_of)
-def test_mid_edge_plates_converge_on_every_mesh(case: Case) -> None:
+def test_mid_edge_plates_converge_on_every_mesh(case: Known) -> None:
     """With the square of the edge length; the average does not where its triangles do not pair."""
     for coarse, fine in quick(replace(case, formulations=("midedge",))):
         assert fine.observed_order is not None
@@ -139,14 +140,6 @@ def test_large_rotations(name: str, mesh: str, bound: float) -> None:
         assert found.value == pytest.approx(case.reference, rel=bound)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("case", GRADIENTS, ids=name_of)
-def test_gradients(case: Case) -> None:
-    bound = 1e-12 if "filter" in case.name else 1e-6 if "differences" in case.name else 0.01
-    for row in rows_of(case, quick=True):
-        assert row.relative_error <= bound
-
-
 def test_closed_forms_of_lines_that_do_not_stretch() -> None:
     for row in table("mckibben_kinematics"):
         angle = np.radians(float(row["theta0_deg"]))
@@ -157,3 +150,31 @@ def test_closed_forms_of_lines_that_do_not_stretch() -> None:
         twist = helical_twist(angle, float(row["lambda_theta"]), float(row["lambda_z"]))
         expected = float(row["twist_deg_per_cm_for_R0=1cm"])
         assert np.degrees(twist) == pytest.approx(expected, abs=1e-4)
+
+
+def test_a_free_disc_is_that_of_the_other_table() -> None:
+    """It was made by another method."""
+    for row in table("gent_circular_membrane"):
+        pressure = float(row["P_Pa"])
+        if row["mat"] == "A" and row["c1"] == "1.8" and pressure in (100.0, 1000.0):
+            found = free_disc(Law(c1=1.8, c2=2.0), pressure)
+            assert found.height / RADIUS == pytest.approx(float(row["w0_over_a"]), abs=1e-6)
+            assert found.volume == pytest.approx(float(row["volume_m3"]), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_tables_of_contact_are_what_their_references_give() -> None:
+    law = Law(c1=1.8, c2=2.0)
+    for row in table("membrane_on_plate"):
+        if (row["c1"], row["p_Pa"], row["height_m"]) == ("1.8", "500", "0.008"):
+            plate = pressed_disc(law, 500.0, 8e-3, free_disc(law, 500.0))
+            assert plate.contact_radius == pytest.approx(float(row["contact_radius_m"]), rel=1e-8)
+            assert plate.pole == pytest.approx(float(row["pole_stretch"]), rel=1e-8)
+            assert plate.volume == pytest.approx(float(row["volume_m3"]), rel=1e-8)
+            force = 500.0 * np.pi * (RADIUS**2 - plate.contact_radius**2)
+            assert plate.rim_force == pytest.approx(force, rel=1e-8)
+    (row,) = (row for row in table("membrane_under_ball") if row["weight_N"] == "0.1")
+    ball = dimple(law, 0.1)
+    assert (float(row["a_m"]), float(row["h_m"])) == (RADIUS, THICKNESS)
+    assert ball.depth == pytest.approx(float(row["depth_m"]), rel=1e-8)
+    assert ball.contact == pytest.approx(float(row["contact_radius_m"]), rel=1e-8)

@@ -2,7 +2,8 @@
 
 import pytest
 from mpi4py import MPI
-from random_scenes import outcome_of
+
+from benchmarks.stability.drawn import outcome_of
 
 # The judge is dense and serial.
 ALONE = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="one rank only")
@@ -17,23 +18,23 @@ COLLAPSE = (7, 14)
 @pytest.mark.parametrize("seed", [seed for seed in range(42) if seed not in COLLAPSE])
 def test_random_scene(seed: int) -> None:
     row = outcome_of(seed, few_terms=True)
-    assert row["outcome"] in ("equilibrium", "refused"), row
-    assert row["steps"] <= MOST
-    if row["outcome"] == "refused":
-        assert row["why"] == "ParameterError"
+    assert row.outcome in ("equilibrium", "refused"), row
+    assert row.steps <= MOST
+    if row.outcome == "refused":
+        assert row.why == "ParameterError"
 
 
 @ALONE
 def test_a_collapse_names_its_folds() -> None:
     row = outcome_of(COLLAPSE[-1], few_terms=True, ask_oracle=False)
-    assert row["outcome"] == "no equilibrium"
-    assert "edges are folded" in row["reason"]
-    assert row["steps"] <= MOST
+    assert row.outcome == "no equilibrium"
+    assert "edges are folded" in row.reason
+    assert row.steps <= MOST
 
 
 @ALONE
 def test_a_free_membrane_is_no_equilibrium() -> None:
     row = outcome_of(471)  # a sheet without bending or load
-    assert row["outcome"] == "no equilibrium"
-    assert "a mechanism" in row["why"]
-    assert "not stable" in row["reason"]
+    assert row.outcome == "no equilibrium"
+    assert "a mechanism" in row.why
+    assert "not stable" in row.reason
