@@ -25,6 +25,7 @@ BLOCK = re.compile(r"^(?:```python\n(.*?)^```|<!-- setup\n(.*?)^-->)", re.DOTALL
 COMMAND = re.compile(r"python3? ((?:demos|benchmarks|packaging)/\w+\.py)([^\n`]*)")
 BENCHMARK = re.compile(r"python -m (benchmarks [a-z]+)([^\n`]*)")
 TOROS = re.compile(r"(?:^|`|scripts/|-n \w+ )(toros [a-z]+)([^\n`]*)", re.MULTILINE)
+KINDS = (COMMAND, BENCHMARK, TOROS)
 
 
 def blocks(page: Path) -> list[tuple[int, str]]:
@@ -73,11 +74,7 @@ def commands() -> list[tuple[str, tuple[str, ...]]]:
     found: dict[str, set[str]] = {}
     for page in PAGES:
         text = page.read_text(encoding="utf-8").replace("\\\n", " ")
-        for script, rest in (
-            *COMMAND.findall(text),
-            *TOROS.findall(text),
-            *BENCHMARK.findall(text),
-        ):
+        for script, rest in [run for kind in KINDS for run in kind.findall(text)]:
             options = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", rest))
             found.setdefault(script, set()).update(options)
     return [(script, tuple(sorted(options))) for script, options in sorted(found.items())]
