@@ -94,7 +94,6 @@ class Case:
         name, variant: As in its rows.
         run: Returns the rows (collective).
         alone: Whether it needs a process of its own, for its memory or its environment.
-        ranks: Of that process.
         environment: Of that process, as it differs.
     """
 
@@ -102,7 +101,6 @@ class Case:
     run: Callable[[], Iterable[Row]]
     variant: str = ""
     alone: bool = False
-    ranks: int = 1
     environment: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -231,8 +229,7 @@ def _alone(name: str, quick: bool, case: Case) -> list[Row]:
     environment = {**own, "OMP_NUM_THREADS": "1", "PYTHONPATH": path, **case.environment}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "rows.csv"
-        command = ["mpirun", "-n", str(case.ranks)] if case.ranks > 1 else []
-        command += [sys.executable, "-m", "benchmarks", name, "--key", case.key]
+        command = [sys.executable, "-m", "benchmarks", name, "--key", case.key]
         command += ["--rows", str(file), *(["--quick"] if quick else [])]
         done = subprocess.run(command, env=environment, capture_output=True, text=True)
         if done.returncode:
@@ -366,9 +363,10 @@ def publish(name: str, new: Rows) -> None:
     ]
     order = {key: number for number, key in enumerate(known_cases(name, False))}
     rows = sorted([*kept, *fresh], key=lambda row: order.get(key_of(row), len(order)))
+    texts = pages(command, rows)  # which fails where rows are missing, before anything is written
     if new:
         write(file, rows)
-    for page, text in pages(command, rows).items():
+    for page, text in texts.items():
         page.write_text(text, encoding="utf-8")
 
 
@@ -388,7 +386,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     first = argparse.ArgumentParser(add_help=False)
     first.add_argument("name", choices=list(COMMANDS), help="benchmark")
     given = sys.argv[1:] if arguments is None else list(arguments)
-    command = command_of(given[0]) if given and given[0] in COMMANDS else None
+    name = next((word for word in given if word in COMMANDS), None)
+    command = command_of(name) if name else None
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", parents=[first],
         description=command.about if command else __doc__,

@@ -83,17 +83,15 @@ QUICK = {
 
 
 def summary_of(kind: str, changes: Mapping[str, Any], *, coarse: bool = False) -> dict[str, Any]:
-    """Design a skin and return its summary (collective)."""
-    made, comm = KINDS[kind], MPI.COMM_WORLD
+    """Design a skin and return its summary."""
+    made = KINDS[kind]
     config: Any = (made.coarse(made.config) if coarse else made.config).updated(**changes)
     if hasattr(config, "curve_pressure"):
         config = config.updated(curve_pressure=None)
     action = made.design or made.simulate
     assert action is not None
-    with tempfile.TemporaryDirectory() as name:
-        found = action.run(comm, Path(comm.bcast(name, root=0)), config)
-        comm.barrier()  # the first rank writes into its folder until here
-    return found
+    with tempfile.TemporaryDirectory() as folder:
+        return action.run(MPI.COMM_SELF, Path(folder), config)
 
 
 def value_of(summary: Mapping[str, Any], key: str) -> Any:
@@ -125,10 +123,10 @@ def tube_rows(scene: str, seed: int, quick: bool) -> Iterator[Row]:
 
 def kernel_rows(scene: str, seed: int, kernel: str, changes: Mapping[str, Any]) -> Iterator[Row]:
     """Design a coarse demo on one kernel type, which the environment sets."""
-    place = ("kernels", f"{scene}, seed {seed}, {kernel}", f"ranks {MPI.COMM_WORLD.size}")
+    place = ("kernels", f"{scene}, seed {seed}, {kernel}", "ranks 1")
     begin = time.process_time()
     found = summary_of(scene, {**changes, "seed": seed}, coarse=True)
-    spent = MPI.COMM_WORLD.allreduce(time.process_time() - begin)
+    spent = time.process_time() - begin
     note = f"gmsh {gmsh.__version__}"
     figure = value_of(found, FIGURES[scene])
     yield Row(*place, "rounds", float(found["rounds"]))
@@ -261,6 +259,7 @@ COMMAND = Command(
     about=__doc__,
     cases=cases,
     bad=deviates,
+    serial=True,
     tables=(
         Table("discovery.md", "tubes from random starts", tubes_table),
         Table("optimisation.md", "reproducible runs", kernels_table),

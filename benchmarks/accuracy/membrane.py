@@ -154,16 +154,6 @@ def stiff_half(pattern: Pattern, across: float) -> Solved:
     return solve(pattern, composite, half_held(pattern), pressure)
 
 
-def half_pillow(side: float, mesh: str, count: int) -> Pattern:
-    """Return a square about the origin, slightly lifted off its plane."""
-
-    def place(flat: Floats) -> Floats:
-        u, v = (np.pi * flat / side).T
-        return np.column_stack([flat - side / 2, 0.02 * side * np.sin(u) * np.sin(v)])
-
-    return rectangle(COMM, side, side, side / count, mesh, place)
-
-
 @cache
 def balloon(mesh: str, count: int) -> Solved:
     """The Mylar balloon: two discs."""
@@ -190,12 +180,6 @@ def balloon_volume(found: Solved) -> Measured:
 def balloon_height(found: Solved) -> Measured:
     """Half height of a balloon over the discs' radius."""
     return found.measured(pole(found) / DISC)
-
-
-def pillow(mesh: str, count: int) -> Measured:
-    """Volume of two sewn squares over the cube of their side."""
-    found = stiff_half(half_pillow(WIDTH, mesh, count), WIDTH)
-    return found.measured(2 * found.result.volume / WIDTH**3)
 
 
 case = partial(membrane_case, "membrane")
@@ -400,21 +384,6 @@ STIFF_LIMITS = (
         MYLAR,
         lambda mesh, size: balloon_height(balloon(mesh, size)),
         **BALLOON,
-    ),
-    case(
-        "pillow-volume",
-        f"Two sewn squares that hardly stretch, E h = {STIFF:g} P w, one of them solved: volume.",
-        "V/w³",
-        1 / np.pi - 0.142 * 0.9,
-        "paper bag, V = w³ (h/(π w) - 0.142 (1 - 10^(-h/w))) with h = w: A. C. Robin, "
-        "Mathematics Today 40 (2004)",
-        pillow,
-        meshes=("right", "unstructured"),
-        sizes=(6, 8, 12, 16, 24),
-        within=None,
-        note="No convergence test: the formula is a fit, and the largest volume of a square bag "
-        "is only known to be between 0.2055 and 0.217 (Kepert). Sheets of triangles fold "
-        "along their edges alone; finer ones enclose more.",
     ),
 )
 TENSION_FIELDS = (

@@ -26,7 +26,7 @@ from benchmarks.accuracy.scenes import (
     solve,
     table_a,
 )
-from benchmarks.accuracy.tubes import RADIUS, half_tube
+from benchmarks.accuracy.tubes import RADIUS
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.skin.supports import Supports, clamp
@@ -134,19 +134,6 @@ def braid(count: int) -> Measured:
     pattern, supports, density, crossings = pinned_lattice(count)
     found = solve(pattern, soft(1e5), supports, 1e3, density, PATIENT)
     return shortening(found, crossings)
-
-
-def printed_lattice(sides: int) -> Measured:
-    """Six lines a family, 1.5 mm wide, on a mesh that does not follow them."""
-    pattern, supports = half_tube(sides, 6.0, "unstructured")
-    u, v = pattern.centroids.T
-    pitch = 2 * RADIUS * sides * np.sin(np.pi / sides) / 6
-    density = (pattern.panel == pattern.panel_index("tip")).astype(float)
-    for family in (1, -1):
-        offset = (u - family * v * np.tan(LATTICE) + pitch / 2) % pitch - pitch / 2
-        density[np.abs(offset) * np.cos(LATTICE) < 0.75e-3] = 1.0
-    found = solve(pattern, soft(300.0), supports, 2e3, density, PATIENT)
-    return shortening(found, np.unique(pattern.triangles[density > 0]))
 
 
 def helical_tube(sides: int) -> tuple[Pattern, Floats, Ints]:
@@ -282,23 +269,6 @@ TUBES = (
         "The remaining error is the stretch of the lines: they are 1e5 times stiffer than "
         "the fabric, and the error falls with this ratio. The size of a mesh is the number "
         "of lines of a family.",
-    ),
-    case(
-        "mckibben-printed",
-        "The same with six lines a family, 1.5 mm wide and 300 times stiffer, on a mesh that does "
-        "not follow them, at 2 kPa.",
-        "(1 - L/L₀) over the closed form",
-        1.0,
-        "as before, for lines without width that turn freely where they cross",
-        lambda _, size: printed_lattice(size),
-        meshes=("unstructured",),
-        sizes=(24, 32, 48, 64),
-        default=48,
-        within=None,
-        note="A trend only. Lines with a width are connected rigidly and must bend in the sheet "
-        "between crossings. Here nothing stiffens them out of the sheet, so they bow by 2 % "
-        "of R, which shortens the tube more than straight strands would. With 24 sides an "
-        "edge is longer than the width of a line; with 64 it is two thirds of that width.",
     ),
     case(
         "helix-twist",

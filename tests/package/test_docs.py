@@ -23,7 +23,7 @@ PAGES = [
 # What a page sets up without showing it stands in a comment: <!-- setup … -->.
 BLOCK = re.compile(r"^(?:```python\n(.*?)^```|<!-- setup\n(.*?)^-->)", re.DOTALL | re.MULTILINE)
 COMMAND = re.compile(r"python3? ((?:demos|benchmarks|packaging)/\w+\.py)([^\n`]*)")
-BENCHMARK = re.compile(r"python -m (benchmarks [a-z]+)([^\n`]*)")
+BENCHMARK = re.compile(r"python3? -m (benchmarks [a-z]+)([^\n`]*)")
 TOROS = re.compile(r"(?:^|`|scripts/|-n \w+ )(toros [a-z]+)([^\n`]*)", re.MULTILINE)
 KINDS = (COMMAND, BENCHMARK, TOROS)
 
