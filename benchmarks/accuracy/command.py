@@ -150,7 +150,9 @@ def _section(known: Known, rows: Rows) -> str:
         shown = known_order and errors[known.sizes[-1]] > EXACT
         cells = [f"{errors[size]:.1e}" for size in known.sizes]
         cells.append(f"{order.value:.1f}" if shown and order else "-")
-        cells += [f"{triangles:.0f}", f"{value.value:.7g}", f"{value.seconds:.2g}"]
+        spent = value.seconds or 0.0
+        shown_time = f"{spent:.0f}" if spent >= 100 else f"{spent:.2g}"
+        cells += [f"{triangles:.0f}", f"{value.value:.7g}", shown_time]
         lines.append((*variant.split(), *cells))
     heads = [f"error {k + 1}" for k in range(len(known.sizes))]
     table = markdown(
