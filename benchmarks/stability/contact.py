@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import ipctk
 import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -132,6 +131,8 @@ SCENES: dict[str, tuple[Callable[[float], ContactScene], tuple[float, ...]]] = {
 
 def penetrated(scene_points: Floats, triangles: Any, contact: Contact, poses: Any) -> bool:
     """Return whether edges cross triangles, or a vertex is below the ground."""
+    import ipctk  # an extra
+
     points, faces, count = [scene_points], [triangles], len(scene_points)
     for k, body in enumerate(contact.bodies):
         pose = np.zeros(6) if poses is None else np.asarray(poses[k])

@@ -178,7 +178,7 @@ def test_quick_cases_of_stability(tmp_path: Path) -> None:
 @pytest.mark.slow
 @ALONE
 def test_quick_cases_of_speed(tmp_path: Path) -> None:
-    """The plain tube is that of the closed form; the same code takes the same steps again."""
+    """A replay ends in an equilibrium; the same code takes the same steps again."""
     rows = found(tmp_path / "rows.csv", "speed", "--quick", "--only", "cold, membrane")
     assert value(rows, "residual") < 1e-8
     file = tmp_path / "against.csv"
@@ -205,7 +205,7 @@ def test_quick_cases_of_scale(tmp_path: Path) -> None:
 @pytest.mark.slow
 @ALONE
 def test_quick_cases_of_seeds(tmp_path: Path) -> None:
-    """The plain tube swells as published; a print is the same on both kernel types."""
+    """The plain tube swells as published; a design is the same on both kernel types."""
     rows = found(tmp_path / "rows.csv", "seeds", "--quick", "--only", "inflate")
     assert not any(seeds.deviates(row) for row in rows)
     rows = found(tmp_path / "kernels.csv", "seeds", "--quick", "--only", "kernels")
