@@ -19,7 +19,7 @@ lint:
 	cp -r forms meshes build/typed/toros_fem # as installed: mypy does not follow __path__
 	cd build/typed && "$(CURDIR)/$(FENICSX)" python3 -m mypy --config-file "$(CURDIR)/pyproject.toml" \
 		--cache-dir "$(CURDIR)/.mypy_cache" -p toros_fem
-	cd build/typed && "$(CURDIR)/$(FENICSX)" env MYPYPATH=.:tests:benchmarks python3 -m mypy \
+	cd build/typed && "$(CURDIR)/$(FENICSX)" env MYPYPATH=.:tests python3 -m mypy \
 		--config-file "$(CURDIR)/pyproject.toml" --cache-dir "$(CURDIR)/.mypy_cache" tests demos
 
 docs:

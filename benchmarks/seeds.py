@@ -1,94 +1,267 @@
-"""Dependence of the bending tube on its random start.
+"""Whole designs again: from several random starts, on several machines, and those of the README.
 
-    python benchmarks/seeds.py --coarse --seeds 5
-    python benchmarks/seeds.py --seeds 3 --json seeds.json
+`tubes` designs the tubes from several seeds and lists the figures of all stages: those of the
+relaxed design, those of its lines before any step on densities, and those of the final print.
+Nothing hints at a direction. Seconds are wall time of the run, files and pictures left out.
 
-Designs the pattern of `demos/bend.py` and the pressure from several seeds. Prints the figures of
-each print, and their spread.
+`kernels` designs coarse demos with each seed and each kernel type of OpenBLAS, and shows how far
+rounds, figure and time spread. Seconds are CPU seconds.
+
+`published` designs the demos under pressure once more. A row says what is published and how far
+another machine may be off: another mesh, or a Newton iteration that fails on one machine alone,
+leads to a neighbouring design and not to the same one. A run takes 4 to 25 minutes.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import gmsh
 import numpy as np
 from mpi4py import MPI
 
-sys.path.insert(0, str(Path(__file__).parent.parent))
+from benchmarks.bench import ROWS, Case, Command, Row, Rows, Table, markdown, read, values_of
+from toros_fem.products.kinds import KINDS
 
-from toros_fem.base.validation import require_count
-from toros_fem.products.tubes import bend
-from toros_fem.products.tubes.tube import coarse_tube
-
-COLUMNS = {
-    "angle_deg": "printed/deg",
-    "designed_deg": "designed/deg",
-    "shape": "T printed",
-    "pressure_pa": "P/Pa",
-    "grey_level": "grey",
-    "islands": "islands",
-    "width_mm": "line/mm",
-    "gap_mm": "gap/mm",
-    "seconds": "seconds",
+# Kind, title, least and largest value of each figure that counts as reached, what differs from the
+# demo's defaults.
+TUBES: dict[str, tuple[str, str, dict[str, tuple[float, float]], dict[str, Any]]] = {
+    "bend": ("bend", "bend by 180° at 5 kPa", {"angle_deg": (178, 182)}, {}),
+    "contract": (
+        "contract", "shorten by 8 % at 10 kPa",
+        {"shortening_percent": (7.7, 8.3), "twist_deg": (-3, 3)}, {},
+    ),
+    "twist": (
+        "twist", "twist by 300° at 15 kPa, length free",
+        {"twist_deg": (294, 306), "length_ratio": (0, np.inf)}, {},
+    ),
+    "twist, length kept": (
+        "twist", "twist by 300° at 15 kPa, length kept",
+        {"twist_deg": (250, 306), "length_ratio": (0.97, 1.03)}, {"keep_length": True},
+    ),
+    "bend and twist": (
+        "bend-twist", "bend by 90° and twist by 60° at 10 kPa",
+        {"angle_deg": (87, 93), "twist_deg": (57, 63)}, {},
+    ),
+}  # fmt: skip
+STAGES = ("relaxed", "lines", "printed")
+UNITS = {"deg": "°", "percent": " %", "ratio": "×"}
+# The figure that a scene is known by.
+FIGURES = {"bend": "angle_deg", "contract": "shortening_percent", "gripper": "held_mass_kg"}
+TYPES = ("Haswell", "SkylakeX")
+# Kind, and what differs from its defaults; the figures are those of the committed rows.
+PUBLISHED: dict[str, tuple[str, dict[str, Any]]] = {
+    "inflate": ("inflate", {}),
+    "bend": ("bend", {}),
+    "contract": ("contract", {}),
+    "twist": ("twist", {}),
+    "bend_twist": ("bend-twist", {}),
+    "walker": ("walker", {}),
+    "walker_crawl": ("walker", {"motion": "crawl"}),
+    "gripper": ("gripper", {}),
+    "gripper_box": ("gripper", {"shape": "box", "estimate_error": False}),
+}
+# A run of a few steps.
+QUICK = {
+    "edge_length": 5.5e-3,
+    "filter_radius": 8.5e-3,
+    "iterations": 2,
+    "constrained_iterations": 1,
+    "polish_iterations": 0,
+    "relaxed_edge_length": 6e-3,
+    "relaxed_iterations": 2,
+    "laid_width": 3e-3,
+    "second_laid_width": 3e-3,
+    "print_edge_length": 3e-3,
+    "corrections": 0,
 }
 
 
-def row(seed: int, summary: dict[str, Any]) -> dict[str, Any]:
-    """Return the figures of one seed."""
-    made = summary["manufacture"]
-    return {
-        "seed": seed,
-        "angle_deg": summary["angle_deg"],
-        "designed_deg": summary["design"]["angle_deg"],
-        "shape": summary["printed_objective"],
-        "pressure_pa": summary["pressure_pa"],
-        "grey_level": summary["grey_level"],
-        "islands": made["islands"],
-        "width_mm": made["smallest_width_mm"],
-        "gap_mm": made["smallest_gap_mm"],
-        "satisfied": summary["length_scale"]["satisfied"],
-        "seconds": summary["seconds"]["total"],
-    }
-
-
-def main() -> None:
-    """Run the seeds that the command line gives."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--coarse", action="store_true", help="the demo's coarse variant")
-    parser.add_argument("--seeds", type=int, default=5, help="number of seeds, starting at 0")
-    parser.add_argument("--json", type=Path, help="file for the rows")
-    options = parser.parse_args()
-    require_count(1, seeds=options.seeds)
-    whole = bend.BendConfig(whole=True, design_pressure=True, corrections=0, curve_pressure=None)
-    config = coarse_tube(whole) if options.coarse else whole
-    rows = []
+def summary_of(kind: str, changes: Mapping[str, Any], *, coarse: bool = False) -> dict[str, Any]:
+    """Design a skin and return its summary."""
+    made = KINDS[kind]
+    config: Any = (made.coarse(made.config) if coarse else made.config).updated(**changes)
+    if hasattr(config, "curve_pressure"):
+        config = config.updated(curve_pressure=None)
+    action = made.design or made.simulate
+    assert action is not None
     with tempfile.TemporaryDirectory() as folder:
-        for seed in range(options.seeds):
-            summary = bend.run(MPI.COMM_SELF, Path(folder), config.updated(seed=seed))
-            rows.append(row(seed, summary))
-            if options.json:
-                options.json.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
-    print("\nseed    " + "  ".join(f"{title:>12s}" for title in COLUMNS.values()))
-    for line in rows:
-        cells = (line[name] for name in COLUMNS)
-        print(f"{line['seed']:<8d}" + "  ".join(_number(value) for value in cells))
-    for name, reduce in (("least", np.min), ("median", np.median), ("largest", np.max)):
-        known = ([r[key] for r in rows if r[key] is not None] for key in COLUMNS)
-        values = (float(reduce(column)) if column else None for column in known)
-        print(f"{name:8s}" + "  ".join(_number(value) for value in values))
-    print(f"constraints satisfied by {sum(r['satisfied'] for r in rows)} of {len(rows)}")
+        return action.run(MPI.COMM_SELF, Path(folder), config)
 
 
-def _number(value: float | None) -> str:
-    return f"{'-':>12s}" if value is None else f"{value:12.4g}"
+def value_of(summary: Mapping[str, Any], key: str) -> Any:
+    """Return an entry of a summary; dots in the key go down into it."""
+    found: Any = summary
+    for name in key.split("."):
+        found = found[name]
+    return found
 
 
-if __name__ == "__main__":
-    main()
+def tube_rows(scene: str, seed: int, quick: bool) -> Iterator[Row]:
+    """Design a tube from a seed."""
+    kind, _, reach, changes = TUBES[scene]
+    place = ("tubes", f"{scene}, seed {seed}", "quick" if quick else "full")
+    more = QUICK if quick else {}
+    found = summary_of(kind, {**changes, **more, "seed": seed}, coarse=quick)
+    made, relaxed = found["manufacture"], found.get("relaxed")
+    stages = {"relaxed": relaxed, "lines": found.get("lines"), "printed": found}
+    for stage, of in stages.items():
+        for key in reach if of else ():
+            yield Row(*place, f"{stage} {key}", of.get(key), key.rpartition("_")[2])
+    yield Row(*place, "line", made["smallest_width_mm"], "mm")
+    yield Row(*place, "gap", made["smallest_gap_mm"], "mm")
+    if relaxed:
+        yield Row(*place, "relaxed steps", float(relaxed["steps"]))
+    seconds = found["seconds"]["total"]
+    yield Row(*place, "density steps", float(found["iterations"]), seconds=seconds)
+
+
+def kernel_rows(scene: str, seed: int, kernel: str, changes: Mapping[str, Any]) -> Iterator[Row]:
+    """Design a coarse demo on one kernel type, which the environment sets."""
+    place = ("kernels", f"{scene}, seed {seed}, {kernel}", "ranks 1")
+    begin = time.process_time()
+    found = summary_of(scene, {**changes, "seed": seed}, coarse=True)
+    spent = time.process_time() - begin
+    note = f"gmsh {gmsh.__version__}"
+    figure = value_of(found, FIGURES[scene])
+    yield Row(*place, "rounds", float(found["rounds"]))
+    yield Row(*place, FIGURES[scene], figure, seconds=round(spent, 1), note=note)
+
+
+def published_rows(name: str, size: str) -> Iterator[Row]:
+    """Design a demo again and return its figures beside the committed ones."""
+    known = [
+        row
+        for row in read(ROWS / "seeds.csv")
+        if (row.case, row.variant, row.size) == ("published", name, size)
+    ]
+    kind, changes = PUBLISHED[name]
+    found = summary_of(kind, changes, coarse=size == "coarse")
+    for row in known:
+        computed = value_of(found, row.figure)
+        yield Row(*("published", name, size), row.figure, computed, row.unit, row.value,
+                  found["seconds"]["total"], note=row.note)  # fmt: skip
+
+
+def deviates(row: Row) -> bool:
+    """Return whether a figure is farther from the published one than its note allows."""
+    if row.case != "published" or row.reference is None:
+        return False
+    allowed = float(row.note.removeprefix("± "))
+    return row.value is None or not abs(row.value - row.reference) <= allowed
+
+
+def cases(quick: bool) -> list[Case]:
+    """Return all designs; a quick selection takes few steps, and few of them."""
+    found = [
+        Case("tubes", partial(tube_rows, scene, seed, quick), f"{scene}, seed {seed}",
+             alone=True, environment={"OMP_NUM_THREADS": "2"})
+        for scene in (["contract"] if quick else TUBES)
+        for seed in (range(1) if quick else range(5))
+    ]  # fmt: skip
+    found += [
+        Case("kernels", partial(kernel_rows, scene, seed, kernel, QUICK if quick else {}),
+             f"{scene}, seed {seed}, {kernel}", alone=True,
+             environment={"OPENBLAS_CORETYPE": kernel})
+        for seed in (range(1, 2) if quick else range(1, 9))
+        for scene in (["contract"] if quick else FIGURES)
+        for kernel in TYPES
+    ]  # fmt: skip
+    size = "coarse" if quick else "long"
+    names = ["inflate"] if quick else list(PUBLISHED)
+    found += [Case("published", partial(published_rows, n, size), n, alone=True) for n in names]
+    return found
+
+
+def tubes_table(rows: Rows) -> str:
+    """Return a table for each tube, a line for each seed."""
+    seconds = {
+        (row.variant, row.size): row.seconds for row in rows if row.figure == "density steps"
+    }
+    parts = []
+    for scene, (_, title, reach, _) in TUBES.items():
+        lines = []
+        for (_, variant, size), of in values_of(rows, "tubes").items():
+            if variant.rpartition(", seed ")[0] == scene:
+                seed, spent = variant.rpartition(" ")[2], seconds[variant, size]
+                lines.append(_tube_line(seed, of, reach, spent or 0.0))
+        names = ", ".join(key.rsplit("_", 1)[0] for key in reach)
+        head = ("seed", *(f"{stage}: {names}" for stage in STAGES), "line, gap in mm", "steps",
+                "time", "reached")  # fmt: skip
+        parts += [f"**{title}**", markdown(head, lines)] if lines else []
+    return "\n\n".join(parts)
+
+
+def _tube_line(
+    seed: str, of: Mapping[str, float | None], reach: Mapping[str, tuple[float, float]],
+    seconds: float,
+) -> tuple[str, ...]:  # fmt: skip
+    cells = []
+    for stage in STAGES:
+        values = {key: of.get(f"{stage} {key}") for key in reach}
+        if all(value is None for value in values.values()):
+            cells.append("–")
+            continue
+        cells.append(", ".join(_shown(key, value) for key, value in values.items()))
+    printed = {key: of.get(f"printed {key}") for key in reach}
+    met = all(
+        value is not None and reach[key][0] <= value <= reach[key][1]
+        for key, value in printed.items()
+    )
+    widths = ", ".join("–" if of[w] is None else f"{of[w]:.2f}" for w in ("line", "gap"))
+    relaxed = of.get("relaxed steps")
+    steps = "" if relaxed is None else f"{relaxed:.0f} + "
+    steps += f"{of['density steps']:.0f}"
+    return (seed, *cells, widths, steps, f"{seconds:.0f} s", "yes" if met else "no")
+
+
+def _shown(key: str, value: float | None) -> str:
+    if value is None:
+        return "–"
+    digits = 3 if key.endswith("ratio") else 1
+    return f"{value:.{digits}f}{UNITS[key.rpartition('_')[2]]}"
+
+
+def kernels_table(rows: Rows) -> str:
+    """Return the spread of each scene's runs."""
+    own = [row for row in rows if row.case == "kernels"]
+    head = ("scene", "seeds, runs", "rounds", "least, median, largest figure",
+            "kernels differ by at most", "CPU s: median, longest over it")  # fmt: skip
+    lines = []
+    for scene, key in FIGURES.items():
+        runs = [row for row in own if row.figure == key and row.variant.startswith(f"{scene},")]
+        if not runs:
+            continue
+        variants = {row.variant for row in runs}
+        rounds = [r.value or 0 for r in own if r.figure == "rounds" and r.variant in variants]
+        figure = np.array([row.value or np.nan for row in runs])
+        spent = np.array([row.seconds or np.nan for row in runs])
+        seeds = np.array([row.variant.split(", ")[1] for row in runs])
+        apart = max(np.ptp(figure[seeds == seed]) for seed in seeds) / np.median(figure)
+        three = (figure.min(), np.median(figure), figure.max())
+        lines.append((
+            scene, f"{len(set(seeds))}, {len(runs)}", f"{min(rounds):.0f} to {max(rounds):.0f}",
+            f"{', '.join(f'{value:.4g}' for value in three)} (`{key}`)", f"{apart:.1g} of it",
+            f"{np.median(spent):.0f}, {spent.max() / np.median(spent):.2f}",
+        ))  # fmt: skip
+    kernels = sorted({row.variant.rpartition(" ")[2] for row in own})
+    about = f"OpenBLAS with the kernel types {' and '.join(kernels)}, "
+    about += f"{next(row.note for row in own if row.note)}, {own[0].size}, one thread each."
+    return f"{about}\n\n{markdown(head, lines)}"
+
+
+COMMAND = Command(
+    about=__doc__,
+    cases=cases,
+    bad=deviates,
+    serial=True,
+    tables=(
+        Table("discovery.md", "tubes from random starts", tubes_table),
+        Table("optimisation.md", "reproducible runs", kernels_table),
+    ),
+)

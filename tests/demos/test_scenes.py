@@ -1,27 +1,22 @@
 """Each demo as a scene file, and the example of a finger from an STL file."""
 
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
-from demo_runs import DEMOS
 from helpers.scenes import ROOT, shared
 from mpi4py import MPI
 
 from demos import own_design
-from toros_fem.base.config import Config
 from toros_fem.cli.scene_files.reading import read_scene
+from toros_fem.products.kinds import KINDS
 from toros_fem.products.own_mesh.own_mesh import OwnMeshConfig
-from toros_fem.products.tile_design import tile
-from toros_fem.products.tiles import pulled_sheet
 
 FOLDER = ROOT / "demos" / "scenes"
-CONFIGS: dict[str, tuple[Config, Callable[[Any], Any]]] = {
-    **{name: (demo.config, demo.coarse) for name, demo in DEMOS.items()},
-    "tile": (tile.TargetTileConfig(), tile.coarse),
-    "tile_sheet": (pulled_sheet.TileSheetConfig(), pulled_sheet.coarse),
+CONFIGS = {
+    name.replace("-", "_"): (kind.config, kind.coarse)
+    for name, kind in KINDS.items()
+    if name != "own-mesh"
 }
 # They are no scenes: the one compares six designs, the other is the command `toros unwrap`.
 OTHERS = {"three_field", "unwrap"}

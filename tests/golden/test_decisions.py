@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from helpers.scenes import shared
 from mpi4py import MPI
-from random_scenes import draw
 
+from benchmarks.stability.drawn import draw
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError
 from toros_fem.meshes import plane_centroids, walker
 from toros_fem.meshes.mirror import mirrored

@@ -18,19 +18,19 @@ DESIGN = """
 import resource, sys
 import cffi
 from mpi4py import MPI
-from demo_runs import without_curve
-from expected import config_of, demo_of
+from pathlib import Path
+from kit.scene_runs import run_scene
 compiled, compile_form = [], cffi.FFI.compile
 cffi.FFI.compile = lambda *a, **k: (compiled.append(1), compile_form(*a, **k))[1]
 sys.modules["matplotlib"] = None  # as where it is missing
-demo_of("twist").run(MPI.COMM_SELF, sys.argv[1], without_curve(config_of("twist")))
+run_scene(MPI.COMM_SELF, "twist", Path(sys.argv[1]))
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, len(compiled))
 """
 
 
 def peak(folder: Path) -> tuple[float, int]:
-    """Return the peak of a short coarse twist in MB, and the number of forms it compiled."""
-    path = os.pathsep.join([str(ROOT), str(ROOT / "benchmarks")])
+    """Return the peak of a short twist in MB, and the number of forms it compiled."""
+    path = os.pathsep.join([str(ROOT), str(ROOT / "tests")])
     # With a shell between: a peak begins with that of the process which this one came from.
     shell = ["sh", "-c", '"$0" "$@"; exit $?']
     done = subprocess.run(

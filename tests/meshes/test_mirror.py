@@ -3,13 +3,12 @@
 import gc
 import weakref
 
-import helpers.scenes  # noqa: F401 (makes the benchmarks importable)
 import numpy as np
 import pytest
 from helpers.outlines import volume
 from mpi4py import MPI
-from stability_scenes import fan_tube
 
+from benchmarks.stability.scenes import fan_tube
 from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.meshes import finger, mirrored, walker
 from toros_fem.meshes.pattern import Pattern

@@ -23,7 +23,9 @@ PAGES = [
 # What a page sets up without showing it stands in a comment: <!-- setup … -->.
 BLOCK = re.compile(r"^(?:```python\n(.*?)^```|<!-- setup\n(.*?)^-->)", re.DOTALL | re.MULTILINE)
 COMMAND = re.compile(r"python3? ((?:demos|benchmarks|packaging)/\w+\.py)([^\n`]*)")
+BENCHMARK = re.compile(r"python3? -m (benchmarks [a-z]+)([^\n`]*)")
 TOROS = re.compile(r"(?:^|`|scripts/|-n \w+ )(toros [a-z]+)([^\n`]*)", re.MULTILINE)
+KINDS = (COMMAND, BENCHMARK, TOROS)
 
 
 def blocks(page: Path) -> list[tuple[int, str]]:
@@ -72,7 +74,7 @@ def commands() -> list[tuple[str, tuple[str, ...]]]:
     found: dict[str, set[str]] = {}
     for page in PAGES:
         text = page.read_text(encoding="utf-8").replace("\\\n", " ")
-        for script, rest in COMMAND.findall(text) + TOROS.findall(text):
+        for script, rest in [run for kind in KINDS for run in kind.findall(text)]:
             options = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", rest))
             found.setdefault(script, set()).update(options)
     return [(script, tuple(sorted(options))) for script, options in sorted(found.items())]
@@ -84,6 +86,8 @@ def test_commands_have_their_options(script: str, options: tuple[str, ...]) -> N
     command = [str(ROOT / script)]
     if script.startswith("toros "):
         command = ["-m", "toros_fem", *script.split()[1:]]
+    elif script.startswith("benchmarks "):
+        command = ["-m", *script.split()]
     else:
         assert (ROOT / script).is_file(), script
     environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from demo_runs import DEMOS
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
@@ -18,17 +17,14 @@ from toros_fem.base.errors import OutputError
 from toros_fem.cli.command_line.scripts import option_help, run_from_command_line
 from toros_fem.cli.commands.unwrap import UnwrapConfig
 from toros_fem.materials.library import read_library, reinforced
-from toros_fem.products.tile_design import tile
-from toros_fem.products.tiles import pulled_sheet
+from toros_fem.products.kinds import KINDS
 from toros_fem.products.tubes.bend import BendConfig
 from toros_fem.products.tubes.tube import coarse_tube
 
 CONFIGS: dict[str, Config] = {
-    **{name: demo.config for name, demo in DEMOS.items()},
+    **{name.replace("-", "_"): k.config for name, k in KINDS.items() if name != "own-mesh"},
     "own_design": own_design.OwnDesignConfig(),
     "three_field": three_field.ThreeFieldConfig(),
-    "tile": tile.TargetTileConfig(),
-    "tile_sheet": pulled_sheet.TileSheetConfig(),
     "unwrap": UnwrapConfig(),
 }
 

@@ -9,9 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from accuracy_case import Row, rows_of
-from accuracy_contact import CONTACT
-from accuracy_touching import (
+
+from benchmarks.accuracy.contact import CONTACT
+from benchmarks.accuracy.known import Refinement, refinements
+from benchmarks.accuracy.touching import (
     BALL_WEIGHT,
     BELT_FRICTION,
     BELT_PULL,
@@ -33,9 +34,9 @@ from accuracy_touching import (
 CASES = {case.name: case for case in CONTACT}
 
 
-def coarse(name: str, mesh: str) -> list[Row]:
+def coarse(name: str, mesh: str) -> list[Refinement]:
     """The two coarsest refinements on one kind of mesh."""
-    return list(rows_of(replace(CASES[name], meshes=(mesh,)), quick=True))
+    return list(refinements(replace(CASES[name], meshes=(mesh,)), quick=True))
 
 
 @pytest.mark.slow
@@ -123,5 +124,5 @@ def test_a_pad_slips_beyond_the_angle_of_friction() -> None:
 
 
 def test_a_sliding_pad_is_held_back_by_its_weight_less_friction() -> None:
-    (found,) = list(rows_of(CASES["slope-slide"], quick=True))[:1]
+    (found,) = list(refinements(CASES["slope-slide"], quick=True))[:1]
     assert found.value == pytest.approx(PAD_FRICTION, rel=1e-7)

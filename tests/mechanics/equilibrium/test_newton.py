@@ -7,9 +7,8 @@ import pytest
 from helpers.models import dense_tangent
 from helpers.scenes import square
 from mpi4py import MPI
-from stability import Stage
-from stability_report import Request
 
+from benchmarks.stability.matrix import Request, Stage
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium.newton import NewtonStep, RegularisedNewton

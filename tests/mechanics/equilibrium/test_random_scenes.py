@@ -1,7 +1,8 @@
 """Random skins under random loads end in a verified equilibrium, or in an error that is true."""
 
 import pytest
-from random_scenes import outcome_of
+
+from benchmarks.stability.drawn import outcome_of
 
 # Newton steps that no scene here may exceed.
 MOST = 1500
@@ -13,21 +14,21 @@ COLLAPSE = (7, 14)
 @pytest.mark.parametrize("seed", [seed for seed in range(42) if seed not in COLLAPSE])
 def test_random_scene(seed: int) -> None:
     row = outcome_of(seed, few_terms=True)
-    assert row["outcome"] in ("equilibrium", "refused"), row
-    assert row["steps"] <= MOST
-    if row["outcome"] == "refused":
-        assert row["why"] == "ParameterError"
+    assert row.outcome in ("equilibrium", "refused"), row
+    assert row.steps <= MOST
+    if row.outcome == "refused":
+        assert row.why == "ParameterError"
 
 
 def test_a_collapse_names_its_folds() -> None:
     row = outcome_of(COLLAPSE[-1], few_terms=True, ask_oracle=False)
-    assert row["outcome"] == "no equilibrium"
-    assert "edges are folded" in row["reason"]
-    assert row["steps"] <= MOST
+    assert row.outcome == "no equilibrium"
+    assert "edges are folded" in row.reason
+    assert row.steps <= MOST
 
 
 def test_a_free_membrane_is_no_equilibrium() -> None:
     row = outcome_of(471)  # a sheet without bending or load
-    assert row["outcome"] == "no equilibrium"
-    assert "a mechanism" in row["why"]
-    assert "not stable" in row["reason"]
+    assert row.outcome == "no equilibrium"
+    assert "a mechanism" in row.why
+    assert "not stable" in row.reason

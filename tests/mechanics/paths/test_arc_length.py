@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from helpers.models import dense_tangent
 from helpers.scenes import TABLE_A
-from limit_points_scenes import Scene, roof
 from mpi4py import MPI
 from scipy.optimize import brentq
 
+from benchmarks.accuracy.snapping import Scene, roof
 from toros_fem.base.errors import ParameterError
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.contact import Contact, Ground

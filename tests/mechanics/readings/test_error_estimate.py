@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from accuracy_bending import spine
 from helpers.scenes import square
 from mpi4py import MPI
 
+from benchmarks.accuracy.bending import spine
 from toros_fem.base.errors import ParameterError
 from toros_fem.materials.sheet import Bending, Composite
 from toros_fem.measures.metrics import bend_angle

@@ -27,7 +27,6 @@ def test_intervals_hold_the_true_values() -> None:
     """In 90 of 100 draws at least, for each constant; seeds are fixed.
 
     Intervals of 95 % as they should be miss this with a probability of 1 %.
-    benchmarks/fit_recovery.py has more cases.
     """
     hits = dict.fromkeys(TRUE, 0)
     for seed in range(100):

@@ -22,7 +22,7 @@ from toros_fem.mechanics.skin.supports import Supports
 from toros_fem.meshes.skin import Skin
 
 # Factor c of bonded crossings in `fabric_factor`, over the ratio of the stiffnesses of print and
-# fabric: fitted to simulated nets of lines of equal width by benchmarks/crossed_lines.py.
+# fabric: fitted to simulated nets of lines of equal width (docs/discovery.md).
 CROSSING = 0.71
 # Lines of widths in the ratio r to each other reduce it by 2/(rᵐ + r⁻ᵐ), fitted there as well.
 WIDTH_EXPONENT = 1.6

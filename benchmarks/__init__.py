@@ -1,0 +1,1 @@
+"""Measurements of the package: accuracy, stability, speed, scale, seeds, intervals."""

@@ -1,0 +1,1 @@
+"""Shapes, forces and paths that are known from another source."""

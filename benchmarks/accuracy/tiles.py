@@ -1,0 +1,102 @@
+"""Run time against error of a tile's profile: the same patterns on finer and finer meshes.
+
+Three patterns on a tile of 1 cm: stripes, which are exact on every mesh; crossing lines with
+borders on mesh lines; and rings, whose border is a staircase like that of a print. The pull is 10 %
+at 0°, 15° and 45°. Errors are relative to the limit extrapolated from the three finest meshes.
+Seconds are those of all three directions on one core: from the flat sheet, and from a similar
+design with all gradients.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from benchmarks.bench import Case, Row, Rows, markdown, timed, values_of
+from toros_fem.materials.sheet import Composite
+from toros_fem.mechanics.skin.periodicity import Periodic
+from toros_fem.meshes import sew, tile
+from toros_fem.products.tiles.solver import TileSolver
+from toros_fem.products.tiles.stiffness_profile import ProfileSolver
+
+Floats = npt.NDArray[np.float64]
+Inside = Callable[[Floats, Floats], npt.NDArray[np.bool_]]
+
+SIDE, STRAIN = 0.01, 0.1
+ANGLES = np.radians([0.0, 15.0, 45.0])
+EDGES = (10, 20, 40, 80, 160)
+# Whether a point is printed; x and y are in units of the side.
+PATTERNS: dict[str, Inside] = {
+    "stripes": lambda x, y: abs(y - 0.5) < 0.2,
+    "lines": lambda x, y: (abs(x - 0.5) < 0.1) | (abs(y - 0.5) < 0.1),
+    "rings": lambda x, y: abs(np.hypot(x - 0.5, y - 0.5) - 0.41) < 0.11,
+}
+
+
+def measure(pattern: str, edges: int) -> tuple[Floats, float, float]:
+    """Return the stiffness in N/m in each direction, seconds from flat and from near."""
+    patch = tile(MPI.COMM_SELF, SIDE, SIDE / edges)
+    skin = sew(MPI.COMM_SELF, patch.pattern)
+    inside = PATTERNS[pattern](*(patch.pattern.centroids.T / SIDE))
+    density = inside[skin.owned_cells].astype(np.float64)
+    profile = ProfileSolver(
+        TileSolver(skin, Composite(bending=None), Periodic(patch)), ANGLES, STRAIN
+    )
+    found, cold = timed(lambda: profile.solve(density, gradients=False))
+    _, warm = timed(lambda: profile.solve(0.999 * density, found.state))
+    return found.stiffness, cold, warm
+
+
+def limit_of(values: Floats) -> Floats:
+    """Return the limit of a geometric series, from its last three members.
+
+    Where the differences do not shrink, the last value is taken.
+    """
+    first, second, last = values[-3:]
+    steps = second - last
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = (first - second) / steps
+        return np.asarray(last - np.where(ratio > 1, steps / (ratio - 1), 0.0))
+
+
+def rows_of(pattern: str, edges: tuple[int, ...]) -> Iterator[Row]:
+    """Return the worst error over the directions, and seconds, on each mesh."""
+    found = [measure(pattern, count) for count in edges]
+    values = np.array([stiffness for stiffness, *_ in found])
+    errors = np.abs(values / limit_of(values) - 1).max(axis=1)
+    for count, error, (_, cold, warm) in zip(edges, errors, found, strict=True):
+        place = (f"tile-{pattern}", "", f"{count}")
+        yield Row(*place, "worst error", float(error), "", 0.0, cold)
+        yield Row(*place, "from a similar design", warm, "s")
+
+
+def tile_cases(quick: bool) -> list[Case]:
+    """Return a case for each pattern; all meshes are needed for its limit."""
+    edges = EDGES[:3] if quick else EDGES
+    return [Case(f"tile-{pattern}", partial(rows_of, pattern, edges)) for pattern in PATTERNS]
+
+
+def tile_table(rows: Rows) -> str:
+    """Return errors and seconds by the number of edges."""
+    found = values_of(rows, "tile-")
+    cold = {row.size: row.seconds for row in rows if row.case == "tile-lines" and row.seconds}
+    lines = []
+    for size, seconds in cold.items():
+        lined, ringed = found["tile-lines", "", size], found["tile-rings", "", size]
+        triangles = f"{4 * int(size) ** 2:,}".replace(",", " ")
+        errors = (f"{100 * (of['worst error'] or 0):.2g} %" for of in (lined, ringed))
+        near = lined["from a similar design"] or 0
+        lines.append((size, triangles, *errors, f"{seconds:.2g} s", f"{near:.2g} s"))
+    heads = (
+        "edges along a side",
+        "triangles",
+        "crossing lines, worst direction",
+        "rings, worst direction",
+        "from flat",
+        "from a similar design, with gradients",
+    )
+    return markdown(heads, lines)

@@ -1,0 +1,1 @@
+"""Solves that must end in a stable equilibrium, or in an error that is true."""

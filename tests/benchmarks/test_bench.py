@@ -1,0 +1,224 @@
+"""The harness: rows, resuming, pages, and what each command's quick cases give."""
+
+import math
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.scenes import ROOT
+from mpi4py import MPI
+
+from benchmarks import bench, intervals, seeds
+from benchmarks.bench import Row
+from benchmarks.speed.command import ratio_interval
+from benchmarks.stability import command as stability
+
+# Under mpirun a child process would act as one of its ranks.
+ALONE = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of its own")
+ROWS = [
+    Row("a case", "of, two", "3", "width", 1 / 3, "mm", 2e-300, None, "CPU", "2026-11-24", 'a "b"'),
+    Row("a case", "", "", "gap", None),
+]
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    own = {k: v for k, v in os.environ.items() if not k.startswith(bench.RANK_VARIABLES)}
+    command = [sys.executable, "-m", "benchmarks", *arguments]
+    return subprocess.run(command, env=own, cwd=ROOT, capture_output=True, text=True)
+
+
+def found(file: Path, *arguments: str) -> list[Row]:
+    """Return the rows of a command, all of them finite and stamped."""
+    done = run(*arguments, "--rows", str(file))
+    assert done.returncode == 0, done.stdout + done.stderr
+    rows = bench.read(file)
+    assert rows
+    for row in rows:
+        assert row.value is None or math.isfinite(row.value), row
+        assert row.machine
+        assert row.measured[:2] == "20"
+    return rows
+
+
+def value(rows: Sequence[Row], figure: str, variant: str | None = None) -> float:
+    (one,) = (r.value for r in rows if r.figure == figure and variant in (None, r.variant))
+    assert one is not None
+    return one
+
+
+@pytest.mark.one_rank
+def test_rows_come_back(tmp_path: Path) -> None:
+    file = tmp_path / "rows.csv"
+    bench.write(file, ROWS[:1])
+    with file.open("a", encoding="utf-8") as lines:
+        lines.write("a case,,,ga")  # killed while it wrote
+    assert bench.read(file) == ROWS[:1]
+    bench.write(file, ROWS[1:], append=True)
+    assert bench.read(file) == ROWS
+
+
+@pytest.mark.one_rank
+@pytest.mark.parametrize("workers", [1, 2])
+def test_what_is_finished_is_not_repeated(tmp_path: Path, workers: int) -> None:
+    file, keys = tmp_path / "rows.csv", ["uniaxial-width: membrane right", "tile-stripes"]
+    new: list[str] = []
+    for _ in range(2):
+        failed = bench.complete(
+            "accuracy", True, keys, file, workers, lambda rows: new.append(rows[0].case)
+        )
+        assert failed == 0
+    assert sorted(new) == ["tile-stripes", "uniaxial-width"]
+    assert bench.complete("accuracy", True, [keys[0], "no case"], file, 1) == 1
+
+
+@pytest.mark.one_rank
+def test_a_deadline_ends_a_hang() -> None:
+    with pytest.raises(TimeoutError, match=r"gave up after 0\.05 s"), bench.deadline(0.05):
+        time.sleep(60)
+
+
+@pytest.mark.one_rank
+@pytest.mark.parametrize("name", list(bench.COMMANDS))
+def test_pages_have_the_tables_of_the_committed_rows(name: str) -> None:
+    command, rows = bench.command_of(name), bench.read(bench.ROWS / f"{name}.csv")
+    assert command.tables
+    for page, text in bench.pages(command, rows).items():
+        assert page.read_text(encoding="utf-8") == text
+    assert list(command.condense(rows)) == rows
+    # A row of a case that is gone would stay for ever.
+    known = {case.name for case in command.cases(False)}
+    assert {row.case.removesuffix(bench.IN_ALL) for row in rows} <= known
+    with pytest.raises(ValueError, match="the page needs the lines"):
+        bench.with_table("a page", "mark", "table")
+
+
+@pytest.mark.one_rank
+def test_ratio_of_times_and_frequencies_by_hand() -> None:
+    """Logarithms ln 2 ± ln 2: their mean has the error ln 2, Student's t of one degree 12.706."""
+    ratio, low, high = ratio_interval([4.0, 3.0], [1.0, 3.0])
+    assert ratio == pytest.approx(2)
+    assert [low, high] == pytest.approx([2 / 2**12.7062, 2 * 2**12.7062], rel=1e-4)
+    assert ratio_interval([3.0], [2.0]) == (1.5, 0.0, math.inf)
+    # All of n: the lower end is 0.025 to the power of 1/n.
+    assert intervals.held_between(30, 30) == pytest.approx((0.025 ** (1 / 30), 1))
+    assert intervals.held_between(0, 2) == pytest.approx((0, 1 - 0.025**0.5))
+
+
+@pytest.mark.one_rank
+def test_hundreds_of_cells_are_counted() -> None:
+    labels = [f"tube helix x300 {load} Pa cold" for load in (100, 1000, 5000)]
+    ends = ("converged", "failed", "converged")
+    rows = [
+        Row("matrix", label, "", end, float(steps), "steps")
+        for label, end, steps in zip(labels, ends, (10, 400, 20), strict=True)
+    ]
+    counted = stability.condense(rows)
+    assert [row for row in counted if row.case == "matrix"][:1] == [rows[1]]
+    whole = {row.figure: row.value for row in counted if row.variant == "all"}
+    assert (whole["cases"], whole["converged"], whole["failed"], whole["wrong"]) == (3, 2, 1, 0)
+    assert (whole["steps: median"], whole["most"]) == (20, 400)
+    assert stability.bad(rows[1])
+    assert not stability.bad(rows[0])
+
+
+@pytest.mark.one_rank
+def test_published_figures_are_those_of_the_demos() -> None:
+    rows = [row for row in bench.read(bench.ROWS / "seeds.csv") if row.case == "published"]
+    assert {row.variant for row in rows} == set(seeds.PUBLISHED)
+    lines = (ROOT / "demos" / "README.md").read_text(encoding="utf-8").splitlines()
+    starts = {
+        "bend_twist": "| `bend_twist.py`",
+        "walker_crawl": "| `walker.py --motion crawl`",
+        "gripper_box": "| `gripper.py --shape box`",
+    }
+    for row in rows:
+        if row.size == "coarse" or row.figure.startswith(("load.", "gait.")):
+            continue  # not in the table
+        start = starts.get(row.variant, f"| `{row.variant}.py`")
+        (line,) = (line for line in lines if line.startswith(start))
+        numbers = [float(n) for n in re.findall(r"[-+]?\d+\.?\d*", line)]
+        scale = {"growth_above_over_below": 100, "pressure_pa": 1e-3}.get(row.figure, 1)
+        assert (row.value or 0) * scale in [pytest.approx(n) for n in numbers], row
+    near, far = (replace(rows[0], value=v, reference=2.0, note="± 1") for v in (2.9, 3.1))
+    assert not seeds.deviates(near)
+    assert seeds.deviates(far)
+    assert seeds.deviates(replace(near, value=None))
+
+
+@pytest.mark.slow
+@ALONE
+def test_quick_cases_of_accuracy(tmp_path: Path) -> None:
+    """The roof of Sze, Liu & Lo snaps at 0.743 of its load; stripes are exact on every mesh."""
+    rows = found(tmp_path / "rows.csv", "accuracy", "--quick", "--only", "path-roof: 12.7")
+    assert value(rows, "limit 1") == pytest.approx(0.743 * 3000, rel=0.02)
+    rows = found(tmp_path / "tiles.csv", "accuracy", "--quick", "--only", "tile-stripes")
+    assert max(row.value or 0 for row in rows if row.figure == "worst error") < 1e-9
+
+
+@pytest.mark.slow
+@ALONE
+def test_quick_cases_of_stability(tmp_path: Path) -> None:
+    """Each start of a scene converges; a drawn one too; nothing passes through anything."""
+    file = tmp_path / "rows.csv"
+    for only in ("matrix: half_tube", "random: seed 12", "contact: pressed tube"):
+        rows = found(file, "stability", "--quick", "--only", only)
+    assert sum(row.figure == "converged" for row in rows) == 4
+    assert max(row.value or 0 for row in rows if row.figure == "residual") < 1e-8
+    assert [r.figure for r in rows if r.case == "random"] == ["equilibrium", "pairs"]
+    assert [value(rows, f"crosses {way}") for way in ("without", "with")] == [1, 0]
+
+
+@pytest.mark.slow
+@ALONE
+def test_quick_cases_of_speed(tmp_path: Path) -> None:
+    """A replay ends in an equilibrium; the same code takes the same steps again."""
+    rows = found(tmp_path / "rows.csv", "speed", "--quick", "--only", "cold, membrane")
+    assert value(rows, "residual") < 1e-8
+    file = tmp_path / "against.csv"
+    done = run("speed", "--quick", "--only", "cold, membrane", "--rounds", "2",
+               "--against", str(ROOT), "--rows", str(file))  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    for row in bench.read(file):
+        if row.figure != "time ratio":
+            assert row.value == row.reference == value(rows, row.figure)
+
+
+@pytest.mark.slow
+@ALONE
+def test_quick_cases_of_scale(tmp_path: Path) -> None:
+    """Each phase has its seconds; three unknowns a triangle, positions and a turn of each edge."""
+    rows = found(tmp_path / "rows.csv", "scale", "--quick", "--only", "1000")
+    assert value(rows, "unknowns") == pytest.approx(3 * int(rows[0].size), rel=0.05)
+    spent = [row.value or 0 for row in rows if row.figure.endswith("_s")]
+    assert len(spent) == 17
+    assert min(spent) > 0
+    assert 0 < value(rows, "setup_gib") <= value(rows, "step_gib") <= value(rows, "peak_gib") < 1
+
+
+@pytest.mark.slow
+@ALONE
+def test_quick_cases_of_seeds(tmp_path: Path) -> None:
+    """The plain tube swells as published; a design is the same on both kernel types."""
+    rows = found(tmp_path / "rows.csv", "seeds", "--quick", "--only", "inflate")
+    assert not any(seeds.deviates(row) for row in rows)
+    rows = found(tmp_path / "kernels.csv", "seeds", "--quick", "--only", "kernels")
+    one, other = (row.value for row in rows if row.figure == "shortening_percent")
+    assert one == pytest.approx(other, rel=1e-3)
+
+
+@pytest.mark.slow
+@ALONE
+def test_quick_cases_of_intervals(tmp_path: Path) -> None:
+    rows = found(tmp_path / "rows.csv", "intervals", "--quick", "--only", "seed 0")
+    told, (twist,) = value(rows, "twist, told error"), (r for r in rows if r.figure == "twist")
+    assert twist.value is not None
+    assert twist.reference is not None
+    assert 0 < abs(twist.value - twist.reference) < told < abs(twist.value)
+    assert np.sign(twist.value) == np.sign(twist.reference)
