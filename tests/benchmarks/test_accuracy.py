@@ -71,7 +71,6 @@ def test_closed_forms_of_lines_that_do_not_stretch() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.one_rank
 def test_references_of_contact() -> None:
     """The free disc is that of another method; the tables are what the references give."""
     law = Law(c1=1.8, c2=2.0)

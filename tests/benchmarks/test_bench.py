@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.scenes import ROOT
-from mpi4py import MPI
 
 from benchmarks import bench, intervals, seeds
 from benchmarks.bench import Row
@@ -21,7 +20,6 @@ from benchmarks.speed.command import ratio_interval
 from benchmarks.stability import command as stability
 
 # Under mpirun a child process would act as one of its ranks.
-ALONE = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="starts processes of its own")
 ROWS = [
     Row("a case", "of, two", "3", "width", 1 / 3, "mm", 2e-300, None, "CPU", "2026-11-24", 'a "b"'),
     Row("a case", "", "", "gap", None),
@@ -53,7 +51,6 @@ def value(rows: Sequence[Row], figure: str, variant: str | None = None) -> float
     return one
 
 
-@pytest.mark.one_rank
 def test_rows_come_back(tmp_path: Path) -> None:
     file = tmp_path / "rows.csv"
     bench.write(file, ROWS[:1])
@@ -64,7 +61,6 @@ def test_rows_come_back(tmp_path: Path) -> None:
     assert bench.read(file) == ROWS
 
 
-@pytest.mark.one_rank
 @pytest.mark.parametrize("workers", [1, 2])
 def test_what_is_finished_is_not_repeated(tmp_path: Path, workers: int) -> None:
     file, keys = tmp_path / "rows.csv", ["uniaxial-width: membrane right", "tile-stripes"]
@@ -78,13 +74,11 @@ def test_what_is_finished_is_not_repeated(tmp_path: Path, workers: int) -> None:
     assert bench.complete("accuracy", True, [keys[0], "no case"], file, 1) == 1
 
 
-@pytest.mark.one_rank
 def test_a_deadline_ends_a_hang() -> None:
     with pytest.raises(TimeoutError, match=r"gave up after 0\.05 s"), bench.deadline(0.05):
         time.sleep(60)
 
 
-@pytest.mark.one_rank
 @pytest.mark.parametrize("name", list(bench.COMMANDS))
 def test_pages_have_the_tables_of_the_committed_rows(name: str) -> None:
     command, rows = bench.command_of(name), bench.read(bench.ROWS / f"{name}.csv")
@@ -99,7 +93,6 @@ def test_pages_have_the_tables_of_the_committed_rows(name: str) -> None:
         bench.with_table("a page", "mark", "table")
 
 
-@pytest.mark.one_rank
 def test_ratio_of_times_and_frequencies_by_hand() -> None:
     """Logarithms ln 2 ± ln 2: their mean has the error ln 2, Student's t of one degree 12.706."""
     ratio, low, high = ratio_interval([4.0, 3.0], [1.0, 3.0])
@@ -111,7 +104,6 @@ def test_ratio_of_times_and_frequencies_by_hand() -> None:
     assert intervals.held_between(0, 2) == pytest.approx((0, 1 - 0.025**0.5))
 
 
-@pytest.mark.one_rank
 def test_hundreds_of_cells_are_counted() -> None:
     labels = [f"tube helix x300 {load} Pa cold" for load in (100, 1000, 5000)]
     ends = ("converged", "failed", "converged")
@@ -128,7 +120,6 @@ def test_hundreds_of_cells_are_counted() -> None:
     assert not stability.bad(rows[0])
 
 
-@pytest.mark.one_rank
 def test_published_figures_are_those_of_the_demos() -> None:
     rows = [row for row in bench.read(bench.ROWS / "seeds.csv") if row.case == "published"]
     assert {row.variant for row in rows} == set(seeds.PUBLISHED)
@@ -153,7 +144,6 @@ def test_published_figures_are_those_of_the_demos() -> None:
 
 
 @pytest.mark.slow
-@ALONE
 def test_quick_cases_of_accuracy(tmp_path: Path) -> None:
     """The roof of Sze, Liu & Lo snaps at 0.743 of its load; stripes are exact on every mesh."""
     rows = found(tmp_path / "rows.csv", "accuracy", "--quick", "--only", "path-roof: 12.7")
@@ -163,7 +153,6 @@ def test_quick_cases_of_accuracy(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@ALONE
 def test_quick_cases_of_stability(tmp_path: Path) -> None:
     """Each start of a scene converges; a drawn one too; nothing passes through anything."""
     file = tmp_path / "rows.csv"
@@ -176,7 +165,6 @@ def test_quick_cases_of_stability(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@ALONE
 def test_quick_cases_of_speed(tmp_path: Path) -> None:
     """A replay ends in an equilibrium; the same code takes the same steps again."""
     rows = found(tmp_path / "rows.csv", "speed", "--quick", "--only", "cold, membrane")
@@ -191,7 +179,6 @@ def test_quick_cases_of_speed(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@ALONE
 def test_quick_cases_of_scale(tmp_path: Path) -> None:
     """Each phase has its seconds; three unknowns a triangle, positions and a turn of each edge."""
     rows = found(tmp_path / "rows.csv", "scale", "--quick", "--only", "1000")
@@ -203,7 +190,6 @@ def test_quick_cases_of_scale(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@ALONE
 def test_quick_cases_of_seeds(tmp_path: Path) -> None:
     """The plain tube swells as published; a design is the same on both kernel types."""
     rows = found(tmp_path / "rows.csv", "seeds", "--quick", "--only", "inflate")
@@ -214,7 +200,6 @@ def test_quick_cases_of_seeds(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@ALONE
 def test_quick_cases_of_intervals(tmp_path: Path) -> None:
     rows = found(tmp_path / "rows.csv", "intervals", "--quick", "--only", "seed 0")
     told, (twist,) = value(rows, "twist, told error"), (r for r in rows if r.figure == "twist")
