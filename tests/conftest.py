@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import io
 import itertools
+import os
 import sys
 from collections.abc import Callable, Generator
 from typing import Any
@@ -15,6 +16,7 @@ from helpers.top_level import files_on_disk
 from kit.durations import order_by_durations, write_durations
 from kit.kept_meshes import KeptMeshes, mesher
 from kit.pin import pin
+from kit.skips import unexpected_skips
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -49,6 +51,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if item.get_closest_marker("xdist_group") is None:
             item.add_marker(pytest.mark.xdist_group(item.nodeid.split("::")[0]))
     order_by_durations(items, ranks)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Fail where all must be there and a test was skipped for another reason than its ranks."""
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if "TOROS_REQUIRE_ALL" not in os.environ or reporter is None:
+        return
+    if lacking := unexpected_skips(reporter.stats.get("skipped", ())):
+        reporter.write_line("\nskipped, but all must be there:\n  " + "\n  ".join(lacking))
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:

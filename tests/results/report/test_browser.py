@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from helpers.browser import Page, opened
 from helpers.runs import change_summary, tube, write_run
+from kit.scene_runs import run_scene
+from mpi4py import MPI
 
 from toros_fem.results.report import write_report
 
@@ -62,15 +64,37 @@ def test_sliders_switches_and_colours_change_the_picture(run: Path) -> None:
         assert fits(page)
 
 
+def test_report_of_a_real_run(alone: MPI.Comm, tmp_path: Path) -> None:
+    """It is turned and played; the console stays empty, and nothing is fetched."""
+    run_scene(alone, "bend", tmp_path)
+    with opened(write_report(tmp_path / "bend")) as page:
+        before = page.picture()
+        assert near(before, FABRIC) > 0.01
+        turn(page)
+        assert differ(before, page.picture()) > 0.02
+        for series in ("iteration", "pressure"):
+            page.slide(series, 0)
+            slider = f"return Number(document.getElementById('slider-{series}').value)"
+            page.click(f"#slider-{series} + button")
+            page.wait_for(f"{slider} > 0")
+        assert page.complaints == []
+        assert page.requests == [(tmp_path / "bend" / "report.html").as_uri()]
+
+
+def turn(page: Page) -> None:
+    """Drag the skin."""
+    from selenium.webdriver.common.action_chains import ActionChains
+    from selenium.webdriver.common.by import By
+
+    canvas = page.driver.find_element(By.ID, "canvas")
+    ActionChains(page.driver).drag_and_drop_by_offset(canvas, 120, 30).perform()
+    page.settle()
+
+
 def test_dragging_turns_the_skin(run: Path) -> None:
     with opened(write_report(run)) as page:
-        from selenium.webdriver.common.action_chains import ActionChains
-        from selenium.webdriver.common.by import By
-
         before = page.picture()
-        canvas = page.driver.find_element(By.ID, "canvas")
-        ActionChains(page.driver).drag_and_drop_by_offset(canvas, 120, 30).perform()
-        page.settle()
+        turn(page)
         assert differ(before, page.picture()) > 0.02
 
 

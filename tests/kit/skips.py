@@ -1,0 +1,24 @@
+"""Why tests may be skipped where every optional package and a browser are there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+# Comparisons of several ranks with one, on one.
+EXPECTED = (
+    "needs two ranks to compare with one",
+    "compares numbers of ranks",
+    "compares several ranks with one",
+    "one rank has nothing to differ from",
+)
+
+
+def unexpected_skips(reports: Iterable[Any]) -> list[str]:
+    """Return the tests that were skipped for another reason, with it."""
+    found = []
+    for report in reports:
+        why = str(report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr)
+        if not why.removeprefix("Skipped: ").startswith(EXPECTED):
+            found.append(f"{report.nodeid}: {why}")
+    return found
