@@ -302,13 +302,18 @@ def solver_on(skin: Skin, **more: Any) -> EquilibriumSolver:
     return EquilibriumSolver(skin, Composite(), clamp(skin.pattern, ["base"]), EXACT, **more)
 
 
+def bent(skin: Skin) -> Objective:
+    """Not quadratic, so that the spread of a print has a slope by the print's own shape."""
+    return SumObjective(shape(skin), gap("sphere", skin))
+
+
 def density_problem(comm: MPI.Comm) -> ShapeProblem:
     """Everything that a density design has, with print and fabric that are prescribed."""
     skin = sew(comm, tube())
     plain = full(skin, solver_on(skin))
     given = np.where(skin.owned_cells % 11 == 0, 0.25, plain.passive)
     problem = dataclasses.replace(
-        plain, passive=given, perimeter_weight=1e-3, objective=shape(skin), length_scale=None
+        plain, passive=given, perimeter_weight=1e-3, objective=bent(skin), length_scale=None
     )
     made = LengthScaleConstraints(skin, plain.filter, LengthScale(), problem.designed)
     return dataclasses.replace(problem, length_scale=made)
