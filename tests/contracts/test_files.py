@@ -26,6 +26,7 @@ from mpi4py import MPI
 from toros_fem.base import errors
 from toros_fem.base.config import Config
 from toros_fem.base.errors import TorosError
+from toros_fem.base.files import reason
 from toros_fem.base.units import DIMENSIONS, read_quantity, write_quantity
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.cli.scene_files.writing import scene_text
@@ -36,10 +37,9 @@ from toros_fem.making.print.print_file import StoredPrint, read_print_polygons, 
 from toros_fem.making.print.printability import PrintLimits
 from toros_fem.making.sheets import PrintBody, write_3mf, write_cut_dxf, write_cut_svg, write_stl
 from toros_fem.making.sheets.cut_files import sheet_layers
-from toros_fem.materials.library import read_library
+from toros_fem.materials.library import read_library, write_material
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.materials.library.reading import read_materials
-from toros_fem.materials.library.writing import material_text
 from toros_fem.meshes import (
     Pattern,
     from_mesh,
@@ -68,7 +68,7 @@ FEW = settings(
     suppress_health_check=list(HealthCheck),
     phases=[Phase.explicit, Phase.generate],  # a scene that is shrunk takes minutes
 )  # fmt: skip
-MANY = settings(FEW, max_examples=60)
+MANY = settings(FEW, max_examples=40)
 POINTS = 0.01 * np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]])
 TRIANGLES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 4], [2, 3, 4], [1, 4, 3]])
 
@@ -284,7 +284,8 @@ def default_scene(x: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_library(path: Path, x: dict[str, LibraryMaterial]) -> None:
-    path.write_text("\n".join(map(material_text, x.values())), encoding="utf-8")
+    for entry in x.values():
+        write_material(path, entry)
 
 
 def write_stored(path: Path, x: StoredPrint) -> None:
@@ -412,8 +413,16 @@ def test_damage_is_told(name: str, data: st.DataObject, folder: Path) -> None:
     assert len(other) <= (0 if form.bare is None else 2)
 
 
+def test_reasons_are_short() -> None:
+    """The error of zipfile quotes the name in a damaged header, which may be half of the file."""
+    assert len(reason(ValueError(4000 * "\\x00"))) < 200
+    assert reason(ValueError("short")) == "short"
+
+
 LOST = pytest.mark.xfail(
-    strict=True, reason="an archive does not say which entries it has, so that one can be lost"
+    strict=True,
+    raises=AssertionError,
+    reason="an archive does not say which entries it has, so that one can be lost",
 )
 
 
@@ -426,7 +435,7 @@ LOST = pytest.mark.xfail(
     ],
 )  # fmt: skip
 def test_damage_of_directories(name: str, tmp_path: Path) -> None:
-    """Each byte of an archive's directory, which no checksum covers."""
+    """Every second byte of an archive's directory, which no checksum covers."""
     form, drawn = FORMATS[name], []
 
     @settings(FEW, max_examples=8)
@@ -437,7 +446,7 @@ def test_damage_of_directories(name: str, tmp_path: Path) -> None:
     draw()
     path = max((form.write(empty(tmp_path), x) for x in drawn), key=lambda p: p.stat().st_size)
     x, content = form.read(path), path.read_bytes()
-    for at in range(content.index(b"PK\1\2"), len(content)):
+    for at in range(content.index(b"PK\1\2"), len(content), 2):
         path.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
         with contextlib.suppress(*form.refused):
             assert changed(form.read(path), x) == set(), f"byte {at} of {len(content)}"
@@ -480,7 +489,7 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("_impatient")
 @pytest.mark.parametrize("name", MESHES)
-@settings(MANY, max_examples=30)
+@settings(MANY, max_examples=12)
 @given(faults=st.lists(FAULTS, min_size=1, max_size=3))
 def test_damaged_meshes(name: str, faults: list[tuple[str, float, int]], folder: Path) -> None:
     """As a skin, or as the shape that a skin shall take, a mesh is sound or refused."""
@@ -556,12 +565,14 @@ def read_dxf(path: Path) -> tuple[Drawn, list[Label]]:
     for line in document.modelspace().query("LWPOLYLINE"):
         points = np.array(line.get_points("xy"))
         lines.setdefault(line.dxf.layer, []).append((points, line.closed))
+    texts = document.modelspace().query("TEXT")
+    assert {text.get_placement()[0].name for text in texts} == {"MIDDLE_CENTER"}
     labels = [
         Label(
             text.dxf.text, np.array(text.get_placement()[1])[:2] / 1e3,
             np.radians(text.dxf.rotation), text.dxf.height / 1e3,
         )
-        for text in document.modelspace().query("TEXT")
+        for text in texts
     ]  # fmt: skip
     return lines, labels
 
