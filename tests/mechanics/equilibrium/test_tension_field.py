@@ -82,21 +82,6 @@ def test_taylor_of_an_objective(solver: EquilibriumSolver, comm: MPI.Comm) -> No
     assert taylor_rates(value, slope, 4e-3) == pytest.approx(2, abs=0.02)
 
 
-def test_same_shape_on_any_number_of_ranks(solver: EquilibriumSolver, comm: MPI.Comm) -> None:
-    if comm.size == 1:
-        pytest.skip("needs two ranks to compare with one")
-    skin = solver.skin
-    found = solver.solve(density_of(skin), PRESSURE)
-    serial = pillow(MPI.COMM_SELF, COMPOSITE)
-    expected = serial.solve(density_of(serial.skin), PRESSURE)
-    field = wrinkle_field(solver, density_of(skin), found)
-    alone = wrinkle_field(serial, density_of(serial.skin), expected)
-    assert np.array_equal(field.state, alone.state)
-    assert np.abs((field.flat * alone.flat).sum(axis=1)) == pytest.approx(
-        (alone.state > 0).astype(float), abs=1e-6
-    )
-
-
 def test_line_families_are_refused(solver: EquilibriumSolver) -> None:
     with pytest.raises(ParameterError, match="line families take compression"):
         EquilibriumSolver(solver.skin, COMPOSITE, solver.model.supports, families=1)
