@@ -1,10 +1,7 @@
 """Files are whole or as before; checkpoints that are damaged, newer or foreign are told."""
 
-import errno
 import json
 import os
-import resource
-import signal
 from pathlib import Path
 
 import numpy as np
@@ -49,24 +46,6 @@ def test_pickled_objects_are_refused(path: Path) -> None:
     np.savez(path, header=np.array([{"is": "anything"}], dtype=object))
     with pytest.raises(CheckpointError):
         read_checkpoint(path, OWNER)
-
-
-def test_a_full_disk_leaves_the_file_before(path: Path) -> None:
-    """A limit on the size of files stands for the disk."""
-    before = path.read_bytes()
-    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    try:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-        larger = Checkpoint({"x": np.zeros(5000)}, {})
-        with pytest.raises(OSError) as caught:  # noqa: PT011
-            write_checkpoint(path, larger, OWNER)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-        signal.signal(signal.SIGXFSZ, handler)
-    assert caught.value.errno == errno.EFBIG
-    assert path.read_bytes() == before
-    assert [p.name for p in path.parent.iterdir()] == [path.name], "no part of it is left"
 
 
 def test_a_file_is_forced_to_the_disk_before_its_name(
