@@ -26,7 +26,7 @@ ALONE, INPUTS, STEPS = MPI.COMM_SELF, {"length": 0.1}, 3
 
 
 def state(number: int) -> Checkpoint:
-    return Checkpoint({"x": np.arange(5.0) ** number}, {"step": number})
+    return Checkpoint({"x": np.linspace(0, 4, 5, dtype=np.float64) ** number}, {"step": number})
 
 
 def run(folder: Path, *, resume: bool = False) -> None:
@@ -41,7 +41,9 @@ def run(folder: Path, *, resume: bool = False) -> None:
                 ALONE, folder, lambda rows=rows: write_table(folder / "history.csv", rows)
             )  # type: ignore[misc]
             entry.offer(lambda number=number: state(number), last=number == STEPS)  # type: ignore[misc]
-        write_together(ALONE, folder, lambda: write_json(folder / "summary.json", {"steps": STEPS}))
+        write_together(
+            ALONE, folder, partial(write_json, folder / "summary.json", {"steps": STEPS})
+        )
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -74,7 +76,7 @@ def failing_at(patch: pytest.MonkeyPatch, number: int, fault: Fault) -> list[int
         step()
         return rename(one, other)
 
-    patch.setattr(files.os, "fsync", synced)
+    patch.setattr(os, "fsync", synced)
     patch.setattr(Path, "replace", renamed)
     return count
 

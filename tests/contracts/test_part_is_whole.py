@@ -115,7 +115,8 @@ class Scene:
         self, comm: MPI.Comm, pattern: Pattern, planes: tuple[int, ...]
     ) -> EquilibriumSolver:
         """Return the solver of a part that is cut by these planes, or with none of the whole."""
-        supports, more = self.held(pattern, planes), {}
+        supports = self.held(pattern, planes)
+        more: dict[str, Any] = {}
         if self.chamber is not None:
             which = self.chamber(pattern.points[pattern.triangles].mean(axis=1))
             more["chambers"] = Chambers(("one", "other"), which)

@@ -13,6 +13,7 @@ from helpers.designs import RADIUS, full
 from helpers.line_fields import two_sheets
 from helpers.models import line_design
 from helpers.objectives import TARGET, tube_sections
+from helpers.pillow import pillow
 from helpers.scenes import square
 from helpers.tiles import CONTRAST, DIRECTIONS, EDGES, SIDE
 from helpers.tiles import RADIUS as TILE_RADIUS
@@ -43,7 +44,7 @@ from toros_fem.measures.mirrored import MirroredObjective
 from toros_fem.measures.shape import Nodes, Objective, ShapeObjective, SumObjective
 from toros_fem.mechanics.contact import Contact, rigid_sphere
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
-from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
+from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.mechanics.paths.load_path import LoadPath, LoadStep
 from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
@@ -311,6 +312,7 @@ def density_problem(comm: MPI.Comm) -> ShapeProblem:
     """Everything that a density design has, with print and fabric that are prescribed."""
     skin = sew(comm, tube())
     plain = full(skin, solver_on(skin))
+    assert plain.passive is not None
     given = np.where(skin.owned_cells % 11 == 0, 0.25, plain.passive)
     problem = dataclasses.replace(
         plain, passive=given, perimeter_weight=1e-3, objective=bent(skin), length_scale=None
@@ -435,30 +437,65 @@ def loads(comm: MPI.Comm) -> Stage:
     return Stage(comm, values, point, step, [gradient], gather, 1e-8)
 
 
-def families_under_pressure(columns: slice, comm: MPI.Comm) -> Stage:
-    """Positions of a skin with two families, by densities, shares or directions."""
-    skin = sew(comm, tube())
-    solver, rows = solver_on(skin, families=2), line_design(skin, 2, 5)
-    weight, base = vertices(skin, 3, 1.0), solver.solve(rows, 5e3)
+def positions(
+    make: Callable[[MPI.Comm], tuple[EquilibriumSolver, Floats, float]],
+    columns: slice,
+    comm: MPI.Comm,
+    *,
+    size: float = 1e-3,
+) -> Stage:
+    """Positions under pressure by some columns of a design; `size` is that of a step."""
+    solver, rows, pressure = make(comm)
+    skin, rows = solver.skin, rows.reshape(len(rows), -1)
+
+    def solved(x: Floats, start: Floats | None) -> EquilibriumResult:
+        moved = rows.copy()
+        moved[:, columns] = x
+        design = moved if moved.shape[1] > 1 else moved[:, 0]
+        return solver.solve(design, pressure, start=start)
+
+    point = rows[:, columns].copy()
+    weight, base = vertices(skin, 3, 1.0), solved(point, None)
     right = np.zeros_like(base.state)
     solver.model.positions(right)[:] = weight
     adjoint = solver.solve_tangent(right, base)
-    gradient = -solver.model.density_sensitivity(base.state, adjoint)[:, columns]
+    gradient = -solver.model.density_sensitivity(base.state, adjoint)
 
     def values(x: Floats) -> Floats:
-        moved = rows.copy()
-        moved[:, columns] = x
-        found = solver.solve(moved, 5e3, start=base.state)
+        found = solved(x, base.state)
         return np.array([total(comm, float((weight * found.positions).sum()))])
 
-    point = rows[:, columns].copy()
-    step = cells(skin, 15, -1e-3, 1e-3, point.shape[1])
+    step = cells(skin, 15, -size, size, point.shape[1])
+    gradient = gradient.reshape(len(rows), -1)[:, columns]
     return Stage(comm, values, point, step, [gradient], skin.gather_cells, 1e-8)
+
+
+def two_families(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
+    skin = sew(comm, tube())
+    return solver_on(skin, families=2), line_design(skin, 2, 5), 5e3
+
+
+def wrinkled(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
+    """A pillow with taut and wrinkled triangles."""
+    solver = pillow(comm)
+    return solver, cells(solver.skin, 3, 0.1, 0.9), 300.0
+
+
+def at_its_bound(comm: MPI.Comm) -> tuple[EquilibriumSolver, Floats, float]:
+    """A print that hardly stretches on a fabric that does."""
+    skin = sew(comm, tube())
+    soft = dataclasses.replace(Composite().reinforcement, young=2e6, c1=1.05)
+    supports = clamp(skin.pattern, ["base"])
+    solver = EquilibriumSolver(skin, Composite(reinforcement=soft), supports, EXACT)
+    return solver, cells(skin, 3, 0.2, 0.8), 5e3
 
 
 TILE = partial(tile_problem, PROFILE, "tetragonal")
 CHIRAL = partial(tile_problem, CONTRAST, "chiral")
-FAMILIES = {"fixed": FixedDirections(4, 0.4), "free": FreeDirections((0.2, 0.3))}
+FAMILIES: dict[str, Families] = {
+    "fixed": FixedDirections(4, 0.4),
+    "free": FreeDirections((0.2, 0.3)),
+}
 
 Make = Callable[[MPI.Comm], Stage]
 ROWS: dict[str, Make] = {
@@ -495,7 +532,9 @@ ROWS: dict[str, Make] = {
     "contrast of a tile": partial(designed, partial(CHIRAL, batched=False)),
     "contrast of a pressed tile": partial(designed, partial(CHIRAL, batched=False, strain=-0.05)),
     "path of loads": loads,
-    "families' density": partial(families_under_pressure, slice(0, 1)),
-    "families' shares": partial(families_under_pressure, slice(1, 3)),
-    "families' directions": partial(families_under_pressure, slice(3, 7)),
+    "wrinkled": partial(positions, wrinkled, slice(0, 1)),
+    "print at its bound": partial(positions, at_its_bound, slice(0, 1), size=2e-4),
+    "families' density": partial(positions, two_families, slice(0, 1)),
+    "families' shares": partial(positions, two_families, slice(1, 3)),
+    "families' directions": partial(positions, two_families, slice(3, 7)),
 }  # fmt: skip

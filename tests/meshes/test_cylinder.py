@@ -69,28 +69,6 @@ def test_cylinder_planes(comm: MPI.Comm, planes: tuple[int, ...]) -> None:
         cylinder(comm, 0.06, 0.02, 5e-3, planes=planes)
 
 
-@pytest.mark.parametrize("planes", [(), (1,)])
-@pytest.mark.parametrize("mesh", ["unstructured", "crossed"])
-def test_one_cap(comm: MPI.Comm, mesh: str, planes: tuple[int, ...]) -> None:
-    """The other end is a free border; the numbers of triangles add up to those of the whole."""
-    made = {
-        caps: cylinder(comm, 0.06, 0.02, 4e-3, mesh=mesh, caps=caps, planes=planes)
-        for caps in ("both", "base", "tip", None)
-    }
-    assert made["base"].panel_names == ("wall", "base")
-    assert made["tip"].panel_names == ("wall", "tip")
-    count = {caps: len(pattern.panel) for caps, pattern in made.items()}
-    assert count["base"] + count["tip"] == count["both"] + count[None]
-    for caps, height in (("base", 0.06), ("tip", 0.0)):
-        tube = made[caps]
-        rim = tube.free_edges[np.isclose(tube.points[tube.free_edges][:, :, 2], height).all(1)]
-        assert len(rim) == round(np.pi * 0.02 / 4e-3) // (2 if planes else 1)
-        if not planes:
-            assert len(rim) == len(tube.free_edges)
-    with pytest.raises(errors.ParameterError, match="caps = 'none' must be one of 'both'"):
-        cylinder(comm, 0.06, 0.02, 4e-3, caps="none")
-
-
 def test_diagonals_of_the_wall() -> None:
     """Each rectangle is cut the other way by "left"; by turns; or in four."""
     rising = {}

@@ -63,8 +63,8 @@ def read_checkpoint(path: Path, belongs_to: Mapping[str, str]) -> tuple[Checkpoi
             written_by = str(header["toros_fem"])
     except Exception as fault:  # a damaged file may raise anything
         raise CheckpointError(
-            f"{path} is no whole checkpoint ({type(fault).__name__}: {reason(fault)}). Remove it to lose "
-            "this part of the run alone, or start the run anew."
+            f"{path} is no whole checkpoint ({type(fault).__name__}: {reason(fault)}). Remove it "
+            "to lose this part of the run alone, or start the run anew."
         ) from None
     if known and newness > FORMAT:
         raise CheckpointError(
