@@ -37,13 +37,10 @@ def run(folder: Path, *, resume: bool = False) -> None:
         done = 0 if saved is None else int(saved.numbers["step"])
         for number in range(done + 1, STEPS + 1):
             rows = [{"step": k} for k in range(number + 1)]
-            write_together(
-                ALONE, folder, lambda rows=rows: write_table(folder / "history.csv", rows)
-            )  # type: ignore[misc]
-            entry.offer(lambda number=number: state(number), last=number == STEPS)  # type: ignore[misc]
-        write_together(
-            ALONE, folder, partial(write_json, folder / "summary.json", {"steps": STEPS})
-        )
+            write_together(ALONE, folder, partial(write_table, folder / "history.csv", rows))
+            entry.offer(partial(state, number), last=number == STEPS)
+        summary = partial(write_json, folder / "summary.json", {"steps": STEPS})
+        write_together(ALONE, folder, summary)
 
 
 def contents(folder: Path) -> dict[str, bytes]:
