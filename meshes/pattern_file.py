@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
-from zipfile import BadZipFile
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools
 from toros_fem.base.errors import PatternFileError, TorosError
+from toros_fem.base.files import UNREADABLE, reason
 from toros_fem.base.mpi import on_first_rank, require_alike
 from toros_fem.base.validation import checked_path, require_kind, shown
 from toros_fem.meshes.pattern import Pattern
@@ -136,9 +135,8 @@ def read_archive(
     try:
         with np.load(path) as archive:
             entries = dict(archive)
-    # np.load raises these for a lone array and for other kinds of files.
-    except (OSError, ValueError, EOFError, TypeError, BadZipFile, zlib.error) as caught:
-        raise PatternFileError(f"{path} cannot be read: {caught}. Give {wanted}.") from None
+    except UNREADABLE as caught:
+        raise PatternFileError(f"{path} cannot be read: {reason(caught)}. Give {wanted}.") from None
     if str(entries.get("format")) != kind:
         raise PatternFileError(f"{path} is another kind of file. Give {wanted}.")
     missing = [name for name in ("version", *names) if name not in entries]

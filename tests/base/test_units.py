@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.units import DIMENSIONS, read_quantity, write_quantity
+from toros_fem.base.units import read_quantity, write_quantity
 
 
 @pytest.mark.parametrize(
@@ -56,11 +56,7 @@ def test_refused(text: str, unit: str | None, message: str) -> None:
         read_quantity(text, unit)
 
 
-def test_written_quantities_are_read_again() -> None:
-    rng = np.random.default_rng(1)
-    for unit in DIMENSIONS:
-        for value in [0.0, *(10.0 ** rng.uniform(-12, 12, 200) * rng.choice([-1, 1], 200))]:
-            assert read_quantity(write_quantity(float(value), unit), unit) == value
+def test_quantities_are_written_as_people_say_them() -> None:
     assert write_quantity(5e3, "Pa") == "5 kPa"
     assert write_quantity(26e6, "Pa") == "26 MPa"
     assert write_quantity(0.15, "m") == "150 mm"

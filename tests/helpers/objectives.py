@@ -1,13 +1,8 @@
 """Targets of the short tube, and the Taylor test of an objective."""
 
 import numpy as np
-from mpi4py import MPI
 
-from helpers.scenes import taylor_rates
-from toros_fem.base.array_types import Floats
-from toros_fem.base.mpi import dot
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
-from toros_fem.measures.shape import Objective
 from toros_fem.meshes import Skin, bend, compose, twist
 
 LENGTH = 0.06  # of the short tube in m
@@ -19,13 +14,3 @@ def tube_sections(skin: Skin) -> CrossSections:
     label = label_cross_sections(skin.pattern, skin.pattern.vertices_of("wall"), (0, 0, 1), 5)
     weights = np.arange(1.0, 7.0).astype(np.float64)
     return CrossSections(label, np.tile([1.0, 2.0, 3.0], (6, 1)), weights)
-
-
-def objective_rates(objective: Objective, skin: Skin, comm: MPI.Comm, first: float) -> Floats:
-    """Observed orders of the Taylor test at a disturbed shape, distributed as the skin is."""
-    rng = np.random.default_rng(1)
-    points, owned = skin.pattern.points, skin.owned_vertices
-    x = (points + 2e-3 * rng.standard_normal(points.shape))[owned]
-    direction = (points[:, [1, 2, 0]] + 1e-3 * rng.standard_normal(points.shape))[owned]
-    slope = dot(comm, objective.backward(x).ravel(), direction.ravel())
-    return taylor_rates(lambda h: objective.forward(x + h * direction), slope, first)

@@ -6,6 +6,7 @@ import csv
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -36,6 +37,11 @@ def taylor_rates(value: Callable[[float], float], slope: float, first: float) ->
     # The part that is linear must matter, or the rate would show nothing.
     assert abs(slope) * first > gaps[0]
     return np.log2(np.array(gaps[:-1]) / gaps[1:])[-3:]
+
+
+def slope(values: Callable[[float], Any]) -> Any:
+    """Slope at 0 of fourth order: seven digits, where the rate of a Taylor test shows two."""
+    return (values(-2.0) - 8 * values(-1.0) + 8 * values(1.0) - values(2.0)) / 12
 
 
 def square(points: np.ndarray | None = None, n: int = 4, size: float = 0.02) -> Pattern:

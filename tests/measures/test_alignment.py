@@ -2,28 +2,13 @@
 
 import numpy as np
 import pytest
-from helpers.objectives import TARGET, objective_rates, tube_sections
-from mpi4py import MPI
+from helpers.objectives import TARGET
 from scipy.spatial.transform import Rotation
 
 from toros_fem import errors
 from toros_fem.measures.alignment import AlignedObjective
-from toros_fem.measures.cross_sections import CrossSectionObjective
-from toros_fem.measures.shape import ShapeObjective, SumObjective
+from toros_fem.measures.shape import ShapeObjective
 from toros_fem.meshes import Skin
-
-
-def test_taylor(tube: Skin, comm: MPI.Comm) -> None:
-    """Of a sum of two objectives, the fit with weights of its own."""
-    rng = np.random.default_rng(0)
-    count = len(tube.pattern.points)
-    target = TARGET(tube.pattern.points)
-    both = SumObjective(
-        CrossSectionObjective(tube, target, tube_sections(tube)),
-        ShapeObjective(tube, target, rng.uniform(0, 1, (count, 3)), rng.uniform(0, 1, count)),
-    )
-    objective = AlignedObjective(tube, target, both, rng.uniform(0, 1, count))
-    assert objective_rates(objective, tube, comm, 0.05) == pytest.approx(2.0, abs=0.05)
 
 
 def test_alignment_removes_rigid_motions(tube: Skin) -> None:

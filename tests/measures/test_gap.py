@@ -2,11 +2,8 @@
 
 import numpy as np
 import pytest
-from helpers.scenes import taylor_rates
-from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.base.mpi import dot
 from toros_fem.measures.gap import Body, GapObjective
 from toros_fem.meshes import Skin
 
@@ -27,16 +24,9 @@ def test_distance_from_bodies() -> None:
 
 
 @pytest.mark.parametrize("shape", ["sphere", "box"])
-def test_taylor_of_the_gap(tube: Skin, comm: MPI.Comm, shape: str) -> None:
-    rng = np.random.default_rng(4)
-    weights = rng.uniform(0, 1, len(tube.pattern.points))
-    objective = GapObjective(tube, Body(shape, 0.03, (0.004, 0.002, 0.03)), weights, 2.0)
-    owned = tube.owned_vertices
-    x = tube.pattern.points[owned] * 1.5
-    direction = tube.pattern.points[:, [1, 2, 0]][owned]
-    slope = dot(comm, objective.backward(x).ravel(), direction.ravel())
-    rates = taylor_rates(lambda h: objective.forward(x + h * direction), slope, 0.02)
-    assert rates == pytest.approx(2.0, abs=0.1)
+def test_integers_and_lists_are_numbers(tube: Skin, shape: str) -> None:
+    weights = np.random.default_rng(4).uniform(0, 1, len(tube.pattern.points))
+    x = tube.pattern.points[tube.owned_vertices] * 1.5
     whole = Body(shape, 1, (0, 0, 0), 1)
     plain = Body(shape, 1.0, (0.0, 0.0, 0.0), 1.0)
     ones = np.ones(len(weights))

@@ -1,10 +1,8 @@
 """Objectives and metrics of a whole skin, from the positions of a part."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
-from helpers.objectives import LENGTH, objective_rates
+from helpers.objectives import LENGTH
 from mpi4py import MPI
 
 from toros_fem.measures.alignment import AlignedObjective
@@ -14,11 +12,9 @@ from toros_fem.measures.cross_sections import (
     label_cross_sections,
 )
 from toros_fem.measures.gap import Body, GapObjective
-from toros_fem.measures.metrics import Metric, bend_angle, shortening, swelling, twist_angle
 from toros_fem.measures.mirrored import MirroredObjective
 from toros_fem.measures.shape import Nodes, Objective, ShapeObjective, SumObjective
 from toros_fem.meshes import Skin, bend, cylinder, mirrored, sew
-from toros_fem.meshes.refine import refine
 
 BENT = bend(0.7, LENGTH)
 
@@ -64,25 +60,3 @@ def test_value_and_gradient_are_those_of_the_whole(half: Skin, comm: MPI.Comm) -
     pulled = [np.bincount(images.vertex, column) for column in whole.T]
     scale = np.abs(gradient).max()
     assert gradient == pytest.approx(np.stack(pulled, axis=1), abs=1e-12 * scale)
-
-
-def test_taylor(half: Skin, comm: MPI.Comm) -> None:
-    objective = MirroredObjective(half, mirrored(half.pattern, (1,)), all_terms)
-    assert objective_rates(objective, half, comm, 0.05) == pytest.approx(2.0, abs=0.05)
-
-
-@pytest.mark.parametrize("measure", [bend_angle, twist_angle, shortening, swelling])
-def test_metrics_of_the_whole(half: Skin, measure: Callable[..., float]) -> None:
-    """On the half, and on its refinement; the half's own vertices alone give another value."""
-    images = mirrored(half.pattern, (1,))
-    metric = Metric("some", "unit", 0.0, measure)
-    here, there = shapes(half)
-    found = metric.of_whole((1,)).measure(half.pattern, here)
-    assert found == measure(images.pattern, there)
-    assert found != pytest.approx(measure(half.pattern, here), rel=1e-4)
-    finer = refine(half.pattern)
-    found = metric.of_whole((1,)).measure(finer.pattern, finer.at_vertices(here))
-    whole = refine(images.pattern)
-    expected = measure(whole.pattern, whole.at_vertices(there))
-    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
-    assert metric.of_whole(()) is metric

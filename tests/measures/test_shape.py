@@ -2,23 +2,11 @@
 
 import numpy as np
 import pytest
-from helpers.objectives import TARGET, objective_rates
-from mpi4py import MPI
+from helpers.objectives import TARGET
 
 from toros_fem import errors
 from toros_fem.measures.shape import ShapeObjective, SumObjective
 from toros_fem.meshes import Skin
-
-
-def test_taylor(tube: Skin, comm: MPI.Comm) -> None:
-    """Weights by component, and the term of shape and orientation."""
-    rng = np.random.default_rng(0)
-    count = len(tube.pattern.points)
-    target = TARGET(tube.pattern.points)
-    objective = ShapeObjective(
-        tube, target, rng.uniform(0, 1, (count, 3)), rng.uniform(0, 1, count)
-    )
-    assert objective_rates(objective, tube, comm, 0.01) == pytest.approx(2.0, abs=0.05)
 
 
 def test_sum(tube: Skin) -> None:

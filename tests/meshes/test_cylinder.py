@@ -13,37 +13,6 @@ def volume(tube: Pattern) -> float:
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-@pytest.mark.parametrize("mesh", ["structured", "unstructured"])
-def test_cylinder(comm: MPI.Comm, mesh: str) -> None:
-    tube = cylinder(comm, 0.06, 0.02, 4e-3, mesh=mesh)
-    sides = round(np.pi * 0.02 / 4e-3)
-    perimeter = sides * 0.02 * np.sin(np.pi / sides)
-    wall = tube.cells_of("wall")
-    assert tube.areas[wall].sum() == pytest.approx(perimeter * 0.06, rel=1e-12)
-    assert len(tube.free_edges) == 0
-    # Euler characteristic of a sphere, and the seams: two rims and one cut.
-    edges = 3 * len(tube.panel) // 2
-    assert len(tube.points) - edges + len(tube.panel) == 2
-    assert len(tube.seams) == 2 * sides + round(0.06 / 4e-3)
-    found = volume(tube)
-    assert found == pytest.approx(np.pi * 0.01**2 * 0.06, rel=0.04)
-    assert found > 0, "normals point outwards"
-    flat = tube.corners[wall].reshape(-1, 2)
-    assert flat.min(axis=0) == pytest.approx([0, 0], abs=1e-12)
-    assert flat.max(axis=0) == pytest.approx([perimeter, 0.06], rel=1e-12)
-
-
-@pytest.mark.parametrize("mesh", ["structured", "left", "union-jack"])
-def test_structured_cylinder_is_isometric(mesh: str) -> None:
-    tube = cylinder(MPI.COMM_SELF, 0.06, 0.02, 4e-3, mesh=mesh, caps=None)
-    for i in range(3):
-        flat = tube.corners[:, i] - tube.corners[:, i - 1]
-        round_ = tube.points[tube.triangles[:, i]] - tube.points[tube.triangles[:, i - 1]]
-        lengths = np.linalg.norm(flat, axis=1), np.linalg.norm(round_, axis=1)
-        assert lengths[0] == pytest.approx(lengths[1], rel=1e-12)
-    assert len(tube.free_edges) == 2 * round(np.pi * 0.02 / 4e-3)
-
-
 @pytest.mark.parametrize(
     "sizes", [(-1.0, 0.02, 4e-3), (0.06, float("nan"), 4e-3), (0.06, 0.02, 0.0), (0.06, 0.02, 0.1)]
 )
@@ -94,38 +63,10 @@ def _around(tube: Pattern) -> int:
     return len(np.intersect1d(tip, tube.vertices_of("wall")))
 
 
-def test_open_half_cylinder_keeps_both_cuts_and_rims() -> None:
-    half = cylinder(MPI.COMM_SELF, 0.06, 0.02, 5e-3, mesh="structured", caps=None, planes=(1,))
-    assert len(half.free_edges) == 2 * 12 + 2 * 6
-    assert len(mirrored(half, (1,)).pattern.free_edges) == 2 * 12
-
-
 @pytest.mark.parametrize("planes", [(0,), (2,), (1, 1), (1, 2)])
 def test_cylinder_planes(comm: MPI.Comm, planes: tuple[int, ...]) -> None:
     with pytest.raises(errors.ParameterError, match=r"planes = .* must be \(\) for the whole"):
         cylinder(comm, 0.06, 0.02, 5e-3, planes=planes)
-
-
-@pytest.mark.parametrize("planes", [(), (1,)])
-@pytest.mark.parametrize("mesh", ["unstructured", "crossed"])
-def test_one_cap(comm: MPI.Comm, mesh: str, planes: tuple[int, ...]) -> None:
-    """The other end is a free border; the numbers of triangles add up to those of the whole."""
-    made = {
-        caps: cylinder(comm, 0.06, 0.02, 4e-3, mesh=mesh, caps=caps, planes=planes)
-        for caps in ("both", "base", "tip", None)
-    }
-    assert made["base"].panel_names == ("wall", "base")
-    assert made["tip"].panel_names == ("wall", "tip")
-    count = {caps: len(pattern.panel) for caps, pattern in made.items()}
-    assert count["base"] + count["tip"] == count["both"] + count[None]
-    for caps, height in (("base", 0.06), ("tip", 0.0)):
-        tube = made[caps]
-        rim = tube.free_edges[np.isclose(tube.points[tube.free_edges][:, :, 2], height).all(1)]
-        assert len(rim) == round(np.pi * 0.02 / 4e-3) // (2 if planes else 1)
-        if not planes:
-            assert len(rim) == len(tube.free_edges)
-    with pytest.raises(errors.ParameterError, match="caps = 'none' must be one of 'both'"):
-        cylinder(comm, 0.06, 0.02, 4e-3, caps="none")
 
 
 def test_diagonals_of_the_wall() -> None:

@@ -33,11 +33,6 @@ def test_polygons() -> None:
     assert np.array_equal(again[0], flat)
 
 
-def test_clockwise_corners_give_counter_clockwise_triangles() -> None:
-    flat, triangles = polygon_meshes([(CORNERS[::-1], [7, 5, 8, 6])], 5e-3)[0]
-    assert flat_areas(flat[triangles]).min() > 0
-
-
 def test_a_model_of_the_user_is_left_alone() -> None:
     assert not gmsh.isInitialized()
     polygon_meshes([(TRIANGLE, [1, 1, 1])], 0.01)

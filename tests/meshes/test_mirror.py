@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from benchmarks.stability.scenes import fan_tube
 from toros_fem.base.errors import ParameterError, PatternError
-from toros_fem.meshes import finger, mirrored, walker
+from toros_fem.meshes import finger, mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.sheet import one_panel
 
@@ -26,18 +26,6 @@ def check_mirrored(part: Pattern, axes: tuple[int, ...], panels: int) -> Pattern
     values = np.arange(len(part.panel), dtype=float)
     assert np.bincount(whole.at_cells(values).astype(int)) == pytest.approx(count)
     return whole.pattern
-
-
-def test_mirrored_walker_is_whole(comm: MPI.Comm) -> None:
-    quarter = walker(comm, 6e-3, planes=(0, 1))
-    whole = check_mirrored(quarter, (0, 1), 2)
-    whole.require_closed()
-    # The cuts are no seams: only the outline is.
-    seam = 4 * len(quarter.seams)
-    assert len(whole.seams) == seam
-    half = check_mirrored(quarter, (1,), 2)
-    assert (half.points[np.unique(half.free_edges), 0] == 0).all()
-    assert mirrored(quarter, ()).pattern is quarter
 
 
 def test_a_whole_is_made_once_and_does_not_outlive_its_part(comm: MPI.Comm) -> None:

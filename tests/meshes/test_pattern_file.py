@@ -10,8 +10,8 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import PatternFileError
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.meshes import Pattern, cylinder, moulded, read_pattern, write_pattern
-from toros_fem.meshes.pattern_file import ARRAYS, NUMBERS, VERSION
+from toros_fem.meshes import cylinder, read_pattern, write_pattern
+from toros_fem.meshes.pattern_file import VERSION
 
 
 @pytest.fixture
@@ -20,24 +20,6 @@ def file(comm: MPI.Comm, tmp_path: Path) -> Path:
     tube = cylinder(comm, 0.06, 0.02, 6e-3, planes=(1,))
     on_first_rank(comm, lambda: write_pattern(path, tube))
     return path
-
-
-def same(one: Pattern, other: Pattern) -> bool:
-    arrays = (np.array_equal(getattr(one, name), getattr(other, name)) for name in ARRAYS)
-    return all(arrays) and all(getattr(one, n) == getattr(other, n) for n in NUMBERS)
-
-
-def test_round_trip(comm: MPI.Comm, file: Path) -> None:
-    assert same(read_pattern(comm, file), cylinder(comm, 0.06, 0.02, 6e-3, planes=(1,)))
-
-
-def test_names_tolerance_and_moulds_are_kept(comm: MPI.Comm, file: Path) -> None:
-    """A skin that is moulded has charts that do not fit together, which must stay legal."""
-    points = cylinder(comm, 0.06, 0.02, 6e-3).points * [1.0, 1.1, 1.0]
-    skin = moulded(points, cylinder(comm, 0.06, 0.02, 6e-3).triangles)
-    on_first_rank(comm, lambda: write_pattern(file, skin))
-    assert skin.moulded
-    assert same(read_pattern(comm, file), skin)
 
 
 def rewritten(comm: MPI.Comm, path: Path, **changes: Any) -> Path:

@@ -50,13 +50,6 @@ def apart(found: Tile, one: np.ndarray, two: np.ndarray) -> float:
     return float(np.abs((fraction - np.rint(fraction)) @ found.lattice).max())
 
 
-@pytest.mark.parametrize("mesh", KINDS)
-@pytest.mark.parametrize("edge_length", [0.008, EDGE, 1.1e-3])
-def test_torus(comm: MPI.Comm, mesh: str, edge_length: float) -> None:
-    check_torus(tile(comm, SIZE, edge_length, mesh), 6e-4)
-    check_torus(tile(comm, SQUARE, edge_length, mesh), 4e-4)
-
-
 @pytest.mark.parametrize("symmetry", SYMMETRIES)
 @pytest.mark.parametrize("fraction", [0.4, 0.36, 0.32, 0.28, 0.24, 0.2, 0.16, 0.12])
 def test_coarse_unstructured_tori(comm: MPI.Comm, symmetry: str, fraction: float) -> None:

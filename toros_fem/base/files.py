@@ -6,15 +6,22 @@ import csv
 import io
 import json
 import os
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError
 from toros_fem.base.mpi import on_first_rank
 
+# What np.load raises for files that are no whole archive of it: damaged ones, a lone array, other
+# kinds of files, and a directory that calls an entry encrypted or packed in an unknown way.
+UNREADABLE = (OSError, ValueError, EOFError, TypeError, RuntimeError, BadZipFile, zlib.error)
+# Characters of a reason.
+LONGEST = 150
 # Ending of files that are being written.
 UNFINISHED = ".unfinished"
 
@@ -42,6 +49,12 @@ def replace_file(path: Path, content: bytes) -> None:
         os.fsync(folder)
     finally:
         os.close(folder)
+
+
+def reason(caught: Exception) -> str:
+    """Return what an error says of a damaged file, in one line: zipfile may quote half of it."""
+    text = str(caught)
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]} …"
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

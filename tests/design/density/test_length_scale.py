@@ -4,18 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from helpers.scenes import square, table, taylor_rates
+from helpers.scenes import square, table
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.design.density.bar_width import unfiltered_width, width_for_threshold
 from toros_fem.design.density.cone import ConeFilter
-from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.neighbours import mean_edge
-from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.meshes import Skin, cylinder, sew
 
@@ -107,53 +105,6 @@ def test_thin_lines_and_gaps_are_caught_wide_ones_pass(
         assert void[1] == pytest.approx(values[fraction][0], rel=1e-9)
     assert values[0.8][0] > limits.epsilon[0] > 3 * values[wide][0]
     assert values[wide][1] < limits.epsilon[1]
-
-
-@pytest.mark.parametrize("name", ["cone", "helmholtz"])
-def test_constraints_taylor(name: str, tube: Skin, comm: MPI.Comm) -> None:
-    """From ρ through filter, slope and projection to g_r and g_t: rate 2, on any ranks."""
-    flat, projection = make_filter(name, tube, 8e-3), Projection(6.0)
-    wall = tube.pattern.panel[tube.owned_cells] == tube.pattern.panel_index("wall")
-    limits = LengthScaleConstraints(tube, flat, LengthScale(line_width=6e-3, gap_width=6e-3), wall)
-
-    def forward(density: Floats) -> Floats:
-        filtered = flat.forward(density)
-        return limits.forward(density, filtered, projection.forward(filtered))
-
-    density = random_density(tube, 3, spread=0.5)
-    filtered = flat.forward(density)
-    parts = limits.backward(density, filtered, projection.forward(filtered))
-    direction = np.random.default_rng(1).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
-    for k, (by_density, by_filtered, by_projected) in enumerate(parts):
-        whole = by_filtered + projection.backward(filtered, by_projected)
-        gradient = by_density + flat.backward(whole)
-        slope = comm.allreduce(float(gradient @ direction))
-        through_slope = abs(comm.allreduce(float(by_density @ direction)))
-        assert through_slope > 1e-3 * abs(slope), "the part through the slope must matter"
-
-        def value(step: float, k: int = k) -> float:
-            return float(forward(density + step * direction)[k])
-
-        assert taylor_rates(value, slope, 1e-2) == pytest.approx(2, abs=0.1)
-
-
-def test_ranks_agree(tube: Skin) -> None:
-    alone = sew(MPI.COMM_SELF, tube.pattern)
-
-    def values(skin: Skin) -> tuple[Floats, float]:
-        flat = ConeFilter(skin, 8e-3)
-        density = random_density(skin, 5, spread=0.5)
-        filtered = flat.forward(density)
-        projected = Projection(20.0).forward(filtered)
-        designed = np.ones(len(density), dtype=bool)
-        limits = LengthScaleConstraints(skin, flat, LengthScale(), designed)
-        return limits.forward(density, filtered, projected), Perimeter(skin, 8e-3).forward(
-            projected
-        )
-
-    one, other = values(tube), values(alone)
-    assert one[0] == pytest.approx(other[0], rel=1e-12)
-    assert one[1] == pytest.approx(other[1], rel=1e-12)
 
 
 def test_length_scale_parameters(tube: Skin) -> None:

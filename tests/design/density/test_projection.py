@@ -17,21 +17,6 @@ def test_projection_against_the_table() -> None:
                 assert projected[0] == pytest.approx(float(value), abs=1e-9)
 
 
-@pytest.mark.parametrize("eta", [0.3, 0.5, 0.7])
-def test_projection_taylor(eta: float) -> None:
-    rng = np.random.default_rng(2)
-    x, direction, weight = rng.random((3, 200))
-    x = 0.1 + 0.8 * x
-    projection = Projection(20.0, eta)
-    slope = projection.backward(x, weight) @ direction
-    base = weight @ projection.forward(x)
-    gaps = [
-        abs(weight @ projection.forward(x + h * direction) - base - h * slope)
-        for h in 1e-4 * 0.5 ** np.arange(5)
-    ]
-    assert np.log2(np.array(gaps[:-1]) / gaps[1:]) == pytest.approx(2, abs=0.05)
-
-
 def test_parameters() -> None:
     with pytest.raises(errors.ParameterError, match="beta"):
         Projection(beta=0.0)

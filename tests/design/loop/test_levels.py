@@ -133,17 +133,6 @@ def test_fine_steps_reach_what_the_coarse_design_had(comm: MPI.Comm) -> None:
     assert result.seconds["next levels"] > 0
 
 
-@pytest.mark.skipif(MPI.COMM_WORLD.size == 1, reason="needs two ranks to compare with one")
-def test_ranks_agree(comm: MPI.Comm) -> None:
-    """All of what is carried over, and a step from there; more steps amplify rounding."""
-    options = [DesignOptions((Stage(2),)), DesignOptions((Stage(1, constrained=True),))]
-    found, alone = (
-        [row.objective for row in optimize_levels(tubes(on), options, seed=3).history]
-        for on in (comm, MPI.COMM_SELF)
-    )
-    assert found == pytest.approx(alone, rel=1e-6)
-
-
 def test_each_level_is_finished(comm: MPI.Comm) -> None:
     """What `finish` returns is carried over."""
     seen: list[int] = []

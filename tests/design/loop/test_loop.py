@@ -137,27 +137,6 @@ def test_conservative_steps_descend(tube: Skin, tube_solver: EquilibriumSolver) 
     assert objectives[-1] < 0.5 * objectives[0]
 
 
-def test_ranks_agree_over_ten_iterations(
-    tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm
-) -> None:
-    if comm.size == 1:
-        pytest.skip("needs two ranks to compare with one")
-    spread = full(tube, tube_solver, beta=20.0)
-    options = DesignOptions((Stage(6), Stage(4, constrained=True)))
-    one = optimize(spread, options, start=random_density(tube, 3))
-    alone = sew(MPI.COMM_SELF, tube.pattern)
-    solver = EquilibriumSolver(alone, Composite(), clamp(alone.pattern, ["base"]))
-    other = optimize(full(alone, solver, beta=20.0), options, start=random_density(alone, 3))
-    first, last = one.history[0], one.history[-1]
-    first_alone, last_alone = other.history[0], other.history[-1]
-    assert first.objective == pytest.approx(first_alone.objective, rel=1e-9)
-    assert first.gradient_norm == pytest.approx(first_alone.gradient_norm, rel=1e-9)
-    assert last.objective == pytest.approx(last_alone.objective, rel=1e-6)
-    assert last.gradient_norm == pytest.approx(last_alone.gradient_norm, rel=1e-6)
-    assert last.pressure == pytest.approx(last_alone.pressure, rel=1e-6)
-    assert last.g_r == pytest.approx(last_alone.g_r, rel=1e-5)
-
-
 def test_loop_descends_and_is_reproducible(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     seen = []
     runs = [

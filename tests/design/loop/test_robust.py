@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from helpers.designs import RADIUS, full, make_problem
 from helpers.loops import OneEntry, Stopped, figures
-from helpers.scenes import taylor_rates
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import dot
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.robust import Variants, WidthTolerance
@@ -31,37 +29,18 @@ def robust(tube: Skin, weight: float = 1e4) -> ShapeProblem:
     return dataclasses.replace(plain, robust=made)
 
 
-@pytest.mark.parametrize("told", [False, True])
-def test_gradient(tube: Skin, *, told: bool) -> None:
-    """By densities and by the pressure, where the spread makes up most of T.
-
-    Also where the spread of a print is known.
-    """
+def test_the_spread_of_a_print_that_is_known(tube: Skin) -> None:
     problem, pattern = robust(tube, 1e5), tube.pattern
     along = pattern.points[pattern.triangles].mean(axis=1)[tube.owned_cells, 2]
     density = 0.5 + 0.3 * np.sin(2 * np.pi * along / 0.03)
-    if told:
-        before = problem.simulate(density)
-        printed = 0.3 * (before.equilibrium.positions - pattern.points[tube.owned_vertices])
-        problem = problem.with_printed_spread(printed, before)
-        x, forward = before.equilibrium.positions, problem.objective.forward
-        expected = (forward(x + printed) + forward(x - printed)) / 2 - forward(x)
-        assert problem.simulate(density).spread == pytest.approx(expected, rel=1e-6)
+    before = problem.simulate(density)
+    printed = 0.3 * (before.equilibrium.positions - pattern.points[tube.owned_vertices])
+    problem = problem.with_printed_spread(printed, before)
+    x, forward = before.equilibrium.positions, problem.objective.forward
+    expected = (forward(x + printed) + forward(x - printed)) / 2 - forward(x)
     here = problem.evaluate(density)
-    assert here.spread is not None
-    assert 1e5 * here.spread > here.shape
-    assert here.gradient is not None
-    assert here.pressure_gradient is not None
+    assert here.spread == pytest.approx(expected, rel=1e-6)
     assert here.steps > here.equilibrium.steps
-    drawn = np.random.default_rng(1).uniform(-1, 1, len(pattern.triangles))
-    way = drawn[tube.owned_cells] * problem.designed
-    slope = dot(tube.comm, here.gradient, way) + 5e3 * here.pressure_gradient[0]
-
-    def value(h: float) -> float:
-        start = here.equilibrium.state
-        return problem.simulate(density + h * way, start, 5e3 * (1 + h)).objective
-
-    np.testing.assert_allclose(taylor_rates(value, slope, 0.02), 2.0, atol=0.05)
 
 
 def test_without_variants_nothing_differs(tube: Skin) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers.designs import full, make_problem
 
-from toros_fem.base.mpi import dot, total
+from toros_fem.base.mpi import dot
 from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.options import DesignOptions
 from toros_fem.design.loop.variables import Scaled, Variables
@@ -36,27 +36,6 @@ def test_prescribed_densities_have_no_range(tube: Skin, tube_solver: Equilibrium
     given = ~np.isnan(passive)
     np.testing.assert_array_equal(low.array, np.where(given, 0.25, 0.0))
     np.testing.assert_array_equal(high.array, np.where(given, 0.25, 1.0))
-
-
-def test_gradient_by_the_variables(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    """The derivative by the pressure's logarithm, against a difference of T."""
-    problem = dataclasses.replace(make_problem(tube, tube_solver), pressure_bounds=(1e3, 9e3))
-    variables, density = Variables(problem, DesignOptions()), random_density(tube, 0)
-    base = problem.evaluate(density, pressure=3e3)
-    assert base.gradient is not None
-    gradient = variables.gradient(base, 2.0, base.gradient, base.pressure_gradient)
-    tail = gradient.array[len(density) :].sum()
-    by_pressure = total(tube.comm, tail)
-    step = 1e-4
-    ends = []
-    for sign in (1, -1):
-        x = variables.vector(density, (3e3,))
-        if tube.comm.rank == 0:
-            x.array[-1] += sign * step
-        _, pressures = variables.design(x)
-        state = base.equilibrium.state
-        ends.append(2.0 * problem.simulate(density, state, pressures).objective)
-    assert by_pressure == pytest.approx((ends[0] - ends[1]) / (2 * step), rel=1e-5)
 
 
 def test_scaled_functions(tube: Skin, tube_solver: EquilibriumSolver) -> None:

@@ -2,28 +2,9 @@
 
 import numpy as np
 import pytest
-from helpers.scenes import taylor_rates
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
-
-FAMILIES = [FixedDirections(5, 0.4), FreeDirections((0.2, 0.3))]
-
-
-@pytest.mark.parametrize("families", FAMILIES, ids=["fixed", "free"])
-def test_gradient(families: FixedDirections | FreeDirections) -> None:
-    rng = np.random.default_rng(0)
-    x, step = rng.uniform(0.1, 0.9, (2, 7, families.fields))
-    step -= 0.5
-    weight = rng.standard_normal((7, 1 + 3 * families.count))
-
-    def value(h: float) -> float:
-        material = families.forward(x + h * step)
-        return float((weight * (material + material**2)).sum())
-
-    slope = float((families.backward(x, weight * (1 + 2 * families.forward(x))) * step).sum())
-    rates = taylor_rates(value, slope, 0.1)
-    assert np.allclose(rates, 2, atol=0.02)
 
 
 def test_sum_of_fixed_shares_stays_below_its_limit() -> None:

@@ -5,11 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers.designs import make_problem
-from helpers.scenes import taylor_rates
-from mpi4py import MPI
 
 from toros_fem.base.errors import DensityError
-from toros_fem.base.mpi import total
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.design.relaxed.problem import RelaxedProblem, relaxed_problem
 from toros_fem.mechanics.equilibrium.newton import NewtonStep
@@ -27,32 +24,6 @@ def made(
 def variables(skin: Skin, families: FixedDirections | FreeDirections, seed: int) -> np.ndarray:
     drawn = np.random.default_rng(seed).uniform(0, 1, (len(skin.pattern.panel), families.fields))
     return drawn[skin.owned_cells].ravel()
-
-
-@pytest.mark.parametrize(
-    "families", [FixedDirections(4, 0.3), FreeDirections((0.2, 0.3))], ids=["fixed", "free"]
-)
-def test_gradient(
-    comm: MPI.Comm,
-    tube: Skin,
-    tube_solver: EquilibriumSolver,
-    families: FixedDirections | FreeDirections,
-) -> None:
-    problem = made(tube, tube_solver, families)
-    x = problem.with_passive(0.2 + 0.6 * variables(tube, families, 0))
-    step = problem.with_passive(variables(tube, families, 1) - 0.5)
-    base = problem.evaluate(x)
-    assert base.gradient is not None
-    state = base.equilibrium.state
-    rates = taylor_rates(
-        lambda h: problem.simulate(x + h * step, state).objective,
-        total(comm, float(base.gradient @ step)),
-        0.01,
-    )
-    assert np.allclose(rates, 2, atol=0.02)
-    assert base.pressure_gradient is not None
-    there, back = (problem.simulate(x, state, 5e3 + s).objective for s in (1.0, -1.0))
-    assert base.pressure_gradient == pytest.approx((there - back) / 2, rel=1e-4)
 
 
 def test_factor_of_crossings_reaches_the_model(tube: Skin, tube_solver: EquilibriumSolver) -> None:

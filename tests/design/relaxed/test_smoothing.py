@@ -1,4 +1,4 @@
-"""Smoothing of fields over triangles: means, bounds, adjoint, seams, ranks."""
+"""Smoothing of fields over triangles: means, bounds, seams."""
 
 import numpy as np
 import pytest
@@ -53,19 +53,6 @@ def test_lines_go_straight_on_across_a_turned_seam(comm: MPI.Comm) -> None:
     assert np.abs(skin.gather_cells(mixed - x)).max() > 0.1
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_adjoint(comm: MPI.Comm, turned: bool) -> None:
-    skin = sew(comm, two_sheets(0.7))
-    smooth = smoothing(skin, FreeDirections() if turned else None)
-    count = 6 if turned else 3
-    a, b = np.random.default_rng(2).standard_normal((2, len(skin.pattern.panel), count))
-    own, origin = skin.owned_cells, smooth.forward(np.zeros(count * len(skin.owned_cells)))
-    forward = smooth.forward(a[own].ravel()) - origin
-    backward = smooth.backward(b[own].ravel())
-    one, two = float(forward @ b[own].ravel()), float(backward @ a[own].ravel())
-    assert comm.allreduce(one) == pytest.approx(comm.allreduce(two), rel=1e-12)
-
-
 def test_shares_stay_within_their_bounds_across_a_turned_seam(comm: MPI.Comm) -> None:
     """A turn between two of the fixed directions shares a family out: no share gets below 0."""
     skin, families = sew(comm, two_sheets(0.4)), FixedDirections(6)
@@ -80,10 +67,6 @@ def test_shares_stay_within_their_bounds_across_a_turned_seam(comm: MPI.Comm) ->
         assert areas @ found.sum(axis=1) == pytest.approx(areas.sum())
     even = np.full(6 * len(own), 0.3)
     assert smooth.forward(even) == pytest.approx(0.3, abs=1e-13)
-    a, b = np.random.default_rng(3).standard_normal((2, len(areas), 6))
-    one = float(smooth.forward(a[own].ravel()) @ b[own].ravel())
-    two = float(smooth.backward(b[own].ravel()) @ a[own].ravel())
-    assert comm.allreduce(one) == pytest.approx(comm.allreduce(two), rel=1e-12)
 
 
 def test_triangles_without_fields(comm: MPI.Comm) -> None:

@@ -32,17 +32,6 @@ def folder(comm: MPI.Comm, tmp_path: Path) -> Path:
     return place
 
 
-def test_round_trip(comm: MPI.Comm, folder: Path) -> None:
-    for place in (folder, folder / NAME):
-        found = read_print_polygons(comm, place)
-        assert found.regions == REGIONS, "coordinates are kept to the last digit"
-        assert found.limits == LIMITS
-        tube = cylinder(comm, 0.06, 0.02, 6e-3)
-        assert found.pattern.panel_names == tube.panel_names
-        assert np.array_equal(found.pattern.corners, tube.corners)
-        assert np.array_equal(found.pattern.triangles, tube.triangles)
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

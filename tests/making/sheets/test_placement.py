@@ -48,18 +48,6 @@ def check(
             assert a.distance(b) > GAP - 3e-6
 
 
-@pytest.mark.parametrize("grain", [None, 0.0, np.pi / 2, 0.3])
-def test_panels_lie_apart_and_along_the_grain(grain: float | None) -> None:
-    outlines = leaves(7)
-    places = nest(outlines, BED, gap=GAP, margin=MARGIN, grain=grain)
-    check(outlines, places, BED)
-    if grain is not None:
-        for place in places:
-            on_sheet = place.angle + grain  # along the roll, up or down
-            assert np.sin(2 * (on_sheet - np.pi / 2)) == pytest.approx(0, abs=1e-12)
-            assert abs(np.cos(on_sheet)) < 1e-9
-
-
 def test_several_sheets_where_one_does_not_do() -> None:
     outlines, size = leaves(8), (0.12, 0.12)
     places = nest(outlines, size, gap=GAP, margin=MARGIN)

@@ -12,13 +12,6 @@ from toros_fem.materials.library.writing import material_text
 SHIPPED = read_library()
 
 
-@pytest.mark.parametrize("name", list(SHIPPED))
-def test_each_is_read_again(tmp_path: Path, name: str) -> None:
-    mine = replace(SHIPPED[name], name=f"my-{name}")
-    write_material(tmp_path / "new" / "mine.toml", mine)
-    assert read_library(tmp_path / "new" / "mine.toml")[mine.name] == mine
-
-
 def test_others_and_comments_stay(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     first, second = (replace(SHIPPED["jersey-light"], name=name) for name in "ab")

@@ -2,7 +2,6 @@
 
 import pickle
 import weakref
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.base.mpi import free_dropped, norm
-from toros_fem.materials.sheet import CURVATURES, SEAMS, Bending, Composite, Material
+from toros_fem.materials.sheet import SEAMS, Bending, Composite, Material
 from toros_fem.mechanics.contact import Contact, Ground
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
@@ -299,58 +298,8 @@ def test_open_skin_under_pressure(comm: MPI.Comm) -> None:
         solver.solve(fabric(skin), 1e3)
 
 
-def half_tube(*, mirrored: bool) -> Pattern:
-    """Half a capped tube, y > 0, on a structured grid; or both halves, exact mirror images."""
-    length, radius, around, rows = 0.04, 0.01, 7, 8
-    angles, heights = np.linspace(0, np.pi, around), np.linspace(0, length, rows)
-    ring = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    chord = np.linalg.norm(ring[1] - ring[0])
-    u, v = np.meshgrid(chord * np.arange(around), heights)
-    node = np.arange(around * rows).reshape(rows, around)
-    a, b, c, d = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
-    grid = np.stack([np.stack([a, b, c], 2), np.stack([b, d, c], 2)], 2).reshape(-1, 3)
-    flat = np.column_stack([u.ravel(), v.ravel()])
-    wall = np.column_stack([np.tile(ring, (rows, 1)), v.ravel()])
-    disc = np.concatenate([ring, np.zeros((1, 2))])
-    first = np.arange(around - 1)
-    fan = np.stack([first, first + 1, np.full(around - 1, around)], axis=1)
-    sheets: list[tuple[str, Any, Any, Any]] = [("wall", flat, grid, wall)]
-    for name, height in (("base", 0.0), ("tip", length)):
-        face = np.column_stack([disc, np.full(len(disc), height)])
-        turned = (disc * [1, -1], fan[:, ::-1]) if name == "base" else (disc, fan)
-        sheets.append((name, *turned, face))
-    panels = [Panel(*sheet) for sheet in sheets]
-    if mirrored:
-        panels += [
-            Panel(f"{name} mirrored", plane * [-1, 1], triangles[:, ::-1], points * [1, -1, 1])
-            for name, plane, triangles, points in sheets
-        ]
-    return Pattern.from_panels(panels, tolerance=1e-6)
-
-
-@pytest.mark.parametrize("curvature", [None, *CURVATURES])
-def test_half_a_tube_equals_the_whole(comm: MPI.Comm, curvature: str | None) -> None:
-    """Positions, energy and volume."""
-    composite = Composite(bending=Bending(curvature) if curvature else None)
-    half, whole = half_tube(mirrored=False), half_tube(mirrored=True)
-    fixed = clamp(half, ["base"]) | symmetry_plane(half, 1)
-    results, places = [], []
-    for pattern, supports in ((half, fixed), (whole, clamp(whole, ["base", "base mirrored"]))):
-        skin = sew(comm, pattern)
-        solver = EquilibriumSolver(skin, composite, supports)
-        density = (pattern.points[pattern.triangles].mean(axis=1)[:, 0] > 5e-3).astype(float)
-        results.append(solver.solve(density[skin.owned_cells], 2e3))
-        places.append(skin.gather_vertices(results[-1].positions))
-    one, two = results
-    assert 2 * one.volume == pytest.approx(two.volume, rel=1e-8)
-    assert 2 * one.energy == pytest.approx(two.energy, rel=1e-8)
-    there = np.linalg.norm(whole.points[:, None] - half.points, axis=2).argmin(axis=0)
-    assert np.abs(places[1][there] - places[0]).max() < 1e-8 * half.size
-    assert np.abs(places[0] - half.points).max() > 0.02 * half.size
-
-
 def test_bad_symmetry_planes(comm: MPI.Comm) -> None:
-    half = half_tube(mirrored=False)
+    half = cylinder(comm, 0.03, 0.02, 5e-3, mesh="structured", planes=(1,))
     with pytest.raises(errors.ParameterError, match="axis = 3"):
         symmetry_plane(half, 3)
     with pytest.raises(errors.ParameterError, match="no free edge lies in the plane x = 0"):

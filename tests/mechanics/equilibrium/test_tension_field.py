@@ -5,96 +5,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.models import affine, drawn, sheet_model
-from helpers.scenes import TABLE_A, taylor_rates
+from helpers.pillow import COMPOSITE, pillow
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import total
 from toros_fem.materials.sheet import Bending, Composite, Membrane
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.wrinkles import Tension, wrinkle_field
-from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
-from toros_fem.meshes import Skin, sew
-from toros_fem.meshes.sheet import rectangle
+from toros_fem.meshes import Skin
 
-SIDE, PRESSURE = 0.04, 300.0
-COMPOSITE = Composite(
-    fabric=TABLE_A,
-    reinforcement=replace(TABLE_A, young=10 * TABLE_A.young),
-    c1=1.8,
-    c2=2.0,
-    bending=None,
-    membrane=Membrane("tension-field", 1e-4),
-)
-
-
-def pillow(comm: MPI.Comm, composite: Composite) -> EquilibriumSolver:
-    """The upper one of two sewn squares."""
-
-    def place(flat: np.ndarray) -> np.ndarray:
-        u, v = (np.pi * flat / SIDE).T
-        lift = 0.05 * SIDE * np.sin(u) * np.sin(v)
-        return np.column_stack([flat - SIDE / 2, np.where(lift < 1e-9, 0.0, lift)])
-
-    pattern = rectangle(comm, SIDE, SIDE, SIDE / 6, "union-jack", place)
-    seam = symmetry_plane(pattern, 2)
-    fixed = seam.fixed
-    x, y, _ = pattern.points.T
-    middle = np.abs(y) < 1e-9
-    fixed[middle & (np.abs(x) > 0.49 * SIDE), 1] = True
-    fixed[(np.abs(x) < 1e-9) & (y < -0.49 * SIDE), 0] = True
-    supports = Supports(fixed, planes=seam.planes)
-    return EquilibriumSolver(
-        sew(comm, pattern), composite, supports, NewtonOptions(tolerance=1e-12)
-    )
+PRESSURE = 300.0
 
 
 @pytest.fixture(scope="module")
 def solver(comm: MPI.Comm) -> EquilibriumSolver:
-    return pillow(comm, COMPOSITE)
+    return pillow(comm)
 
 
 def density_of(skin: Skin) -> np.ndarray:
     values = np.random.default_rng(3).uniform(0.1, 0.9, len(skin.pattern.panel))
     return np.asarray(values[skin.owned_cells])
-
-
-def test_taylor_of_an_objective(solver: EquilibriumSolver, comm: MPI.Comm) -> None:
-    """Through an equilibrium with taut and wrinkled triangles."""
-    skin, model = solver.skin, solver.model
-    density = density_of(skin)
-    rng = np.random.default_rng(4)
-    direction = rng.uniform(-0.1, 1, len(skin.pattern.panel))[skin.owned_cells]
-    weight = skin.pattern.points[skin.owned_vertices][:, [1, 2, 0]] + [0, 0, SIDE]
-    base = solver.solve(density, PRESSURE)
-    field = wrinkle_field(solver, density, base)
-    assert {Tension.WRINKLED, Tension.TAUT} <= set(field.state)
-    rhs = np.zeros_like(base.state)
-    model.positions(rhs)[:] = weight
-    adjoint = solver.solve_tangent(rhs, base)
-    slope = -total(comm, float(model.density_sensitivity(base.state, adjoint) @ direction))
-
-    def value(h: float) -> float:
-        found = solver.solve(density + h * direction, PRESSURE, start=base.state)
-        return total(comm, (weight * found.positions).sum())
-
-    assert taylor_rates(value, slope, 4e-3) == pytest.approx(2, abs=0.02)
-
-
-def test_same_shape_on_any_number_of_ranks(solver: EquilibriumSolver, comm: MPI.Comm) -> None:
-    if comm.size == 1:
-        pytest.skip("needs two ranks to compare with one")
-    skin = solver.skin
-    found = solver.solve(density_of(skin), PRESSURE)
-    serial = pillow(MPI.COMM_SELF, COMPOSITE)
-    expected = serial.solve(density_of(serial.skin), PRESSURE)
-    field = wrinkle_field(solver, density_of(skin), found)
-    alone = wrinkle_field(serial, density_of(serial.skin), expected)
-    assert np.array_equal(field.state, alone.state)
-    assert np.abs((field.flat * alone.flat).sum(axis=1)) == pytest.approx(
-        (alone.state > 0).astype(float), abs=1e-6
-    )
 
 
 def test_line_families_are_refused(solver: EquilibriumSolver) -> None:

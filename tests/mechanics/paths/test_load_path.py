@@ -7,7 +7,6 @@ from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot, total
-from toros_fem.design.density.field import random_density
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.contact import Contact, Ground, rigid_cylinder
 from toros_fem.mechanics.contact.pads import Pads
@@ -17,27 +16,6 @@ from toros_fem.mechanics.paths.load_path import LoadPath, LoadStep
 from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.supports import clamp, clamp_where
 from toros_fem.meshes import Skin, sew
-
-
-def test_taylor_of_two_steps(tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm) -> None:
-    path = LoadPath(tube_solver, [LoadStep(2e3), LoadStep(5e3)])
-    density = random_density(tube, 2, spread=0.3)
-    shape = tube_solver.model.positions(tube_solver.model.assembled).shape
-    weights = [np.cos(np.arange(3.0) + k) * np.ones(shape) * 1e-3 for k in range(2)]
-    weights = [w * tube.pattern.points[tube.owned_vertices] for w in weights]
-    base = path.solve(density)
-    found = path.gradient(density, base, weights)
-    change = 0.1 * np.cos(1.0 * tube.owned_cells)
-    raised = np.array([[100.0], [-200.0]])
-    slope = dot(comm, found.density, change) + float((found.pressures * raised).sum())
-
-    def value(step: float) -> float:
-        there = path.solve(density + step * change, np.array([[2e3], [5e3]]) + step * raised, base)
-        return total(
-            comm, sum((w * e.positions).sum() for w, e in zip(weights, there, strict=True))
-        )
-
-    assert taylor_rates(value, slope, 0.5) == pytest.approx(2, abs=0.02)
 
 
 def test_a_step_that_does_not_matter_has_no_gradient(

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers.models import pressurize
-from helpers.scenes import TABLE_A, box, part_of, taylor_rates
+from helpers.scenes import TABLE_A, taylor_rates
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
 
@@ -21,7 +21,7 @@ from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import Chambers, Lid, Wall, chambers_of_panels, find_walls
 from toros_fem.mechanics.skin.model import SkinModel
-from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
+from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.mechanics.skin.tangent import UpperTangent
 from toros_fem.meshes import Pattern, Skin, cylinder, sew
 
@@ -153,42 +153,6 @@ def test_axial_balance_across_a_wall(comm: MPI.Comm) -> None:
     z, height = skin.gather_vertices(found.positions)[:, 2], pattern.points[:, 2]
     ring = [z[np.isclose(height, h)].mean() for h in LENGTH * np.array([0.25, 0.5, 0.75])]
     assert ring[1] - ring[0] > ring[2] - ring[1]
-
-
-@pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (0.03, -0.02, 0.05)])
-@pytest.mark.parametrize(("planes", "along"), [((1,), False), ((0, 1), False), ((1,), True)])
-def test_cut_skin_equals_the_whole(
-    comm: MPI.Comm, planes: tuple[int, ...], along: bool, at: tuple[float, ...]
-) -> None:
-    """A wall across the axis, and one along it that goes through one plane, anywhere."""
-    pattern = box()
-    middle = centres(pattern)
-    pattern = dataclasses.replace(pattern, points=pattern.points + at)
-    part = part_of(pattern, np.all([middle[:, k] > 0 for k in planes], axis=0))
-
-    def solver_of(of: Pattern) -> EquilibriumSolver:
-        fixed = clamp(of, ["bottom"])
-        if of is part:
-            for k in planes:
-                fixed = fixed | symmetry_plane(of, k, at[k])
-        side = (centres(of) - at)[:, 0] > 0 if along else (centres(of) - at)[:, 2] > 0.01
-        chambers = Chambers(("one", "other"), side.astype(int))
-        composite = Composite(bending=None, fabric=TABLE_A)
-        return EquilibriumSolver(sew(comm, of), composite, fixed, chambers=chambers)
-
-    one, other = solver_of(pattern), solver_of(part)
-    assert other.model.chambers is not None
-    wall = find_walls(part, other.model.chambers, other.model.supports)[0]
-    assert not wall.closed
-    found, cut = (s.solve(np.zeros(len(s.skin.owned_cells)), (900.0, 300.0)) for s in (one, other))
-    share = 0.5 ** len(planes)
-    assert np.array(cut.volumes) == pytest.approx(share * np.array(found.volumes), rel=1e-9)
-    whole, piece = (
-        one.skin.gather_vertices(found.positions),
-        other.skin.gather_vertices(cut.positions),
-    )
-    place = [int(np.argmin(np.linalg.norm(pattern.points - p, axis=1))) for p in part.points]
-    assert piece == pytest.approx(whole[place], abs=1e-9)
 
 
 def test_a_wall_that_crosses_the_skin_is_told(grid: Skin) -> None:

@@ -26,8 +26,8 @@ from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.relaxed_model import RelaxedModel
-from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
-from toros_fem.meshes import Pattern, Skin, cylinder, mirrored, sew
+from toros_fem.mechanics.skin.supports import Supports, clamp
+from toros_fem.meshes import Pattern, Skin, cylinder, sew
 from toros_fem.meshes.tile import tile
 from toros_fem.products.tiles.solver import TileSolver
 
@@ -211,22 +211,6 @@ def test_an_isotropic_scene_pays_nothing(pair: list[SkinModel]) -> None:
         for model in pair
     )
     assert len(with_it) == len(without) + 3, "the directions, two stiffnesses"
-
-
-@pytest.mark.parametrize("grain", [0.0, np.pi / 2])
-def test_half_a_knitted_tube_is_the_whole(comm: MPI.Comm, grain: float) -> None:
-    half = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured", planes=(1,))
-    more = mirrored(half, (1,))
-    shapes = []
-    for pattern in (half, more.pattern):
-        supports = clamp(pattern, ["base"])
-        if pattern is half:
-            supports |= symmetry_plane(pattern, 1)
-        skin = sew(comm, pattern)
-        solver = EquilibriumSolver(skin, Composite(knit=Knit(RATIO, grain)), supports)
-        found = solver.solve(np.full(len(skin.owned_cells), 0.01), 3e3)
-        shapes.append(skin.gather_vertices(found.positions))
-    assert shapes[1] == pytest.approx(more.at_vertices(shapes[0]), abs=1e-9)
 
 
 def test_refinement_keeps_the_grain(comm: MPI.Comm) -> None:

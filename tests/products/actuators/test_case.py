@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 import pytest
 import shapely
-from helpers.symmetry import rests
 from mpi4py import MPI
 
 from toros_fem.base.errors import PanelError
@@ -50,29 +49,6 @@ def leg_problem(
     target = stand(1.0, 0.03, directions=WALKER.directions, root=WALKER.root)
     case = ActuatorCase(pattern, target(pattern.points), supports, metrics=(), symmetry=planes)
     return actuator_problem(comm, case, LEG)
-
-
-def test_a_part_is_designed_as_the_whole(comm: MPI.Comm, quarter: Pattern) -> None:
-    """Objective and gradient, with the whole held at one vertex of each symmetry plane."""
-    part = leg_problem(comm, quarter, (0, 1), rests(quarter, (0, 1)))
-    assert part.whole is not None
-    pattern = part.whole.pattern
-    whole = leg_problem(comm, pattern, (), rests(pattern, ()))
-    drawn = part.solver.skin.gather_cells(random_density(part.solver.skin, 5, 0.5, 0.5))
-    drawn = np.where(quarter.panel == 1, 0.5 + 0.5 * drawn, 0.3 * drawn)
-
-    def evaluated(problem: ShapeProblem, density: np.ndarray) -> tuple[float, np.ndarray]:
-        skin = problem.solver.skin
-        found = problem.evaluate(density[skin.owned_cells])
-        assert found.gradient is not None
-        size = skin.pattern.size**2
-        return found.shape * size, skin.gather_cells(found.gradient) * size
-
-    value, gradient = evaluated(part, drawn)
-    value_whole, gradient_whole = evaluated(whole, part.whole.at_cells(drawn))
-    assert value_whole == pytest.approx(value, rel=1e-6)
-    scale = np.abs(gradient).max()
-    assert 4 * gradient_whole == pytest.approx(part.whole.at_cells(gradient), abs=1e-5 * scale)
 
 
 def test_a_part_is_printed_whole(comm: MPI.Comm, quarter: Pattern) -> None:

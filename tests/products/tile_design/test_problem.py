@@ -12,21 +12,18 @@ from helpers.tiles import (
     CONTRAST,
     DIRECTIONS,
     EDGES,
-    PARALLEL,
     RADIUS,
     SIDE,
     TARGET,
     profile_of,
     profile_solver,
     profile_table,
-    random_step,
     solver_of,
     tile_of,
 )
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.base.mpi import dot
 from toros_fem.design.density.cone import ConeFilter
 from toros_fem.design.density.field import random_density
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
@@ -83,40 +80,6 @@ def full(batched: bool, objective: ProfileObjective, symmetry: str = "tetragonal
         perimeter_weight=1.0,
         length_scale=LengthScaleConstraints(skin, plain.filter, limits, plain.designed),
     )
-
-
-@PARALLEL
-@pytest.mark.parametrize(("objective", "symmetry"), [(TARGET, "tetragonal"), (CONTRAST, "chiral")])
-def test_taylor_of_everything(batched: bool, objective: ProfileObjective, symmetry: str) -> None:
-    """T with its perimeter term, both constraints and each residual have exact gradients."""
-    problem = full(batched, objective, symmetry)
-    skin = problem.skin
-    density = start_of(problem)
-    base = problem.evaluate(density)
-    assert base.gradient is not None
-    assert base.pressure_gradient is None
-    assert base.length_scale is not None
-    assert base.length_scale_gradients is not None
-    assert base.residuals is not None
-    assert base.perimeter is not None
-    residuals = base.residuals.values(base.equilibrium)
-    assert len(residuals) == len(base.residuals.gradients) == (6 if objective is TARGET else 0)
-    assert base.objective - base.shape > 0.02 * base.shape, "the perimeter must matter"
-    step = random_step(problem.solver.tile) * problem.designed
-    every = (base.gradient, *base.length_scale_gradients, *base.residuals.gradients)
-    slopes = [dot(skin.comm, g, step) for g in every]
-    gaps = []
-    for h in 1e-2 * 0.5 ** np.arange(6):
-        there = problem.simulate(density + h * step, base.equilibrium.state)
-        assert there.length_scale is not None
-        values = np.array([there.objective - base.objective,
-                           *(there.length_scale - base.length_scale),
-                           *(base.residuals.values(there.equilibrium) - residuals)])  # fmt: skip
-        gaps.append(np.abs(values - h * np.array(slopes)))
-        if len(gaps) == 1:
-            assert (np.abs(values) > gaps[0]).all(), "the linear part must matter"
-    rates = np.log2(np.array(gaps[:-1]) / gaps[1:])
-    assert rates[-3:] == pytest.approx(2, abs=0.1)
 
 
 def test_ranks_share_tile_or_directions() -> None:

@@ -1,6 +1,6 @@
 """Files of printed tiles: written, read, and rejected if they are not valid."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,42 +11,8 @@ from helpers.tiles import printed_tile
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.materials.sheet import Bladder, Composite, Knit
+from toros_fem.materials.sheet import Bladder, Composite
 from toros_fem.products.tiles.printed_tile import NAME, PrintedTile, read_tile, write_tile
-
-
-def test_file_round_trip(comm: MPI.Comm, tmp_path: Path) -> None:
-    folder, made = shared(comm, tmp_path), printed_tile(comm)
-    if comm.rank == 0:
-        write_tile(folder, made)
-    comm.barrier()
-    found = read_tile(comm, folder)
-    assert (found.printed == made.printed).all()
-    one, two = asdict(found), asdict(made)
-    del one["printed"], two["printed"]
-    assert one == two
-    assert found.composite.fabric.thickness == 3e-4
-    assert found.composite.reinforcement.thickness == 5e-4
-    assert len(found.tile(comm).wraps) == len(made.printed)
-
-
-def test_the_knit_is_kept(comm: MPI.Comm, tmp_path: Path) -> None:
-    made = printed_tile(comm)
-    knitted = replace(made, composite=replace(made.composite, knit=Knit(3.0, 0.4)))
-    folder = shared(comm, tmp_path)
-    if comm.rank == 0:
-        write_tile(folder, knitted)
-    comm.barrier()
-    assert read_tile(comm, folder).composite == knitted.composite
-    own = replace(made.composite, reinforcement=replace(made.composite.reinforcement, c1=1.1))
-    bounded = replace(made, composite=own)
-    if comm.rank == 0:
-        write_tile(folder, bounded)
-    comm.barrier()
-    assert read_tile(comm, folder).composite == own
-    by_panel = replace(made.composite, knit=Knit(3.0, {"tile": 0.4}))
-    with pytest.raises(errors.ParameterError, match="the grain of its knit must be one angle"):
-        replace(made, composite=by_panel)
 
 
 def write_entries(comm: MPI.Comm, folder: Path, made: PrintedTile, **changes: Any) -> Path:

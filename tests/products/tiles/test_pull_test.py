@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.scenes import TABLE_A, table
-from helpers.tiles import printed_tile
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
@@ -121,21 +120,6 @@ def test_cross_lines_alike_along_x_and_y(comm: MPI.Comm) -> None:
         along_y.test.middle_contraction, rel=1e-8
     )
     assert np.diff(along_x.predicted.stiffness) > 0, "the lines rotate towards the pull"
-
-
-def test_ranks_agree(comm: MPI.Comm) -> None:
-    if comm.size == 1:
-        pytest.skip("needs two ranks to compare with one")
-    made = printed_tile(comm)
-    mesh = made.tile(comm)
-    both, alone = (
-        pull_sheet(c, tile_sheet(mesh, "y", 2, 1), mesh, made, np.array([STRAIN]))
-        for c in (comm, MPI.COMM_SELF)
-    )
-    assert both.test.positions == pytest.approx(alone.test.positions, abs=1e-9 * SIZE)
-    assert both.test.forces == pytest.approx(alone.test.forces, abs=1e-8)
-    assert both.predicted.stress == pytest.approx(alone.predicted.stress, rel=1e-8)
-    assert both.summary()["middle"] == pytest.approx(alone.summary()["middle"], rel=1e-6)
 
 
 def test_bad_pulls(comm: MPI.Comm) -> None:

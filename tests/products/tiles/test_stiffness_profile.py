@@ -7,13 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import table, taylor_rates
+from helpers.scenes import table
 from helpers.tiles import (
     ANGLES,
-    CONTRAST,
-    PARALLEL,
     SIDE,
-    TARGET,
     A,
     Laminate,
     R,
@@ -24,7 +21,6 @@ from helpers.tiles import (
     profile_solver,
     profile_table,
     random_cells,
-    random_step,
     rotated,
     solver_of,
     stress_law,
@@ -36,12 +32,10 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 from toros_fem.base.errors import DensityError, NoEquilibriumError, ParameterError
-from toros_fem.base.mpi import dot
 from toros_fem.design.density.field import random_density
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED
 from toros_fem.meshes import Tile
-from toros_fem.products.tiles.objectives import ProfileObjective
 from toros_fem.products.tiles.solver import TileSolver, TileState
 from toros_fem.products.tiles.stiffness_profile import (
     ALONG,
@@ -425,23 +419,6 @@ def test_bad_profiles(comm: MPI.Comm) -> None:
             ParameterError, match=r"over 2 ranks and its directions over 2: spread only"
         ):
             ProfileSolver(solver, ANGLES, 0.1, batch=comm)
-
-
-@PARALLEL
-@pytest.mark.parametrize("objective", [TARGET, CONTRAST], ids=["target", "contrast"])
-@pytest.mark.parametrize("strain", [0.1, -0.05])
-def test_taylor_of_objectives(batched: bool, objective: ProfileObjective, strain: float) -> None:
-    solver = profile_solver(batched, strain=strain)
-    skin = solver.tile.skin
-    density, step = random_density(skin, 2, spread=0.3), random_step(solver.tile)
-    base = solver.solve(density)
-    gradient = solver.backward(base, *objective.backward(base))
-    slope = dot(skin.comm, gradient, step)
-
-    def value(h: float) -> float:
-        return objective.forward(solver.solve(density + h * step, base.state, gradients=False))
-
-    assert taylor_rates(value, slope, 1e-2) == pytest.approx(2.0, abs=0.05)
 
 
 def test_bad_start_on_one_rank(comm: MPI.Comm) -> None:

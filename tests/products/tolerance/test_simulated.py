@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.scenes import shared
-from helpers.worn import Printed, printed_tube
+from helpers.worn import Printed
 from mpi4py import MPI
 
 import toros_fem as tf
@@ -86,18 +86,6 @@ def test_no_quantity_is_simulated_that_is_left_out(printed: Printed) -> None:
         ("pressure", "−5 %"),
         ("pressure", "+5 %"),
     ]
-
-
-@pytest.mark.slow
-def test_results_do_not_depend_on_the_ranks(comm: MPI.Comm, found: tf.Tolerances) -> None:
-    """On two ranks the figures are those of one."""
-    if comm.size == 1:
-        pytest.skip("compares several ranks with one")
-    alone = tf.tolerances(*printed_tube(MPI.COMM_SELF))
-    for one, other in zip(alone.variants, found.variants, strict=True):
-        for key in KEYS:
-            assert other.values[key] == pytest.approx(one.values[key], rel=1e-6)
-            assert other.predicted[key] == pytest.approx(one.predicted[key], rel=1e-6)
 
 
 def test_the_worst_is_named(found: tf.Tolerances) -> None:

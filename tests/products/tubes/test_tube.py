@@ -8,8 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.materials.sheet import Bending, Composite
-from toros_fem.measures.metrics import Metric, swelling
+from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.supports import clamp
@@ -187,29 +186,6 @@ def test_half_a_tube_is_designed_as_the_whole(
     at_half = half.objective.forward(shape[half.skin.owned_vertices])
     at_whole = whole.objective.forward(positions[whole.skin.owned_vertices])
     assert at_half == pytest.approx(at_whole, rel=1e-12)
-
-
-@pytest.mark.parametrize("bending", [None, Bending()])
-def test_a_quarter_of_a_tube_swells_as_the_whole(comm: MPI.Comm, bending: Bending | None) -> None:
-    """With lines across both planes; filters would see the seam of the whole."""
-    config = TubeConfig(length=0.04, edge_length=4.5e-3)
-    part, supports, _ = plain_tube(comm, config, (0, 1))
-    images, composite, density = mirrored(part, (0, 1)), Composite(bending=bending), wavy(part)
-    whole = images.pattern
-    shapes, volumes = [], []
-    for pattern, held, here in (
-        (part, supports, density),
-        (whole, clamp(whole, ["base"]), images.at_cells(density)),
-    ):
-        skin = sew(comm, pattern)
-        found = EquilibriumSolver(skin, composite, held).solve(here[skin.owned_cells], 2e3)
-        shapes.append(skin.gather_vertices(found.positions))
-        volumes.append(found.volume)
-    assert images.at_vertices(shapes[0]) == pytest.approx(shapes[1], abs=1e-9 * whole.size)
-    assert 4 * volumes[0] == pytest.approx(volumes[1], rel=1e-9)
-    for metric in (shortening_metric(0.0), Metric("radius", "ratio", 1.0, swelling)):
-        value = metric.of_whole((0, 1)).measure(part, shapes[0])
-        assert value == pytest.approx(metric.measure(whole, shapes[1]), rel=1e-7)
 
 
 def test_error_estimate_of_half_a_tube_is_that_of_the_whole(comm: MPI.Comm) -> None:

@@ -4,19 +4,16 @@ import json
 import logging
 import os
 import signal
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import ROOT, shared
+from helpers.scenes import shared
 from mpi4py import MPI
 
-from toros_fem.base.errors import CheckpointError, OutputError, RunError, RunStoppedError
+from toros_fem.base.errors import CheckpointError, RunError, RunStoppedError
 from toros_fem.design.loop.journal import Checkpoint
-from toros_fem.results.runs import journal as journal_module
 from toros_fem.results.runs.folder import open_run, read_run, run_of
 
 INPUTS = {"length": 0.1, "name": "tube"}
@@ -128,34 +125,6 @@ def test_results_without_a_record_are_moved_but_not_other_files(
         assert names(folder) == {".lock", "earlier-1", "finger.stl", "mine.toml", "state"}
 
 
-def test_a_folder_in_use_is_refused_until_its_process_is_dead(
-    alone: MPI.Comm, tmp_path: Path
-) -> None:
-    folder = tmp_path / "run"
-    script = (
-        "import sys; from pathlib import Path; from toros_fem.results.runs.lock import FolderLock\n"
-        "folder = Path(sys.argv[1]); folder.mkdir(); lock = FolderLock(folder)\n"
-        "print('locked', flush=True); sys.stdin.read()"
-    )
-    with subprocess.Popen(
-        [sys.executable, "-c", script, str(folder)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        cwd=ROOT,
-    ) as other:
-        assert other.stdout is not None
-        assert other.stdout.readline() == b"locked\n"
-        with pytest.raises(RunError, match=f"process {other.pid} on "):
-            open_run(alone, folder, INPUTS)
-        assert names(folder) == {".lock"}
-        other.kill()
-        other.wait()
-        with open_run(alone, folder, INPUTS), pytest.raises(RunError, match="in use"):
-            open_run(alone, folder, INPUTS)
-    with open_run(alone, folder, INPUTS):
-        pass
-
-
 def test_folders_that_cannot_be_used_are_told_at_the_start(comm: MPI.Comm, tmp_path: Path) -> None:
     taken = shared(comm, tmp_path) / "file"
     if comm.rank == 0:
@@ -196,25 +165,6 @@ def test_damaged_and_newer_records_are_told(
         with pytest.raises(CheckpointError, match=message):
             open_run(comm, folder, INPUTS, resume=resume)
     assert (folder / "summary.json").exists(), "nothing was moved"
-
-
-def test_a_disk_that_fills_up_keeps_the_state_before(
-    comm: MPI.Comm, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    with pytest.raises(OutputError, match=r"No space left.*Free some space and resume"):  # noqa: PT012, SIM117
-        with open_run(comm, folder, INPUTS) as run:
-            entry = run.journal(folder).entry(comm, "loop")
-            entry.offer(lambda: STATE, last=False)
-            monkeypatch.setattr(journal_module, "write_checkpoint", full)
-            entry.offer(lambda: Checkpoint({}, {}), last=True)
-    monkeypatch.undo()
-    with open_run(comm, folder, INPUTS, resume=True) as run:
-        found = run.journal(folder).entry(comm, "loop").saved()
-        assert found is not None
-        assert found.numbers == STATE.numbers
 
 
 def test_every_kth_state_is_written(comm: MPI.Comm, folder: Path) -> None:

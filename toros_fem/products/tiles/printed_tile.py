@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools
 from toros_fem.base.errors import DensityError, ParameterError, TileFileError, TorosError
+from toros_fem.base.files import UNREADABLE, reason
 from toros_fem.base.mpi import on_first_rank, require_alike
 from toros_fem.base.validation import (
     checked_path,
@@ -141,10 +140,9 @@ def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
         try:
             with np.load(path) as archive:
                 entries = dict(archive)
-        # np.load raises these for a lone array and for other kinds of files.
-        except (OSError, ValueError, EOFError, TypeError, BadZipFile, zlib.error) as caught:
+        except UNREADABLE as caught:
             raise TileFileError(
-                f"{path} cannot be read: {caught}. Give the output folder of demos/tile.py."
+                f"{path} cannot be read: {reason(caught)}. Give the output folder of demos/tile.py."
             ) from None
         for key in COMMON:
             if key in entries:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from toros_fem.base.errors import OutputError
-from toros_fem.base.files import replace_file
+from toros_fem.base.files import UNREADABLE, reason, replace_file
 
 REMEDY = "Delete it, or run the design again."
 
@@ -42,9 +41,18 @@ def read_arrays(path: Path, names: Sequence[str]) -> dict[str, npt.NDArray]:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = dict(file)
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as caught:
-        raise OutputError(f"{path} cannot be read: {caught}. {REMEDY}") from None
+    except UNREADABLE as caught:
+        raise OutputError(f"{path} cannot be read: {reason(caught)}. {REMEDY}") from None
+    require_arrays(path, arrays, names)
+    return arrays
+
+
+def require_arrays(path: Path, arrays: Arrays, names: Sequence[str]) -> None:
+    """Check that a file held some arrays.
+
+    Raises:
+        OutputError: One is missing.
+    """
     missing = [name for name in names if name not in arrays]
     if missing:
         raise OutputError(f"{path} holds no {missing[0]!r}. {REMEDY}")
-    return arrays

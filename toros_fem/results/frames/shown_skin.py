@@ -13,13 +13,16 @@ from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats, Ints
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.results.frames.npz import Arrays, read_arrays, write_arrays
+from toros_fem.results.frames.npz import Arrays, read_arrays, require_arrays, write_arrays
 
 # Arrays that each file holds; others may be left out.
 NAMES = (
     "flat_points", "flat_triangles", "panel", "sewn", "points", "panel_names", "seam_tolerance",
     "moulded", "aligned",
 )  # fmt: skip
+# Arrays of which a file holds all or none.
+RINGS = ("ring_points", "ring_first", "ring_polygon", "polygon_panel")
+BODY = ("body_points", "body_triangles")
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +72,9 @@ def read_skin(path: Path) -> ShownSkin:
         PatternError: It holds no valid pattern.
     """
     arrays = read_arrays(path, NAMES)
+    for group in (RINGS, BODY):
+        if any(name in arrays for name in group):
+            require_arrays(path, arrays, group)
     pattern = Pattern(
         flat_points=arrays["flat_points"],
         flat_triangles=arrays["flat_triangles"],

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from toros_fem.base.errors import CheckpointError
-from toros_fem.base.files import replace_file
+from toros_fem.base.files import reason, replace_file
 from toros_fem.base.versions import __version__
 from toros_fem.design.loop.journal import Checkpoint
 
@@ -63,8 +63,8 @@ def read_checkpoint(path: Path, belongs_to: Mapping[str, str]) -> tuple[Checkpoi
             written_by = str(header["toros_fem"])
     except Exception as fault:  # a damaged file may raise anything
         raise CheckpointError(
-            f"{path} is no whole checkpoint ({type(fault).__name__}: {fault}). Remove it to lose "
-            "this part of the run alone, or start the run anew."
+            f"{path} is no whole checkpoint ({type(fault).__name__}: {reason(fault)}). Remove it "
+            "to lose this part of the run alone, or start the run anew."
         ) from None
     if known and newness > FORMAT:
         raise CheckpointError(

@@ -1,0 +1,186 @@
+"""A run that ends at any write leaves whole files, and goes on or is refused by name."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from toros_fem.base import files
+from toros_fem.base.errors import OutputError, RunError
+from toros_fem.base.files import UNFINISHED, write_json, write_table, write_together
+from toros_fem.design.loop.journal import Checkpoint
+from toros_fem.results.runs.folder import open_run, read_run
+
+# The child writes files alone, and uses none of the threads that it does not have.
+pytestmark = pytest.mark.filterwarnings("ignore:.*fork:DeprecationWarning")
+ALONE, INPUTS, STEPS = MPI.COMM_SELF, {"length": 0.1}, 3
+
+
+def state(number: int) -> Checkpoint:
+    return Checkpoint({"x": np.linspace(0, 4, 5, dtype=np.float64) ** number}, {"step": number})
+
+
+def run(folder: Path, *, resume: bool = False) -> None:
+    """A tiny run: its scene, its record, a state after each step, a table and a summary."""
+    with open_run(ALONE, folder, INPUTS, scene="# mine\n", resume=resume, every=1) as opened:
+        entry = opened.journal(folder).entry(ALONE, "loop")
+        saved = entry.saved()
+        done = 0 if saved is None else int(saved.numbers["step"])
+        for number in range(done + 1, STEPS + 1):
+            rows = [{"step": k} for k in range(number + 1)]
+            write_together(ALONE, folder, partial(write_table, folder / "history.csv", rows))
+            entry.offer(partial(state, number), last=number == STEPS)
+        summary = partial(write_json, folder / "summary.json", {"steps": STEPS})
+        write_together(ALONE, folder, summary)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """All files of a run by their place, without what it moved aside and what tells processes."""
+    places = {path.relative_to(folder): path for path in sorted(folder.rglob("*"))}
+    return {
+        place.as_posix(): path.read_bytes()
+        for place, path in places.items()
+        if path.is_file() and place.name != ".lock" and not place.parts[0].startswith("earlier")
+    }
+
+
+Fault = Callable[[], Any]
+
+
+def failing_at(patch: pytest.MonkeyPatch, number: int, fault: Fault) -> list[int]:
+    """Let the n-th step of writing fail: content to disk, new name, name to disk; count them."""
+    count, sync, rename = [0], os.fsync, Path.replace
+
+    def step() -> None:
+        count[0] += 1
+        if count[0] == number:
+            fault()
+
+    def synced(handle: int) -> None:
+        step()
+        sync(handle)
+
+    def renamed(one: Path, other: Path) -> Path:
+        step()
+        return rename(one, other)
+
+    patch.setattr(os, "fsync", synced)
+    patch.setattr(Path, "replace", renamed)
+    return count
+
+
+@pytest.fixture
+def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[int, dict[str, set[bytes]]]:
+    """How many steps of writing a run has, and all contents that each of its files ever has."""
+    found: dict[str, set[bytes]] = {}
+    replace, folder = files.replace_file, tmp_path / "whole"
+
+    def noted(path: Path, content: bytes) -> None:
+        found.setdefault(path.relative_to(folder).as_posix(), set()).add(content)
+        replace(path, content)
+
+    with monkeypatch.context() as patch:
+        for module in ("base.files", "results.runs.files", "results.runs.folder"):
+            patch.setattr(f"toros_fem.{module}.replace_file", noted)
+        count = failing_at(patch, 0, lambda: None)
+        run(folder)
+    return count[0], found
+
+
+def child(action: Callable[[], None]) -> int:
+    """Do something in a process of its own; return how it ended."""
+    pid = os.fork()
+    if pid == 0:
+        try:
+            action()
+            os._exit(0)
+        except BaseException:
+            os._exit(1)
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+
+def check(folder: Path, written: dict[str, set[bytes]], earlier: dict[str, bytes]) -> None:
+    """Each file is the old or a new one, and both ways to go on lead to the whole run."""
+    for name, content in contents(folder).items():
+        if not name.endswith(UNFINISHED):
+            assert content in written.get(name, set()) | {earlier.get(name)}, name
+    before = contents(folder)
+    try:
+        record, _ = read_run(ALONE, folder)
+        if record.finished:
+            return
+        run(folder, resume=True)
+    except RunError:
+        assert "state/run.json" not in before, "what has a record goes on"
+        run(folder)
+    last = contents(folder)
+    assert {name for name in written if "summary" in name or "history" in name} <= set(last)
+    assert read_run(ALONE, folder)[0].finished
+    assert b'"steps": 3' in last["summary.json"]
+    run(folder)  # and a fresh one begins in its place
+    assert read_run(ALONE, folder)[0].finished
+
+
+@pytest.mark.parametrize("before", [False, True], ids=["new folder", "after an earlier run"])
+@pytest.mark.parametrize("kind", ["killed", "full disk"])
+def test_a_fault_at_each_write(
+    kind: str, before: bool, written: tuple[int, dict[str, set[bytes]]], tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    steps, known = written
+    assert steps > 3 * STEPS
+    for number in range(1, steps + 1):
+        folder = tmp_path / f"{kind} {number}"
+        earlier: dict[str, bytes] = {}
+        if before:
+            run(folder)
+            earlier = contents(folder)
+        with monkeypatch.context() as patch:
+            if kind == "killed":
+                failing_at(patch, number, lambda: os._exit(9))
+                assert child(partial(run, folder)) == 9
+            else:
+                failing_at(patch, number, full)
+                with pytest.raises((OutputError, RunError), match="No space left"):
+                    run(folder)
+                assert not list(folder.rglob(f"*{UNFINISHED}")), "nothing is left beside a file"
+        check(folder, known, earlier)
+
+
+def full() -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+@pytest.mark.parametrize("resume", [False, True])
+def test_a_folder_in_use(resume: bool, tmp_path: Path) -> None:
+    """Refused with the process that uses it, until that is dead."""
+    folder = tmp_path / "run"
+    with pytest.MonkeyPatch.context() as patch:
+        failing_at(patch, 8, lambda: os._exit(9))
+        assert child(partial(run, folder)) == 9
+    reader, writer = os.pipe()
+    other = os.fork()
+    if other == 0:
+        with open_run(ALONE, folder, INPUTS, resume=True):
+            os.write(writer, b"locked")
+            signal.pause()
+        os._exit(0)
+    assert os.read(reader, 6) == b"locked"
+    before = contents(folder)
+    with pytest.raises(RunError, match=f"process {other} on "):
+        open_run(ALONE, folder, INPUTS, resume=resume)
+    assert contents(folder) == before, "nothing was moved"
+    os.kill(other, signal.SIGKILL)
+    os.waitpid(other, 0)
+    with open_run(ALONE, folder, INPUTS, resume=resume):  # noqa: SIM117
+        with pytest.raises(RunError, match="in use"):
+            open_run(ALONE, folder, INPUTS, resume=resume)
