@@ -1,30 +1,19 @@
 """A rubber layer under the fabric: exact stresses, its tangent, and what it leaves alone."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from helpers.models import (
     SIZE,
     affine,
-    automatic_tangent,
-    bent_tube,
-    drawn,
-    pressurize,
     sheet_model,
-    upper_rows,
 )
 from helpers.scenes import TABLE_A, square
 from mpi4py import MPI
-from scipy.sparse import csr_matrix, triu
 
-from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Bladder, Composite, Material
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.model import SkinModel
-from toros_fem.mechanics.skin.supports import Supports, clamp
-from toros_fem.mechanics.skin.tangent import UpperTangent
-from toros_fem.meshes import Skin, sew
+from toros_fem.mechanics.skin.supports import Supports
+from toros_fem.meshes import sew
 
 RUBBER = Bladder(young=0.29e6, thickness=0.8e-3)  # Dragon Skin 20
 MU = 0.29e6 / 3
@@ -68,48 +57,3 @@ def test_uniaxial_tension_of_rubber_alone(comm: MPI.Comm) -> None:
     assert skin.gather_vertices(found.positions) / SIZE == pytest.approx(expected / SIZE, abs=1e-7)
     force = solver.reactions(found)[pulled, 0].sum() / (SIZE * RUBBER.thickness)
     assert force == pytest.approx(MU * (pull - pull**-2), rel=1e-6)
-
-
-def test_closed_form_tangent_and_sensitivity(tube: Skin, comm: MPI.Comm) -> None:
-    models = []
-    for bladder in (RUBBER, None):
-        composite = dataclasses.replace(Composite(), bladder=bladder)
-        model = SkinModel(tube, composite, clamp(tube.pattern, ["base"]))
-        model.set_density(np.full(len(tube.owned_cells), 0.2))
-        pressurize(model, 2e3)
-        models.append(model)
-    with_it, without = models
-    state = bent_tube(with_it)
-    closed, matrix = upper_rows(with_it, state), automatic_tangent(with_it, state)
-    begin = with_it.space.dofmap.index_map.local_range[0]
-    rows, columns, values = matrix.getValuesCSR()
-    automatic = triu(csr_matrix((values, columns, rows), shape=closed.shape), k=begin)
-    assert norm(comm, (closed - automatic).tocsr().data) <= 1e-12 * norm(comm, closed.data)
-    gap = (closed - upper_rows(without, state)).tocsr().data
-    assert norm(comm, gap) > 1e-3 * norm(comm, closed.data), "the bladder matters"
-    adjoint = drawn(with_it, 4)
-    one, two = (m.density_sensitivity(state, adjoint) for m in models)
-    assert np.array_equal(one, two), "it does not depend on the design"
-    assert with_it.mean_modulus() - without.mean_modulus() == pytest.approx(4 * MU * 0.8e-3)
-    assert with_it.energy_rounding() > without.energy_rounding()
-
-
-def test_material_part_is_positive_where_rubber_is_compressed() -> None:
-    pattern = square(size=SIZE)
-    thin = Composite(fabric=Material(0.01, 0.0, 1e-3), bending=None, bladder=RUBBER)
-    fixed = np.zeros(pattern.points.shape, dtype=bool)
-    fixed[[0, 1, 10]] = True
-    model = SkinModel(sew(MPI.COMM_SELF, pattern), thin, Supports(fixed))
-    model.set_density(np.zeros(len(pattern.panel)))
-    state = affine(model, np.array([[0.8, 0.05], [0, 0.9], [0, 0]]))
-    tangent = UpperTangent(model)
-    values = np.zeros(len(tangent.columns))
-    lowest = []
-    for geometric in (1.0, 0.0):
-        tangent.assemble(state, values, geometric=geometric)
-        shape = (model.size_local, model.size_local)
-        upper = csr_matrix((values, tangent.columns, tangent.indptr), shape=shape).toarray()
-        eigenvalues = np.linalg.eigvalsh(upper, UPLO="U")
-        lowest.append(eigenvalues[0] / eigenvalues[-1])
-    assert lowest[0] < -1e-3
-    assert lowest[1] > -1e-12

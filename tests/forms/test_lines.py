@@ -1,20 +1,14 @@
 """Line families: energy by hand, closed forms against `ufl.derivative` and differences."""
 
-import dataclasses
 import itertools
 
 import numpy as np
 import pytest
-import ufl
-from dolfinx import fem, la
 from helpers.expressions import matrix, number
-from helpers.models import SIZE, affine, automatic_tangent, bent_tube, line_design, pressurize
-from helpers.models import upper_rows as closed_rows
+from helpers.models import SIZE, affine, line_design
 from helpers.scenes import square
 from mpi4py import MPI
-from scipy.sparse import csr_matrix, triu
 
-from toros_fem.base.mpi import norm
 from toros_fem.forms.blocks import Blocks
 from toros_fem.forms.lines import (
     Family,
@@ -26,7 +20,7 @@ from toros_fem.forms.lines import (
 from toros_fem.materials.sheet import Bending, Composite, Material
 from toros_fem.mechanics.skin.relaxed_model import CROSSING, RelaxedModel
 from toros_fem.mechanics.skin.supports import Supports, clamp
-from toros_fem.meshes import Skin, cylinder, sew
+from toros_fem.meshes import cylinder, sew
 
 FLAT = np.array([[0.0, 0.0], [2.0, 0.1], [0.5, 1.5]])
 JACOBIAN = np.column_stack([FLAT[1] - FLAT[0], FLAT[2] - FLAT[0]])
@@ -129,35 +123,6 @@ def test_stiffness_of_lines_that_bend_and_twist() -> None:
     D, parts = np.array(bending_stiffness(families), dtype=float), np.array([3.0, -2.0, 0.5])
     assert parts @ D @ parts == pytest.approx(expected, rel=1e-13)
     assert pytest.approx(D.T) == D
-
-
-# As in test_energy, so thick that stretching does not hide what bending adds.
-THICK = Composite(Material(1e5, 0.3, 5e-3), Material(26e5, 0.3, 5e-3))
-
-
-@pytest.mark.parametrize("curvature", ["midedge", None])
-def test_closed_forms_equal_the_automatic_ones(
-    tube: Skin, comm: MPI.Comm, curvature: str | None
-) -> None:
-    bending = None if curvature is None else Bending(curvature)
-    composite = dataclasses.replace(THICK, bending=bending)
-    model = RelaxedModel(tube, composite, clamp(tube.pattern, ["base"]), 2)
-    model.set_density(line_design(tube, 2, 6))
-    pressurize(model, 2e3)
-    state = bent_tube(model)
-    model.set_state(state)
-    energy = fem.form(
-        ufl.derivative(model.ufl_forms.energy, model.q, ufl.TestFunction(model.space))
-    )
-    vector = fem.assemble_vector(energy)
-    vector.scatter_reverse(la.InsertMode.add)
-    automatic = vector.array[: model.size_local] * model.free
-    assert norm(comm, model.residual(state) - automatic) <= 1e-13 * norm(comm, automatic)
-    closed = closed_rows(model, state)
-    rows, columns, values = automatic_tangent(model, state).getValuesCSR()
-    begin = model.space.dofmap.index_map.local_range[0]
-    expected = triu(csr_matrix((values, columns, rows), shape=closed.shape), k=begin)
-    assert norm(comm, (closed - expected).tocsr().data) <= 1e-12 * norm(comm, closed.data)
 
 
 def test_energy_of_a_sheet_by_hand(comm: MPI.Comm) -> None:

@@ -6,13 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 import ufl
-from helpers.models import SIZE, affine, automatic_tangent, dense_tangent, pressurize, sheet_model
+from helpers.models import SIZE, affine, pressurize, sheet_model
 from helpers.scenes import TABLE_A
 from mpi4py import MPI
 from scipy.optimize import minimize_scalar
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import dot
 from toros_fem.forms.tension_field import natural_narrowing
 from toros_fem.materials.sheet import Bladder, Composite, Knit, Membrane
 from toros_fem.mechanics.skin.model import SkinModel
@@ -81,58 +80,12 @@ def test_natural_width_has_no_stress_across(
     assert -1e-14 * x <= y <= x
 
 
-def test_tangent_is_the_derivative_of_the_force(comm: MPI.Comm) -> None:
-    model = sheet(comm)
-    state = crumpled(model)
-    matrix = automatic_tangent(model, state)
-    begin, end = matrix.getOwnershipRange()
-    rows = matrix.getValues(range(begin, end), range(matrix.size[1]))
-    automatic = np.concatenate(comm.allgather(rows))
-    assert np.abs(dense_tangent(model, state) - automatic).max() < 1e-12 * np.abs(automatic).max()
-    material = np.linalg.eigvalsh(dense_tangent(model, state, geometric=0.0))
-    assert material.min() > -1e-12 * material.max()
-
-
-def test_force_is_the_derivative_of_the_energy(comm: MPI.Comm) -> None:
-    model = sheet(comm)
-    state = crumpled(model)
-    whole = np.random.default_rng(7).standard_normal(model.skin.pattern.points.shape)
-    direction = np.zeros_like(state)
-    model.positions(direction)[:] = SIZE * whole[model.skin.owned_vertices]
-    direction *= model.free
-    slope = dot(comm, model.residual(state), direction)
-    step = 1e-6
-    change = model.energy(state + step * direction) - model.energy(state - step * direction)
-    assert change / (2 * step) == pytest.approx(slope, rel=1e-7)
-
-
 @pytest.mark.parametrize(
     "other", [{"bladder": Bladder(1e6, 1e-4)}, {"knit": Knit(2.0)}, {"c1": 1.9, "c2": 1.5}]
 )
 def test_unsupported_combinations_are_refused(other: dict[str, Any]) -> None:
     with pytest.raises(ParameterError, match="wrinkling = 'tension-field'"):
         Composite(membrane=Membrane("tension-field"), **other)
-
-
-def test_force_by_density_is_its_sensitivity(comm: MPI.Comm) -> None:
-    model = sheet(comm)
-    state, rng = crumpled(model), np.random.default_rng(11)
-    size = len(model.skin.pattern.panel)
-    density, change = rng.uniform(0.2, 0.8, size), rng.uniform(-1, 1, size)
-    density, change = density[model.skin.owned_cells], change[model.skin.owned_cells]
-    whole = rng.standard_normal(model.skin.pattern.points.shape)
-    adjoint = np.zeros_like(state)
-    model.positions(adjoint)[:] = SIZE * whole[model.skin.owned_vertices]
-    adjoint *= model.free
-
-    def work(step: float) -> float:
-        model.set_density(density + step * change)
-        return dot(comm, model.residual(state), adjoint)
-
-    difference = (work(1e-4) - work(-1e-4)) / 2e-4
-    model.set_density(density)
-    slope = dot(comm, model.density_sensitivity(state, adjoint), change)
-    assert slope == pytest.approx(difference, rel=1e-6)
 
 
 def test_residual_stiffness_alone_resists_compression(comm: MPI.Comm) -> None:

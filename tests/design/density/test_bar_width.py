@@ -58,5 +58,5 @@ def test_areas_change_by_the_way_of_the_border(comm: MPI.Comm) -> None:
         steps = [Projection(20.0, eta) for eta in levels]
         eroded, dilated, nominal = (dot(comm, own, step.forward(filtered)) for step in steps)
         change = 2 * np.pi * disc * offset * radius
-        assert nominal - eroded == pytest.approx(change, rel=0.1)
-        assert dilated - nominal == pytest.approx(change, rel=0.1)
+        assert nominal - eroded == pytest.approx(change, rel=0.04)  # 0.013 seen
+        assert dilated - nominal == pytest.approx(change, rel=0.04)  # 0.035 seen

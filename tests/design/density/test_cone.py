@@ -39,8 +39,8 @@ def test_filter_of_a_half_plane(comm: MPI.Comm) -> None:
         [float(r["d_over_R"]) for r in rows],
         [float(r["cone2D"]) for r in rows],
     )
-    assert np.abs(filtered[wall[inner]] - exact).max() < 0.04
-    assert np.abs(filtered[wall[inner]] - exact).mean() < 0.01
+    assert np.abs(filtered[wall[inner]] - exact).max() < 0.015  # 0.0132 seen
+    assert np.abs(filtered[wall[inner]] - exact).mean() < 0.0012  # 0.0010 seen
 
 
 def test_slope_is_the_gradient_of_the_cone(tube: Skin) -> None:

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers.designs import full, make_problem
+from helpers.designs import make_problem
 
 from toros_fem import errors
 from toros_fem.design.density.field import random_density
@@ -13,16 +13,6 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.measures.metrics import Metric, bend_angle, length_ratio
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
-
-
-def test_pressure_gradient_alone(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    problem = full(tube, tube_solver)
-    density = random_density(tube, 2, spread=0.3)
-    base = problem.evaluate(density, pressure=3e3)
-    assert base.equilibrium.pressure == 3e3
-    state = base.equilibrium.state
-    there, back = (problem.simulate(density, state, 3e3 + s).objective for s in (1.0, -1.0))
-    assert base.pressure_gradient == pytest.approx((there - back) / 2, rel=1e-4)
 
 
 def test_metrics_along_changes_of_the_density(tube: Skin, tube_solver: EquilibriumSolver) -> None:

@@ -150,6 +150,7 @@ def test_a_sheet_slides_off_a_slope_at_the_angle_of_friction(
         np.zeros(len(skin.owned_cells)), 0.0, force=force, raise_on_failure=False, trial=True
     )
     assert found.converged == (steepness < 1)
+    assert found.converged or "without converging" in found.reason
     if found.converged:
         moved = (found.positions - points[skin.owned_vertices]) @ along
         assert 0.5 * SLIP < moved.min(initial=SLIP) <= moved.max(initial=0.0) < SLIP
@@ -180,6 +181,7 @@ def test_a_free_box_slides_off_a_slope(comm: MPI.Comm, steepness: float) -> None
     density = np.zeros(len(skin.owned_cells))
     found = solver.solve(density, 0.0, raise_on_failure=False, trial=True)
     assert found.converged == (steepness < 1)
+    assert found.converged or "without converging" in found.reason
     if not found.converged:
         return
     found = solver.finish(found)

@@ -8,11 +8,10 @@ from helpers.models import (
     SIZE,
     affine,
     bent_tube,
-    drawn,
     line_design,
     pressurize,
 )
-from helpers.scenes import square, taylor_rates
+from helpers.scenes import square
 from mpi4py import MPI
 from scipy.optimize import minimize, root
 
@@ -21,14 +20,12 @@ from toros_fem.base.mpi import norm, total
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.materials.sheet import Bending, Composite, Knit, Material
 from toros_fem.measures.metrics import twist_angle
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.mechanics.skin.relaxed_model import RelaxedModel
 from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
-from toros_fem.mechanics.skin.tangent import UpperTangent
 from toros_fem.meshes import Pattern, Skin, cylinder, mirrored, sew
 from toros_fem.meshes.tile import tile
 from toros_fem.products.tiles.solver import TileSolver
@@ -112,24 +109,6 @@ def test_off_axis_tension_of_a_sheet_by_forces(comm: MPI.Comm, degrees: float) -
     assert skin.gather_vertices(found.positions) / SIZE == pytest.approx(expected / SIZE, abs=1e-6)
 
 
-def test_gradient_of_a_knitted_tile(comm: MPI.Comm) -> None:
-    """Stress along, and lateral stretch, by the density between fabric and print."""
-    made = tile(comm, (0.01, 0.01), 2.5e-3, "crossed")
-    skin = sew(comm, made.pattern)
-    solver = TileSolver(skin, knitted(0.5), Periodic(made), NewtonOptions(tolerance=1e-12))
-    rng = np.random.default_rng(3)
-    density, step = rng.uniform(0.05, 0.4, (2, len(made.pattern.panel)))[:, skin.owned_cells]
-    gradient = np.array([[1.1, 0], [0, 1], [0, 0]])
-    base = solver.solve(density, 0.4, gradient)
-    along = np.array([[1.0, 0], [0, 0], [0, 0]])
-    slope = total(comm, solver.stress_gradient(base, along) @ step)
-
-    def stress(h: float) -> float:
-        return float(solver.solve(density + h * step, 0.4, gradient, start=base).stress[0, 0])
-
-    assert taylor_rates(stress, slope, 1e-2) == pytest.approx(2, abs=0.05)
-
-
 def test_moduli_at_small_strain() -> None:
     along, across = knitted(0.0).moduli
     h = MEMBRANE.fabric.thickness
@@ -171,28 +150,6 @@ def test_printed_fabric_stays_what_it_is(pair: list[SkinModel], comm: MPI.Comm) 
     assert norm(comm, gaps[1] - 0.75 * gaps[2]) < 1e-10 * scale
 
 
-def test_sensitivity_and_tangent(pair: list[SkinModel], comm: MPI.Comm) -> None:
-    model = pair[0]
-    state, adjoint = bent_tube(model), drawn(model, 1)
-    rng = np.random.default_rng(9)
-    low, high = rng.random((2, len(model.skin.pattern.panel)))[:, model.skin.owned_cells]
-    work = []
-    for density in (low, high):
-        model.set_density(density)
-        work.append(total(comm, model.residual(state) @ adjoint))
-    slope = total(comm, model.density_sensitivity(state, adjoint) @ (high - low))
-    assert slope == pytest.approx(work[1] - work[0], rel=1e-9)
-    tangent = UpperTangent(model)
-    entries = np.zeros(len(tangent.columns))
-    tangent.assemble(state, entries)
-    expected = tangent.multiply(entries, adjoint)
-    base, errors = model.residual(state), []
-    for step in 1e-5 * 2.0 ** -np.arange(4):
-        gap = model.residual(state + step * adjoint) - base - step * expected
-        errors.append(norm(comm, gap))
-    assert np.log2(np.array(errors[:-1]) / errors[1:]) == pytest.approx(2, abs=0.05)
-
-
 def test_courses_bend(comm: MPI.Comm) -> None:
     """A sheet rolled around a tube: k h²/12 more along its courses, nothing across them."""
     pattern = cylinder(comm, 0.06, 0.02, 4e-3, mesh="structured", caps=None)
@@ -226,15 +183,6 @@ def test_lines_on_a_knit(comm: MPI.Comm) -> None:
     stretch = np.linalg.norm(F @ [np.cos(angle), np.sin(angle)])
     assert energies[0] - energies[1] == pytest.approx(k / 2 * (stretch - 1) ** 2, rel=1e-9)
     assert moduli[0] - moduli[1] == pytest.approx(k / SIZE**2, rel=1e-9)
-
-
-def test_an_isotropic_scene_pays_nothing(pair: list[SkinModel]) -> None:
-    """No field and no constant more than the forms need."""
-    with_it, without = (
-        [*model.ufl_forms.tangent.coefficients(), *model.ufl_forms.tangent.constants()]
-        for model in pair
-    )
-    assert len(with_it) == len(without) + 3, "the directions, two stiffnesses"
 
 
 @pytest.mark.parametrize("grain", [0.0, np.pi / 2])
@@ -300,7 +248,7 @@ def test_refined_design_keeps_the_grain(comm: MPI.Comm) -> None:
     # The oblique courses turn the tip; both meshes agree on it, coarse as they are.
     twist = [twist_angle(d.skin.pattern, x) for d, x in zip((design, finer), shapes, strict=True)]
     assert abs(twist[0]) > np.radians(5)
-    assert twist[1] == pytest.approx(twist[0], rel=0.15)
+    assert twist[1] == pytest.approx(twist[0], rel=0.05)  # 0.035 seen
 
 
 def test_grain_must_fit_the_panels(tube: Skin) -> None:

@@ -4,23 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import ufl
-from dolfinx import fem, la
 from helpers.models import (
-    automatic_tangent,
     bent_tube,
-    dense_tangent,
-    drawn,
-    line_design,
     pressurize,
-    upper_rows,
 )
-from helpers.scenes import taylor_rates
 from mpi4py import MPI
-from scipy.sparse import csr_matrix, triu
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import norm, total
+from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material, Membrane
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
@@ -149,11 +140,6 @@ def test_printed_ring(comm: MPI.Comm, curvature: str) -> None:
         assert fine < coarse / 3
 
 
-def random_design(model: SkinModel, seed: int) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return np.asarray(rng.random(len(model.skin.pattern.panel))[model.skin.owned_cells])
-
-
 @pytest.fixture(scope="module")
 def sides(tube: Skin) -> dict[str | None, SkinModel]:
     """The tube with the print outside, inside, and in the middle."""
@@ -181,69 +167,6 @@ def test_fabric_is_unchanged(sides: dict[str | None, SkinModel], comm: MPI.Comm)
     scale = norm(comm, gaps[1.0])
     assert scale > 0
     assert norm(comm, gaps[0.25] - gaps[1.0] / 4) < 1e-10 * scale
-
-
-def test_a_skin_without_a_side_pays_nothing(sides: dict[str | None, SkinModel]) -> None:
-    with_it, without = (
-        [*sides[side].ufl_forms.tangent.coefficients(), *sides[side].ufl_forms.tangent.constants()]
-        for side in ("outside", None)
-    )
-    assert len(with_it) == len(without) + 2, "two stiffnesses"
-    assert sides["outside"].size_local == sides[None].size_local
-
-
-def test_material_part_makes_the_tangent_positive(sides: dict[str | None, SkinModel]) -> None:
-    model = sides["inside"]
-    model.set_density(random_design(model, 3))
-    noise = np.random.default_rng(3).standard_normal(model.skin.pattern.points.shape)
-    state = model.assembled
-    model.positions(state)[:] += 2e-4 * noise[model.skin.owned_vertices]
-    K, M = (dense_tangent(model, state, geometric) for geometric in (1.0, 0.0))
-    scale = 1 / np.sqrt(np.abs(np.diag(K)))
-    K, M = (scale[:, None] * matrix * scale for matrix in (K, M))
-    assert np.linalg.eigvalsh(K)[0] < -0.1
-    lowest = np.linalg.eigvalsh(M)
-    assert lowest[0] > -1e-12 * lowest[-1]
-    assert np.linalg.eigvalsh(K + 2 * M)[0] > 0
-
-
-def test_adjoint_gradient(tube: Skin, comm: MPI.Comm) -> None:
-    """Taylor test of a functional of the equilibrium by the density."""
-    composite = Composite(print_side="outside")
-    options = NewtonOptions(tolerance=1e-12)
-    solver = EquilibriumSolver(tube, composite, clamp(tube.pattern, ["base"]), options)
-    model = solver.model
-    density, direction = 0.1 + 0.3 * random_design(model, 1), random_design(model, 2) - 0.5
-    base = solver.solve(density, 1e3)
-    rhs = drawn(model, 4)
-    rhs[model.positions(rhs).size :] = 0
-    adjoint = solver.solve_tangent(rhs, base)
-    slope = -total(comm, float(model.density_sensitivity(base.state, adjoint) @ direction))
-
-    def value(step: float) -> float:
-        found = solver.solve(density + step * direction, 1e3, start=base.state)
-        return total(comm, float(rhs @ (found.state - base.state)))
-
-    assert taylor_rates(value, slope, 4e-2) == pytest.approx(2, abs=0.05)
-
-
-def test_tangent_of_lines(tube: Skin, comm: MPI.Comm) -> None:
-    """Variation and tangent of smeared lines on one face against those of `ufl.derivative`."""
-    thick = Composite(Material(1e5, 0.3, 5e-3), Material(26e5, 0.3, 5e-3), print_side="inside")
-    model = RelaxedModel(tube, thick, clamp(tube.pattern, ["base"]), 2)
-    model.set_density(line_design(tube, 2, 1))
-    state = bent_tube(model)
-    closed = model.residual(state)
-    test = ufl.TestFunction(model.space)
-    vector = fem.assemble_vector(fem.form(ufl.derivative(model.ufl_forms.energy, model.q, test)))
-    vector.scatter_reverse(la.InsertMode.add)
-    automatic = vector.array[: model.size_local] * model.free
-    assert norm(comm, closed - automatic) <= 1e-13 * norm(comm, closed)
-    entries = upper_rows(model, state)
-    begin = model.space.dofmap.index_map.local_range[0]
-    rows, columns, values = automatic_tangent(model, state).getValuesCSR()
-    expected = triu(csr_matrix((values, columns, rows), shape=entries.shape), k=begin)
-    assert norm(comm, (entries - expected).tocsr().data) <= 1e-12 * norm(comm, entries.data)
 
 
 def test_lines_around_a_tube(comm: MPI.Comm) -> None:
