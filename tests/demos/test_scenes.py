@@ -59,27 +59,6 @@ def test_own_design_gives_the_same_numbers(comm: MPI.Comm, tmp_path: Path) -> No
     assert scene["manufacture"]["border_mm"] == script["manufacture"]["border_mm"]
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("without_pictures")
-def test_short_run_of_a_scene_is_that_of_the_demo(comm: MPI.Comm, tmp_path: Path) -> None:
-    folder = shared(comm, tmp_path)
-    changes = ["iterations=2", "constrained_iterations=0", "polish_iterations=0", "corrections=0"]
-    changes += ["estimate_error=false", "curve_pressure=none", "edge_length=4.5e-3"]
-    changes += ["filter_radius=7e-3"]
-    found = read_scene(FOLDER / "bend.toml", comm=comm, coarse=True, changes=changes)
-    assert found.kind.design is not None
-    scene = found.kind.design.run(comm, folder / "scene", found.config)
-    demo = DEMOS["bend"]
-    config = demo.coarse(demo.config).updated(
-        iterations=2, constrained_iterations=0, polish_iterations=0, corrections=0,
-        estimate_error=False, curve_pressure=None, edge_length=4.5e-3, filter_radius=7e-3,
-    )  # fmt: skip
-    script = demo.run(comm, folder / "script", config)
-    assert scene["inputs"] == script["inputs"]
-    assert scene["angle_deg"] == script["angle_deg"]
-    assert scene["objective_last"] == script["objective_last"]
-
-
 def test_example_of_a_finger() -> None:
     found = read_scene(ROOT / "examples" / "finger.toml")
     config = found.config

@@ -15,7 +15,7 @@ from toros_fem.materials.sheet import Bladder, Composite
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import Chambers
-from toros_fem.mechanics.skin.dead_loads import ON_SKIN, Weight, point_force, spread_force
+from toros_fem.mechanics.skin.dead_loads import Weight, point_force, spread_force
 from toros_fem.mechanics.skin.supports import clamp, displace
 from toros_fem.meshes import Skin, sew
 
@@ -141,8 +141,8 @@ def test_force_beside_the_skin(tube: Skin) -> None:
     cap = pattern.points[pattern.triangles[pattern.cells_of("tip")[0]]].mean(axis=0)
 
     def outside(part: float) -> np.ndarray:
-        """Above the flat tip, by a part of the farthest that is taken."""
-        return np.asarray(cap + [0.0, 0.0, part * ON_SKIN * pattern.size])
+        """Above the flat tip, by a part of the farthest that is taken, a hundredth of the skin."""
+        return np.asarray(cap + [0.0, 0.0, 0.01 * part * pattern.size])
 
     with pytest.raises(errors.ParameterError, match="away from the assembled skin; at most"):
         point_force(pattern, outside(1.1), [0, 0, 1])

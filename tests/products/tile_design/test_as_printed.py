@@ -21,15 +21,15 @@ def test_print_on_the_finer_mesh(comm: MPI.Comm) -> None:
     density = simulation.density(result.printed)
     assert set(np.unique(density)) == {0.0, 1.0}
     area = result.printed.regions[0].area
-    assert case.fine.pattern.areas @ density == pytest.approx(area, rel=0.02)
+    assert case.fine.pattern.areas @ density == pytest.approx(area, rel=0.015)  # 0.0138 seen
     assert result.profile is not None
     assert result.failure == ""
     alone = ProfileSolver(simulation.solver.tile, case.angles, 0.1).solve(density)
     assert result.profile.stress == pytest.approx(alone.stress, rel=1e-9)
-    # The design's own mesh sees the same print, but lines of two edges only to a fifth.
+    # The design's own mesh sees the same print, but lines of two edges only to a ninth.
     assert result.printed.evaluation is not None
     coarser = result.printed.evaluation.equilibrium
-    assert coarser.stiffness == pytest.approx(result.profile.stiffness, rel=0.2)
+    assert coarser.stiffness == pytest.approx(result.profile.stiffness, rel=0.12)  # 0.110
     assert (coarser.stiffness != result.profile.stiffness).all()
     areas = island_areas(case.tile, result.printed.cells)
     assert result.printability.island_areas == pytest.approx(areas)
@@ -44,7 +44,7 @@ def test_measured_print(comm: MPI.Comm) -> None:
     assert measured.profile.stress[::2] == pytest.approx(result.profile.stress, rel=1e-12)
     # The directions between were solved separately.
     stiffness = measured.profile.stiffness
-    assert np.abs(np.diff(stiffness, 2)).max() < 0.2 * np.ptp(stiffness)
+    assert np.abs(np.diff(stiffness, 2)).max() < 0.15 * np.ptp(stiffness)  # 0.141 seen
     fabric = Composite().fabric
     exact, _, _ = Laminate(Composite(fabric, fabric), 0.5, 0.0).pulled(0.0, 0.1)
     assert measured.fabric_stiffness == pytest.approx(exact / 0.1, rel=1e-9)

@@ -1,5 +1,6 @@
 """Frames come back as they were written, and are thinned evenly."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,10 @@ def test_a_skin_comes_back(tmp_path: Path) -> None:
     skin = ShownSkin(pattern, bent(pattern, 1.0), True, passive, regions, body)
     name = write_skin(tmp_path, skin)
     assert write_skin(tmp_path, skin) == name
-    assert write_skin(tmp_path, ShownSkin(pattern)) != name
+    others = {"pattern": tube(5e-3)}, {"target": None}, {"aligned": False}, {"passive": None}
+    more = {"regions": regions[:1] + regions[:1] + regions[2:]}, {"body": (2 * body[0], body[1])}
+    names = {write_skin(tmp_path, replace(skin, **change)) for change in (*others, *more)}
+    assert len(names | {name}) == 7, "whatever differs, it is another file"
     found = read_skin(tmp_path / name)
     assert np.array_equal(found.pattern.triangles, pattern.triangles)
     assert np.array_equal(found.pattern.points, pattern.points)

@@ -150,8 +150,9 @@ def test_a_folder_in_use_is_refused_until_its_process_is_dead(
         assert names(folder) == {".lock"}
         other.kill()
         other.wait()
-        with open_run(alone, folder, INPUTS), pytest.raises(RunError, match="in use"):
-            open_run(alone, folder, INPUTS)
+        for resume in (False, True):
+            with open_run(alone, folder, INPUTS), pytest.raises(RunError, match="in use"):
+                open_run(alone, folder, INPUTS, resume=resume)
     with open_run(alone, folder, INPUTS):
         pass
 
