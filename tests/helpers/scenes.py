@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -27,15 +26,6 @@ def table(name: str) -> list[dict[str, str]]:
     """Rows of a reference table."""
     with (DATA / f"{name}.csv").open(encoding="utf-8") as file:
         return list(csv.DictReader(file))
-
-
-def taylor_rates(value: Callable[[float], float], slope: float, first: float) -> np.ndarray:
-    """Observed orders of value(h) − value(0) − h · slope over halved steps: 2 if it is right."""
-    base = value(0.0)
-    gaps = [abs(value(h) - base - h * slope) for h in first * 0.5 ** np.arange(6)]
-    # The part that is linear must matter, or the rate would show nothing.
-    assert abs(slope) * first > gaps[0]
-    return np.log2(np.array(gaps[:-1]) / gaps[1:])[-3:]
 
 
 def square(points: np.ndarray | None = None, n: int = 4, size: float = 0.02) -> Pattern:

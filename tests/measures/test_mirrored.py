@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from helpers.objectives import LENGTH, check_gradient
+from helpers.objectives import LENGTH
 from mpi4py import MPI
 
 from toros_fem.measures.alignment import AlignedObjective
@@ -64,11 +64,6 @@ def test_value_and_gradient_are_those_of_the_whole(half: Skin, comm: MPI.Comm) -
     pulled = [np.bincount(images.vertex, column) for column in whole.T]
     scale = np.abs(gradient).max()
     assert gradient == pytest.approx(np.stack(pulled, axis=1), abs=1e-12 * scale)
-
-
-def test_taylor(half: Skin, comm: MPI.Comm) -> None:
-    objective = MirroredObjective(half, mirrored(half.pattern, (1,)), all_terms)
-    check_gradient(objective, half, comm)
 
 
 @pytest.mark.parametrize("measure", [bend_angle, twist_angle, shortening, swelling])

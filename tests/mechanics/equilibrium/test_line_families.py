@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers.models import line_design
-from helpers.scenes import square, taylor_rates
+from helpers.scenes import square
 from mpi4py import MPI
 from scipy.optimize import brentq
 
@@ -23,32 +23,6 @@ PRESSURE = 5e3
 def solver(tube: Skin) -> EquilibriumSolver:
     options = NewtonOptions(tolerance=1e-12)
     return EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), options, families=2)
-
-
-@pytest.mark.parametrize("kind", ["density", "shares", "angles"])
-def test_gradient_of_an_objective(solver: EquilibriumSolver, comm: MPI.Comm, kind: str) -> None:
-    """With mid-edge bending, under pressure."""
-    skin, model = solver.skin, solver.model
-    design = line_design(skin, 2, 5)
-    direction = np.zeros_like(design)
-    if kind == "angles":  # all turn the same way, the vectors of random lengths
-        direction[:, 3:5], direction[:, 5:] = -design[:, 5:], design[:, 3:5]
-    else:
-        columns = [0] if kind == "density" else [1, 2]
-        drawn = np.random.default_rng(4).uniform(0, 1, (len(skin.pattern.panel), len(columns)))
-        direction[:, columns] = drawn[skin.owned_cells]
-    weight = skin.pattern.points[skin.owned_vertices][:, [1, 2, 0]]
-    base = solver.solve(design, PRESSURE)
-    rhs = np.zeros_like(base.state)
-    model.positions(rhs)[:] = weight
-    adjoint = solver.solve_tangent(rhs, base)
-    slope = -total(comm, (model.density_sensitivity(base.state, adjoint) * direction).sum())
-
-    def value(h: float) -> float:
-        found = solver.solve(design + h * direction, PRESSURE, start=base.state)
-        return total(comm, (weight * found.positions).sum())
-
-    assert taylor_rates(value, slope, 4e-3) == pytest.approx(2, abs=0.02)
 
 
 def test_lines_along_hold_a_strip(comm: MPI.Comm) -> None:

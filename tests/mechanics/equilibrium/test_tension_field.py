@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.models import affine, drawn, sheet_model
-from helpers.scenes import TABLE_A, taylor_rates
+from helpers.scenes import TABLE_A
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import total
 from toros_fem.materials.sheet import Bending, Composite, Membrane
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.wrinkles import Tension, wrinkle_field
+from toros_fem.mechanics.readings.wrinkles import wrinkle_field
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Skin, sew
 from toros_fem.meshes.sheet import rectangle
@@ -58,28 +57,6 @@ def solver(comm: MPI.Comm) -> EquilibriumSolver:
 def density_of(skin: Skin) -> np.ndarray:
     values = np.random.default_rng(3).uniform(0.1, 0.9, len(skin.pattern.panel))
     return np.asarray(values[skin.owned_cells])
-
-
-def test_taylor_of_an_objective(solver: EquilibriumSolver, comm: MPI.Comm) -> None:
-    """Through an equilibrium with taut and wrinkled triangles."""
-    skin, model = solver.skin, solver.model
-    density = density_of(skin)
-    rng = np.random.default_rng(4)
-    direction = rng.uniform(-0.1, 1, len(skin.pattern.panel))[skin.owned_cells]
-    weight = skin.pattern.points[skin.owned_vertices][:, [1, 2, 0]] + [0, 0, SIDE]
-    base = solver.solve(density, PRESSURE)
-    field = wrinkle_field(solver, density, base)
-    assert {Tension.WRINKLED, Tension.TAUT} <= set(field.state)
-    rhs = np.zeros_like(base.state)
-    model.positions(rhs)[:] = weight
-    adjoint = solver.solve_tangent(rhs, base)
-    slope = -total(comm, float(model.density_sensitivity(base.state, adjoint) @ direction))
-
-    def value(h: float) -> float:
-        found = solver.solve(density + h * direction, PRESSURE, start=base.state)
-        return total(comm, (weight * found.positions).sum())
-
-    assert taylor_rates(value, slope, 4e-3) == pytest.approx(2, abs=0.02)
 
 
 def test_same_shape_on_any_number_of_ranks(solver: EquilibriumSolver, comm: MPI.Comm) -> None:

@@ -8,11 +8,8 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.base.mpi import total
-from toros_fem.design.density.cone import ConeFilter
 from toros_fem.design.density.field import random_density
-from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.materials.sheet import Bladder, Composite
-from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.dead_loads import Weight, point_force, spread_force
@@ -46,37 +43,6 @@ def test_supports_bear_the_weight_and_what_is_held(
     assert heavy.reactions(alone).sum(axis=0) == pytest.approx(
         -mass * np.array(HEAVY.gravity), abs=1e-8
     )
-
-
-def test_gradient_under_weight_and_force(tube: Skin, heavy: EquilibriumSolver) -> None:
-    """The weight changes with the density, and matters."""
-    pattern = tube.pattern
-    problem = ShapeProblem(
-        heavy,
-        ShapeObjective(tube, pattern.points + [0.01, 0, 0]),
-        ConeFilter(tube, 7e-3),
-        2e3,
-        force=spread_force(pattern, "tip", [0.05, 0.0, 0.0]),
-    )
-    density = random_density(tube, 4, spread=0.3)
-    base = problem.evaluate(density)
-    assert base.gradient is not None
-    gradient = tube.gather_cells(base.gradient)
-    state = base.equilibrium.state
-    cells = np.random.default_rng(1).choice(pattern.cells_of("wall"), 3, replace=False)
-    for cell in cells:
-        ends = [
-            problem.simulate(density + sign * 1e-4 * (tube.owned_cells == cell), state).objective
-            for sign in (1, -1)
-        ]
-        difference = (ends[0] - ends[1]) / 2e-4
-        assert gradient[cell] == pytest.approx(difference, rel=1e-4, abs=1e-9)
-    light = dataclasses.replace(HEAVY, fabric=1.1, reinforcement=1.1)
-    other = EquilibriumSolver(tube, Composite(), clamp(pattern, ["base"]), weight=light)
-    without = dataclasses.replace(problem, solver=other).evaluate(density, state)
-    assert without.gradient is not None
-    gap = np.abs(tube.gather_cells(without.gradient) - gradient)[cells]
-    assert gap.max() > 1e-2 * np.abs(gradient[cells]).max()
 
 
 def test_bad_loads(tube: Skin) -> None:

@@ -53,18 +53,6 @@ def test_quarter_half_and_whole_agree(comm: MPI.Comm, reinforced: bool) -> None:
     assert (abs(tip - (low + high) / 2) > 1e-4) == reinforced
 
 
-def test_whole_meshed_on_its_own_agrees(comm: MPI.Comm) -> None:
-    parts: list[tuple[int, ...]] = [(), (0,), (1,), (0, 1)]
-    volumes, reaches = [], []
-    for planes in parts:
-        pattern = walker(comm, 5e-3, planes=planes)
-        positions, volume = inflated(comm, pattern, planes, np.zeros(len(pattern.panel)))
-        volumes.append(2 ** len(planes) * volume)
-        reaches.append((positions[:, 0] + positions[:, 1]).max())
-    assert volumes == pytest.approx(4 * [np.mean(volumes)], rel=0.005)
-    assert reaches == pytest.approx(4 * [np.mean(reaches)], rel=0.01)
-
-
 LENGTH, RADIUS = 0.03, 0.01
 # Where z = 0 and z = LENGTH, or the whole, are moved to: planes off the origin, on either side.
 PLACES = [(0.0, 0.0, 0.0), (0.01, -0.02, 0.04), (0.0, 0.03, -0.01)]

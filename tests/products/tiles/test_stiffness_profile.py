@@ -431,7 +431,7 @@ def test_bad_profiles(comm: MPI.Comm) -> None:
 @PARALLEL
 @pytest.mark.parametrize("objective", [TARGET, CONTRAST], ids=["target", "contrast"])
 @pytest.mark.parametrize("strain", [0.1, -0.05])
-def test_taylor_of_objectives(batched: bool, objective: ProfileObjective, strain: float) -> None:
+def test_gradients_of_objectives(batched: bool, objective: ProfileObjective, strain: float) -> None:
     solver = profile_solver(batched, strain=strain)
     skin = solver.tile.skin
     density, step = random_density(skin, 2, spread=0.3), random_step(solver.tile)
