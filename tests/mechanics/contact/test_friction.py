@@ -8,9 +8,12 @@ from kit.slopes import slope
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
+from toros_fem.mechanics.contact import Pads
 from toros_fem.mechanics.contact.friction import Coulomb
+from toros_fem.mechanics.contact.pads import OneWay
 
 LAW = Coulomb(0.6, 1e-4)
+PADS = Pads(np.ones(1, dtype=bool), (1.0, 0.4, 0.2), forward=0.2, backward=0.8).law(1e-4)
 NUMBERS = np.random.default_rng(0)
 NORMAL = NUMBERS.standard_normal((40, 3))
 # Half of them stick, half slide.
@@ -19,15 +22,13 @@ MOTION = NUMBERS.standard_normal((40, 3)) * 1e-4 * np.repeat([0.3, 3.0], 20)[:, 
 Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
+@pytest.mark.parametrize("law", [LAW, PADS], ids=["Coulomb", "pads"])
 @pytest.mark.parametrize(
-    ("function", "derivative"),
-    [
-        (LAW.energy, LAW.force),
-        (LAW.force, LAW.stiffness),
-        (LAW.elastic, LAW.elastic_by_motion),
-    ],
+    ("of", "by"),
+    [("energy", "force"), ("force", "stiffness"), ("elastic", "elastic_by_motion")],
 )
-def test_derivatives_by_the_motion(function: Function, derivative: Function) -> None:
+def test_derivatives_by_the_motion(law: Coulomb | OneWay, of: str, by: str) -> None:
+    function, derivative = getattr(law, of), getattr(law, by)
     rng = np.random.default_rng(1)
     along = rng.standard_normal(MOTION.shape) * 1e-8
     slopes = np.einsum("i...j,ij->i...", derivative(NORMAL, MOTION), along)
@@ -57,20 +58,22 @@ def test_derivatives_by_the_normal_force(function: Function, derivative: Functio
     assert (weights * slopes).sum() == pytest.approx(slope(value), abs=1e-7 * wide)
 
 
-def test_the_stiffness_has_no_negative_part() -> None:
-    for matrix in LAW.stiffness(NORMAL, MOTION):
+@pytest.mark.parametrize("law", [LAW, PADS], ids=["Coulomb", "pads"])
+def test_the_stiffness_has_no_negative_part(law: Coulomb | OneWay) -> None:
+    for matrix in law.stiffness(NORMAL, MOTION):
         assert np.allclose(matrix, matrix.T)
         assert np.linalg.eigvalsh(matrix).min() > -1e-9 * np.abs(matrix).max()
 
 
-def test_no_motion_and_no_normal_force_are_regular() -> None:
+@pytest.mark.parametrize("law", [LAW, PADS], ids=["Coulomb", "pads"])
+def test_no_motion_and_no_normal_force_are_regular(law: Coulomb | OneWay) -> None:
     nothing = np.zeros((1, 3))
     for normal, motion in ((NORMAL[:1], nothing), (nothing, MOTION[:1]), (nothing, nothing)):
         for name in ("energy", "force", "elastic"):
-            assert not getattr(LAW, name)(normal, motion).any()
+            assert not getattr(law, name)(normal, motion).any()
         for name in ("stiffness", "force_by_normal", "elastic_by_motion", "elastic_by_normal"):
-            assert np.isfinite(getattr(LAW, name)(normal, motion)).all()
-    assert np.linalg.norm(LAW.stiffness(NORMAL[:1], nothing)) > 0
+            assert np.isfinite(getattr(law, name)(normal, motion)).all()
+    assert np.linalg.norm(law.stiffness(NORMAL[:1], nothing)) > 0
 
 
 def test_as_the_library_of_contact_has_it() -> None:

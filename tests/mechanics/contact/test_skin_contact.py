@@ -96,17 +96,6 @@ def test_steps_stop_before_they_meet(
     assert smallest(solver.skin.comm, gap) > 0
 
 
-def test_without_contact_nothing_is_imported(comm: MPI.Comm) -> None:
-    skin = sew(comm, square(n=2))
-    fixed = np.ones((9, 3), dtype=bool)
-    fixed[4] = False
-    found = EquilibriumSolver(skin, Composite(), Supports(fixed)).solve(
-        np.zeros(len(skin.owned_cells)), 0.0
-    )
-    assert found.smallest_distance is None
-    assert found.poses is None
-
-
 def test_a_ball_is_pushed_into_the_tube_and_out_again(comm: MPI.Comm, tube: Skin) -> None:
     """By 6 mm at once, half of the tube's radius and fifty times the gap that it begins with."""
     contact = Contact(bodies=[rigid_sphere("ball", 0.006, (0.0, 0.0175, 0.035))])

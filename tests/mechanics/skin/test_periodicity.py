@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers.models import dense_tangent
 from kit.slopes import slope
 from mpi4py import MPI
 
@@ -79,53 +80,44 @@ def test_force_is_the_derivative_of_the_energy(periodic: PeriodicModel) -> None:
 
 
 def test_mean_force_is_the_derivative_by_the_mean_gradient(periodic: PeriodicModel) -> None:
-    state, force = stretched(periodic), periodic.mean_force(stretched(periodic))
+    force = periodic.mean_force(stretched(periodic))
+
+    def energy(change: np.ndarray) -> float:
+        moved = stretched(periodic)
+        periodic.set_mean_gradient(moved, SKEWED + change)
+        return periodic.energy(moved)
+
     for at in np.ndindex(2, 2):
-        change = np.zeros((3, 2))
-        change[at] = 1e-6
-        energies = []
-        for sign in (1, -1):
-            moved = state.copy()
-            periodic.set_mean_gradient(moved, SKEWED + sign * change)
-            energies.append(periodic.energy(moved))
-        assert force[at] == pytest.approx(
-            (energies[0] - energies[1]) / 2e-6, rel=1e-6, abs=1e-7 * np.abs(force).max()
-        )
+        way = 1e-5 * (np.arange(6).reshape(3, 2) == 2 * at[0] + at[1])
+        rise = slope(lambda h, way=way: energy(h * way)) / 1e-5
+        assert force[at] == pytest.approx(rise, abs=1e-7 * np.abs(force).max())
 
 
 def test_tangent_with_its_rows_of_the_mean_gradient(periodic: PeriodicModel) -> None:
     """K times a direction that changes F̄ too, against differences of the force."""
     model, comm = periodic, periodic.skin.comm
     state, direction = stretched(model), drawn(model)
-    tangent = UpperTangent(model)
-    assert tangent.periodic is not None
-    values = np.zeros(len(tangent.columns))
-    tangent.assemble(state, values)
-    size = model.space.dofmap.index_map.size_global
     begin, end = model.space.dofmap.index_map.local_range
-    upper = np.zeros((model.size_local, size))
-    rows = np.repeat(np.arange(model.size_local), np.diff(tangent.indptr))
-    upper[rows, tangent.columns] = values
-    whole = np.concatenate(comm.allgather(upper))
-    product = (whole + np.triu(whole, 1).T) @ np.concatenate(comm.allgather(direction))
-    step = 1e-7
-    ends = [model.residual(state + sign * step * direction) for sign in (1, -1)]
-    expected = np.asarray((ends[0] - ends[1]) / (2 * step))
+    product = dense_tangent(model, state) @ np.concatenate(comm.allgather(direction))
+    expected = slope(lambda h: model.residual(state + 1e-6 * h * direction)) / 1e-6
     found = product[begin:end] * model.free
-    assert norm(comm, found - expected) < 1e-6 * norm(comm, expected)
+    assert norm(comm, found - expected) < 1e-7 * norm(comm, expected)
     # The change of the force with F̄ alone, as the tile's response needs it.
     change = np.random.default_rng(7).standard_normal((3, 2))
     unknowns = model.tangent_layout[1].shape[1]
     entries = np.zeros(len(model.skin.cell) * unknowns * (unknowns + 1) // 2)
     model.tangent_entries(state, entries)
+    tangent = UpperTangent(model)
+    assert tangent.periodic is not None
     by_gradient = tangent.periodic.force(entries, change) * model.free
-    ends = []
-    for sign in (1, -1):
+
+    def force(h: int) -> np.ndarray:
         moved = state.copy()
-        model.set_mean_gradient(moved, SKEWED + sign * 1e-6 * change)
-        ends.append(model.residual(moved))
-    expected = np.asarray((ends[0] - ends[1]) / 2e-6)
-    assert norm(comm, by_gradient - expected) < 1e-6 * norm(comm, expected)
+        model.set_mean_gradient(moved, SKEWED + 1e-5 * h * change)
+        return model.residual(moved)
+
+    expected = slope(force) / 1e-5
+    assert norm(comm, by_gradient - expected) < 1e-7 * norm(comm, expected)
 
 
 def test_images_lie_one_lattice_step_away(square_tile: Tile, comm: MPI.Comm) -> None:
