@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 
-def slope(f: Callable[[int], Any]) -> Any:
+def slope(f: Callable[..., Any]) -> Any:
     """Return the derivative of f(h) at 0 from h = ±1, ±2, of fourth order.
 
     It shows seven digits, where the rate of a Taylor test shows two.

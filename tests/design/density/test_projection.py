@@ -6,6 +6,7 @@ from helpers.scenes import table
 from kit.slopes import slope
 
 from toros_fem import errors
+from toros_fem.base.array_types import Floats
 from toros_fem.design.density.projection import Projection
 
 
@@ -21,7 +22,7 @@ def test_projection_against_the_table() -> None:
 @pytest.mark.parametrize("eta", [0.3, 0.5, 0.7])
 def test_derivative(eta: float) -> None:
     """Outside of [0, 1], where obtuse meshes lead, the projection stays at its ends."""
-    x = np.linspace(-0.2, 1.2, 351)[1::2]
+    x: Floats = np.asarray(np.linspace(-0.2, 1.2, 351)[1::2], dtype=np.float64)
     projection = Projection(4.0, eta)
     rise = slope(lambda h: projection.forward(x + 1e-4 * h)) / 1e-4
     assert projection.backward(x, np.full(len(x), 3.0)) == pytest.approx(3 * rise, abs=1e-8)
