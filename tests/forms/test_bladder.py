@@ -20,12 +20,12 @@ MU = 0.29e6 / 3
 
 
 @pytest.mark.parametrize("stretches", [(1.3, 1.3), (1.4, 1.4**-0.5), (0.8, 1.1), (1.0, 1.0)])
-def test_energy_and_stress_by_hand(comm: MPI.Comm, stretches: tuple[float, float]) -> None:
+def test_energy_and_stress_by_hand(alone: MPI.Comm, stretches: tuple[float, float]) -> None:
     """What the bladder adds to an affine sheet, exact: μ (λ₁ − 1/(λ₁³ λ₂²)) along."""
     one, two = stretches
     values = []
     for bladder in (RUBBER, None):
-        model = sheet_model(comm, Composite(fabric=TABLE_A, bending=None, bladder=bladder))
+        model = sheet_model(alone, Composite(fabric=TABLE_A, bending=None, bladder=bladder))
         model.set_density(np.zeros(len(model.skin.owned_cells)))
         state = affine(model, np.array([[one, 0], [0, two], [0, 0]]))
         force = model.skin.gather_vertices(model.residual(state).reshape(-1, 3))
@@ -39,7 +39,7 @@ def test_energy_and_stress_by_hand(comm: MPI.Comm, stretches: tuple[float, float
     assert pull[1:] == pytest.approx([0, 0], abs=1e-5)
 
 
-def test_uniaxial_tension_of_rubber_alone(comm: MPI.Comm) -> None:
+def test_uniaxial_tension_of_rubber_alone(alone: MPI.Comm) -> None:
     """With a fabric of no account: lateral stretch λ^(−1/2), nominal stress μ (λ − λ⁻²)."""
     pull = 1.4
     pattern = square(size=SIZE)
@@ -49,7 +49,7 @@ def test_uniaxial_tension_of_rubber_alone(comm: MPI.Comm) -> None:
     pulled = points[:, 0] > SIZE * (1 - 1e-9)
     fixed[(points[:, 0] < 1e-9) | pulled, 0] = True
     supports = Supports(fixed, displacement=np.where(pulled[:, None], [(pull - 1) * SIZE, 0, 0], 0))
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     thin = Composite(fabric=Material(0.01, 0.0, 1e-3), bending=None, bladder=RUBBER)
     solver = EquilibriumSolver(skin, thin, supports)
     found = solver.solve(np.zeros(len(skin.owned_cells)), 0.0)

@@ -158,12 +158,12 @@ def test_energy_of_a_sheet_by_hand(comm: MPI.Comm) -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.6, np.pi / 2])
-def test_bending_of_lines_on_a_rolled_sheet(comm: MPI.Comm, angle: float) -> None:
+def test_bending_of_lines_on_a_rolled_sheet(alone: MPI.Comm, angle: float) -> None:
     """One hinge of 2π/n a triangle: lines bend with cos² of their angle to the hoop, and twist."""
-    pattern = cylinder(comm, 0.06, 0.02, 4e-3, mesh="structured", caps=None)
+    pattern = cylinder(alone, 0.06, 0.02, 4e-3, mesh="structured", caps=None)
     # Without Poisson's ratio the free ends of the prism want no other angle than they have.
     cloth, strip = Material(0.1e6, 0.0, 0.5e-3), Material(26e6, 0.0, 0.4e-3)
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     composite = Composite(fabric=cloth, reinforcement=strip, bending=Bending("average"))
     supports = clamp(pattern, ["wall"])
     sides = round(np.pi * 0.02 / 4e-3)

@@ -165,9 +165,9 @@ def test_one_region_for_each_panel() -> None:
         panel_drawings(pattern_of("finger"), [Polygon()])
 
 
-def test_a_fully_printed_panel_is_marked_beside_its_print(comm: MPI.Comm) -> None:
+def test_a_fully_printed_panel_is_marked_beside_its_print(alone: MPI.Comm) -> None:
     """The allowance of a cap of 20 mm has room for the shorter text only."""
-    pattern = cylinder(comm, 0.06, 0.02, 4e-3)
+    pattern = cylinder(alone, 0.06, 0.02, 4e-3)
     regions = [panel_outline(pattern, panel) for panel in range(3)]
     for drawing in panel_drawings(pattern, regions)[1:]:
         assert {"up", drawing.name} <= {label.text for label in drawing.labels}

@@ -44,8 +44,8 @@ def test_both_given_values_are_met() -> None:
     assert region.contains(Point(pattern.flat_points[12]))
 
 
-def test_whole_and_empty_panels(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.04, 0.02, 4e-3)
+def test_whole_and_empty_panels(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, 0.04, 0.02, 4e-3)
     ones = np.ones(len(pattern.flat_points)), np.ones(len(pattern.panel))
     for panel, region in enumerate(printed_regions(pattern, *ones, 0.5)):
         outline = panel_outline(pattern, panel)

@@ -40,6 +40,7 @@ def areas(rings: list[np.ndarray]) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", ["tube", "gripper", "sphere"])
 def test_dxf(kind: str, tmp_path: Path) -> None:
+    """What is pinned, lines and texts of each layer, is not looked at again."""
     ezdxf = pytest.importorskip("ezdxf", reason="ezdxf is not installed")
     drawings = sheet_of(kind)
     write_cut_dxf(tmp_path / "cut.dxf", drawings, SHEET)
@@ -54,28 +55,14 @@ def test_dxf(kind: str, tmp_path: Path) -> None:
         found = space.query(f'LWPOLYLINE[layer=="{layer}"]')
         return [np.array(line.get_points("xy")) for line in found if line.closed == closed]
 
-    cuts = lines("cut", closed=True)
-    assert areas(cuts) == pytest.approx(np.sort([1e6 * d.cut.area for d in drawings]), rel=1e-9)
-    assert len(lines("cut", closed=False)) == sum(len(d.notches) for d in drawings)
     printed = lines("print", closed=True)
     assert not lines("print", closed=False)
     # Outer rings are counter-clockwise, holes clockwise.
     signed = [Polygon(ring).area * (1 if LinearRing(ring).is_ccw else -1) for ring in printed]
     assert min(signed) < 0
     assert sum(signed) == pytest.approx(1e6 * sum(d.printed.area for d in drawings), rel=1e-6)
-    seams = [
-        *lines("seam", closed=False),
-        *(np.append(r, r[:1], 0) for r in lines("seam", closed=True)),
-    ]
-    length = sum(np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in seams)
-    wanted = sum(
-        np.linalg.norm(np.diff(s.line, axis=0), axis=1).sum() for d in drawings for s in d.seams
-    )
-    assert length == pytest.approx(1e3 * wanted, rel=1e-9)
     lengths = [np.linalg.norm(line[-1] - line[0]) for line in lines("marks", closed=False)]
     assert max(lengths) == pytest.approx(100, rel=1e-9)  # the ruler
-    texts = {text.dxf.text: text for text in space.query("TEXT")}
-    assert {"1", "100 mm", "outside up", *(d.name for d in drawings)} <= set(texts)
 
 
 def path_rings(data: str) -> list[np.ndarray]:

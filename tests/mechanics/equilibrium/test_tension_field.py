@@ -80,7 +80,7 @@ def test_line_families_are_refused(solver: EquilibriumSolver) -> None:
 
 
 @pytest.mark.parametrize("bending", [None, Bending()])
-def test_default_is_eq_1_to_the_bit(comm: MPI.Comm, bending: Bending | None) -> None:
+def test_default_is_eq_1_to_the_bit(alone: MPI.Comm, bending: Bending | None) -> None:
     """No membrane given, the default one, and one with another unused residual stiffness."""
     plain = replace(COMPOSITE, membrane=Membrane(), bending=bending)
     composites = (
@@ -91,7 +91,7 @@ def test_default_is_eq_1_to_the_bit(comm: MPI.Comm, bending: Bending | None) -> 
     )  # fmt: skip
     seen = []
     for composite in composites:
-        model = sheet_model(comm, composite)
+        model = sheet_model(alone, composite)
         model.set_density(density_of(model.skin))
         state = affine(model, np.array([[1.1, 0.05], [0, 0.9], [0.02, 0.0]]))
         state += 1e-4 * drawn(model, 2)

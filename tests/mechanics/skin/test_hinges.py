@@ -37,13 +37,13 @@ def folded() -> Pattern:
 
 
 @pytest.mark.parametrize("curvature", CURVATURES)
-def test_a_hinged_seam_folds_freely(comm: MPI.Comm, curvature: str) -> None:
+def test_a_hinged_seam_folds_freely(alone: MPI.Comm, curvature: str) -> None:
     pattern = folded()
     assert pattern.seam_edges.sum() == 2 * 4, "both sides of four edges"
     fixed = clamp(pattern, ["left", "right"])
     energy = {}
     for seams in ("continuous", "hinged"):
-        skin = sew(comm, pattern)
+        skin = sew(alone, pattern)
         model = SkinModel(skin, sheet(Bending(curvature, seams)), fixed)
         model.set_density(np.zeros(len(skin.owned_cells)))
         energy[seams] = model.energy(model.assembled)
@@ -58,9 +58,9 @@ def test_a_hinged_seam_folds_freely(comm: MPI.Comm, curvature: str) -> None:
 
 @pytest.mark.parametrize("curvature", CURVATURES)
 @pytest.mark.parametrize("mesh", ["structured", "unstructured"])
-def test_a_moulded_tube_is_at_rest(comm: MPI.Comm, curvature: str, mesh: str) -> None:
-    pattern = cylinder(comm, 0.03, 0.02, 5e-3, mesh=mesh, caps=None)
-    skin = sew(comm, pattern)
+def test_a_moulded_tube_is_at_rest(alone: MPI.Comm, curvature: str, mesh: str) -> None:
+    pattern = cylinder(alone, 0.03, 0.02, 5e-3, mesh=mesh, caps=None)
+    skin = sew(alone, pattern)
     energy = []
     # Across the prism's edges an unstructured wall is stretched a little, whatever bends.
     for bending in (None, Bending(curvature), Bending(curvature, rest="assembled")):
@@ -72,7 +72,7 @@ def test_a_moulded_tube_is_at_rest(comm: MPI.Comm, curvature: str, mesh: str) ->
 
 
 @pytest.mark.parametrize("curvature", CURVATURES)
-def test_poisson_bends_a_free_strip_the_other_way(comm: MPI.Comm, curvature: str) -> None:
+def test_poisson_bends_a_free_strip_the_other_way(alone: MPI.Comm, curvature: str) -> None:
     """A free border takes the angle that costs least: rolled up, a sheet is softer along it."""
     bend = 20.0
 
@@ -81,11 +81,11 @@ def test_poisson_bends_a_free_strip_the_other_way(comm: MPI.Comm, curvature: str
         return np.column_stack([np.sin(bend * x) / bend, y, (1 - np.cos(bend * x)) / bend])
 
     # All positions are held, at the rolled ones: only the rotations are free.
-    pattern = rectangle(comm, 0.02, 0.02, 2e-3, place=rolled)
+    pattern = rectangle(alone, 0.02, 0.02, 2e-3, place=rolled)
     fixed = Supports(np.ones(pattern.points.shape, dtype=bool))
     cloth = Material(1e6, 0.3, 0.5e-3)
     composite = replace(sheet(Bending(curvature)), fabric=cloth, reinforcement=cloth)
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     solver = EquilibriumSolver(skin, composite, fixed)
     energy = solver.solve(np.zeros(len(skin.owned_cells)), 0.0).energy
     stretching = replace(composite, bending=None)
@@ -98,7 +98,7 @@ def test_poisson_bends_a_free_strip_the_other_way(comm: MPI.Comm, curvature: str
     assert share == pytest.approx(expected, rel=1e-5)
 
 
-def test_six_vertices_on_a_conic_fall_back_on_the_average(comm: MPI.Comm) -> None:
+def test_six_vertices_on_a_conic_fall_back_on_the_average(alone: MPI.Comm) -> None:
     """Around a vertex of three triangles two flaps are one: the quadratic is not determined."""
     angle = np.pi / 2 + 2 * np.pi / 3 * np.arange(3)
     corners = LENGTH * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -111,7 +111,7 @@ def test_six_vertices_on_a_conic_fall_back_on_the_average(comm: MPI.Comm) -> Non
         flat, triangles, np.zeros(6, dtype=int), np.arange(7),
         np.column_stack([flat, np.zeros(7)]), ("sheet",),
     )  # fmt: skip
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     found = {
         curvature: find_hinges(skin, Bending(curvature), Supports(np.ones((7, 3), dtype=bool)), 0.3)
         for curvature in ("average", "quadratic")
@@ -143,7 +143,7 @@ def test_forces_on_any_number_of_ranks(comm: MPI.Comm) -> None:
     assert pull == pytest.approx(-weight.sum(axis=0), abs=1e-8 * abs(weight.sum()))
 
 
-def test_bad_names_edges_and_forces(comm: MPI.Comm) -> None:
+def test_bad_names_edges_and_forces(alone: MPI.Comm) -> None:
     pattern = square()
     with pytest.raises(errors.ParameterError, match="no free edge lies between"):
         build_in(pattern, np.zeros(len(pattern.points), dtype=bool))
@@ -153,7 +153,7 @@ def test_bad_names_edges_and_forces(comm: MPI.Comm) -> None:
     with pytest.raises(errors.ParameterError, match="finite and not zero"):
         Supports(fixed, np.zeros((1, 2), dtype=int), np.zeros((1, 3)))
     supports = build_in(pattern, pattern.points[:, 0] < 1e-9)
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     with pytest.raises(errors.ParameterError, match="for each of the 25"):
         build_in(pattern, np.array([0, 5]))
     slanted = Supports(supports.fixed, supports.guided, np.ones(supports.normals.shape))
@@ -170,11 +170,11 @@ def test_bad_names_edges_and_forces(comm: MPI.Comm) -> None:
             solver.solve(np.zeros(len(skin.owned_cells)), 0.0, force=force)
 
 
-def test_forces_that_nothing_can_bear(comm: MPI.Comm) -> None:
+def test_forces_that_nothing_can_bear(alone: MPI.Comm) -> None:
     """A strip pulled far beyond what its bounds allow within the steps that are given."""
     pattern = square()
     supports = build_in(pattern, pattern.points[:, 0] < 1e-9)
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     solver = EquilibriumSolver(skin, Composite(), supports, NewtonOptions(max_steps=2))
     force = np.zeros(pattern.points.shape)
     force[np.argmax(pattern.points.sum(axis=1))] = [0, 0, 1e9]

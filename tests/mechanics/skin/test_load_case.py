@@ -81,8 +81,8 @@ def test_arrays_that_do_not_fit(tube: Skin) -> None:
         made(tube.pattern, displacement=np.zeros((3, 3)))
 
 
-def test_a_border_must_stay_in_its_symmetry_plane(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured", planes=(1,))
+def test_a_border_must_stay_in_its_symmetry_plane(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, 0.04, 0.02, 5e-3, mesh="structured", planes=(1,))
     border = np.abs(pattern.points[:, 1]) < 1e-9
     supports = Supports(np.ones(pattern.points.shape, dtype=bool))  # closed by the plane y = 0
     up = np.where(border[:, None], [0, 1e-3, 0], 0.0)
@@ -92,8 +92,8 @@ def test_a_border_must_stay_in_its_symmetry_plane(comm: MPI.Comm) -> None:
     assert make_load_case(pattern, supports, 1, 0.0, displacement=along).displacement is not None
 
 
-def test_pressure_on_an_open_skin_names_the_ways_out(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured", caps=None)
+def test_pressure_on_an_open_skin_names_the_ways_out(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, 0.04, 0.02, 5e-3, mesh="structured", caps=None)
     supports = clamp(pattern, ["wall"])
     with pytest.raises(errors.OpenSkinError, match="edges are free") as caught:
         make_load_case(pattern, Supports(supports.fixed & False), 1, 1e3)

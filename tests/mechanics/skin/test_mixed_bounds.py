@@ -21,9 +21,9 @@ TIGHT = replace(Composite(), reinforcement=replace(Composite().reinforcement, c1
 FLAT = replace(TIGHT, bending=None)
 
 
-def test_energy_is_that_of_the_mixed_bounds(comm: MPI.Comm) -> None:
+def test_energy_is_that_of_the_mixed_bounds(alone: MPI.Comm) -> None:
     """Of a homogeneous sheet by hand, also where strains are tiny."""
-    model = sheet_model(comm, FLAT)
+    model = sheet_model(alone, FLAT)
     area = float(model.skin.pattern.areas.sum())
     fabric, printed = FLAT.fabric, FLAT.reinforcement
     for rho in (0.0, 0.3, 1.0):
@@ -41,9 +41,9 @@ def test_energy_is_that_of_the_mixed_bounds(comm: MPI.Comm) -> None:
             assert model.energy(state) == pytest.approx(area * expected, rel=1e-7)
 
 
-def test_print_stiffens_at_every_stretch(comm: MPI.Comm) -> None:
+def test_print_stiffens_at_every_stretch(alone: MPI.Comm) -> None:
     """∂ψ/∂ρ̄ ≥ 0 up to where the mixture's barrier is, and nothing jumps at ρ̄ = 0."""
-    model = sheet_model(comm, FLAT)
+    model = sheet_model(alone, FLAT)
     before, areas = np.inf, float(model.skin.pattern.areas.sum())
     for stretch in (0.85, 1.1, 1.4, 1.8):
         state = affine(model, np.array([[stretch, 0], [0, 1], [0, 0]]))
@@ -59,8 +59,8 @@ def test_print_stiffens_at_every_stretch(comm: MPI.Comm) -> None:
         before = finite.sum() if stretch > 1 else before
 
 
-def test_each_triangle_has_bounds_of_its_own(comm: MPI.Comm) -> None:
-    model = sheet_model(comm, FLAT)
+def test_each_triangle_has_bounds_of_its_own(alone: MPI.Comm) -> None:
+    model = sheet_model(alone, FLAT)
     cells, count = model.skin.owned_cells, len(model.skin.pattern.panel)
     density: np.ndarray = np.linspace(0.0, 1.0, count)
     model.set_density(density[cells])
@@ -86,7 +86,7 @@ def test_each_triangle_has_bounds_of_its_own(comm: MPI.Comm) -> None:
     assert model.energy(state) == np.inf, "all bounds are back"
 
 
-def test_shared_bounds_compile_the_usual_forms(comm: MPI.Comm) -> None:
+def test_shared_bounds_compile_the_usual_forms(alone: MPI.Comm) -> None:
     """Bounds of the materials that are alike make the forms of one pair, and equal bits."""
     one = Composite(c1=1.5, c2=2.0, bending=None)
     own = replace(
@@ -95,7 +95,7 @@ def test_shared_bounds_compile_the_usual_forms(comm: MPI.Comm) -> None:
         reinforcement=replace(one.reinforcement, c1=1.5, c2=2.0),
         c1=1.9,
     )
-    models = [sheet_model(comm, composite) for composite in (one, own)]
+    models = [sheet_model(alone, composite) for composite in (one, own)]
     results = []
     for model in models:
         assert not isinstance(model.bounds, MixedBounds)
@@ -109,9 +109,9 @@ def test_shared_bounds_compile_the_usual_forms(comm: MPI.Comm) -> None:
     assert np.array_equal(results[0], results[1])
 
 
-def test_bounds_are_narrowed_along_a_predicted_motion(comm: MPI.Comm) -> None:
+def test_bounds_are_narrowed_along_a_predicted_motion(alone: MPI.Comm) -> None:
     """The push is the change of the force by the bounds; a motion that leads inside is taken."""
-    model = sheet_model(comm, FLAT)
+    model = sheet_model(alone, FLAT)
     model.set_density(np.full(len(model.skin.owned_cells), 0.9))
     state = affine(model, np.array([[1.5, 0], [0, 1.0], [0, 0]]))
     assert model.loosen_bounds(state)
@@ -120,7 +120,7 @@ def test_bounds_are_narrowed_along_a_predicted_motion(comm: MPI.Comm) -> None:
     # The way from the bound 2 to 1.27 stays outside but for its first part.
     assert np.array_equal(still, state)
     changed = model.residual(state) - before
-    cosine = total(comm, float(push @ changed)) / (norm(comm, push) * norm(comm, changed))
+    cosine = total(alone, float(push @ changed)) / (norm(alone, push) * norm(alone, changed))
     assert cosine > 0.99
     assert model.loosened
     inside = affine(model, np.array([[1.1, 0], [0, 1.0], [0, 0]]))

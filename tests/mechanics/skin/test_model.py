@@ -51,11 +51,11 @@ def test_mean_modulus(tube: Skin) -> None:
 
 
 @pytest.mark.parametrize("bending", [True, False])
-def test_folds_are_counted_from_both_sides(comm: MPI.Comm, bending: bool) -> None:
+def test_folds_are_counted_from_both_sides(alone: MPI.Comm, bending: bool) -> None:
     pattern = square(n=4)
     fixed = Supports(np.ones(pattern.points.shape, dtype=bool))
     composite = Composite() if bending else Composite(bending=None)
-    model = SkinModel(sew(comm, pattern), composite, fixed)
+    model = SkinModel(sew(alone, pattern), composite, fixed)
     state = model.assembled
     nodes = model.positions(state)
     over = nodes[:, 0] > 0.01

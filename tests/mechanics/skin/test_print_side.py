@@ -61,9 +61,9 @@ def printed(
 
 
 @pytest.mark.parametrize("side", ["outside", "inside"])
-def test_pulled_strip_curls_towards_the_print(comm: MPI.Comm, side: str) -> None:
+def test_pulled_strip_curls_towards_the_print(alone: MPI.Comm, side: str) -> None:
     """Along N the curvature is N e/D about the print's middle, across −ν of it: a patch test."""
-    pattern = rectangle(comm, LENGTH, WIDTH, 4e-3, "unstructured")
+    pattern = rectangle(alone, LENGTH, WIDTH, 4e-3, "unstructured")
     points, border = pattern.points, pattern.free_edges
     force = np.zeros(points.shape)
     pull = 1e-6  # N/m, so little that it does not straighten what it curls
@@ -75,7 +75,7 @@ def test_pulled_strip_curls_towards_the_print(comm: MPI.Comm, side: str) -> None
     fixed = np.zeros(points.shape, dtype=bool)
     fixed[corner, 2], fixed[corner[0]], fixed[corner[1], 1] = True, True, True
     composite = replace(SIDED, print_side=side)
-    skin, found = printed(comm, pattern, composite, Supports(fixed), force=force)
+    skin, found = printed(alone, pattern, composite, Supports(fixed), force=force)
     x, y, z = skin.gather_vertices(found.positions).T
     table = np.column_stack([np.ones(len(x)), x, y, x * x / 2, x * y, y * y / 2])
     fit = np.linalg.lstsq(table, z, rcond=None)[0]
@@ -88,19 +88,19 @@ def test_pulled_strip_curls_towards_the_print(comm: MPI.Comm, side: str) -> None
 
 
 @pytest.mark.parametrize("side", ["outside", "inside"])
-def test_rolled_strip_bends_about_the_print(comm: MPI.Comm, side: str) -> None:
+def test_rolled_strip_bends_about_the_print(alone: MPI.Comm, side: str) -> None:
     """D − B²/A = E h³/12; the fabric's middle is longer or shorter by e times the angle."""
     angle, errors = np.pi / 2, []
     composite = without_poisson(replace(SIDED, print_side=side))
     for edge in (5e-3, 2.5e-3):
-        pattern = rectangle(comm, LENGTH, WIDTH, edge, "right")
+        pattern = rectangle(alone, LENGTH, WIDTH, edge, "right")
         points, border = pattern.points, pattern.free_edges
         tip = points[:, 0] > LENGTH - 1e-9
         ends = border[tip[border].all(axis=1)]
         normals = np.tile([np.cos(angle), 0, np.sin(angle)], (len(ends), 1))
         free = np.zeros(points.shape, dtype=bool)
         held = build_in(pattern, points[:, 0] < 1e-9) | Supports(free, ends, normals)
-        skin, found = printed(comm, pattern, composite, held)
+        skin, found = printed(alone, pattern, composite, held)
         # Turned upwards, the face of the normal +z is the inner one of the bend.
         strain = OFFSET * angle / LENGTH * (1 if side == "outside" else -1)
         radius = LENGTH * (1 + strain) / angle
@@ -114,14 +114,14 @@ def test_rolled_strip_bends_about_the_print(comm: MPI.Comm, side: str) -> None:
 
 
 @pytest.mark.parametrize("curvature", CURVATURES)
-def test_printed_ring(comm: MPI.Comm, curvature: str) -> None:
+def test_printed_ring(alone: MPI.Comm, curvature: str) -> None:
     """Of given curvature 1/R, the print's middle has the strain ε ± e/R; E h of it is P R (1 + ε).
 
     Without a pressure the ring gets narrower by e with the print outside, wider with it inside.
     """
     stiffness, z = PRINT.membrane_stiffness, 0.01
     patterns = [
-        cylinder(comm, z, 2 * RADIUS, edge, mesh="structured", caps=None) for edge in (4e-3, 2e-3)
+        cylinder(alone, z, 2 * RADIUS, edge, mesh="structured", caps=None) for edge in (4e-3, 2e-3)
     ]
     for side, pressure in (("outside", 0.0), ("inside", 2e3)):
         composite = replace(SIDED, bending=Bending(curvature), print_side=side)
@@ -129,7 +129,7 @@ def test_printed_ring(comm: MPI.Comm, curvature: str) -> None:
         for pattern in patterns:
             held = symmetry_plane(pattern, 2) | symmetry_plane(pattern, 2, z) | in_plane(pattern)
             skin, found = printed(
-                comm, pattern, without_poisson(composite), held, pressure=pressure
+                alone, pattern, without_poisson(composite), held, pressure=pressure
             )
             place = skin.gather_vertices(found.positions)
             strain = np.hypot(place[:, 0], place[:, 1]).mean() / RADIUS - 1
@@ -169,10 +169,10 @@ def test_fabric_is_unchanged(sides: dict[str | None, SkinModel], comm: MPI.Comm)
     assert norm(comm, gaps[0.25] - gaps[1.0] / 4) < 1e-10 * scale
 
 
-def test_lines_around_a_tube(comm: MPI.Comm) -> None:
+def test_lines_around_a_tube(alone: MPI.Comm) -> None:
     """Widened by a tenth: outside, s k e ε Λ per area more than in the middle, inside less."""
-    pattern = cylinder(comm, 0.06, 0.02, 4e-3, mesh="structured", caps=None)
-    skin, energies = sew(comm, pattern), {}
+    pattern = cylinder(alone, 0.06, 0.02, 4e-3, mesh="structured", caps=None)
+    skin, energies = sew(alone, pattern), {}
     for side in ("outside", "inside"):
         composite = replace(SIDED, print_side=side)
         model = RelaxedModel(skin, composite, clamp(pattern, ["wall"]), 1)

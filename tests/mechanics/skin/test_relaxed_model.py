@@ -128,12 +128,12 @@ def test_wide_lines_across_thin_ones_stiffen_less(tube: Skin) -> None:
     assert some > 1.001 * none
 
 
-def test_rounding_of_the_energy_is_bounded(comm: MPI.Comm) -> None:
+def test_rounding_of_the_energy_is_bounded(alone: MPI.Comm) -> None:
     """On states that differ by rounding: what Newton's line search relies on."""
     pattern = square(size=SIZE)
     fixed = np.zeros(pattern.points.shape, dtype=bool)
     fixed[[0, 1, 10]] = True
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     model = RelaxedModel(skin, Composite(bending=None), Supports(fixed), 2)
     model.set_density(line_design(skin, 2, 3))
     rng = np.random.default_rng(2)

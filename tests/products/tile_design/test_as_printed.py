@@ -35,10 +35,10 @@ def test_print_on_the_finer_mesh(comm: MPI.Comm) -> None:
     assert result.printability.island_areas == pytest.approx(areas)
 
 
-def test_measured_print(comm: MPI.Comm) -> None:
+def test_measured_print(alone: MPI.Comm) -> None:
     case, result = small_result()
     assert result.profile is not None
-    measured = measure_print(comm, case, SMALL, result)
+    measured = measure_print(alone, case, SMALL, result)
     assert measured is not None
     assert np.degrees(measured.profile.angles) == pytest.approx(np.arange(0, 46, 7.5))
     assert measured.profile.stress[::2] == pytest.approx(result.profile.stress, rel=1e-12)
@@ -55,10 +55,10 @@ def test_measured_print(comm: MPI.Comm) -> None:
 
 
 @pytest.mark.slow
-def test_directions_follow_the_symmetry(comm: MPI.Comm) -> None:
+def test_directions_follow_the_symmetry(alone: MPI.Comm) -> None:
     """Without mirrors the profile covers half a turn."""
     case, result = small_result()
-    measured = measure_print(comm, replace(case, symmetry="chiral"), SMALL, result)
+    measured = measure_print(alone, replace(case, symmetry="chiral"), SMALL, result)
     assert measured is not None
     assert np.degrees(measured.profile.angles) == pytest.approx(np.arange(0, 180, 7.5))
     # This print is tetragonal all the same.
@@ -68,10 +68,10 @@ def test_directions_follow_the_symmetry(comm: MPI.Comm) -> None:
 
 
 @pytest.mark.slow
-def test_print_without_an_equilibrium(comm: MPI.Comm) -> None:
+def test_print_without_an_equilibrium(alone: MPI.Comm) -> None:
     case, result = small_result()
-    assert measure_print(comm, case, SMALL, replace(result, profile=None)) is None
-    simulation = PrintSimulation(comm, case, SMALL.updated(strain=0.95))
+    assert measure_print(alone, case, SMALL, replace(result, profile=None)) is None
+    simulation = PrintSimulation(alone, case, SMALL.updated(strain=0.95))
     failed = simulation.simulate(result.problem, result.result)
     assert failed.profile is None
     assert "no equilibrium" in failed.failure
