@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from helpers.scenes import slope
 from kit.pairs import ROWS, Make
+from kit.slopes import slope
 from mpi4py import MPI
 
 from toros_fem.base.mpi import dot

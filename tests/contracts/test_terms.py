@@ -128,6 +128,10 @@ def test_sensitivity(term: Term) -> None:
     way = slope(lambda h: design_of(term, h), 1e-2)
     change = slope(work, 1e-2)
     assert (found * way).sum() == pytest.approx(change, rel=1e-6)
+    if not term.lines:
+        model.set_density(base)
+        along = float(model.density_variation(state, way) @ adjoint)
+        assert along == pytest.approx((found * way).sum(), rel=1e-9)
     assert abs(change) > 1e-6 * np.abs(found * way).sum()
 
 
@@ -154,3 +158,13 @@ def test_material_part(term: Term) -> None:
     scale = 1 / np.sqrt(np.abs(np.diag(material)))
     lowest = np.linalg.eigvalsh(scale[:, None] * material * scale)
     assert lowest[0] > -1e-11 * lowest[-1]
+    if model.contact is not None:  # what makes its tangent so is told entry by entry
+        gap = model.contact.convexity_gap(model.positions(state), model.motions(state))
+        added = (material - dense_tangent(model, state))[tuple(model.contact.pairs)]
+        rows = model.contact.pairs
+        _, bare = model_of(Term(width=term.width))
+        inner = np.all(rows < bare.size_local, axis=0)
+        small = state[: bare.size_local]
+        of_sheet = dense_tangent(bare, small, 0.0) - dense_tangent(bare, small)
+        added[inner] -= of_sheet[tuple(rows[:, inner])]
+        assert gap == pytest.approx(added, abs=1e-10 * np.abs(material).max())

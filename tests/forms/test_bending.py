@@ -11,15 +11,15 @@ from toros_fem.meshes import cylinder, sew
 
 
 @pytest.mark.parametrize("curvature", CURVATURES)
-def test_bending_of_a_rolled_sheet(comm: MPI.Comm, curvature: str) -> None:
+def test_bending_of_a_rolled_sheet(alone: MPI.Comm, curvature: str) -> None:
     """The regular n-gon prism: one hinge of 2 pi / n per triangle, curvature 2 pi / (n chord)."""
-    pattern = cylinder(comm, 0.06, 0.02, 4e-3, mesh="structured", caps=None)
+    pattern = cylinder(alone, 0.06, 0.02, 4e-3, mesh="structured", caps=None)
     # Without Poisson's ratio the free ends of the prism want no other angle than they have.
     cloth = Material(0.1e6, 0.0, 0.5e-3)
     composite = Composite(
         fabric=cloth, reinforcement=Material(26e6, 0.0, 0.5e-3), bending=Bending(curvature)
     )
-    model = SkinModel(sew(comm, pattern), composite, clamp(pattern, ["wall"]))
+    model = SkinModel(sew(alone, pattern), composite, clamp(pattern, ["wall"]))
     model.set_density(np.zeros(len(model.skin.owned_cells)))
     sides = round(np.pi * 0.02 / 4e-3)
     bend = 2 * np.pi / (sides * 0.02 * np.sin(np.pi / sides))

@@ -24,10 +24,10 @@ def stress(stretch: float, other: float, c1: float, c2: float) -> float:
 
 @pytest.mark.parametrize("stretches", [(1.3, 0.9), (1.2, 1.2), (0.8, 0.95), (1.0, 1.0)])
 def test_energy_and_force_of_an_affine_sheet(
-    comm: MPI.Comm, stretches: tuple[float, float]
+    alone: MPI.Comm, stretches: tuple[float, float]
 ) -> None:
     c1, c2 = 1.8, 2.0
-    model = sheet_model(comm, Composite(fabric=TABLE_A, c1=c1, c2=c2, bending=None))
+    model = sheet_model(alone, Composite(fabric=TABLE_A, c1=c1, c2=c2, bending=None))
     model.set_density(np.zeros(len(model.skin.owned_cells)))
     pressurize(model, 0.0)
     one, two = stretches
@@ -70,8 +70,8 @@ def test_stress_formula_agrees_with_the_tables() -> None:
                 assert stress(*pair, 1.8, 2.0) == pytest.approx(float(row[column]), rel=1e-7)
 
 
-def test_limit_without_bounds(comm: MPI.Comm) -> None:
-    model = sheet_model(comm, Composite(fabric=TABLE_A, c1=1e4, c2=1e4, bending=None))
+def test_limit_without_bounds(alone: MPI.Comm) -> None:
+    model = sheet_model(alone, Composite(fabric=TABLE_A, c1=1e4, c2=1e4, bending=None))
     model.set_density(np.zeros(len(model.skin.owned_cells)))
     F = np.array([[1.3, 0.2], [-0.1, 0.8], [0.3, 0.1]])
     one, two = np.linalg.svd(F, compute_uv=False)
@@ -96,10 +96,10 @@ def exact_density(stretches: tuple[float, float], c1: float, c2: float) -> float
 @pytest.mark.parametrize("bound", [1.9, 10.0, 1e4, 1e5, 1e6, 1e8])
 @pytest.mark.parametrize("strain", [1e-3, 0.03, 0.099, 0.101, 0.5])
 def test_energy_keeps_its_digits_with_wide_bounds(
-    comm: MPI.Comm, bound: float, strain: float
+    alone: MPI.Comm, bound: float, strain: float
 ) -> None:
     """Also on both sides of where the logarithm becomes a series."""
-    model = sheet_model(comm, Composite(fabric=TABLE_A, c1=bound, c2=bound, bending=None))
+    model = sheet_model(alone, Composite(fabric=TABLE_A, c1=bound, c2=bound, bending=None))
     model.set_density(np.zeros(len(model.skin.owned_cells)))
     one, two = 1 + strain, 1 - strain / 3
     energy = model.energy(affine(model, np.array([[one, 0], [0, two], [0, 0]])))
@@ -107,11 +107,11 @@ def test_energy_keeps_its_digits_with_wide_bounds(
     assert energy == pytest.approx(expected, rel=1e-11)
 
 
-def test_rounding_of_the_energy_is_bounded(comm: MPI.Comm) -> None:
+def test_rounding_of_the_energy_is_bounded(alone: MPI.Comm) -> None:
     """With any bounds, on states that differ by rounding: what Newton's line search relies on."""
     rng = np.random.default_rng(2)
     for bound in (1.9, 1e3, 1e6):
-        model = sheet_model(comm, Composite(fabric=TABLE_A, c1=bound, c2=bound, bending=None))
+        model = sheet_model(alone, Composite(fabric=TABLE_A, c1=bound, c2=bound, bending=None))
         model.set_density(np.zeros(len(model.skin.owned_cells)))
         state = affine(model, np.array([[1.3, 0], [0, 0.95], [0, 0]]))
         energies = []

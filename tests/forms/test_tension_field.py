@@ -17,6 +17,8 @@ from toros_fem.materials.sheet import Bladder, Composite, Knit, Membrane
 from toros_fem.mechanics.skin.model import SkinModel
 
 RESIDUAL = 1e-3
+
+
 COMPOSITE = Composite(
     fabric=TABLE_A,
     reinforcement=replace(TABLE_A, young=10 * TABLE_A.young, poisson=0.2),
@@ -43,8 +45,10 @@ def uniaxial(one: float, two: float) -> float:
 
 
 @pytest.mark.parametrize("stretches", [(1.3, 0.95), (1.3, 0.5), (1.02, 0.1), (0.9, 0.3)])
-def test_energy_is_the_least_over_the_width(comm: MPI.Comm, stretches: tuple[float, float]) -> None:
-    model = sheet_model(comm, replace(COMPOSITE, membrane=Membrane("tension-field", 1e-9)))
+def test_energy_is_the_least_over_the_width(
+    alone: MPI.Comm, stretches: tuple[float, float]
+) -> None:
+    model = sheet_model(alone, replace(COMPOSITE, membrane=Membrane("tension-field", 1e-9)))
     model.set_density(np.zeros(len(model.skin.owned_cells)))
     one, two = stretches
     found = minimize_scalar(
@@ -80,9 +84,9 @@ def test_unsupported_combinations_are_refused(other: dict[str, Any]) -> None:
         Composite(membrane=Membrane("tension-field"), **other)
 
 
-def test_residual_stiffness_alone_resists_compression(comm: MPI.Comm) -> None:
+def test_residual_stiffness_alone_resists_compression(alone: MPI.Comm) -> None:
     """What is slack has the energy of the residual stiffness, of a material without bounds."""
-    model = sheet_model(comm, COMPOSITE)
+    model = sheet_model(alone, COMPOSITE)
     model.set_density(np.zeros(len(model.skin.owned_cells)))
     energy = model.energy(affine(model, np.diag([0.9, 0.01, 1.0])[:, :2])) / SIZE**2
     by_hand = 15 * (0.1**2 + 0.99**2) + 7.5 * 1.09**2

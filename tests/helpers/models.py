@@ -60,16 +60,6 @@ def drawn(model: SkinModel, seed: int) -> np.ndarray:
     return direction * model.free
 
 
-def upper_rows(model: SkinModel, state: np.ndarray) -> csr_matrix:
-    """The owned rows of the tangent's upper triangle."""
-    tangent = UpperTangent(model)
-    values = np.zeros(len(tangent.columns))
-    tangent.assemble(state, values)
-    size = model.space.dofmap.index_map.size_global
-    shape = (model.size_local, size)
-    return csr_matrix((values, tangent.columns, tangent.indptr), shape=shape)
-
-
 def automatic_tangent(model: SkinModel, state: np.ndarray) -> PETSc.Mat:
     """The tangent by `ufl.derivative`, assembled by dolfinx, fixed rows those of the identity."""
     trial = ufl.TrialFunction(model.space)

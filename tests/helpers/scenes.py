@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import csv
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -17,8 +15,13 @@ from toros_fem.meshes.pattern import Panel
 from toros_fem.meshes.sheet import one_panel
 
 ROOT = Path(__file__).parents[2]
+
+
 DATA = ROOT / "tests" / "data"
+
+
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]  # their cases and scenes are tested too
+
 
 # Material A of the reference tables: mu = lam = 50 kPa, 0.3 mm.
 TABLE_A = Material(young=400e3 / 3, poisson=1 / 3, thickness=0.3e-3)
@@ -28,20 +31,6 @@ def table(name: str) -> list[dict[str, str]]:
     """Rows of a reference table."""
     with (DATA / f"{name}.csv").open(encoding="utf-8") as file:
         return list(csv.DictReader(file))
-
-
-def taylor_rates(value: Callable[[float], float], slope: float, first: float) -> np.ndarray:
-    """Observed orders of value(h) − value(0) − h · slope over halved steps: 2 if it is right."""
-    base = value(0.0)
-    gaps = [abs(value(h) - base - h * slope) for h in first * 0.5 ** np.arange(6)]
-    # The part that is linear must matter, or the rate would show nothing.
-    assert abs(slope) * first > gaps[0]
-    return np.log2(np.array(gaps[:-1]) / gaps[1:])[-3:]
-
-
-def slope(values: Callable[[float], Any]) -> Any:
-    """Slope at 0 of fourth order: seven digits, where the rate of a Taylor test shows two."""
-    return (values(-2.0) - 8 * values(-1.0) + 8 * values(1.0) - values(2.0)) / 12
 
 
 def square(points: np.ndarray | None = None, n: int = 4, size: float = 0.02) -> Pattern:

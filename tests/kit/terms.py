@@ -19,7 +19,8 @@ from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.periodicity import Periodic, PeriodicModel
 from toros_fem.mechanics.skin.relaxed_model import RelaxedModel
 from toros_fem.mechanics.skin.supports import Supports, clamp, symmetry_plane
-from toros_fem.meshes import Skin, cylinder, sew, tile
+from toros_fem.meshes import Pattern, Skin, cylinder, sew, tile
+from toros_fem.meshes.pattern import Panel
 
 ALONE = MPI.COMM_SELF
 # Structured: the same points and edges on every machine.
@@ -115,6 +116,24 @@ def oblique(skin: Skin) -> Supports:
     return Supports(fixed, border, normals)
 
 
+def tetrahedron() -> tuple[Skin, Supports]:
+    """Return a skin whose triangles see one vertex in all three flaps: blocks fall together."""
+    points = 0.01 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)
+    corners = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+    side = float(np.linalg.norm(points[1] - points[0]))
+    flat = side * np.array([[0, 0], [1, 0], [0.5, np.sqrt(0.75)]])
+    panels = [
+        Panel(name, flat, np.arange(3)[None], points[k])
+        for name, k in zip("abcd", corners, strict=True)
+    ]
+    fixed = np.zeros((4, 3), dtype=bool)
+    fixed[:2] = fixed[2, :2] = True
+    return sew(ALONE, Pattern.from_panels(panels, tolerance=1e-6)), Supports(fixed)
+
+
+FOUR, HELD = tetrahedron()
+
+
 def bent(*bending: str, side: str | None = None, skin: Skin = SKIN) -> Term:
     """Return a row of a sheet so thick that stretching does not hide its bending."""
     sheet = Composite(
@@ -143,6 +162,8 @@ TERMS = {
     "average curvature, printed outside": bent("average", side="outside"),
     "free end, printed inside": bent("midedge", side="inside", skin=BASED),
     "mirror, printed outside": bent("midedge", side="outside", skin=OPEN),
+    "four triangles": Term(None, LoadCase(np.array([100.0])), kinds=2, skin=FOUR, supports=HELD,
+                           free=False),
     "bladder": Term({}, composite=replace(SHEET, bladder=Bladder(0.3e6, 5e-4)), by_hand=rubber),
     "knit": Term({}, composite=replace(SHEET, knit=Knit(3.0, 0.4)), kinds=2),
     "print on one face": Term({}, composite=replace(SHEET, print_side="outside"), kinds=2),

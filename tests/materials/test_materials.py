@@ -2,16 +2,10 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.materials.sheet import Bending, Bladder, Composite, Knit, Material, Membrane
-from toros_fem.mechanics.skin.dead_loads import Weight
-from toros_fem.mechanics.skin.model import SkinModel
-from toros_fem.mechanics.skin.supports import clamp
-from toros_fem.meshes import Skin
 
 
 @pytest.mark.parametrize(
@@ -86,23 +80,6 @@ def test_bad_knit() -> None:
         Knit(3.0, {"base": 0.0, "wall": float("nan")})
     with pytest.raises(errors.ParameterError, match=r"knit = 3\.0 must be a Knit"):
         Composite(knit=3.0)  # type: ignore[arg-type]
-
-
-def test_integers_serve_as_well(tube: Skin, comm: MPI.Comm) -> None:
-    """Forms take floats only: integers are converted."""
-    models = []
-    for number in (int, float):
-        sheet = Material(young=number(100000), poisson=number(0), thickness=number(1))
-        composite = Composite(
-            sheet, sheet, c1=number(2), c2=number(3), bladder=Bladder(number(9), number(1))
-        )
-        weight = Weight(number(1), number(2), (number(0), number(0), number(-10)))
-        model = SkinModel(tube, composite, clamp(tube.pattern, ["base"]), weight=weight)
-        model.set_density(np.full(len(tube.owned_cells), 0.5))
-        models.append(model)
-    one, two = models
-    assert one.energy(1.1 * one.assembled) == two.energy(1.1 * two.assembled)
-    assert {type(value) for value in (one.composite.c1, one.composite.fabric.young)} == {float}
 
 
 def test_bounds_of_each_material() -> None:

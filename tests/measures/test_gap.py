@@ -2,8 +2,11 @@
 
 import numpy as np
 import pytest
+from kit.slopes import slope
+from mpi4py import MPI
 
 from toros_fem import errors
+from toros_fem.base.mpi import total
 from toros_fem.measures.gap import Body, GapObjective
 from toros_fem.meshes import Skin
 
@@ -21,6 +24,21 @@ def test_distance_from_bodies() -> None:
     assert gradient == pytest.approx(np.array([[1, 0, 0], [0, -1, 0], [0.6, 0.8, 0]]))
     with pytest.raises(errors.ParameterError, match="shape = 'egg'"):
         Body("egg", 0.04, (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("shape", ["sphere", "box"])
+def test_gradient_of_the_gap(tube: Skin, comm: MPI.Comm, shape: str) -> None:
+    rng = np.random.default_rng(4)
+    weights = rng.uniform(0, 1, len(tube.pattern.points))
+    objective = GapObjective(tube, Body(shape, 0.03, (0.004, 0.002, 0.03)), weights, 2.0)
+    owned = tube.owned_vertices
+    x = tube.pattern.points[owned] * 1.5
+    direction = tube.pattern.points[:, [1, 2, 0]][owned]
+    parts = objective.backward(x) * 1e-4 * direction
+    rise = slope(lambda h: objective.forward(x + 1e-4 * h * direction))
+    assert total(comm, parts.sum()) == pytest.approx(rise, abs=1e-7 * total(comm, abs(parts).sum()))
+    with pytest.raises(errors.ParameterError, match="weights have shape"):
+        GapObjective(tube, Body(shape, 0.03, (0.0, 0.0, 0.0)), weights[1:])
 
 
 @pytest.mark.parametrize("shape", ["sphere", "box"])

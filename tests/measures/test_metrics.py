@@ -23,8 +23,8 @@ from toros_fem.meshes import bend, contract, cylinder, twist
 
 
 @pytest.mark.parametrize("degrees", [-400.0, -90.0, 0.0, 200.0, 540.0])
-def test_measured_twist(comm: MPI.Comm, degrees: float) -> None:
-    pattern = cylinder(comm, 0.15, 0.02, 4e-3)
+def test_measured_twist(alone: MPI.Comm, degrees: float) -> None:
+    pattern = cylinder(alone, 0.15, 0.02, 4e-3)
     straight = twist(np.radians(degrees), 0.15)(pattern.points)
     assert np.degrees(twist_angle(pattern, straight)) == pytest.approx(degrees, abs=0.1)
     bent = bend(np.radians(120.0), 0.15)(straight)
@@ -32,8 +32,8 @@ def test_measured_twist(comm: MPI.Comm, degrees: float) -> None:
     assert np.degrees(bend_angle(pattern, bent)) == pytest.approx(120.0, abs=0.5)
 
 
-def test_measured_shortening_and_swelling(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.15, 0.02, 4e-3)
+def test_measured_shortening_and_swelling(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, 0.15, 0.02, 4e-3)
     short = contract(0.92, 1.4)(pattern.points)
     assert shortening(pattern, short) == pytest.approx(0.08)
     assert length_ratio(pattern, short) == pytest.approx(0.92)
@@ -46,9 +46,9 @@ def test_measured_shortening_and_swelling(comm: MPI.Comm) -> None:
 
 
 @pytest.mark.parametrize("degrees", [-150.0, 0.0, 90.0, 400.0])
-def test_turn_of_given_sections(comm: MPI.Comm, degrees: float) -> None:
+def test_turn_of_given_sections(alone: MPI.Comm, degrees: float) -> None:
     """Sections along x that turn towards −z, by more than a whole turn too."""
-    pattern = cylinder(comm, 0.15, 0.02, 4e-3)
+    pattern = cylinder(alone, 0.15, 0.02, 4e-3)
     height = pattern.points[:, 2]
     sections = [np.flatnonzero(np.abs(height - z) < 4e-3) for z in np.linspace(0.01, 0.14, 14)]
     assert all(len(section) > 5 for section in sections)
@@ -62,9 +62,9 @@ def test_turn_of_given_sections(comm: MPI.Comm, degrees: float) -> None:
     assert np.degrees(found) == pytest.approx(degrees, abs=1e-6)
 
 
-def test_distance_from_a_target(comm: MPI.Comm) -> None:
+def test_distance_from_a_target(alone: MPI.Comm) -> None:
     """Root mean square over the flat area; a rigid motion counts unless it is removed."""
-    pattern = cylinder(comm, 0.15, 0.02, 4e-3)
+    pattern = cylinder(alone, 0.15, 0.02, 4e-3)
     target = bend(1.0, 0.15)(pattern.points)
     assert distance(pattern, target + [3e-3, 0, 4e-3], target) == pytest.approx(5e-3)
     turn = Rotation.from_rotvec([1.0, -2.0, 0.5])

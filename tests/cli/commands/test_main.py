@@ -44,7 +44,7 @@ def test_help_lists_commands_and_exit_codes(capsys: pytest.CaptureFixture[str]) 
 
 @pytest.mark.parametrize("name", list(COMMANDS))
 def test_help_of_a_command(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Every option says what it does and what its default is, and the examples are its own."""
+    """The examples are its own; what options say is pinned."""
     assert run(ALONE, [name, "--help"]) == 0
     text = capsys.readouterr().out
     assert f"usage: toros {name}" in text
@@ -52,13 +52,6 @@ def test_help_of_a_command(name: str, capsys: pytest.CaptureFixture[str]) -> Non
     for line in COMMANDS[name].examples:
         assert line in text
         assert f"toros {name}" in line
-    parser = main._parser(ALONE)._subparsers._group_actions[0].choices[name]  # type: ignore
-    for action in parser._actions:
-        if action.dest == "help":
-            continue
-        assert action.help, action.dest
-        if action.option_strings and not action.required:
-            assert "default" in action.help, action.option_strings
 
 
 @pytest.mark.parametrize("name", list(COMMANDS))

@@ -45,10 +45,10 @@ def test_thresholds_of_moved_borders_against_the_table(name: str) -> None:
         offset_thresholds(name, 1e-4)
 
 
-def test_areas_change_by_the_way_of_the_border(comm: MPI.Comm) -> None:
+def test_areas_change_by_the_way_of_the_border(alone: MPI.Comm) -> None:
     """A printed disc: its border runs across the triangles in all directions."""
     size, disc, radius = 0.06, 0.02, 4.8e-3
-    skin = sew(comm, rectangle(comm, size, size, 1.2e-3, mesh="unstructured"))
+    skin = sew(alone, rectangle(alone, size, size, 1.2e-3, mesh="unstructured"))
     pattern = skin.pattern
     away = np.linalg.norm(pattern.centroids[skin.owned_cells] - size / 2, axis=1)
     filtered = ConeFilter(skin, radius).forward(np.where(away < disc, 1.0, 0.0))
@@ -56,7 +56,7 @@ def test_areas_change_by_the_way_of_the_border(comm: MPI.Comm) -> None:
     for offset in (0.05, 0.15):
         levels = (*offset_thresholds("cone", offset), 0.5)
         steps = [Projection(20.0, eta) for eta in levels]
-        eroded, dilated, nominal = (dot(comm, own, step.forward(filtered)) for step in steps)
+        eroded, dilated, nominal = (dot(alone, own, step.forward(filtered)) for step in steps)
         change = 2 * np.pi * disc * offset * radius
-        assert nominal - eroded == pytest.approx(change, rel=0.1)
-        assert dilated - nominal == pytest.approx(change, rel=0.1)
+        assert nominal - eroded == pytest.approx(change, rel=0.04)  # 0.013 seen
+        assert dilated - nominal == pytest.approx(change, rel=0.04)  # 0.035 seen

@@ -22,9 +22,9 @@ def test_filter_against_its_definition(tube: Skin) -> None:
     assert found == pytest.approx(weight @ density / weight.sum(axis=1), rel=1e-12)
 
 
-def test_filter_of_a_half_plane(comm: MPI.Comm) -> None:
+def test_filter_of_a_half_plane(alone: MPI.Comm) -> None:
     """Against the exact response of the cone to a straight edge."""
-    skin = sew(comm, cylinder(comm, 0.05, 0.02, 1.2e-3))
+    skin = sew(alone, cylinder(alone, 0.05, 0.02, 1.2e-3))
     pattern, radius = skin.pattern, 9e-3
     cone = ConeFilter(skin, radius)
     edge = 0.025
@@ -39,8 +39,8 @@ def test_filter_of_a_half_plane(comm: MPI.Comm) -> None:
         [float(r["d_over_R"]) for r in rows],
         [float(r["cone2D"]) for r in rows],
     )
-    assert np.abs(filtered[wall[inner]] - exact).max() < 0.04
-    assert np.abs(filtered[wall[inner]] - exact).mean() < 0.01
+    assert np.abs(filtered[wall[inner]] - exact).max() < 0.015  # 0.0132 seen
+    assert np.abs(filtered[wall[inner]] - exact).mean() < 0.0012  # 0.0010 seen
 
 
 def test_slope_is_the_gradient_of_the_cone(tube: Skin) -> None:
@@ -86,10 +86,10 @@ def test_at_points_is_the_filtered_field(tube: Skin) -> None:
     assert lone.sum() == len(tip)
 
 
-def test_cone_on_a_torus(comm: MPI.Comm) -> None:
+def test_cone_on_a_torus(alone: MPI.Comm) -> None:
     """A tile is filtered like the middle one of nine tiles."""
     size, n, radius = 0.02, 6, 8e-3
-    tile = sew(comm, square(n=n, size=size))
+    tile = sew(alone, square(n=n, size=size))
     density = np.random.default_rng(0).random(2 * n * n)
     cone = ConeFilter(tile, radius, lattice=size * np.eye(2))
     found = tile.gather_cells(cone.forward(density[tile.owned_cells]))

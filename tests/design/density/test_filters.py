@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-from helpers.scenes import square
 from helpers.warned import warned
-from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.helmholtz import HelmholtzFilter
-from toros_fem.meshes import Skin, sew
+from toros_fem.meshes import Skin
 
 
 @pytest.mark.parametrize("name", ["cone", "helmholtz"])
@@ -29,16 +27,3 @@ def test_filters_by_name(tube: Skin) -> None:
         make_filter("helmholtz", tube, 0.0)
     with warned(tube.comm, match="under 1.5 edge lengths"):
         HelmholtzFilter(tube, 3e-3)
-
-
-@pytest.mark.parametrize("name", ["cone", "helmholtz"])
-def test_integers_are_numbers(name: str, comm: MPI.Comm) -> None:
-    """A radius in whole metres, and a density of zeros and ones."""
-    skin = sew(comm, square(n=8, size=4.0))
-    density = (np.random.default_rng(0).random(len(skin.pattern.panel)) > 0.5)[skin.owned_cells]
-    whole, plain = make_filter(name, skin, 1), make_filter(name, skin, 1.0)
-    acts = ("forward", "backward", "slope", "at_points")
-    for act in acts:
-        found = getattr(whole, act)(density.astype(int))
-        assert found == pytest.approx(getattr(plain, act)(density.astype(float)), rel=1e-14)
-        assert found.dtype == np.float64

@@ -5,12 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from helpers.scenes import square, table
+from kit.slopes import slope
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.design.density.bar_width import unfiltered_width, width_for_threshold
 from toros_fem.design.density.cone import ConeFilter
+from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.neighbours import mean_edge
@@ -105,6 +107,31 @@ def test_thin_lines_and_gaps_are_caught_wide_ones_pass(
         assert void[1] == pytest.approx(values[fraction][0], rel=1e-9)
     assert values[0.8][0] > limits.epsilon[0] > 3 * values[wide][0]
     assert values[wide][1] < limits.epsilon[1]
+
+
+@pytest.mark.parametrize("name", ["cone", "helmholtz"])
+def test_gradient_of_the_constraints(name: str, tube: Skin, comm: MPI.Comm) -> None:
+    """From ρ through filter, slope and projection to g_r and g_t: on any ranks."""
+    flat, projection = make_filter(name, tube, 8e-3), Projection(6.0)
+    wall = tube.pattern.panel[tube.owned_cells] == tube.pattern.panel_index("wall")
+    limits = LengthScaleConstraints(tube, flat, LengthScale(line_width=6e-3, gap_width=6e-3), wall)
+
+    def forward(density: Floats) -> Floats:
+        filtered = flat.forward(density)
+        return limits.forward(density, filtered, projection.forward(filtered))
+
+    density = random_density(tube, 3, spread=0.5)
+    filtered = flat.forward(density)
+    parts = limits.backward(density, filtered, projection.forward(filtered))
+    direction = np.random.default_rng(1).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
+    for k, (by_density, by_filtered, by_projected) in enumerate(parts):
+        whole = by_filtered + projection.backward(filtered, by_projected)
+        gradient = by_density + flat.backward(whole)
+        along = comm.allreduce(float(gradient @ direction))
+        through_slope = abs(comm.allreduce(float(by_density @ direction)))
+        assert through_slope > 1e-3 * abs(along), "the part through the slope must matter"
+        rise = slope(lambda h, k=k: float(forward(density + 1e-4 * h * direction)[k])) / 1e-4
+        assert along == pytest.approx(rise, rel=1e-7)
 
 
 def test_length_scale_parameters(tube: Skin) -> None:

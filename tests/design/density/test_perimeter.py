@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from helpers.scenes import square, table
+from kit.slopes import slope
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
@@ -29,6 +30,20 @@ def test_perimeter_of_stripes_on_a_torus(sharpness: float) -> None:
     stripes = ((u + 2 * v) % size < 0.45 * size).astype(float)
     term = Perimeter(skin, 4.2 * size / n, sharpness, lattice=size * np.eye(2))
     assert term.forward(stripes) == pytest.approx(2 * np.sqrt(5) * size, rel=0.03)
+
+
+@pytest.mark.parametrize("area_weighted", [True, False])
+@pytest.mark.parametrize("sharpness", [0.5, 8.0, -8.0])
+def test_gradient_of_the_perimeter(
+    sharpness: float, area_weighted: bool, tube: Skin, comm: MPI.Comm
+) -> None:
+    term = Perimeter(tube, 8e-3, sharpness, area_weighted=area_weighted)
+    projected = random_density(tube, 6, spread=0.4)
+    direction = np.random.default_rng(1).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
+    parts = term.backward(projected) * direction
+    rise = slope(lambda h: term.forward(projected + 1e-3 * h * direction)) / 1e-3
+    wide = comm.allreduce(np.abs(parts).sum())
+    assert comm.allreduce(parts.sum()) == pytest.approx(rise, abs=1e-8 * wide)
 
 
 def test_the_papers_sum_by_its_definition(tube: Skin) -> None:
@@ -85,12 +100,3 @@ def test_no_pattern_shortens_the_border(sharpness: float, tube: Skin, comm: MPI.
     assert term.forward(rewarded) > 0.1
     for seed in range(3):
         assert term.forward(random_density(tube, seed, spread=0.4)) > 0
-
-
-def test_integers_are_numbers(comm: MPI.Comm) -> None:
-    skin = sew(comm, square(n=6, size=4.0))
-    printed = (skin.pattern.centroids[:, 0] > 2)[skin.owned_cells]
-    whole, plain = Perimeter(skin, 1, 2), Perimeter(skin, 1.0, 2.0)
-    assert whole.forward(printed.astype(int)) == plain.forward(printed.astype(float)) > 0
-    back = plain.backward(printed.astype(float))
-    assert np.array_equal(whole.backward(printed.astype(int)), back)

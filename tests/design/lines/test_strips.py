@@ -34,14 +34,14 @@ def test_a_strip_widens_evenly() -> None:
     region = shapely.union_all(ribbons([strip(nodes, radii, (False, False))], 0, [], WIDTH))
     for x, radius in ((0.01, 5 / 6 * 1e-3), (0.02, 7 / 6 * 1e-3)):
         cut = region.intersection(shapely.LineString([(x, -1), (x, 1)]))
-        assert cut.length == pytest.approx(2 * radius, rel=1e-3)
+        assert cut.length == pytest.approx(2 * radius, rel=1e-9)
 
 
 def test_a_sharp_turn_is_round() -> None:
     nodes = np.array([[0, 0], [0.02, 0], [0.02, 0.001], [0, 0.001]])
     region = shapely.union_all(ribbons([strip(nodes, 1e-3, (False, False))], 0, [], WIDTH))
     line = shapely.LineString(nodes).buffer(1e-3, quad_segs=32)
-    assert region.symmetric_difference(line).area < 0.02 * line.area
+    assert region.symmetric_difference(line).area < 0.004 * line.area  # 0.0036 seen
 
 
 def test_no_line_and_no_gap_is_left_that_is_too_thin() -> None:

@@ -186,19 +186,6 @@ def test_bad_input() -> None:
         MMAOptions(move=2.0)
 
 
-def test_integers_are_numbers() -> None:
-    def run(options: MMAOptions) -> np.ndarray:
-        mma = MMA(vec(np.full(5, 1.0)), vec(np.full(5, 10.0)), 1, options)
-        x = vec(np.full(5, 5.0))
-        for _ in range(3):
-            f, df, values, jacobian = beam(x.array)
-            mma.step(x, f, vec(df), values, [vec(row) for row in jacobian])
-        return x.array.copy()
-
-    whole = run(MMAOptions(move=1, asymptote_start=1, penalty=1000))
-    assert np.array_equal(whole, run(MMAOptions(move=1.0, asymptote_start=1.0, penalty=1000.0)))
-
-
 def test_rounded_steps_do_not_depend_on_rounding() -> None:
     """Gradients that differ by rounding give the same points; without a resolution they drift."""
     n = 40

@@ -232,16 +232,18 @@ def test_move_limit_of_each_variable() -> None:
             MMA(vec(np.zeros(2)), vec(np.ones(2)), move=vec(np.array([0.5, wrong])))
 
 
-def test_kkt_residual() -> None:
+@pytest.mark.parametrize("unit", [1.0, 4.0])
+def test_kkt_residual(unit: float) -> None:
     """By hand: min ½|x − (2, 0.3, 9)|² in [0, 1]², the third fixed, subject to x₁ + x₂ ≤ 1.1."""
     centre = np.array([2.0, 0.3, 9.0])
     lower, upper = np.array([0.0, 0.0, 5.0]), np.array([1.0, 1.0, 5.0])
     mma = MMA(vec(lower), vec(upper), 1)
+    mma.rescale(unit)
 
     def residual(x: list[float], lam: float) -> float:
-        mma.state.multipliers = np.array([lam])
+        mma.state.multipliers = np.array([unit * lam])
         at = np.array(x)
-        slope, normal = vec(at - centre), vec(np.array([1.0, 1.0, 0.0]))
+        slope, normal = vec(unit * (at - centre)), vec(np.array([1.0, 1.0, 0.0]))
         return mma.kkt_residual(vec(at), slope, [at[0] + at[1] - 1.1], [normal])
 
     assert residual([1.0, 0.1, 5.0], 0.2) == pytest.approx(0, abs=1e-15)
@@ -250,6 +252,8 @@ def test_kkt_residual() -> None:
     assert residual([0.8, 0.3, 5.0], 0.5) == pytest.approx(0.3), "down to its bound likewise"
     assert residual([0.8, 0.2, 5.0], 0.2) == pytest.approx(0.2), "0.2 − clip(0.2 − 2·0.1)"
     assert residual([0.8, 0.3, 5.0], 0.0) == pytest.approx(0.2), "up to its bound and no further"
+    centre = np.array([0.55, 0.35, 9.0])
+    assert residual([0.5, 0.3, 5.0], 0.05) == pytest.approx(0.05), "the multiplier"
     with pytest.raises(ParameterError, match="for 1 constraints"):
         mma.kkt_residual(vec(lower), vec(lower))
 

@@ -176,11 +176,11 @@ def test_other_units_change_nothing(factor: float, monkeypatch: pytest.MonkeyPat
     a, b = linear(n, k, 5)
     place = np.random.default_rng(1).random(n)
 
-    def run(factors: list[float]) -> tuple[list[np.ndarray], float]:
+    def run(factors: list[float]) -> list[np.ndarray]:
         mma = MMA(vec(np.zeros(n)), vec(np.ones(n)), 2, MMAOptions(tolerance=1e-12), residuals=k)
         x = vec(np.full(n, 0.4))
         found, scale = [], 1.0
-        slopes, kkt = [vec(np.full(n, 5 / n)), vec(np.full(n, 1 / n))], 0.0
+        slopes = [vec(np.full(n, 5 / n)), vec(np.full(n, 1 / n))]
         for one in factors:
             scale *= one
             mma.rescale(one)
@@ -192,13 +192,10 @@ def test_other_units_change_nothing(factor: float, monkeypatch: pytest.MonkeyPat
             mma.step(x, scale * rest, vec(scale * gradient), values, slopes, root * r, rows)
             mma.retry(x, np.inf, [np.inf] * 2, [np.inf] * k)
             found.append(x.array.copy())
-            kkt = mma.kkt_residual(x, vec(scale * (gradient + 2 * r @ a)), values, slopes)
-        return found, kkt
+        return found
 
-    same, first = run([1.0, 1.0, 1.0])
-    other, second = run([1.0, factor, factor**0.5])
-    assert np.array(other) == pytest.approx(np.array(same), abs=1e-9)
-    assert second == pytest.approx(first, rel=1e-6)
+    same = run([1.0, 1.0, 1.0])
+    assert np.array(run([1.0, factor, factor**0.5])) == pytest.approx(np.array(same), abs=1e-9)
     assert np.abs(np.diff(same, axis=0)).max() > 0.01
 
 

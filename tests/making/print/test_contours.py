@@ -44,8 +44,8 @@ def test_both_given_values_are_met() -> None:
     assert region.contains(Point(pattern.flat_points[12]))
 
 
-def test_whole_and_empty_panels(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.04, 0.02, 4e-3)
+def test_whole_and_empty_panels(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, 0.04, 0.02, 4e-3)
     ones = np.ones(len(pattern.flat_points)), np.ones(len(pattern.panel))
     for panel, region in enumerate(printed_regions(pattern, *ones, 0.5)):
         outline = panel_outline(pattern, panel)
@@ -67,6 +67,17 @@ def test_noise_and_values_at_the_threshold(seed: int) -> None:
     below = printed_region(pattern, 1 - points, 1 - centroids, 0, 0.5)
     assert below.is_valid
     assert region.intersection(below).area < 1e-9 * region.area
+    # A triangle is three around its centroid, each with a linear field.
+    points, centroids = (np.where(np.abs(v - 0.5) < 1e-9, 0, v - 0.5) for v in (points, centroids))
+    corners = points[pattern.flat_triangles]
+    sides = [np.stack([corners[:, k], corners[:, k - 1], centroids], 1) for k in range(3)]
+    low, middle, high = np.sort(np.concatenate(sides), axis=1).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        one = high**2 / ((high - low) * (high - middle))  # only the highest corner is above
+        two = 1 - low**2 / ((high - low) * (middle - low))
+    part = np.where(low >= 0, high > 0, np.where(middle > 0, two, np.where(high > 0, one, 0)))
+    expected = np.tile(pattern.areas / 3, 3) @ part
+    assert region.area == pytest.approx(expected, rel=1e-9)
 
 
 def test_values_must_fit() -> None:

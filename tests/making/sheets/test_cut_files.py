@@ -11,7 +11,8 @@ from toros_fem.making.panels import ManufactureOptions, PanelDrawing, panel_draw
 from toros_fem.making.sheets import write_cut_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
-INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
+
+
 SHEET = 0.45, 0.3
 
 

@@ -1,10 +1,7 @@
-"""Pads that slide one way: their law of friction, its derivatives, and what a step leaves."""
-
-from collections.abc import Callable
+"""Pads that slide one way: their law of friction, and what a step leaves."""
 
 import numpy as np
 import pytest
-from helpers.scenes import taylor_rates
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.mechanics.contact import Contact, Ground, Pads
@@ -16,13 +13,11 @@ from toros_fem.mechanics.contact.solids import rigid_box
 
 ONE = np.ones(1, dtype=bool)
 LAW = Pads(ONE, (1.0, 0.4, 0.2), forward=0.2, backward=0.8).law(1e-4)
-RNG = np.random.default_rng(0)
+NUMBERS = np.random.default_rng(0)
 UP = np.array([0.1, 0.2, 1.0]) / np.linalg.norm([0.1, 0.2, 1.0])
-NORMAL = RNG.uniform(0.5, 2.0, (40, 1)) * UP
+NORMAL = NUMBERS.uniform(0.5, 2.0, (40, 1)) * UP
 # Half of them stick, half slide.
-MOTION = RNG.standard_normal((40, 3)) * 1e-4 * np.repeat([0.3, 8.0], 20)[:, None]
-
-Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
+MOTION = NUMBERS.standard_normal((40, 3)) * 1e-4 * np.repeat([0.3, 8.0], 20)[:, None]
 
 
 def test_friction_along_against_and_across() -> None:
@@ -34,30 +29,8 @@ def test_friction_along_against_and_across() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    ("function", "derivative"),
-    [
-        (LAW.energy, LAW.force),
-        (LAW.force, LAW.stiffness),
-        (LAW.elastic, LAW.elastic_by_motion),
-    ],
-)
-def test_derivatives_by_the_motion(function: Function, derivative: Function) -> None:
-    along = RNG.standard_normal(MOTION.shape) * 1e-5
-    slopes = np.einsum("i...j,ij->i...", derivative(NORMAL, MOTION), along)
-    weights = RNG.standard_normal(slopes.shape)
-    # The stiffness jumps where the motion along the easy direction changes its sign.
-    easy = np.array(LAW.direction) - UP * (UP @ LAW.direction)
-    weights[np.abs(MOTION @ easy) < 0.1 * np.abs(along @ easy)] = 0
-
-    def value(step: float) -> float:
-        return float((weights * function(NORMAL, MOTION + step * along)).sum())
-
-    assert taylor_rates(value, float((weights * slopes).sum()), 0.1) == pytest.approx(2, abs=0.02)
-
-
 def test_force_by_the_normal_force() -> None:
-    more = 1e-3 * RNG.standard_normal((40, 1)) * UP
+    more = 1e-3 * np.random.default_rng(2).standard_normal((40, 1)) * UP
     change = LAW.force(NORMAL + more, MOTION) - LAW.force(NORMAL, MOTION)
     predicted = np.einsum("ijk,ik->ij", LAW.force_by_normal(NORMAL, MOTION), more)
     assert change == pytest.approx(predicted, rel=1e-6, abs=1e-13)
@@ -79,25 +52,12 @@ def test_energy_is_convex() -> None:
     same = NORMAL[:1] * np.ones((40, 1))
     middle = LAW.energy(same, (one + two) / 2)
     assert (middle <= (LAW.energy(same, one) + LAW.energy(same, two)) / 2 * (1 + 1e-12)).all()
-    for matrix in LAW.stiffness(NORMAL, MOTION):
-        assert np.allclose(matrix, matrix.T)
-        assert np.linalg.eigvalsh(matrix).min() > -1e-9 * np.abs(matrix).max()
 
 
 def test_elastic_slip_keeps_the_force() -> None:
     kept = LAW.elastic(NORMAL, MOTION)
     assert LAW.force(NORMAL, kept) == pytest.approx(LAW.force(NORMAL, MOTION), abs=1e-12)
     assert np.linalg.norm(kept, axis=1).max() <= LAW.slip / LAW.ratio * (1 + 1e-12)
-
-
-def test_no_motion_and_no_normal_force_are_regular() -> None:
-    nothing = np.zeros((1, 3))
-    for normal, motion in ((NORMAL[:1], nothing), (nothing, MOTION[:1]), (nothing, nothing)):
-        for name in ("energy", "force", "elastic"):
-            assert not getattr(LAW, name)(normal, motion).any()
-        for name in ("stiffness", "force_by_normal", "elastic_by_motion"):
-            assert np.isfinite(getattr(LAW, name)(normal, motion)).all()
-    assert np.linalg.norm(LAW.stiffness(NORMAL[:1], nothing)) > 0
 
 
 def test_bad_pads() -> None:

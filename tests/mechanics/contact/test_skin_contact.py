@@ -1,11 +1,12 @@
-"""Barriers of a skin: derivatives, free steps, equilibria, and gradients of these."""
+"""Barriers of a skin: free steps, equilibria, and gradients of these."""
 
 import numpy as np
 import pytest
-from helpers.scenes import square, taylor_rates
+from helpers.scenes import square
+from kit.slopes import slope
 from mpi4py import MPI
 
-from toros_fem.base.mpi import dot, norm, smallest, total
+from toros_fem.base.mpi import dot, smallest, total
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.contact import Contact, Ground, rigid_sphere
 from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
@@ -62,40 +63,6 @@ def test_the_skin_rests_on_floor_and_ball(
     assert np.abs(balance).max() < 1e-8
 
 
-def test_energy_force_and_tangent(solver: EquilibriumSolver, touching: EquilibriumResult) -> None:
-    model, comm = solver.model, solver.skin.comm
-    along = direction(solver, 2e-6)
-    model.set_density(soft(solver.skin))
-    slope = dot(comm, model.residual(touching.state + along), along)
-    base = touching.state + along
-    rates = taylor_rates(lambda h: model.energy(base + h * along), slope, 0.5)
-    assert rates == pytest.approx(2, abs=0.02)
-    factor = solver._factor
-    factor.assemble(base)
-    force, change = model.residual(base), factor.multiply(along)
-    gaps = [
-        norm(comm, model.residual(base + h * along) - force - h * change)
-        for h in 0.25 * 0.5 ** np.arange(5)
-    ]
-    assert np.log2(gaps[-2] / gaps[-1]) == pytest.approx(2, abs=0.05)
-
-
-def test_the_shifted_part_is_semidefinite(
-    solver: EquilibriumSolver, touching: EquilibriumResult
-) -> None:
-    contact, model = solver.model.contact, solver.model
-    assert contact is not None
-    exact, definite = (
-        contact.tangent(touching.positions, model.motions(touching.state), definite=kind)
-        for kind in (False, True)
-    )
-    gap = contact.convexity_gap(touching.positions, model.motions(touching.state))
-    assert gap == pytest.approx(definite - exact)
-    assert gap is not None
-    if solver.skin.comm.rank == 0:
-        assert np.abs(gap).max() > 1e-6 * np.abs(exact).max()
-
-
 def test_gradient_with_active_pairs(
     solver: EquilibriumSolver, touching: EquilibriumResult, comm: MPI.Comm
 ) -> None:
@@ -108,12 +75,11 @@ def test_gradient_with_active_pairs(
     gradient = model.density_sensitivity(base.state, adjoint)
     change = 2e-3 * np.cos(1.0 * skin.owned_cells)
 
-    def value(step: float) -> float:
-        there = solver.solve(density + step * change, 5e3, start=base.state)
+    def value(step: int) -> float:
+        there = solver.solve(density + 0.1 * step * change, 5e3, start=base.state)
         return total(comm, float(weights @ there.state))
 
-    rates = taylor_rates(value, dot(comm, gradient, change), 1.0)
-    assert rates == pytest.approx(2, abs=0.02)
+    assert dot(comm, gradient, change) == pytest.approx(slope(value) / 0.1, rel=1e-6)
 
 
 def test_steps_stop_before_they_meet(
@@ -128,17 +94,6 @@ def test_steps_stop_before_they_meet(
     gap = model.gap(touching.state + fraction * along)
     assert gap is not None
     assert smallest(solver.skin.comm, gap) > 0
-
-
-def test_without_contact_nothing_is_imported(comm: MPI.Comm) -> None:
-    skin = sew(comm, square(n=2))
-    fixed = np.ones((9, 3), dtype=bool)
-    fixed[4] = False
-    found = EquilibriumSolver(skin, Composite(), Supports(fixed)).solve(
-        np.zeros(len(skin.owned_cells)), 0.0
-    )
-    assert found.smallest_distance is None
-    assert found.poses is None
 
 
 def test_a_ball_is_pushed_into_the_tube_and_out_again(comm: MPI.Comm, tube: Skin) -> None:
@@ -205,9 +160,8 @@ def test_neighbours_of_a_thick_sheet_do_not_cross(comm: MPI.Comm) -> None:
     assert contact.count > 0
     along = direction(solver, 1e-6)
     model.set_density(np.zeros(len(skin.owned_cells)))
-    slope = dot(comm, model.residual(state), along)
-    rates = taylor_rates(lambda h: model.energy(state + h * along), slope, 1.0)
-    assert rates == pytest.approx(2, abs=0.02)
+    rise = slope(lambda h: model.energy(state + 0.02 * h * along)) / 0.02
+    assert dot(comm, model.residual(state), along) == pytest.approx(rise, rel=1e-7)
     closing = np.zeros_like(state)
     model.positions(closing)[:, 2] = -2 * model.positions(state)[:, 2]
     assert model.largest_step(state, closing, 0.9) < 0.5

@@ -19,7 +19,6 @@ from toros_fem.meshes import sew
 pytest.importorskip("ipctk")
 
 FRICTION, THICKNESS, DISTANCE, SLIP = 0.5, 5e-4, 1e-4, 1e-4
-SIDE = 0.02
 
 
 def contact(normal: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Contact:
@@ -150,6 +149,7 @@ def test_a_sheet_slides_off_a_slope_at_the_angle_of_friction(
         np.zeros(len(skin.owned_cells)), 0.0, force=force, raise_on_failure=False, trial=True
     )
     assert found.converged == (steepness < 1)
+    assert found.converged or "without converging" in found.reason
     if found.converged:
         moved = (found.positions - points[skin.owned_vertices]) @ along
         assert 0.5 * SLIP < moved.min(initial=SLIP) <= moved.max(initial=0.0) < SLIP
@@ -180,6 +180,7 @@ def test_a_free_box_slides_off_a_slope(comm: MPI.Comm, steepness: float) -> None
     density = np.zeros(len(skin.owned_cells))
     found = solver.solve(density, 0.0, raise_on_failure=False, trial=True)
     assert found.converged == (steepness < 1)
+    assert found.converged or "without converging" in found.reason
     if not found.converged:
         return
     found = solver.finish(found)

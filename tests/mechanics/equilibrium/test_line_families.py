@@ -25,7 +25,7 @@ def solver(tube: Skin) -> EquilibriumSolver:
     return EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), options, families=2)
 
 
-def test_lines_along_hold_a_strip(comm: MPI.Comm) -> None:
+def test_lines_along_hold_a_strip(alone: MPI.Comm) -> None:
     """A strip that is pulled along one family: force and lateral stretch by hand."""
     size, pull, share = 0.02, 1.3, 0.25
     pattern = square(n=6, size=size)
@@ -35,7 +35,7 @@ def test_lines_along_hold_a_strip(comm: MPI.Comm) -> None:
     pulled = points[:, 0] > size * (1 - 1e-9)
     fixed[(points[:, 0] < 1e-9) | pulled, 0] = True
     supports = Supports(fixed, displacement=np.where(pulled[:, None], [(pull - 1) * size, 0, 0], 0))
-    skin, composite = sew(comm, pattern), Composite(bending=None)
+    skin, composite = sew(alone, pattern), Composite(bending=None)
     solver = EquilibriumSolver(skin, composite, supports, families=1)
     result = solver.solve(np.tile([0.0, share, 2.0, 0.0], (len(skin.owned_cells), 1)), 0.0)
     a, b = (composite.c1 - 1) ** 2, (composite.c2 - 1) ** 2

@@ -5,17 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.designs import make_problem
-from helpers.scenes import taylor_rates
 from helpers.warned import warned
-from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.base.mpi import total
-from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.materials.sheet import Composite
-from toros_fem.measures.metrics import Metric, length_ratio
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.stretch_bounds import singular_values
 from toros_fem.mechanics.skin.supports import clamp
@@ -108,30 +103,3 @@ def test_a_design_goes_on_as_densities_change(tube: Skin, solver: EquilibriumSol
     assert len(values) >= 4
     assert values[-1] < 0.9 * values[0]
     assert result.final.equilibrium.stretch_use < 1
-
-
-def test_taylor_of_the_whole_chain(tube: Skin, solver: EquilibriumSolver, comm: MPI.Comm) -> None:
-    """Filter, projection, equilibrium, objective, with a print at its bound: rate 2."""
-    problem = replace(
-        make_problem(tube, solver), metrics=(Metric("length", "ratio", None, length_ratio),)
-    )
-    density = random_density(tube, 2, spread=0.3)
-    base = problem.evaluate(density)
-    assert base.gradient is not None
-    state = base.equilibrium.state
-    direction = np.random.default_rng(9).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
-    slope = total(comm, float(base.gradient @ direction))
-    change = problem.projection.backward(
-        base.filtered, problem.filter.forward(direction * problem.designed)
-    )
-    rate = problem.metric_derivatives(base, [change * problem.designed])["length_ratio"][0]
-    rates = taylor_rates(
-        lambda h: problem.simulate(density + h * direction, state).objective, slope, 1e-3
-    )
-    assert rates == pytest.approx(2, abs=0.05)
-    there, back = (
-        problem.metrics_of(problem.simulate(density + h * direction, state).equilibrium)
-        for h in (1e-3, -1e-3)
-    )
-    expected = (there["length_ratio"] - back["length_ratio"]) / 2e-3
-    assert rate == pytest.approx(expected, rel=1e-3)

@@ -6,18 +6,25 @@ from benchmarks.stability.drawn import outcome_of
 
 # Newton steps that no scene here may exceed.
 MOST = 1500
+
+
 # Their stiff folded seams collapse onto themselves; what the oracle of the benchmark finds takes
 # more time than a test has.
 COLLAPSE = (7, 14)
 
 
+# Their supports leave a rigid motion free.
+REFUSED = (1, 13)
+
+
 @pytest.mark.parametrize("seed", [seed for seed in range(42) if seed not in COLLAPSE])
 def test_random_scene(seed: int) -> None:
     row = outcome_of(seed, few_terms=True)
-    assert row.outcome in ("equilibrium", "refused"), row
+    if seed in REFUSED:
+        assert (row.outcome, row.why) == ("refused", "ParameterError"), row
+    else:
+        assert row.outcome == "equilibrium", row
     assert row.steps <= MOST
-    if row.outcome == "refused":
-        assert row.why == "ParameterError"
 
 
 def test_a_collapse_names_its_folds() -> None:

@@ -13,8 +13,6 @@ from toros_fem.materials.sheet import Bending, Composite, Membrane
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
 
-PRESSURE = 300.0
-
 
 @pytest.fixture(scope="module")
 def solver(comm: MPI.Comm) -> EquilibriumSolver:
@@ -32,7 +30,7 @@ def test_line_families_are_refused(solver: EquilibriumSolver) -> None:
 
 
 @pytest.mark.parametrize("bending", [None, Bending()])
-def test_default_is_eq_1_to_the_bit(comm: MPI.Comm, bending: Bending | None) -> None:
+def test_default_is_eq_1_to_the_bit(alone: MPI.Comm, bending: Bending | None) -> None:
     """No membrane given, the default one, and one with another unused residual stiffness."""
     plain = replace(COMPOSITE, membrane=Membrane(), bending=bending)
     composites = (
@@ -43,7 +41,7 @@ def test_default_is_eq_1_to_the_bit(comm: MPI.Comm, bending: Bending | None) -> 
     )  # fmt: skip
     seen = []
     for composite in composites:
-        model = sheet_model(comm, composite)
+        model = sheet_model(alone, composite)
         model.set_density(density_of(model.skin))
         state = affine(model, np.array([[1.1, 0.05], [0, 0.9], [0.02, 0.0]]))
         state += 1e-4 * drawn(model, 2)

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from helpers.scenes import square
+from kit.slopes import slope
 from mpi4py import MPI
 
 from toros_fem import errors
+from toros_fem.base.mpi import dot
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.contact import Contact, rigid_sphere
 from toros_fem.mechanics.readings.holding import HoldingObjective
@@ -13,7 +15,10 @@ from toros_fem.meshes import Skin, sew
 
 pytest.importorskip("ipctk")
 
+
 UP = [0.3, 0.0, 1.0]
+
+
 FORCE = 1000.0  # N
 
 
@@ -33,6 +38,21 @@ def objective(skin: Skin, height: float, asked: float = FORCE) -> HoldingObjecti
     )
     fixed = np.zeros(skin.pattern.points.shape, dtype=bool)
     return HoldingObjective(skin, contact, contact.sizes(Composite()), fixed, UP, asked, 2.0)
+
+
+def test_gradient_of_the_holding_force(skin: Skin, comm: MPI.Comm) -> None:
+    made = objective(skin, 0.02 * skin.pattern.size)
+    rng = np.random.default_rng(3)
+    # Off the flat sheet, where the nearest parts of some pairs are about to change.
+    bent, direction = rng.normal(size=(2, *skin.pattern.points.shape))[:, skin.owned_vertices]
+    x = skin.pattern.points[skin.owned_vertices] + 2e-4 * skin.pattern.size * bent
+    force = made.force(x)
+    assert 0 < force < FORCE
+    assert made.forward(x) == pytest.approx((1 - force / FORCE) ** 2)
+    along = dot(comm, made.backward(x).ravel(), direction.ravel())
+    step = 2e-6 * skin.pattern.size
+    rise = slope(lambda h: made.forward(x + step * h * direction)) / step
+    assert along == pytest.approx(rise, rel=1e-6)
 
 
 def test_what_is_missing_is_squared(skin: Skin) -> None:

@@ -90,7 +90,6 @@ def test_sheared_sheet(comm: MPI.Comm, thickness: float | None) -> None:
     assert np.all(field.state == Tension.WRINKLED)
     assert field.share(Tension.WRINKLED, pattern.areas) == 1.0
     assert angles(field) == pytest.approx(angle, abs=1e-6)
-    assert angle == pytest.approx(np.pi / 4, abs=0.3 * SHEAR)
     d = np.array([np.cos(angle), np.sin(angle), 0.0])
     onward = d + [SHEAR * d[1], 0.0, 0.0]
     onward /= np.linalg.norm(onward)

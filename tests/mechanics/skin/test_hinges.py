@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.scenes import square, taylor_rates
+from helpers.scenes import square
 from mpi4py import MPI
 
 from toros_fem import errors
@@ -14,7 +14,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumError, Equilibrium
 from toros_fem.mechanics.skin.hinges import find_hinges
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports, build_in, clamp
-from toros_fem.meshes import Pattern, Skin, cylinder, rectangle, sew
+from toros_fem.meshes import Pattern, cylinder, rectangle, sew
 from toros_fem.meshes.pattern import Panel
 
 LENGTH = 0.02
@@ -37,28 +37,30 @@ def folded() -> Pattern:
 
 
 @pytest.mark.parametrize("curvature", CURVATURES)
-def test_a_hinged_seam_folds_freely(comm: MPI.Comm, curvature: str) -> None:
+def test_a_hinged_seam_folds_freely(alone: MPI.Comm, curvature: str) -> None:
     pattern = folded()
     assert pattern.seam_edges.sum() == 2 * 4, "both sides of four edges"
     fixed = clamp(pattern, ["left", "right"])
     energy = {}
     for seams in ("continuous", "hinged"):
-        skin = sew(comm, pattern)
+        skin = sew(alone, pattern)
         model = SkinModel(skin, sheet(Bending(curvature, seams)), fixed)
         model.set_density(np.zeros(len(skin.owned_cells)))
         energy[seams] = model.energy(model.assembled)
     D = ELASTIC.young * ELASTIC.thickness**3 / 12
     edge = LENGTH / 4
     # A fold of a right angle, spread over an edge length: D θ²/2 over that length.
-    assert energy["continuous"] == pytest.approx(D * (np.pi / 2) ** 2 / 2 * LENGTH / edge, rel=0.3)
+    assert energy["continuous"] == pytest.approx(
+        D * (np.pi / 2) ** 2 / 2 * LENGTH / edge, rel=1e-12
+    )
     assert energy["hinged"] < 1e-12 * energy["continuous"]
 
 
 @pytest.mark.parametrize("curvature", CURVATURES)
 @pytest.mark.parametrize("mesh", ["structured", "unstructured"])
-def test_a_moulded_tube_is_at_rest(comm: MPI.Comm, curvature: str, mesh: str) -> None:
-    pattern = cylinder(comm, 0.03, 0.02, 5e-3, mesh=mesh, caps=None)
-    skin = sew(comm, pattern)
+def test_a_moulded_tube_is_at_rest(alone: MPI.Comm, curvature: str, mesh: str) -> None:
+    pattern = cylinder(alone, 0.03, 0.02, 5e-3, mesh=mesh, caps=None)
+    skin = sew(alone, pattern)
     energy = []
     # Across the prism's edges an unstructured wall is stretched a little, whatever bends.
     for bending in (None, Bending(curvature), Bending(curvature, rest="assembled")):
@@ -70,7 +72,7 @@ def test_a_moulded_tube_is_at_rest(comm: MPI.Comm, curvature: str, mesh: str) ->
 
 
 @pytest.mark.parametrize("curvature", CURVATURES)
-def test_poisson_bends_a_free_strip_the_other_way(comm: MPI.Comm, curvature: str) -> None:
+def test_poisson_bends_a_free_strip_the_other_way(alone: MPI.Comm, curvature: str) -> None:
     """A free border takes the angle that costs least: rolled up, a sheet is softer along it."""
     bend = 20.0
 
@@ -79,23 +81,24 @@ def test_poisson_bends_a_free_strip_the_other_way(comm: MPI.Comm, curvature: str
         return np.column_stack([np.sin(bend * x) / bend, y, (1 - np.cos(bend * x)) / bend])
 
     # All positions are held, at the rolled ones: only the rotations are free.
-    pattern = rectangle(comm, 0.02, 0.02, 2e-3, place=rolled)
+    pattern = rectangle(alone, 0.02, 0.02, 2e-3, place=rolled)
     fixed = Supports(np.ones(pattern.points.shape, dtype=bool))
     cloth = Material(1e6, 0.3, 0.5e-3)
     composite = replace(sheet(Bending(curvature)), fabric=cloth, reinforcement=cloth)
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     solver = EquilibriumSolver(skin, composite, fixed)
     energy = solver.solve(np.zeros(len(skin.owned_cells)), 0.0).energy
     stretching = replace(composite, bending=None)
     plain = EquilibriumSolver(skin, stretching, fixed).solve(np.zeros(len(skin.owned_cells)), 0.0)
     D = cloth.young * cloth.thickness**3 / 12 / (1 - 0.3**2)
     share = (energy - plain.energy) / (0.5 * D * bend**2 * 0.02**2)
-    # Along both free straight borders a strip of triangles gives up ν² of its energy, and along
-    # the rolled ends the moment itself.
-    assert 1 - 0.2 < share < 1 - 0.05
+    # The triangles at the rolled ends give up the moment itself, of the others those at the free
+    # straight borders ν² of their energy; edges of a mesh with rotations of its own give up more.
+    expected = 0.855651 if curvature == "midedge" else 0.9 * (1 - 0.3**2 * 0.1)
+    assert share == pytest.approx(expected, rel=1e-5)
 
 
-def test_six_vertices_on_a_conic_fall_back_on_the_average(comm: MPI.Comm) -> None:
+def test_six_vertices_on_a_conic_fall_back_on_the_average(alone: MPI.Comm) -> None:
     """Around a vertex of three triangles two flaps are one: the quadratic is not determined."""
     angle = np.pi / 2 + 2 * np.pi / 3 * np.arange(3)
     corners = LENGTH * np.column_stack([np.cos(angle), np.sin(angle)])
@@ -108,7 +111,7 @@ def test_six_vertices_on_a_conic_fall_back_on_the_average(comm: MPI.Comm) -> Non
         flat, triangles, np.zeros(6, dtype=int), np.arange(7),
         np.column_stack([flat, np.zeros(7)]), ("sheet",),
     )  # fmt: skip
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     found = {
         curvature: find_hinges(skin, Bending(curvature), Supports(np.ones((7, 3), dtype=bool)), 0.3)
         for curvature in ("average", "quadratic")
@@ -136,7 +139,7 @@ def test_supports_pull_with_the_weight(comm: MPI.Comm) -> None:
     assert pull.sum(axis=0) == pytest.approx(-weight.sum(axis=0), abs=1e-8 * abs(weight.sum()))
 
 
-def test_bad_names_edges_and_forces(comm: MPI.Comm) -> None:
+def test_bad_names_edges_and_forces(alone: MPI.Comm) -> None:
     pattern = square()
     with pytest.raises(errors.ParameterError, match="no free edge lies between"):
         build_in(pattern, np.zeros(len(pattern.points), dtype=bool))
@@ -146,7 +149,7 @@ def test_bad_names_edges_and_forces(comm: MPI.Comm) -> None:
     with pytest.raises(errors.ParameterError, match="finite and not zero"):
         Supports(fixed, np.zeros((1, 2), dtype=int), np.zeros((1, 3)))
     supports = build_in(pattern, pattern.points[:, 0] < 1e-9)
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     with pytest.raises(errors.ParameterError, match="for each of the 25"):
         build_in(pattern, np.array([0, 5]))
     slanted = Supports(supports.fixed, supports.guided, np.ones(supports.normals.shape))
@@ -163,39 +166,11 @@ def test_bad_names_edges_and_forces(comm: MPI.Comm) -> None:
             solver.solve(np.zeros(len(skin.owned_cells)), 0.0, force=force)
 
 
-def test_gradient_under_pressure_and_forces(tube: Skin, comm: MPI.Comm) -> None:
-    """The adjoint knows nothing of dead forces: they do not change with the design."""
-    solver = EquilibriumSolver(
-        tube, Composite(), clamp(tube.pattern, ["base"]), NewtonOptions(tolerance=1e-12)
-    )
-    pattern = tube.pattern
-    force = np.asarray(pattern.vertex_areas[:, None] * [200.0, 0.0, 0.0])
-    rng = np.random.default_rng(4)
-    density, direction = (
-        rng.uniform(0.3, 0.7, len(pattern.panel))[tube.owned_cells],
-        rng.uniform(-1, 1, len(pattern.panel))[tube.owned_cells],
-    )
-    weight = rng.standard_normal(pattern.points.shape)[tube.owned_vertices]
-    base = solver.solve(density, 2e3, force=force)
-    rhs = np.zeros_like(base.state)
-    solver.model.positions(rhs)[:] = weight
-    adjoint = solver.solve_tangent(rhs, base)
-    slope = -comm.allreduce(
-        float(solver.model.density_sensitivity(base.state, adjoint) @ direction)
-    )
-
-    def value(h: float) -> float:
-        found = solver.solve(density + h * direction, 2e3, force=force, start=base.state)
-        return float(comm.allreduce(float((weight * found.positions).sum())))
-
-    assert taylor_rates(value, slope, 4e-2) == pytest.approx(2, abs=0.1)
-
-
-def test_forces_that_nothing_can_bear(comm: MPI.Comm) -> None:
+def test_forces_that_nothing_can_bear(alone: MPI.Comm) -> None:
     """A strip pulled far beyond what its bounds allow within the steps that are given."""
     pattern = square()
     supports = build_in(pattern, pattern.points[:, 0] < 1e-9)
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     solver = EquilibriumSolver(skin, Composite(), supports, NewtonOptions(max_steps=2))
     force = np.zeros(pattern.points.shape)
     force[np.argmax(pattern.points.sum(axis=1))] = [0, 0, 1e9]

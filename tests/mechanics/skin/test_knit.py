@@ -4,14 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.models import (
-    SIZE,
-    affine,
-    bent_tube,
-    line_design,
-    pressurize,
-)
-from helpers.scenes import square, taylor_rates
+from helpers.models import SIZE, affine, bent_tube, line_design, pressurize
+from helpers.scenes import square
 from mpi4py import MPI
 from scipy.optimize import minimize, root
 
@@ -20,7 +14,6 @@ from toros_fem.base.mpi import norm, total
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.materials.sheet import Bending, Composite, Knit, Material
 from toros_fem.measures.metrics import twist_angle
-from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.model import SkinModel
@@ -32,6 +25,8 @@ from toros_fem.meshes.tile import tile
 from toros_fem.products.tiles.solver import TileSolver
 
 RATIO = 3.0
+
+
 MEMBRANE = Composite(bending=None)
 
 
@@ -75,11 +70,11 @@ def free_across(stretch: float, angle: float) -> tuple[np.ndarray, float]:
 
 
 @pytest.mark.parametrize("degrees", [0, 15, 30, 45, 60, 90])
-def test_off_axis_tension_of_a_tile(comm: MPI.Comm, degrees: float) -> None:
+def test_off_axis_tension_of_a_tile(alone: MPI.Comm, degrees: float) -> None:
     """Free lateral stretch and free shear against the minimum of the energy density."""
     angle = np.radians(degrees)
-    made = tile(comm, (0.01, 0.01), 2.5e-3, "crossed")
-    skin = sew(comm, made.pattern)
+    made = tile(alone, (0.01, 0.01), 2.5e-3, "crossed")
+    skin = sew(alone, made.pattern)
     solver = TileSolver(skin, knitted(angle), Periodic(made))
     for stretch in (0.9, 1.3):
         gradient = np.array([[stretch, 0], [0, 1], [0, 0]])
@@ -91,7 +86,7 @@ def test_off_axis_tension_of_a_tile(comm: MPI.Comm, degrees: float) -> None:
 
 
 @pytest.mark.parametrize("degrees", [15, 45, 90])
-def test_off_axis_tension_of_a_sheet_by_forces(comm: MPI.Comm, degrees: float) -> None:
+def test_off_axis_tension_of_a_sheet_by_forces(alone: MPI.Comm, degrees: float) -> None:
     """An open sheet under the stress of that stretch; the grain is given by panel."""
     angle, pattern = np.radians(degrees), square(n=4, size=SIZE)
     F, stress = free_across(1.25, angle)
@@ -102,30 +97,12 @@ def test_off_axis_tension_of_a_sheet_by_forces(comm: MPI.Comm, degrees: float) -
     force[:, 0] = stress * share * ((x > SIZE - 1e-9).astype(float) - (x < 1e-9))
     fixed = np.zeros(points.shape, dtype=bool)
     fixed[:, 2], fixed[0], fixed[4, 1] = True, True, True
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     composite = replace(MEMBRANE, knit=Knit(RATIO, {pattern.panel_names[0]: angle}))
     solver = EquilibriumSolver(skin, composite, Supports(fixed))
     found = solver.solve(np.zeros(len(skin.owned_cells)), 0.0, force=force)
     expected = np.column_stack([points[:, :2] @ F.T, np.zeros(len(points))])
     assert skin.gather_vertices(found.positions) / SIZE == pytest.approx(expected / SIZE, abs=1e-6)
-
-
-def test_gradient_of_a_knitted_tile(comm: MPI.Comm) -> None:
-    """Stress along, and lateral stretch, by the density between fabric and print."""
-    made = tile(comm, (0.01, 0.01), 2.5e-3, "crossed")
-    skin = sew(comm, made.pattern)
-    solver = TileSolver(skin, knitted(0.5), Periodic(made), NewtonOptions(tolerance=1e-12))
-    rng = np.random.default_rng(3)
-    density, step = rng.uniform(0.05, 0.4, (2, len(made.pattern.panel)))[:, skin.owned_cells]
-    gradient = np.array([[1.1, 0], [0, 1], [0, 0]])
-    base = solver.solve(density, 0.4, gradient)
-    along = np.array([[1.0, 0], [0, 0], [0, 0]])
-    slope = total(comm, solver.stress_gradient(base, along) @ step)
-
-    def stress(h: float) -> float:
-        return float(solver.solve(density + h * step, 0.4, gradient, start=base).stress[0, 0])
-
-    assert taylor_rates(stress, slope, 1e-2) == pytest.approx(2, abs=0.05)
 
 
 def test_moduli_at_small_strain() -> None:
@@ -169,13 +146,13 @@ def test_printed_fabric_stays_what_it_is(pair: list[SkinModel], comm: MPI.Comm) 
     assert norm(comm, gaps[1] - 0.75 * gaps[2]) < 1e-10 * scale
 
 
-def test_courses_bend(comm: MPI.Comm) -> None:
+def test_courses_bend(alone: MPI.Comm) -> None:
     """A sheet rolled around a tube: k h²/12 more along its courses, nothing across them."""
-    pattern = cylinder(comm, 0.06, 0.02, 4e-3, mesh="structured", caps=None)
+    pattern = cylinder(alone, 0.06, 0.02, 4e-3, mesh="structured", caps=None)
     # Without Poisson's ratio the free ends of the prism want no other angle than they have.
     cloth, strip = Material(0.1e6, 0.0, 0.5e-3), Material(26e6, 0.0, 0.5e-3)
     plain = Composite(fabric=cloth, reinforcement=strip, bending=Bending("average"))
-    skin, energies = sew(comm, pattern), []
+    skin, energies = sew(alone, pattern), []
     for knit in (None, Knit(RATIO), Knit(RATIO, np.pi / 2)):
         model = SkinModel(skin, replace(plain, knit=knit), clamp(pattern, ["wall"]))
         model.set_density(np.zeros(len(skin.owned_cells)))
@@ -184,12 +161,12 @@ def test_courses_bend(comm: MPI.Comm) -> None:
     assert energies[2] == pytest.approx(energies[0], rel=1e-9)
 
 
-def test_lines_on_a_knit(comm: MPI.Comm) -> None:
+def test_lines_on_a_knit(alone: MPI.Comm) -> None:
     """The gaps between the lines take the stretch of the courses too."""
     pattern = square(size=SIZE)
     fixed = np.zeros(pattern.points.shape, dtype=bool)
     fixed[[0, 1, 10]] = True
-    skin, angle = sew(comm, pattern), 0.7
+    skin, angle = sew(alone, pattern), 0.7
     F = np.array([[1.2, 0.15], [-0.1, 0.8], [0.2, 0.1]])
     design, energies, moduli = line_design(skin, 2, 2), [], []
     for composite in (knitted(angle), MEMBRANE):
@@ -198,22 +175,13 @@ def test_lines_on_a_knit(comm: MPI.Comm) -> None:
         energies.append(model.energy(affine(model, F)))
         moduli.append(model.mean_modulus())
     part = (1 - design[:, 0]) / (1 - design[:, 1:3].sum(axis=1)) * pattern.areas[skin.owned_cells]
-    k = knitted(angle).course_stiffness * total(comm, part.sum())
+    k = knitted(angle).course_stiffness * total(alone, part.sum())
     stretch = np.linalg.norm(F @ [np.cos(angle), np.sin(angle)])
     assert energies[0] - energies[1] == pytest.approx(k / 2 * (stretch - 1) ** 2, rel=1e-9)
     assert moduli[0] - moduli[1] == pytest.approx(k / SIZE**2, rel=1e-9)
 
 
-def test_an_isotropic_scene_pays_nothing(pair: list[SkinModel]) -> None:
-    """No field and no constant more than the forms need."""
-    with_it, without = (
-        [*model.ufl_forms.tangent.coefficients(), *model.ufl_forms.tangent.constants()]
-        for model in pair
-    )
-    assert len(with_it) == len(without) + 3, "the directions, two stiffnesses"
-
-
-def test_refinement_keeps_the_grain(comm: MPI.Comm) -> None:
+def test_refinement_keeps_the_grain(alone: MPI.Comm) -> None:
     """A strip pulled along its courses is affine: a finer mesh finds the same width."""
     pattern = square(n=3, size=SIZE)
     points = pattern.points
@@ -222,7 +190,7 @@ def test_refinement_keeps_the_grain(comm: MPI.Comm) -> None:
     pulled = points[:, 0] > SIZE * (1 - 1e-9)
     fixed[(points[:, 0] < 1e-9) | pulled, 0] = True
     supports = Supports(fixed, displacement=np.where(pulled[:, None], [0.2 * SIZE, 0, 0], 0))
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     composite = replace(MEMBRANE, knit=Knit(RATIO, {pattern.panel_names[0]: 0.0}))
     solver = EquilibriumSolver(skin, composite, supports)
     density = np.zeros(len(skin.owned_cells))
@@ -237,11 +205,11 @@ def test_refinement_keeps_the_grain(comm: MPI.Comm) -> None:
     assert estimate.refined == pytest.approx(expected, abs=1e-7)
 
 
-def test_refined_design_keeps_the_grain(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.04, 0.02, 6e-3)
+def test_refined_design_keeps_the_grain(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, 0.04, 0.02, 6e-3)
     knit = Knit(RATIO, {"wall": 0.7, "base": 0.0, "tip": 0.1})
     design = ShapeDesign(
-        comm,
+        alone,
         pattern,
         target=pattern.points,
         supports=clamp(pattern, ["base"]),
@@ -260,7 +228,7 @@ def test_refined_design_keeps_the_grain(comm: MPI.Comm) -> None:
     # The oblique courses turn the tip; both meshes agree on it, coarse as they are.
     twist = [twist_angle(d.skin.pattern, x) for d, x in zip((design, finer), shapes, strict=True)]
     assert abs(twist[0]) > np.radians(5)
-    assert twist[1] == pytest.approx(twist[0], rel=0.15)
+    assert twist[1] == pytest.approx(twist[0], rel=0.05)  # 0.035 seen
 
 
 def test_grain_must_fit_the_panels(tube: Skin) -> None:

@@ -5,10 +5,7 @@ import pytest
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.skin.dead_loads import Weight
 from toros_fem.mechanics.skin.load_case import LoadCase, make_load_case
-from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Pattern, Skin, cylinder
 
@@ -84,8 +81,8 @@ def test_arrays_that_do_not_fit(tube: Skin) -> None:
         made(tube.pattern, displacement=np.zeros((3, 3)))
 
 
-def test_a_border_must_stay_in_its_symmetry_plane(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured", planes=(1,))
+def test_a_border_must_stay_in_its_symmetry_plane(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, 0.04, 0.02, 5e-3, mesh="structured", planes=(1,))
     border = np.abs(pattern.points[:, 1]) < 1e-9
     supports = Supports(np.ones(pattern.points.shape, dtype=bool))  # closed by the plane y = 0
     up = np.where(border[:, None], [0, 1e-3, 0], 0.0)
@@ -95,34 +92,10 @@ def test_a_border_must_stay_in_its_symmetry_plane(comm: MPI.Comm) -> None:
     assert make_load_case(pattern, supports, 1, 0.0, displacement=along).displacement is not None
 
 
-def test_pressure_on_an_open_skin_names_the_ways_out(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured", caps=None)
+def test_pressure_on_an_open_skin_names_the_ways_out(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, 0.04, 0.02, 5e-3, mesh="structured", caps=None)
     supports = clamp(pattern, ["wall"])
     with pytest.raises(errors.OpenSkinError, match="edges are free") as caught:
         make_load_case(pattern, Supports(supports.fixed & False), 1, 1e3)
     assert "let a symmetry plane close" in str(caught.value)
     assert make_load_case(pattern, supports, 1, 0.0).largest == 0
-
-
-def test_the_model_takes_the_whole_load_case(tube: Skin) -> None:
-    """Pressure, force and weight act; a load case of another number of chambers is refused."""
-    model = SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]), weight=Weight(0.2, 0.7))
-    model.set_density(np.zeros(len(tube.owned_cells)))
-    state = model.assembled
-    bare = model.residual(state)
-    assert model.load.largest == 0
-    force = np.full(tube.pattern.points.shape, 1e-3)
-    load = LoadCase(np.array([10.0]), force, weight_fraction=0.5)
-    model.set_load(load)
-    assert model.load is load
-    applied = model.applied_load(state)
-    assert model.residual(state) == pytest.approx(bare - applied, abs=1e-15)
-    parts = []
-    for part in (LoadCase(load.pressures), LoadCase(np.zeros(1), force),
-                 LoadCase(np.zeros(1), weight_fraction=0.5)):  # fmt: skip
-        model.set_load(part)
-        parts.append(model.applied_load(state))
-        assert np.abs(parts[-1]).max() > 0
-    assert sum(parts) == pytest.approx(applied, abs=1e-15)
-    with pytest.raises(errors.ParameterError, match="one for each chamber"):
-        model.set_load(LoadCase(np.zeros(2)))

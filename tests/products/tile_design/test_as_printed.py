@@ -21,30 +21,30 @@ def test_print_on_the_finer_mesh(comm: MPI.Comm) -> None:
     density = simulation.density(result.printed)
     assert set(np.unique(density)) == {0.0, 1.0}
     area = result.printed.regions[0].area
-    assert case.fine.pattern.areas @ density == pytest.approx(area, rel=0.02)
+    assert case.fine.pattern.areas @ density == pytest.approx(area, rel=0.015)  # 0.0138 seen
     assert result.profile is not None
     assert result.failure == ""
     alone = ProfileSolver(simulation.solver.tile, case.angles, 0.1).solve(density)
     assert result.profile.stress == pytest.approx(alone.stress, rel=1e-9)
-    # The design's own mesh sees the same print, but lines of two edges only to a fifth.
+    # The design's own mesh sees the same print, but lines of two edges only to a ninth.
     assert result.printed.evaluation is not None
     coarser = result.printed.evaluation.equilibrium
-    assert coarser.stiffness == pytest.approx(result.profile.stiffness, rel=0.2)
+    assert coarser.stiffness == pytest.approx(result.profile.stiffness, rel=0.12)  # 0.110
     assert (coarser.stiffness != result.profile.stiffness).all()
     areas = island_areas(case.tile, result.printed.cells)
     assert result.printability.island_areas == pytest.approx(areas)
 
 
-def test_measured_print(comm: MPI.Comm) -> None:
+def test_measured_print(alone: MPI.Comm) -> None:
     case, result = small_result()
     assert result.profile is not None
-    measured = measure_print(comm, case, SMALL, result)
+    measured = measure_print(alone, case, SMALL, result)
     assert measured is not None
     assert np.degrees(measured.profile.angles) == pytest.approx(np.arange(0, 46, 7.5))
     assert measured.profile.stress[::2] == pytest.approx(result.profile.stress, rel=1e-12)
     # The directions between were solved separately.
     stiffness = measured.profile.stiffness
-    assert np.abs(np.diff(stiffness, 2)).max() < 0.2 * np.ptp(stiffness)
+    assert np.abs(np.diff(stiffness, 2)).max() < 0.15 * np.ptp(stiffness)  # 0.141 seen
     fabric = Composite().fabric
     exact, _, _ = Laminate(Composite(fabric, fabric), 0.5, 0.0).pulled(0.0, 0.1)
     assert measured.fabric_stiffness == pytest.approx(exact / 0.1, rel=1e-9)
@@ -55,10 +55,10 @@ def test_measured_print(comm: MPI.Comm) -> None:
 
 
 @pytest.mark.slow
-def test_directions_follow_the_symmetry(comm: MPI.Comm) -> None:
+def test_directions_follow_the_symmetry(alone: MPI.Comm) -> None:
     """Without mirrors the profile covers half a turn."""
     case, result = small_result()
-    measured = measure_print(comm, replace(case, symmetry="chiral"), SMALL, result)
+    measured = measure_print(alone, replace(case, symmetry="chiral"), SMALL, result)
     assert measured is not None
     assert np.degrees(measured.profile.angles) == pytest.approx(np.arange(0, 180, 7.5))
     # This print is tetragonal all the same.
@@ -68,10 +68,10 @@ def test_directions_follow_the_symmetry(comm: MPI.Comm) -> None:
 
 
 @pytest.mark.slow
-def test_print_without_an_equilibrium(comm: MPI.Comm) -> None:
+def test_print_without_an_equilibrium(alone: MPI.Comm) -> None:
     case, result = small_result()
-    assert measure_print(comm, case, SMALL, replace(result, profile=None)) is None
-    simulation = PrintSimulation(comm, case, SMALL.updated(strain=0.95))
+    assert measure_print(alone, case, SMALL, replace(result, profile=None)) is None
+    simulation = PrintSimulation(alone, case, SMALL.updated(strain=0.95))
     failed = simulation.simulate(result.problem, result.result)
     assert failed.profile is None
     assert "no equilibrium" in failed.failure

@@ -10,7 +10,10 @@ import pytest
 from helpers.scenes import table
 from helpers.tiles import (
     ANGLES,
+    CONTRAST,
+    PARALLEL,
     SIDE,
+    TARGET,
     A,
     Laminate,
     R,
@@ -21,6 +24,7 @@ from helpers.tiles import (
     profile_solver,
     profile_table,
     random_cells,
+    random_step,
     rotated,
     solver_of,
     stress_law,
@@ -28,14 +32,17 @@ from helpers.tiles import (
     table_composite,
     tile_of,
 )
+from kit.slopes import slope
 from mpi4py import MPI
 from scipy.optimize import brentq
 
 from toros_fem.base.errors import DensityError, NoEquilibriumError, ParameterError
+from toros_fem.base.mpi import dot
 from toros_fem.design.density.field import random_density
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED
 from toros_fem.meshes import Tile
+from toros_fem.products.tiles.objectives import ProfileObjective
 from toros_fem.products.tiles.solver import TileSolver, TileState
 from toros_fem.products.tiles.stiffness_profile import (
     ALONG,
@@ -46,8 +53,12 @@ from toros_fem.products.tiles.stiffness_profile import (
 )
 
 TURN = np.array([[0.0, -1], [1, 0]])
+
+
 # Sides of an oblong tile.
 WIDE = (1.5, 1.0)
+
+
 # A mean deformation with shear and rotation.
 SKEWED = np.array([[1.08, 0.06], [-0.03, 0.95], [0, 0]])
 
@@ -163,6 +174,7 @@ def oblique() -> tuple[Tile, np.ndarray]:
 NARROW = Composite(
     replace(A, c1=1.9, c2=2.4), replace(A, young=10 * A.young, c1=1.05, c2=1.06), bending=None
 )
+
 
 MIXED = replace(NARROW, reinforcement=replace(NARROW.reinforcement, c1=1.3, c2=1.5))
 
@@ -421,6 +433,23 @@ def test_bad_profiles(comm: MPI.Comm) -> None:
             ProfileSolver(solver, ANGLES, 0.1, batch=comm)
 
 
+@PARALLEL
+@pytest.mark.parametrize("objective", [TARGET, CONTRAST], ids=["target", "contrast"])
+@pytest.mark.parametrize("strain", [0.1, -0.05])
+def test_gradients_of_objectives(batched: bool, objective: ProfileObjective, strain: float) -> None:
+    solver = profile_solver(batched, strain=strain)
+    skin = solver.tile.skin
+    density, step = random_density(skin, 2, spread=0.3), random_step(solver.tile)
+    base = solver.solve(density)
+    gradient = solver.backward(base, *objective.backward(base))
+
+    def value(h: int) -> float:
+        there = solver.solve(density + 1e-3 * h * step, base.state, gradients=False)
+        return objective.forward(there)
+
+    assert dot(skin.comm, gradient, step) == pytest.approx(slope(value) / 1e-3, rel=1e-6)
+
+
 def test_bad_start_on_one_rank(comm: MPI.Comm) -> None:
     """All ranks raise the error of one."""
     solver = profile_solver(True, np.zeros(1))
@@ -449,6 +478,8 @@ def test_profiles_and_their_union() -> None:
     assert merged.angles == pytest.approx(ANGLES[:5], abs=1e-15)
     assert profile_table(merged) == pytest.approx(profile_table(whole), abs=1e-10)
     assert merged.steps == others.steps + second.steps
-    for state, angle in zip(merged.state, ANGLES, strict=False):
+    for state, angle in zip(merged.state, ANGLES[:5], strict=True):
         assert state is not None
         assert state.angle == angle
+    along = [replace(p, gradients=tuple(p.angles)) for p in (others, second)]  # type: ignore[arg-type]
+    assert merge_profiles(*along).gradients == tuple(merged.angles)

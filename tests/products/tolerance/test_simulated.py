@@ -55,14 +55,16 @@ def test_first_order_is_exact_to_second_order(printed: Printed) -> None:
             large, small = gaps(coarse, quantity, key), gaps(finer, quantity, key)
             for change in (min(large), max(large)):
                 order = np.log2(abs(large[change] / small[change / 2]))
-                assert order == pytest.approx(2, abs=0.3), (quantity, key, change)
+                assert order == pytest.approx(2, abs=0.08), (quantity, key, change)  # 0.074 seen
             less, more = (large[change] for change in (min(large), max(large)))
             assert less * more > 0, "what is left is of second order: alike for less and more"
 
 
 def test_the_mesh_of_the_design_is_near(found: tf.Tolerances) -> None:
     assert set(found.own_mesh) == {"angle_deg", "length_ratio"}
-    assert found.nominal["angle_deg"] == pytest.approx(found.own_mesh["angle_deg"], rel=0.2)
+    assert found.nominal["angle_deg"] == pytest.approx(
+        found.own_mesh["angle_deg"], rel=0.04
+    )  # 0.034
 
 
 def test_signs_are_those_of_mechanics(found: tf.Tolerances) -> None:
@@ -75,7 +77,7 @@ def test_signs_are_those_of_mechanics(found: tf.Tolerances) -> None:
     for variant in found.variants[:4]:
         assert variant.areas is not None
         polygons, mesh = variant.areas
-        assert mesh == pytest.approx(polygons, rel=0.08)
+        assert mesh == pytest.approx(polygons, rel=0.035)  # 0.033 seen
         assert np.sign(mesh) == np.sign(variant.change)
 
 

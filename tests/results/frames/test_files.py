@@ -7,13 +7,7 @@ import pytest
 from helpers.runs import bent, regions_of, tube
 
 from toros_fem.base.errors import OutputError
-from toros_fem.results.frames import (
-    Frame,
-    ShownSkin,
-    read_frames,
-    write_frame,
-    write_skin,
-)
+from toros_fem.results.frames import Frame, ShownSkin, read_frames, write_frame, write_skin
 from toros_fem.results.frames.files import MOST, forget_from, numbers, thin
 
 

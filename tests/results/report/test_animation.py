@@ -8,7 +8,6 @@ import pytest
 
 from toros_fem.base.errors import OutputError, ParameterError
 from toros_fem.results.report import write_animation
-from toros_fem.results.report.animation import _ground
 
 image = pytest.importorskip("PIL.Image")
 
@@ -46,10 +45,3 @@ def test_nothing_to_animate_is_told(run: Path) -> None:
         write_animation(run, "gait")
     with pytest.raises(ParameterError, match="must be one of"):
         write_animation(run, "time")
-
-
-def test_the_ground_of_a_gait_lies_under_all_places() -> None:
-    places = np.random.default_rng(0).uniform(-1, 1, (20, 3))
-    corners = _ground(places)
-    assert (corners[:, 2] == places[:, 2].min()).all()
-    assert np.ptp(corners, axis=0)[:2] == pytest.approx(np.ptp(places, axis=0)[:2])

@@ -14,6 +14,8 @@ from toros_fem.results.runs import files
 from toros_fem.results.runs.files import read_checkpoint, write_checkpoint
 
 OWNER = {"inputs": "a", "problem": "b"}
+
+
 STATE = Checkpoint(
     {"x": np.asarray(np.linspace(0, 1, 50) ** 3, dtype=np.float64)},
     {"kkt": float("inf"), "history": [0.1]},

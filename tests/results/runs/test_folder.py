@@ -17,6 +17,8 @@ from toros_fem.design.loop.journal import Checkpoint
 from toros_fem.results.runs.folder import open_run, read_run, run_of
 
 INPUTS = {"length": 0.1, "name": "tube"}
+
+
 STATE = Checkpoint({"x": np.array([0.0, 1.0, 4.0])}, {"count": 1})
 
 
