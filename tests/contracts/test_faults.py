@@ -170,17 +170,21 @@ def test_a_folder_in_use(resume: bool, tmp_path: Path) -> None:
     reader, writer = os.pipe()
     other = os.fork()
     if other == 0:
-        with open_run(ALONE, folder, INPUTS, resume=True):
-            os.write(writer, b"locked")
-            signal.pause()
-        os._exit(0)
-    assert os.read(reader, 6) == b"locked"
-    before = contents(folder)
-    with pytest.raises(RunError, match=f"process {other} on "):
-        open_run(ALONE, folder, INPUTS, resume=resume)
-    assert contents(folder) == before, "nothing was moved"
-    os.kill(other, signal.SIGKILL)
-    os.waitpid(other, 0)
+        try:
+            with open_run(ALONE, folder, INPUTS, resume=True):
+                os.write(writer, b"locked")
+                signal.pause()
+        finally:
+            os._exit(0)
+    try:
+        assert os.read(reader, 6) == b"locked"
+        before = contents(folder)
+        with pytest.raises(RunError, match=f"process {other} on "):
+            open_run(ALONE, folder, INPUTS, resume=resume)
+        assert contents(folder) == before, "nothing was moved"
+    finally:
+        os.kill(other, signal.SIGKILL)
+        os.waitpid(other, 0)
     with open_run(ALONE, folder, INPUTS, resume=resume):  # noqa: SIM117
         with pytest.raises(RunError, match="in use"):
             open_run(ALONE, folder, INPUTS, resume=resume)
