@@ -2,14 +2,21 @@
 FENICSX = scripts/fenicsx
 PYTEST = python3 -m pytest
 
-.PHONY: demo test lint docs env
+.PHONY: demo test quick forms lint docs env
 
 demo:
 	$(FENICSX) python3 demos/bend.py --coarse --output output/bend
 
-test:
+test: forms
 	$(FENICSX) env OMP_NUM_THREADS=1 $(PYTEST) -q -n 2 --dist loadgroup --no-loadscope-reorder
 	$(FENICSX) mpirun -n 2 $(PYTEST) -q --color=no
+
+# Contracts, and the tests of the folders that changed, without those marked slow.
+quick: forms
+	$(FENICSX) env PYTHONPATH=.:tests OMP_NUM_THREADS=1 python3 -m kit.quick
+
+forms:
+	$(FENICSX) env PYTHONPATH=.:tests OMP_NUM_THREADS=1 python3 -m kit.warm
 
 lint:
 	$(FENICSX) python3 -m ruff check .

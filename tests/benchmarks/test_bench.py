@@ -191,12 +191,10 @@ def test_quick_cases_of_scale(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_quick_cases_of_seeds(tmp_path: Path) -> None:
-    """The plain tube swells as published; a design is the same on both kernel types."""
+    """The plain tube swells as published."""
     rows = found(tmp_path / "rows.csv", "seeds", "--quick", "--only", "inflate")
+    assert rows
     assert not any(seeds.deviates(row) for row in rows)
-    rows = found(tmp_path / "kernels.csv", "seeds", "--quick", "--only", "kernels")
-    one, other = (row.value for row in rows if row.figure == "shortening_percent")
-    assert one == pytest.approx(other, rel=1e-3)
 
 
 @pytest.mark.slow

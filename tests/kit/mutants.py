@@ -20,11 +20,12 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from queue import Queue
+from typing import Any
 
 ROOT = Path(__file__).parents[2]
 TABLE = ROOT / "tests" / "mutants.csv"
@@ -135,7 +136,7 @@ def _own_nodes(statement: ast.stmt) -> list[ast.AST]:
     return nodes
 
 
-def _changes(node: ast.AST) -> Iterator[tuple[str, object]]:
+def _changes(node: ast.AST) -> Iterator[tuple[str, Callable[[Any], Any]]]:
     """Yield kinds of mutations of a node, and functions that make them in place."""
     if isinstance(node, ast.Compare) and type(node.ops[0]) in COMPARISONS:
         yield "comparison", lambda n: n.ops.__setitem__(0, COMPARISONS[type(n.ops[0])]())
@@ -358,7 +359,7 @@ def try_all(
 
 def read_table() -> list[Mutant]:
     with TABLE.open(encoding="utf-8", newline="") as file:
-        return [Mutant(**row) for row in csv.DictReader(file)]
+        return [Mutant(*(row[name] for name in COLUMNS)) for row in csv.DictReader(file)]
 
 
 def write_table(mutants: list[Mutant]) -> None:

@@ -3,14 +3,14 @@
 import contextlib
 import os
 import re
+import runpy
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from helpers.scenes import ROOT, shared
-from mpi4py import MPI
+from helpers.scenes import ROOT
 
 from toros_fem.cli.scene_files.reading import read_scene
 
@@ -60,10 +60,10 @@ def test_pages_with_code_are_found() -> None:
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if blocks(page)], ids=lambda page: str(page.relative_to(ROOT))
 )
-def test_code_of_a_page_runs(comm: MPI.Comm, tmp_path: Path, page: Path) -> None:
+def test_code_of_a_page_runs(tmp_path: Path, page: Path) -> None:
     """The blocks of a page run one after the other, each with the names of those before it."""
     names: dict[str, object] = {"__name__": "page"}
-    with inside(shared(comm, tmp_path)):
+    with inside(tmp_path):
         for line, code in blocks(page):
             # Padded, so that a failure names the line of the page.
             exec(compile("\n" * line + code, str(page), "exec"), names)
@@ -80,27 +80,28 @@ def commands() -> list[tuple[str, tuple[str, ...]]]:
     return [(script, tuple(sorted(options))) for script, options in sorted(found.items())]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("script", "options"), commands(), ids=lambda value: str(value)[:40])
-def test_commands_have_their_options(script: str, options: tuple[str, ...]) -> None:
-    command = [str(ROOT / script)]
-    if script.startswith("toros "):
-        command = ["-m", "toros_fem", *script.split()[1:]]
-    elif script.startswith("benchmarks "):
-        command = ["-m", *script.split()]
+def run_program(name: str) -> None:
+    """Run a script, or a package by its command."""
+    if name in ("toros", "benchmarks"):
+        runpy.run_module(name.replace("toros", "toros_fem"), run_name="__main__")
     else:
-        assert (ROOT / script).is_file(), script
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
-    done = subprocess.run(
-        [sys.executable, *command, "--help"],
-        env={**environment, "PYTHONPATH": str(ROOT)},
-        text=True,
-        capture_output=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+        runpy.run_path(str(ROOT / name), run_name="__main__")
+
+
+@pytest.mark.parametrize(("script", "options"), commands(), ids=lambda value: str(value)[:40])
+def test_commands_have_their_options(
+    script: str,
+    options: tuple[str, ...],
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(sys, "argv", [*script.split(), "--help"])
+    with pytest.raises(SystemExit) as end:
+        run_program(script.split()[0])
+    assert not end.value.code
+    text = capsys.readouterr().out
     for option in options:
-        assert option in done.stdout, f"{script} has no {option}"
+        assert option in text, f"{script} has no {option}"
 
 
 SCENES = [
@@ -129,6 +130,7 @@ SHORT = (
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("tutorial")
 def test_commands_of_the_tutorial_run_one_after_the_other(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "tutorial" / "first_design.md").read_text(encoding="utf-8")
     lines = re.findall(r"^toros (.+)$", text, re.MULTILINE)

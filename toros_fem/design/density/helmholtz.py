@@ -11,6 +11,7 @@ from dolfinx.fem.petsc import assemble_matrix
 from petsc4py import PETSc
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.compiled_forms import compiled
 from toros_fem.base.mpi import gather_by_index
 from toros_fem.base.validation import require_kind
 from toros_fem.design.density.neighbours import check_radius
@@ -48,7 +49,7 @@ class HelmholtzFilter:
         r = fem.Constant(skin.mesh, radius / (2 * np.sqrt(3)))
         lumped = ufl.dx(metadata={"quadrature_rule": "vertex", "quadrature_degree": 1})
         form = r**2 * ufl.inner(ufl.grad(trial), ufl.grad(test)) * ufl.dx + trial * test * lumped
-        self._matrix = assemble_matrix(fem.form(form))
+        self._matrix = assemble_matrix(compiled(form))
         self._matrix.assemble()
         self._ksp = PETSc.KSP().create(skin.comm)
         self._ksp.setOptionsPrefix("toros_filter_")

@@ -11,6 +11,7 @@ import ufl
 from dolfinx import fem, la
 
 from toros_fem.base.array_types import Bools, Floats, Ints, LocalInts
+from toros_fem.base.compiled_forms import compiled
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot, gather_by_index, largest, total
 from toros_fem.forms.energy import SkinForms, skin_forms
@@ -188,13 +189,13 @@ class SkinModel:
             else None,
             print_offset(domain, composite),
         )
-        self._energy = fem.form(self.ufl_forms.energy)
-        self._residual = fem.form(self.ufl_forms.residual)
-        self._tangent = fem.form(self.ufl_forms.tangent)
+        self._energy = compiled(self.ufl_forms.energy)
+        self._residual = compiled(self.ufl_forms.residual)
+        self._tangent = compiled(self.ufl_forms.tangent)
         self._buffer = work_vector(self.space)
         if closed:
             self._pressure.compile(self.ufl_forms, self._buffer)
-        self._weight = None if weight is None else fem.form(self.ufl_forms.weight)
+        self._weight = None if weight is None else compiled(self.ufl_forms.weight)
         self._sensitivity: Any = None  # compiled for the first gradient
         self._variation_by_density: Any = None  # and for the first one of metrics
         self._variation_by_bounds: Any = None  # and for the first start outside its bounds
@@ -379,7 +380,7 @@ class SkinModel:
         """Return the change of the residual by narrowing loosened bounds, in N, to first order."""
         assert isinstance(self.bounds, MixedBounds)
         if self._variation_by_bounds is None:
-            self._variation_by_bounds = fem.form(self.bounds.variation(self.ufl_forms.residual))
+            self._variation_by_bounds = compiled(self.bounds.variation(self.ufl_forms.residual))
         self.set_state(state)
         self.bounds.point_back()
         return assembled(self._variation_by_bounds, self._buffer) * self.free
@@ -724,7 +725,7 @@ class SkinModel:
         """
         if self._variation_by_density is None:
             form = ufl.derivative(self.ufl_forms.residual, self.density, self._density_change)
-            self._variation_by_density = fem.form(form)
+            self._variation_by_density = compiled(form)
         self.set_state(state)
         self._density_change.x.array[: len(change)] = change
         self._density_change.x.scatter_forward()
@@ -738,7 +739,7 @@ class SkinModel:
         hand, each tested against finite differences (Taylor tests).
         """
         if self._sensitivity is None:
-            self._sensitivity = fem.form(self.ufl_forms.sensitivity)
+            self._sensitivity = compiled(self.ufl_forms.sensitivity)
             self._gradient = work_vector(self.skin.density_space)
         self.set_state(state)
         self.adjoint.x.array[: self.size_local] = adjoint

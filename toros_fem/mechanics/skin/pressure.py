@@ -8,6 +8,7 @@ import numpy as np
 from dolfinx import fem
 
 from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.compiled_forms import compiled
 from toros_fem.base.mpi import sum_over_ranks, total
 from toros_fem.forms.energy import SkinForms
 from toros_fem.mechanics.skin.chambers import Chambers, Lid, Wall, find_lids, find_walls
@@ -84,7 +85,7 @@ class PressureLoad:
 
     def compile(self, forms: SkinForms, buffer: Any) -> None:
         """Compile volume and its variation; `buffer` is a work vector of the unknowns."""
-        self._volume, self._variation = fem.form(forms.volume), fem.form(forms.volume_variation)
+        self._volume, self._variation = compiled(forms.volume), compiled(forms.volume_variation)
         self._buffer = buffer
 
     def set(self, values: Floats) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from dolfinx import fem
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.compiled_forms import compiled
 from toros_fem.base.errors import DensityError, ParameterError
 from toros_fem.base.mpi import raise_together
 from toros_fem.base.validation import require_between, require_count, require_positive
@@ -171,7 +172,7 @@ class RelaxedModel(SkinModel):
         """
         by_density = super().density_sensitivity(state, adjoint)
         if self._lines_sensitivity is None:
-            self._lines_sensitivity = fem.form(self.ufl_forms.lines_sensitivity)
+            self._lines_sensitivity = compiled(self.ufl_forms.lines_sensitivity)
             self._lines_gradient = work_vector(self.lines.function_space)
         count = self.families
         parts = np.empty((len(self._row), 3 * count))

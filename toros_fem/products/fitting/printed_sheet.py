@@ -17,6 +17,7 @@ import ufl
 from dolfinx import fem
 
 from toros_fem.base.array_types import Floats
+from toros_fem.base.compiled_forms import compiled
 from toros_fem.base.errors import MaterialWarning
 from toros_fem.base.mpi import dot
 from toros_fem.materials.sheet import Composite
@@ -155,7 +156,7 @@ class _TangentTimes:
         along = fem.Function(model.space)
         along.x.array[: model.size_local] = direction
         along.x.scatter_forward()
-        self._form = fem.form(ufl.derivative(model.ufl_forms.residual, model.q, along))
+        self._form = compiled(ufl.derivative(model.ufl_forms.residual, model.q, along))
         self._buffer = work_vector(model.space)
 
     def at(self, state: Floats) -> Floats:

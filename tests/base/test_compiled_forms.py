@@ -1,0 +1,75 @@
+"""Compiled forms: one whose compilation was killed is compiled again, one in the making is not."""
+
+import fcntl
+import os
+from collections.abc import Generator
+from pathlib import Path
+
+import pytest
+import ufl
+from dolfinx import fem, mesh
+from mpi4py import MPI
+
+from toros_fem.base import compiled_forms
+from toros_fem.base.compiled_forms import LOCK, compiled
+
+
+@pytest.fixture
+def area(alone: MPI.Comm) -> ufl.Form:
+    square = mesh.create_unit_square(alone, 2, 2)
+    return fem.Constant(square, 3.0) * ufl.dx
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Generator[Path]:
+    monkeypatch.setattr(compiled_forms, "form_cache", lambda: tmp_path)
+    return tmp_path
+
+
+def killed(folder: Path) -> Path:
+    """Leave what a killed compilation leaves, and return its file."""
+    (mark,) = folder.glob("*.c.cached")
+    source = mark.with_suffix("")
+    for path in folder.glob(f"{source.stem}*"):
+        path.unlink()
+    source.touch()
+    return source
+
+
+def test_a_killed_compilation_is_made_good(area: ufl.Form, folder: Path) -> None:
+    assert fem.assemble_scalar(compiled(area)) == pytest.approx(3.0)
+    source = killed(folder)
+    assert fem.assemble_scalar(compiled(area)) == pytest.approx(3.0)
+    assert source.with_suffix(".c.cached").exists()
+
+
+def test_what_another_process_compiles_stays(area: ufl.Form, folder: Path) -> None:
+    compiled(area)
+    source = killed(folder)
+    other = os.open(folder / LOCK, os.O_RDWR)
+    fcntl.flock(other, fcntl.LOCK_SH)
+    with compiled_forms._compiling(folder):
+        assert source.exists()
+    os.close(other)
+    with compiled_forms._compiling(folder):
+        assert not source.exists()
+
+
+def test_the_cache_tells_compilers_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    folders = []
+    for name in ("cc", "no-such-compiler"):
+        monkeypatch.setenv("CC", name)
+        compiled_forms.form_cache.cache_clear()
+        folders.append(compiled_forms.form_cache())
+    compiled_forms.form_cache.cache_clear()
+    assert len(set(folders)) == 2
+    assert len({folder.parent for folder in folders}) == 1
+
+
+def test_a_folder_that_cannot_be_made_is_told(
+    area: ufl.Form, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(compiled_forms, "form_cache", lambda: tmp_path / "file" / "cache")
+    with pytest.raises(OSError, match="cache"):
+        compiled(area)

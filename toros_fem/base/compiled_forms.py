@@ -1,0 +1,98 @@
+"""Forms compiled by FFCx, kept on disk; one whose compilation was killed is compiled again."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import platform
+import shlex
+import subprocess
+import sysconfig
+from collections.abc import Generator
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import ufl
+from dolfinx import fem
+from dolfinx.jit import get_options
+
+LOCK = "compiling.lock"
+
+
+def compiled(form: ufl.Form) -> Any:
+    """Compile a form, or read it from the cache (collective).
+
+    FFCx makes the C file of a form first and marks it when all is done. A compilation that was
+    killed leaves the file without its mark, and FFCx would wait for this mark in vain. So such
+    files are removed before, unless another process is compiling.
+
+    Args:
+        form: A form on one mesh.
+
+    Returns:
+        The `dolfinx.fem.Form`.
+    """
+    folder = form_cache()
+    comm = form.ufl_domains()[0].ufl_cargo().comm
+    options = {"cache_dir": str(folder)}
+    if comm.rank > 0:  # it reads what the first rank has compiled
+        return fem.form(form, jit_options=options)
+    with _compiling(folder):
+        return fem.form(form, jit_options=options)
+
+
+@cache
+def form_cache() -> Path:
+    """Return the folder of compiled forms of this compiler, its options and this processor."""
+    options = get_options()
+    compiler = shlex.split(os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc")[0]
+    try:
+        told = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)
+        version = told.stdout.partition("\n")[0]
+    except OSError:  # all that is needed may be in the cache
+        version = ""
+    flags = options["cffi_extra_compile_args"]
+    facts = repr([compiler, version, flags, platform.machine(), _processor()])
+    key = hashlib.sha1(facts.encode()).hexdigest()[:12]
+    return Path(options["cache_dir"]) / f"toros_fem-{key}"
+
+
+def _processor() -> str:
+    """Return the model of the processor, "" where the system does not tell."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line.partition(":")[2].strip() for line in lines if "model name" in line), "")
+
+
+@contextmanager
+def _compiling(folder: Path) -> Generator[None]:
+    """Hold the cache's lock, shared, after removing what a killed compilation left.
+
+    The kernel frees the lock of a process that ends, however it ends.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    except OSError:  # FFCx tells it
+        yield
+        return
+    try:
+        with suppress(OSError):  # another process compiles, or there are no locks here
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _remove_unmarked(folder)
+        with suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_SH)
+        yield
+    finally:
+        os.close(file)
+
+
+def _remove_unmarked(folder: Path) -> None:
+    for path in folder.glob("libffcx_*.c"):
+        if not path.with_suffix(".c.cached").exists():
+            path.unlink(missing_ok=True)
