@@ -158,6 +158,18 @@ def tube(comm: MPI.Comm) -> Skin:
 
 
 @pytest.fixture(scope="session")
+def short_tube(alone: MPI.Comm) -> Skin:
+    """The same on one rank."""
+    return sew(alone, cylinder(alone, 0.06, 0.02, 4.5e-3))
+
+
+@pytest.fixture(scope="session")
+def short_solver(short_tube: Skin) -> EquilibriumSolver:
+    """The same as `tube_solver` on one rank."""
+    return EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+
+
+@pytest.fixture(scope="session")
 def tube_solver(tube: Skin) -> EquilibriumSolver:
     """The short tube with the default materials, bending included, its base clamped."""
     return EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))

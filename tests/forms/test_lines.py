@@ -80,12 +80,12 @@ def test_stiffness_of_lines_that_bend_and_twist() -> None:
     assert pytest.approx(D.T) == D
 
 
-def test_energy_of_a_sheet_by_hand(comm: MPI.Comm) -> None:
+def test_energy_of_a_sheet_by_hand(alone: MPI.Comm) -> None:
     """Any design and any affine deformation: eq. (1) with its factor, and the lines."""
     pattern = square(size=SIZE)
     fixed = np.zeros(pattern.points.shape, dtype=bool)
     fixed[[0, 1, 10]] = True
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     composite = Composite(bending=None)
     model = RelaxedModel(skin, composite, Supports(fixed), 3)
     F = np.array([[1.2, 0.15], [-0.1, 0.8], [0.2, 0.1]])
@@ -108,7 +108,7 @@ def test_energy_of_a_sheet_by_hand(comm: MPI.Comm) -> None:
         psi -= lam / 2 * b * np.log(1 - strains.sum() ** 2 / b)
         lines = sum(s / 2 * (length(F, angle) - 1) ** 2 for s, angle in zip(shares, t, strict=True))
         expected += area * (fabric.thickness * factor * psi + printed.membrane_stiffness * lines)
-    expected = comm.allreduce(expected)
+    expected = alone.allreduce(expected)
     assert model.energy(affine(model, F)) == pytest.approx(expected, rel=1e-11)
 
 

@@ -21,7 +21,7 @@ CLOSED = ("tube", "walker", "gripper", "finger", "sphere", "torus")
 @cache
 def pattern_of(kind: str) -> Pattern:
     """A coarse pattern of each kind that the package makes."""
-    comm = MPI.COMM_WORLD
+    comm = MPI.COMM_SELF
     if kind == "tube":
         return meshes.cylinder(comm, 0.1, 0.04, 9e-3)
     if kind == "open tube":

@@ -17,8 +17,8 @@ SHIFT = np.array([0.3, -0.2, 0.5])
 
 
 @pytest.fixture(scope="module")
-def tube(comm: MPI.Comm) -> Pattern:
-    return cylinder(comm, LENGTH, 0.02, 4e-3)
+def tube(alone: MPI.Comm) -> Pattern:
+    return cylinder(alone, LENGTH, 0.02, 4e-3)
 
 
 def placed(tube: Pattern, along: str, toward: str) -> tuple[Pattern, np.ndarray]:
@@ -97,9 +97,9 @@ def test_part_of_the_body_is_deformed(tube: Pattern) -> None:
     assert axis.twist_metric(40.0).measure(tube, x) == pytest.approx(40, abs=0.01)
 
 
-def test_round_tip(comm: MPI.Comm) -> None:
+def test_round_tip(alone: MPI.Comm) -> None:
     """Without a flat end, the target ends where the tip begins, and is measured there."""
-    tube = cylinder(comm, LENGTH, 0.02, 4e-3)
+    tube = cylinder(alone, LENGTH, 0.02, 4e-3)
     points = tube.points.copy()
     cap = points[:, 2] > LENGTH - 1e-9
     points[cap, 2] += 0.01 * np.sqrt(1 - np.minimum(1, np.hypot(*points[cap, :2].T) / 0.0101) ** 2)

@@ -16,49 +16,49 @@ from toros_fem.measures.cross_sections import (
 from toros_fem.meshes import Skin, cylinder, rectangle, sew, twist
 
 
-def test_sections_do_not_see_swelling(tube: Skin) -> None:
+def test_sections_do_not_see_swelling(short_tube: Skin) -> None:
     """A section scaled about its centre line keeps its mean position and its orientation."""
-    pattern = tube.pattern
-    objective = CrossSectionObjective(tube, TARGET(pattern.points), tube_sections(tube))
+    pattern = short_tube.pattern
+    objective = CrossSectionObjective(short_tube, TARGET(pattern.points), tube_sections(short_tube))
     swollen = TARGET(pattern.points * [1.3, 1.3, 1.0])
-    none = objective.forward(TARGET(pattern.points)[tube.owned_vertices])
+    none = objective.forward(TARGET(pattern.points)[short_tube.owned_vertices])
     assert none == pytest.approx(0.0, abs=1e-15)
-    small = objective.forward(swollen[tube.owned_vertices])
-    plain = objective.forward(pattern.points[tube.owned_vertices])
+    small = objective.forward(swollen[short_tube.owned_vertices])
+    plain = objective.forward(pattern.points[short_tube.owned_vertices])
     assert small < 1e-3 * plain
 
 
-def test_a_whole_turn_is_not_zero(tube: Skin) -> None:
+def test_a_whole_turn_is_not_zero(short_tube: Skin) -> None:
     """The tip of a tube twisted by 360° is where it was; the sections see the twist."""
-    points = tube.pattern.points
-    goal = tube_sections(tube)
+    points = short_tube.pattern.points
+    goal = tube_sections(short_tube)
     only = CrossSections(goal.labels, np.zeros((6, 3)), np.ones(6))
-    objective = CrossSectionObjective(tube, twist(2 * np.pi, LENGTH)(points), only)
+    objective = CrossSectionObjective(short_tube, twist(2 * np.pi, LENGTH)(points), only)
     values = [
-        objective.forward(twist(fraction * 2 * np.pi, LENGTH)(points)[tube.owned_vertices])
+        objective.forward(twist(fraction * 2 * np.pi, LENGTH)(points)[short_tube.owned_vertices])
         for fraction in (-0.2, 0.0, 0.2, 0.6, 1.0)
     ]
     assert all(np.diff(values) < 0)
     assert values[-1] < 1e-6 * values[0]
 
 
-def test_small_turn_costs_as_documented(tube: Skin) -> None:
-    points, angle = tube.pattern.points, 1e-3
-    goal = tube_sections(tube)
+def test_small_turn_costs_as_documented(short_tube: Skin) -> None:
+    points, angle = short_tube.pattern.points, 1e-3
+    goal = tube_sections(short_tube)
     turn = np.zeros(6)
     turn[0] = 3.0  # the first section against how it is assembled: the whole tube is turned
     objective = CrossSectionObjective(
-        tube, points, CrossSections(goal.labels, np.zeros((6, 3)), turn)
+        short_tube, points, CrossSections(goal.labels, np.zeros((6, 3)), turn)
     )
     turned = points @ Rotation.from_rotvec([0, angle, 0]).as_matrix().T
-    found = objective.forward(turned[tube.owned_vertices])
+    found = objective.forward(turned[short_tube.owned_vertices])
     assert found == pytest.approx(0.5 * 3.0 * angle**2, rel=1e-5)
 
 
-def test_sections_on_a_line_have_no_orientation(comm: MPI.Comm) -> None:
+def test_sections_on_a_line_have_no_orientation(alone: MPI.Comm) -> None:
     """Slabs of a flat sheet with one row of vertices each; only positions may have weights."""
-    pattern = rectangle(comm, 0.06, 0.02, 5e-3)
-    skin = sew(comm, pattern)
+    pattern = rectangle(alone, 0.06, 0.02, 5e-3)
+    skin = sew(alone, pattern)
     label = label_cross_sections(
         pattern, np.arange(len(pattern.points)), (1, 0, 0), 12, border=False
     )
@@ -78,9 +78,9 @@ def test_sections_on_a_line_have_no_orientation(comm: MPI.Comm) -> None:
             act(crushed)
 
 
-def test_bad_input(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, LENGTH, 0.02, 4.5e-3)
-    skin = sew(comm, pattern)
+def test_bad_input(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, LENGTH, 0.02, 4.5e-3)
+    skin = sew(alone, pattern)
     goal = tube_sections(skin)
     with pytest.raises(errors.ParameterError, match="each needs at least 3"):
         CrossSections(np.array([0, 0, 1]), goal.position_weights[:2], goal.orientation_weights[:2])
@@ -98,9 +98,9 @@ def test_bad_input(comm: MPI.Comm) -> None:
         CrossSectionObjective(skin, pattern.points[1:], goal)
 
 
-def test_labels(tube: Skin) -> None:
+def test_labels(short_tube: Skin) -> None:
     """Slabs of equal length; the ring at the tip is one section more, unless there is none."""
-    pattern = tube.pattern
+    pattern = short_tube.pattern
     wall = pattern.vertices_of("wall")
     labels = label_cross_sections(pattern, wall, (0, 0, 1), 3)
     assert set(np.delete(labels, wall)) == {-1}

@@ -27,28 +27,30 @@ def test_distance_from_bodies() -> None:
 
 
 @pytest.mark.parametrize("shape", ["sphere", "box"])
-def test_gradient_of_the_gap(tube: Skin, comm: MPI.Comm, shape: str) -> None:
+def test_gradient_of_the_gap(short_tube: Skin, alone: MPI.Comm, shape: str) -> None:
     rng = np.random.default_rng(4)
-    weights = rng.uniform(0, 1, len(tube.pattern.points))
-    objective = GapObjective(tube, Body(shape, 0.03, (0.004, 0.002, 0.03)), weights, 2.0)
-    owned = tube.owned_vertices
-    x = tube.pattern.points[owned] * 1.5
-    direction = tube.pattern.points[:, [1, 2, 0]][owned]
+    weights = rng.uniform(0, 1, len(short_tube.pattern.points))
+    objective = GapObjective(short_tube, Body(shape, 0.03, (0.004, 0.002, 0.03)), weights, 2.0)
+    owned = short_tube.owned_vertices
+    x = short_tube.pattern.points[owned] * 1.5
+    direction = short_tube.pattern.points[:, [1, 2, 0]][owned]
     parts = objective.backward(x) * 1e-4 * direction
     rise = slope(lambda h: objective.forward(x + 1e-4 * h * direction))
-    assert total(comm, parts.sum()) == pytest.approx(rise, abs=1e-7 * total(comm, abs(parts).sum()))
+    assert total(alone, parts.sum()) == pytest.approx(
+        rise, abs=1e-7 * total(alone, abs(parts).sum())
+    )
     with pytest.raises(errors.ParameterError, match="weights have shape"):
-        GapObjective(tube, Body(shape, 0.03, (0.0, 0.0, 0.0)), weights[1:])
+        GapObjective(short_tube, Body(shape, 0.03, (0.0, 0.0, 0.0)), weights[1:])
 
 
 @pytest.mark.parametrize("shape", ["sphere", "box"])
-def test_integers_and_lists_are_numbers(tube: Skin, shape: str) -> None:
-    weights = np.random.default_rng(4).uniform(0, 1, len(tube.pattern.points))
-    x = tube.pattern.points[tube.owned_vertices] * 1.5
+def test_integers_and_lists_are_numbers(short_tube: Skin, shape: str) -> None:
+    weights = np.random.default_rng(4).uniform(0, 1, len(short_tube.pattern.points))
+    x = short_tube.pattern.points[short_tube.owned_vertices] * 1.5
     whole = Body(shape, 1, (0, 0, 0), 1)
     plain = Body(shape, 1.0, (0.0, 0.0, 0.0), 1.0)
     ones = np.ones(len(weights))
-    listed = GapObjective(tube, whole, [1] * len(weights), 2)  # type: ignore[arg-type]
-    assert listed.forward(x) == GapObjective(tube, plain, ones, 2.0).forward(x) > 0
+    listed = GapObjective(short_tube, whole, [1] * len(weights), 2)  # type: ignore[arg-type]
+    assert listed.forward(x) == GapObjective(short_tube, plain, ones, 2.0).forward(x) > 0
     with pytest.raises(errors.ParameterError, match="weights have shape"):
-        GapObjective(tube, Body(shape, 0.03, (0.0, 0.0, 0.0)), weights[1:])
+        GapObjective(short_tube, Body(shape, 0.03, (0.0, 0.0, 0.0)), weights[1:])

@@ -20,8 +20,8 @@ BENT = bend(0.7, LENGTH)
 
 
 @pytest.fixture(scope="module")
-def half(comm: MPI.Comm) -> Skin:
-    return sew(comm, cylinder(comm, LENGTH, 0.02, 4.5e-3, planes=(1,)))
+def half(alone: MPI.Comm) -> Skin:
+    return sew(alone, cylinder(alone, LENGTH, 0.02, 4.5e-3, planes=(1,)))
 
 
 def all_terms(nodes: Nodes) -> Objective:
@@ -48,9 +48,9 @@ def shapes(half: Skin) -> tuple[np.ndarray, np.ndarray]:
     return moved, mirrored(half.pattern, (1,)).at_vertices(moved)
 
 
-def test_value_and_gradient_are_those_of_the_whole(half: Skin, comm: MPI.Comm) -> None:
+def test_value_and_gradient_are_those_of_the_whole(half: Skin, alone: MPI.Comm) -> None:
     images = mirrored(half.pattern, (1,))
-    skin = sew(comm, images.pattern)
+    skin = sew(alone, images.pattern)
     here, there = shapes(half)
     one, other = MirroredObjective(half, images, all_terms), all_terms(skin)
     value = one.forward(here[half.owned_vertices])

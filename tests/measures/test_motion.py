@@ -28,9 +28,9 @@ def shapes(tube: Skin) -> tuple[ShapeObjective, np.ndarray, list[np.ndarray]]:
     return ShapeObjective(tube, target), owned, moves
 
 
-def test_squares_are_the_quadratic_part_along_the_directions(tube: Skin) -> None:
-    objective, owned, moves = shapes(tube)
-    motion = motion_along(tube, objective, owned, moves)
+def test_squares_are_the_quadratic_part_along_the_directions(short_tube: Skin) -> None:
+    objective, owned, moves = shapes(short_tube)
+    motion = motion_along(short_tube, objective, owned, moves)
     base = objective.forward(owned) - (motion.offsets**2).sum()
     for a, b in ((2e-3, 0.0), (-1e-3, 0.1), (0.0, -0.2)):
         there = owned + a * moves[0] + b * moves[1]
@@ -39,20 +39,20 @@ def test_squares_are_the_quadratic_part_along_the_directions(tube: Skin) -> None
         assert squares != pytest.approx((motion.offsets**2).sum(), rel=1e-3)
     # Across the directions the residuals stay.
     across = np.stack([0 * owned[:, 0], owned[:, 1] * owned[:, 2], 0 * owned[:, 0]], axis=1)
-    local = [dot(tube.comm, d.ravel(), across.ravel()) for d in motion.directions]
+    local = [dot(short_tube.comm, d.ravel(), across.ravel()) for d in motion.directions]
     np.testing.assert_allclose(motion.along(owned + across) - motion.offsets, local)
 
 
-def test_directions_that_do_nothing(tube: Skin) -> None:
+def test_directions_that_do_nothing(short_tube: Skin) -> None:
     """Or the same as another one: the residuals stay finite."""
-    objective, owned, moves = shapes(tube)
-    assert motion_along(tube, objective, owned, []).offsets.size == 0
-    none = motion_along(tube, objective, owned, [0 * owned])
+    objective, owned, moves = shapes(short_tube)
+    assert motion_along(short_tube, objective, owned, []).offsets.size == 0
+    none = motion_along(short_tube, objective, owned, [0 * owned])
     assert none.along(owned + moves[0]) == [0.0]
-    (once,) = motion_along(tube, objective, owned, moves[:1]).offsets
-    twice = motion_along(tube, objective, owned, [moves[0], moves[0]])
+    (once,) = motion_along(short_tube, objective, owned, moves[:1]).offsets
+    twice = motion_along(short_tube, objective, owned, [moves[0], moves[0]])
     assert (twice.offsets**2).sum() == pytest.approx(once**2, rel=1e-3)
-    mixed = motion_along(tube, objective, owned, [moves[0], 0 * owned])
+    mixed = motion_along(short_tube, objective, owned, [moves[0], 0 * owned])
     np.testing.assert_allclose(mixed.offsets, [once, 0.0], rtol=1e-12)
 
 
@@ -66,19 +66,23 @@ class Saddle:
         return positions * [-1.0, 1.0, 0.0]
 
 
-def test_a_concave_direction_has_a_finite_residual(tube: Skin) -> None:
-    owned = tube.pattern.points[tube.owned_vertices]
+def test_a_concave_direction_has_a_finite_residual(short_tube: Skin) -> None:
+    owned = short_tube.pattern.points[short_tube.owned_vertices]
     moves = [np.tile(row, (len(owned), 1)) for row in np.eye(3)[:2]]
-    found = motion_along(tube, Saddle(), owned, moves)
+    found = motion_along(short_tube, Saddle(), owned, moves)
     assert np.isfinite(found.offsets).all()
     assert np.isfinite(found.directions).all()
     assert np.abs(found.directions).max(axis=(1, 2)).min() > 0
 
 
-def test_the_pressure_alone_can_gain_the_square(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+def test_the_pressure_alone_can_gain_the_square(
+    short_tube: Skin, short_solver: EquilibriumSolver
+) -> None:
     """T without the residual has no slope by the pressure."""
-    problem = dataclasses.replace(make_problem(tube, tube_solver), pressure_bounds=(1e3, 9e3))
-    base = problem.evaluate(random_density(tube, 1, spread=0.3), pressure=3e3)
+    problem = dataclasses.replace(
+        make_problem(short_tube, short_solver), pressure_bounds=(1e3, 9e3)
+    )
+    base = problem.evaluate(random_density(short_tube, 1, spread=0.3), pressure=3e3)
     near = base.residuals
     assert near is not None
     assert base.pressure_gradient is not None
@@ -87,17 +91,21 @@ def test_the_pressure_alone_can_gain_the_square(tube: Skin, tube_solver: Equilib
     np.testing.assert_allclose(part, base.pressure_gradient, rtol=1e-7)
 
 
-def test_a_prescribed_pressure_has_no_residual(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    base = make_problem(tube, tube_solver).evaluate(random_density(tube, 1))
+def test_a_prescribed_pressure_has_no_residual(
+    short_tube: Skin, short_solver: EquilibriumSolver
+) -> None:
+    base = make_problem(short_tube, short_solver).evaluate(random_density(short_tube, 1))
     assert base.residuals is not None
     assert base.residuals.gradients == []
     assert base.residuals.values(base.equilibrium).size == 0
 
 
 @pytest.mark.slow
-def test_the_pressure_does_not_swing(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+def test_the_pressure_does_not_swing(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
     """After the first steps it turns back by less than its move limit."""
-    problem = dataclasses.replace(make_problem(tube, tube_solver), pressure_bounds=(1e3, 2e4))
+    problem = dataclasses.replace(
+        make_problem(short_tube, short_solver), pressure_bounds=(1e3, 2e4)
+    )
     result = optimize(problem, DesignOptions((Stage(12),)), seed=1)
     pressures = np.log([row.pressure for row in result.history])
     changes = np.diff(pressures)[5:]

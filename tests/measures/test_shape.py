@@ -10,15 +10,15 @@ from toros_fem.measures.shape import ShapeObjective, SumObjective
 from toros_fem.meshes import Skin
 
 
-def test_objective_and_its_gradient_by_hand(tube: Skin, comm: MPI.Comm) -> None:
+def test_objective_and_its_gradient_by_hand(short_tube: Skin, alone: MPI.Comm) -> None:
     """Weights by vertex and by component, and the term of shape and orientation."""
-    pattern, rng = tube.pattern, np.random.default_rng(0)
-    count, areas, own = len(pattern.points), pattern.vertex_areas, tube.owned_vertices
+    pattern, rng = short_tube.pattern, np.random.default_rng(0)
+    count, areas, own = len(pattern.points), pattern.vertex_areas, short_tube.owned_vertices
     gap = rng.normal(size=(count, 3))
     target = TARGET(pattern.points)
     for weights in (None, rng.uniform(0, 1, count), rng.uniform(0, 1, (count, 3))):
         relative = None if weights is None else rng.uniform(0, 1, count)
-        objective = ShapeObjective(tube, target, weights, relative)
+        objective = ShapeObjective(short_tube, target, weights, relative)
         factors = np.ones((count, 1)) if weights is None else weights.reshape(count, -1)
         unit = (areas[:, None] * factors).sum() / factors.shape[1] * pattern.size**2
         expected = 0.5 * (areas[:, None] * factors * gap**2).sum() / unit
@@ -26,27 +26,27 @@ def test_objective_and_its_gradient_by_hand(tube: Skin, comm: MPI.Comm) -> None:
             r = areas * relative
             expected += 0.5 * r @ ((gap - r @ gap / r.sum()) ** 2).sum(axis=1) / unit
         assert objective.forward((target + gap)[own]) == pytest.approx(expected, rel=1e-12)
-        check_gradient(objective, tube, comm)
+        check_gradient(objective, short_tube, alone)
 
 
-def test_sum(tube: Skin) -> None:
-    points = tube.pattern.points
-    parts = [ShapeObjective(tube, TARGET(points)), ShapeObjective(tube, 1.1 * points)]
-    x = points[tube.owned_vertices]
+def test_sum(short_tube: Skin) -> None:
+    points = short_tube.pattern.points
+    parts = [ShapeObjective(short_tube, TARGET(points)), ShapeObjective(short_tube, 1.1 * points)]
+    x = points[short_tube.owned_vertices]
     both = SumObjective(*parts)
     assert both.forward(x) == sum(part.forward(x) for part in parts) > 0
     assert np.array_equal(both.backward(x), parts[0].backward(x) + parts[1].backward(x))
 
 
-def test_bad_input(tube: Skin) -> None:
-    points = tube.pattern.points
+def test_bad_input(short_tube: Skin) -> None:
+    points = short_tube.pattern.points
     with pytest.raises(errors.TargetError, match="the target has shape"):
-        ShapeObjective(tube, points[1:])
+        ShapeObjective(short_tube, points[1:])
     with pytest.raises(errors.TargetError, match="target vertex 3 = .* is not finite"):
-        ShapeObjective(tube, np.where(np.arange(len(points))[:, None] == 3, np.nan, points))
+        ShapeObjective(short_tube, np.where(np.arange(len(points))[:, None] == 3, np.nan, points))
     with pytest.raises(errors.ParameterError, match="weights have shape"):
-        ShapeObjective(tube, points, np.ones((len(points), 2)))
+        ShapeObjective(short_tube, points, np.ones((len(points), 2)))
     with pytest.raises(errors.ParameterError, match="relative must be finite and not negative"):
-        ShapeObjective(tube, points, relative=-np.ones(len(points)))
+        ShapeObjective(short_tube, points, relative=-np.ones(len(points)))
     with pytest.raises(errors.ParameterError, match="must not all be zero"):
-        ShapeObjective(tube, points, np.zeros(len(points)))
+        ShapeObjective(short_tube, points, np.zeros(len(points)))

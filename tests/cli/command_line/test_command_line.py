@@ -51,7 +51,7 @@ class Sample(Base):
 class Script:
     """A script that records what it is given."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, comm: MPI.Comm = MPI.COMM_WORLD) -> None:
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, comm: MPI.Comm = MPI.COMM_SELF) -> None:
         self.patch, self.comm = monkeypatch, comm
         self.given: list[Any] = []
 

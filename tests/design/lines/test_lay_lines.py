@@ -195,8 +195,7 @@ def test_without_shares_nothing_is_laid() -> None:
     assert everything.area == pytest.approx(0.04 * 0.03, rel=1e-12)
 
 
-def test_all_ranks_get_the_lines_of_the_first() -> None:
-    comm = MPI.COMM_WORLD
+def test_all_ranks_get_the_lines_of_the_first(comm: MPI.Comm) -> None:
     sheet = rectangle(comm, 0.03, 0.02, 2.5e-3)
     laid = on_first_rank(comm, lambda: lay_lines(even_field(sheet, [0.2], [33.0])))
     covers = comm.allgather(laid.cover(sheet))

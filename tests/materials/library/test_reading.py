@@ -43,21 +43,21 @@ def test_shipped_materials() -> None:
     assert max(entry.young for entry in library.values() if entry.kind == "print") == 100e6
 
 
-def test_a_file_extends_and_replaces(comm: MPI.Comm, tmp_path: Path) -> None:
-    path = shared(comm, tmp_path) / "mine.toml"
-    if comm.rank == 0:
+def test_a_file_extends_and_replaces(alone: MPI.Comm, tmp_path: Path) -> None:
+    path = shared(alone, tmp_path) / "mine.toml"
+    if alone.rank == 0:
         again = MINE.replace("my-jersey", "jersey-light")
         path.write_text(f"{MINE}\n{again}", encoding="utf-8")
-    comm.barrier()
-    library = read_library(path, comm=comm)
-    assert comm.allgather(library) == [library] * comm.size
+    alone.barrier()
+    library = read_library(path, comm=alone)
+    assert alone.allgather(library) == [library] * alone.size
     mine = library["my-jersey"]
     assert (mine.young, mine.thickness, mine.density) == (60e3, 0.4e-3, 0.15)
     assert (mine.c1, mine.c2, mine.knit_ratio) == (1.8, None, None)
     assert library["jersey-light"].title == "my jersey"
     assert len(library) == len(read_library()) + 1
     with pytest.raises(LibraryError, match=r"other.toml cannot be read: .*No such file"):
-        read_library(path, tmp_path / "other.toml", comm=comm)
+        read_library(path, tmp_path / "other.toml", comm=alone)
 
 
 WRONG = [

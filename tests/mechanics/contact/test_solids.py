@@ -22,9 +22,9 @@ CENTRE = (0.1, -0.2, 0.3)
 
 
 @pytest.fixture
-def folder(comm: MPI.Comm, tmp_path: Path) -> Path:
+def folder(alone: MPI.Comm, tmp_path: Path) -> Path:
     """One folder for all ranks."""
-    return Path(comm.bcast(tmp_path, root=0))
+    return Path(alone.bcast(tmp_path, root=0))
 
 
 def edge_lengths(body: RigidBody) -> np.ndarray:
@@ -98,25 +98,25 @@ def test_values_that_are_refused() -> None:
         rigid_cylinder("rod", 1, 0)
 
 
-def test_bodies_from_files(comm: MPI.Comm, folder: Path) -> None:
+def test_bodies_from_files(alone: MPI.Comm, folder: Path) -> None:
     """A torus in mm, facing inwards, comes out in m, outwards and where it is asked for."""
     torus = surfaces.torus()
     size = 40 / np.ptp(torus.points[:, 0])
     path = write(
-        comm,
+        alone,
         folder / "ring.stl",
         size * torus.points,
         [("triangle", torus.triangles[:, ::-1])],
     )
-    body = rigid_mesh(comm, "ring", path, scale=1e-3, centre=CENTRE, mass=0.1)
+    body = rigid_mesh(alone, "ring", path, scale=1e-3, centre=CENTRE, mass=0.1)
     assert np.ptp(body.points[:, 0]) == pytest.approx(0.04, rel=1e-5)
     assert body.centre == pytest.approx(np.array(CENTRE), abs=1e-12)
     whole = RigidBody("ring", 1e-3 * size * torus.points, torus.triangles)
     assert body.volume == pytest.approx(whole.volume, rel=1e-5)
     assert body.mass == 0.1
-    there = rigid_mesh(comm, "ring", path, scale=1e-3)
+    there = rigid_mesh(alone, "ring", path, scale=1e-3)
     assert there.centre == pytest.approx(whole.centre, abs=1e-8)
-    open_file = write(comm, folder / "open.ply", size * torus.points,
+    open_file = write(alone, folder / "open.ply", size * torus.points,
                       [("triangle", torus.triangles[1:])])  # fmt: skip
     with pytest.raises(errors.SurfaceError, match="'ring': its surface has a border"):
-        rigid_mesh(comm, "ring", open_file, scale=1e-3)
+        rigid_mesh(alone, "ring", open_file, scale=1e-3)

@@ -21,8 +21,8 @@ USUAL = Condition()
 
 
 @pytest.fixture(scope="module")
-def model(tube: Skin) -> SkinModel:
-    return SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]))
+def model(short_tube: Skin) -> SkinModel:
+    return SkinModel(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
 
 
 def said(model: SkinModel, outcome: int, load_factor: float | None) -> str:
@@ -30,12 +30,14 @@ def said(model: SkinModel, outcome: int, load_factor: float | None) -> str:
     return failure(model, end, LOAD, model.assembled, max_steps=7, once=False)
 
 
-def test_success_and_its_warnings(tube: Skin, model: SkinModel) -> None:
+def test_success_and_its_warnings(short_tube: Skin, model: SkinModel) -> None:
     assert success(model, LOAD, 1e-11, [1.0], USUAL) == "A stable equilibrium was found at 2000 Pa."
     assert "a residual of 3e-06 of the load" in success(model, LOAD, 3e-6, [1.0], USUAL)
-    upper = tube.pattern.points[tube.pattern.triangles].mean(axis=1)[:, 2] > 0.03
+    upper = short_tube.pattern.points[short_tube.pattern.triangles].mean(axis=1)[:, 2] > 0.03
     chambers = Chambers(("low", "high"), upper.astype(int))
-    two = SkinModel(tube, Composite(bending=None), clamp(tube.pattern, ["base"]), chambers)
+    two = SkinModel(
+        short_tube, Composite(bending=None), clamp(short_tube.pattern, ["base"]), chambers
+    )
     assert "chamber 'high' has a volume of -2e-06" in success(two, LOAD, 0.0, [1e-5, -2e-6], USUAL)
 
 
@@ -60,11 +62,11 @@ def test_failure_says_how_far_the_load_came(model: SkinModel) -> None:
     assert "Check materials and supports" in none
 
 
-def test_folded_edges_are_counted_once(comm: MPI.Comm) -> None:
+def test_folded_edges_are_counted_once(alone: MPI.Comm) -> None:
     """One half of a sheet is laid onto the other: the four edges of the fold."""
     pattern = square(n=4)
     model = SkinModel(
-        sew(comm, pattern), Composite(), Supports(np.ones(pattern.points.shape, dtype=bool))
+        sew(alone, pattern), Composite(), Supports(np.ones(pattern.points.shape, dtype=bool))
     )
     state = model.assembled
     nodes = model.positions(state)

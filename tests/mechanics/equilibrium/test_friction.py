@@ -61,8 +61,8 @@ class Dragged:
 
 
 @pytest.fixture(scope="module")
-def dragged(comm: MPI.Comm) -> Dragged:
-    return Dragged(comm)
+def dragged(alone: MPI.Comm) -> Dragged:
+    return Dragged(alone)
 
 
 def test_a_dragged_sheet_slides_under_full_friction(dragged: Dragged) -> None:
@@ -131,7 +131,7 @@ def test_a_trial_is_finished_from_the_same_begin(dragged: Dragged) -> None:
 
 @pytest.mark.parametrize("steepness", [0.99, 1.01])
 def test_a_sheet_slides_off_a_slope_at_the_angle_of_friction(
-    comm: MPI.Comm, steepness: float
+    alone: MPI.Comm, steepness: float
 ) -> None:
     angle = np.arctan(steepness * FRICTION)
     normal = (float(np.sin(angle)), 0.0, float(np.cos(angle)))
@@ -140,7 +140,7 @@ def test_a_sheet_slides_off_a_slope_at_the_angle_of_friction(
     points = flat[:, :1] * along + flat[:, 1:2] * [0.0, 1.0, 0.0]
     points += np.array(normal) * (THICKNESS / 2 + 0.9 * DISTANCE)
     pattern = square(points, n=3)
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     free = Supports(np.zeros(points.shape, dtype=bool))
     few = NewtonOptions(max_steps=12)
     solver = EquilibriumSolver(skin, Composite(), free, few, contact=contact(normal))
@@ -156,7 +156,7 @@ def test_a_sheet_slides_off_a_slope_at_the_angle_of_friction(
 
 
 @pytest.mark.parametrize("steepness", [0.97, 1.03])
-def test_a_free_box_slides_off_a_slope(comm: MPI.Comm, steepness: float) -> None:
+def test_a_free_box_slides_off_a_slope(alone: MPI.Comm, steepness: float) -> None:
     """A sheet that is held everywhere carries it: by friction up to its angle."""
     angle = np.arctan(steepness * FRICTION)
     turn = rotation(np.array([0.0, angle, 0.0]))
@@ -173,7 +173,7 @@ def test_a_free_box_slides_off_a_slope(comm: MPI.Comm, steepness: float) -> None
         distance=DISTANCE,
         slip=SLIP,
     )
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     held = Supports(np.ones(points.shape, dtype=bool))
     options = NewtonOptions(max_steps=12)
     solver = EquilibriumSolver(skin, Composite(), held, options, contact=touched)
@@ -194,7 +194,7 @@ def test_a_free_box_slides_off_a_slope(comm: MPI.Comm, steepness: float) -> None
         solver.solve_tangent(again.state, again, adjoint=True)
 
 
-def test_saved_and_restored(comm: MPI.Comm) -> None:
+def test_saved_and_restored(alone: MPI.Comm) -> None:
     """An equilibrium with friction on a moved body, on its way through a file."""
     pattern = square(n=3)
     above = THICKNESS / 2 + 0.7 * DISTANCE
@@ -207,7 +207,7 @@ def test_saved_and_restored(comm: MPI.Comm) -> None:
         distance=DISTANCE,
     )
     edge = clamp_where(pattern, lambda x: x[:, 0] < 1e-9)
-    solver = EquilibriumSolver(sew(comm, pattern), Composite(), edge, contact=touched)
+    solver = EquilibriumSolver(sew(alone, pattern), Composite(), edge, contact=touched)
     density = np.ones(len(solver.skin.owned_cells))
     force = np.tile([0.0, 2e-3, 1e-2], (len(pattern.points), 1))
     poses = np.array([[0.0, 0.0, 2e-4, 0.0, -0.02, 0.1]])

@@ -20,9 +20,11 @@ PRESSURE = 5e3
 
 
 @pytest.fixture(scope="module")
-def solver(tube: Skin) -> EquilibriumSolver:
+def solver(short_tube: Skin) -> EquilibriumSolver:
     options = NewtonOptions(tolerance=1e-12)
-    return EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), options, families=2)
+    return EquilibriumSolver(
+        short_tube, Composite(), clamp(short_tube.pattern, ["base"]), options, families=2
+    )
 
 
 def test_lines_along_hold_a_strip(alone: MPI.Comm) -> None:
@@ -55,13 +57,15 @@ def test_lines_along_hold_a_strip(alone: MPI.Comm) -> None:
 
 
 def test_continuation_in_load_and_in_stiffness_ends_at_the_same_shape(
-    solver: EquilibriumSolver, tube: Skin, monkeypatch: pytest.MonkeyPatch
+    solver: EquilibriumSolver, short_tube: Skin, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Mixes of designs, multiples of one, and none at all are set on the way."""
-    one, two = line_design(tube, 2, 5), line_design(tube, 2, 8)
+    one, two = line_design(short_tube, 2, 5), line_design(short_tube, 2, 8)
     at_one, at_two = (solver.solve(design, PRESSURE).state for design in (one, two))
-    supports = clamp(tube.pattern, ["base"])
-    few = EquilibriumSolver(tube, Composite(), supports, NewtonOptions(max_steps=2), families=2)
+    supports = clamp(short_tube.pattern, ["base"])
+    few = EquilibriumSolver(
+        short_tube, Composite(), supports, NewtonOptions(max_steps=2), families=2
+    )
     seen: list[Floats] = []
     set_density = few.model.set_density
 
@@ -73,11 +77,13 @@ def test_continuation_in_load_and_in_stiffness_ends_at_the_same_shape(
     near = few.solve(two, PRESSURE)
     walked = few.solve(one, PRESSURE, start=near.state)
     for found, expected in ((near, at_two), (walked, at_one)):
-        assert norm(tube.comm, found.state - expected) < 1e-7 * norm(tube.comm, expected)
+        assert norm(short_tube.comm, found.state - expected) < 1e-7 * norm(
+            short_tube.comm, expected
+        )
     mixed = [d for d in seen if not any(np.array_equal(d, e) for e in (one, two))]
-    assert total(tube.comm, len(mixed)) > 0, "the continuation was needed"
+    assert total(short_tube.comm, len(mixed)) > 0, "the continuation was needed"
 
 
-def test_a_density_alone_is_refused(solver: EquilibriumSolver, tube: Skin) -> None:
+def test_a_density_alone_is_refused(solver: EquilibriumSolver, short_tube: Skin) -> None:
     with pytest.raises(DensityError, match="cosines and sines of 2 families"):
-        solver.solve(np.zeros(len(tube.owned_cells)), PRESSURE)
+        solver.solve(np.zeros(len(short_tube.owned_cells)), PRESSURE)

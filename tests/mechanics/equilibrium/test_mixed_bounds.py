@@ -22,8 +22,8 @@ TIGHT = Composite(reinforcement=replace(SOFT, c1=1.05))
 
 
 @pytest.fixture(scope="module")
-def solver(tube: Skin) -> EquilibriumSolver:
-    return EquilibriumSolver(tube, TIGHT, clamp(tube.pattern, ["base"]))
+def solver(short_tube: Skin) -> EquilibriumSolver:
+    return EquilibriumSolver(short_tube, TIGHT, clamp(short_tube.pattern, ["base"]))
 
 
 def print_of(skin: Skin, seed: int) -> np.ndarray:
@@ -58,22 +58,22 @@ def test_random_prints_inflate_within_their_bounds(solver: EquilibriumSolver) ->
     assert 1.049 < max(printed_most) < 1.051, "the bound must matter"
 
 
-def test_bounds_that_carry_the_load(tube: Skin) -> None:
+def test_bounds_that_carry_the_load(short_tube: Skin) -> None:
     """Ten times the stretch that the bound leaves: the forces keep their digits."""
     narrow = Composite(reinforcement=replace(SOFT, c1=1.02, c2=1.04))
-    solver = EquilibriumSolver(tube, narrow, clamp(tube.pattern, ["base"]))
-    density = print_of(tube, 2)
+    solver = EquilibriumSolver(short_tube, narrow, clamp(short_tube.pattern, ["base"]))
+    density = print_of(short_tube, 2)
     found = solver.solve(density, 20e3)
     assert found.residual <= solver.options.tolerance
     assert found.stretch_use > 0.98
     assert 1.015 < largest_stretch(solver, found.state, density > 0.999) < 1.021
 
 
-def test_a_start_outside_narrower_bounds_is_taken_inside(tube: Skin) -> None:
+def test_a_start_outside_narrower_bounds_is_taken_inside(short_tube: Skin) -> None:
     """A trial too: a design step that prints stretched fabric costs no failed solve."""
-    solver = EquilibriumSolver(tube, TIGHT, clamp(tube.pattern, ["base"]))
-    plain = solver.solve(np.zeros(len(tube.owned_cells)), 5e3)
-    density = print_of(tube, 1)
+    solver = EquilibriumSolver(short_tube, TIGHT, clamp(short_tube.pattern, ["base"]))
+    plain = solver.solve(np.zeros(len(short_tube.owned_cells)), 5e3)
+    density = print_of(short_tube, 1)
     trial = solver.solve(density, 5e3, start=plain.state, trial=True)
     assert trial.converged
     found = solver.finish(trial)
@@ -85,20 +85,22 @@ def test_a_start_outside_narrower_bounds_is_taken_inside(tube: Skin) -> None:
         solver.solve(density, 5e3, start=3 * solver.model.assembled)
 
 
-def test_a_print_that_stretches_further_is_odd(tube: Skin) -> None:
+def test_a_print_that_stretches_further_is_odd(short_tube: Skin) -> None:
     wide = Composite(reinforcement=replace(SOFT, c1=2.5), bending=None)
-    with warned(tube.comm, "stretches no further than without"):
-        EquilibriumSolver(tube, wide, clamp(tube.pattern, ["base"]))
+    with warned(short_tube.comm, "stretches no further than without"):
+        EquilibriumSolver(short_tube, wide, clamp(short_tube.pattern, ["base"]))
 
 
-def test_failures_state_both_bounds(tube: Skin, solver: EquilibriumSolver) -> None:
-    failed = solver.solve(np.zeros(len(tube.owned_cells)), 1e9, trial=True, raise_on_failure=False)
+def test_failures_state_both_bounds(short_tube: Skin, solver: EquilibriumSolver) -> None:
+    failed = solver.solve(
+        np.zeros(len(short_tube.owned_cells)), 1e9, trial=True, raise_on_failure=False
+    )
     assert not failed.converged
     assert "(c1 = 1.9, c2 = 2.6 of the fabric, c1 = 1.05, c2 = 2.6 of the print)" in failed.reason
 
 
-def test_a_design_goes_on_as_densities_change(tube: Skin, solver: EquilibriumSolver) -> None:
-    result = optimize(make_problem(tube, solver), DesignOptions((Stage(4),)), seed=1)
+def test_a_design_goes_on_as_densities_change(short_tube: Skin, solver: EquilibriumSolver) -> None:
+    result = optimize(make_problem(short_tube, solver), DesignOptions((Stage(4),)), seed=1)
     values = [row.objective for row in result.history]
     assert len(values) >= 4
     assert values[-1] < 0.9 * values[0]

@@ -19,28 +19,30 @@ from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Skin, sew
 
 
-def test_neighbouring_design_takes_few_steps(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+def test_neighbouring_design_takes_few_steps(
+    short_tube: Skin, short_solver: EquilibriumSolver
+) -> None:
     rng = np.random.default_rng(1)
-    base = 0.5 + 0.3 * rng.random(len(tube.pattern.panel))
+    base = 0.5 + 0.3 * rng.random(len(short_tube.pattern.panel))
     near = base + 0.01 * rng.random(len(base))
-    first = tube_solver.solve(base[tube.owned_cells], 2e3)
-    warm = tube_solver.solve(near[tube.owned_cells], 2e3, start=first.state)
+    first = short_solver.solve(base[short_tube.owned_cells], 2e3)
+    warm = short_solver.solve(near[short_tube.owned_cells], 2e3, start=first.state)
     assert warm.history[0].modified, "the factors at hand predict the change"
     assert warm.steps <= 2
     assert warm.factorisations == warm.steps + 1, "the last one serves stability and adjoint"
-    cold = tube_solver.solve(near[tube.owned_cells], 2e3)
-    assert norm(tube.comm, warm.state - cold.state) < 1e-8 * norm(tube.comm, cold.state)
+    cold = short_solver.solve(near[short_tube.owned_cells], 2e3)
+    assert norm(short_tube.comm, warm.state - cold.state) < 1e-8 * norm(short_tube.comm, cold.state)
 
 
 def test_older_factors_take_the_place_of_factorisations(
-    tube: Skin, tube_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
+    short_tube: Skin, short_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On large skins; here as many iterations are allowed as there."""
     monkeypatch.setattr("toros_fem.mechanics.equilibrium.newton.CG_COST", 0.3)
-    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
     rng = np.random.default_rng(1)
-    base = (0.5 + 0.3 * rng.random(len(tube.pattern.panel)))[tube.owned_cells]
-    near = base + 0.1 * rng.random(len(tube.pattern.panel))[tube.owned_cells]
+    base = (0.5 + 0.3 * rng.random(len(short_tube.pattern.panel)))[short_tube.owned_cells]
+    near = base + 0.1 * rng.random(len(short_tube.pattern.panel))[short_tube.owned_cells]
     first = solver.solve(base, 2e3)
     warm = solver.solve(near, 2e3, start=first.state)
     inexact = [row for row in warm.history if row.inexact]
@@ -48,24 +50,28 @@ def test_older_factors_take_the_place_of_factorisations(
     assert all(0 < row.iterations < 20 and row.shift == 0 for row in inexact)
     assert any(f"cg {row.iterations}" in str(row) for row in inexact)
     assert warm.factorisations < warm.steps + 1
-    direct = tube_solver.solve(near, 2e3, start=tube_solver.solve(base, 2e3).state)
+    direct = short_solver.solve(near, 2e3, start=short_solver.solve(base, 2e3).state)
     assert not any(row.inexact for row in direct.history), "few unknowns are factorised"
-    assert norm(tube.comm, warm.state - direct.state) < 1e-8 * norm(tube.comm, direct.state)
+    assert norm(short_tube.comm, warm.state - direct.state) < 1e-8 * norm(
+        short_tube.comm, direct.state
+    )
     assert warm.residual <= 1e-10
 
 
-def test_swelling_at_once(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+def test_swelling_at_once(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
     """From the assembled tube to where the fabric saturates: by the diagonal it took 130 steps."""
-    result = tube_solver.solve(np.zeros(len(tube.owned_cells)), 20e3)
+    result = short_solver.solve(np.zeros(len(short_tube.owned_cells)), 20e3)
     assert result.converged
     assert result.history[0].pressure == result.history[-1].pressure == 20e3
     assert result.steps <= 30
 
 
-def test_log_shows_the_quadratic_tail(tube: Skin) -> None:
+def test_log_shows_the_quadratic_tail(short_tube: Skin) -> None:
     logged: list[NewtonStep | str] = []
-    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), log=logged.append)
-    result = solver.solve(np.full(len(tube.owned_cells), 0.4), 2e3)
+    solver = EquilibriumSolver(
+        short_tube, Composite(), clamp(short_tube.pattern, ["base"]), log=logged.append
+    )
+    result = solver.solve(np.full(len(short_tube.owned_cells), 0.4), 2e3)
     rows = [row for row in logged if isinstance(row, NewtonStep)]
     assert tuple(rows) == result.history
     tail = [

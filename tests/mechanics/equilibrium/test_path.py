@@ -57,8 +57,8 @@ class Arch:
 
 
 @pytest.fixture(scope="module")
-def arch(comm: MPI.Comm) -> Arch:
-    return Arch(comm)
+def arch(alone: MPI.Comm) -> Arch:
+    return Arch(alone)
 
 
 def test_a_snap_is_told_and_a_path_without_one_is_not(arch: Arch) -> None:
@@ -109,9 +109,9 @@ def test_a_completed_trial_knows_its_path(arch: Arch) -> None:
         assert arch.solver.solve_tangent(np.ones_like(free.state), free).any()
 
 
-def test_a_skin_blown_up_to_its_bounds_says_so(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured")
-    skin = sew(comm, pattern)
+def test_a_skin_blown_up_to_its_bounds_says_so(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, 0.04, 0.02, 5e-3, mesh="structured")
+    skin = sew(alone, pattern)
     plain = np.zeros(len(skin.owned_cells))
     far = Composite(fabric=TABLE_A, c1=1e3, c2=1e3, bending=None)
     blown = EquilibriumSolver(skin, far, clamp(pattern, ["base"])).solve(plain, 2.5e3)

@@ -15,13 +15,13 @@ SIZE = 0.02
 
 
 @pytest.fixture(scope="module")
-def strip(comm: MPI.Comm) -> SkinModel:
+def strip(alone: MPI.Comm) -> SkinModel:
     """A flat sheet with two opposite borders fixed."""
     pattern = square(size=SIZE)
     x = pattern.points[:, 0]
     ends = (x < 1e-9) | (x > SIZE * (1 - 1e-9))
     fixed = np.repeat(ends[:, None], 3, axis=1)
-    return SkinModel(sew(comm, pattern), Composite(bending=None), Supports(fixed))
+    return SkinModel(sew(alone, pattern), Composite(bending=None), Supports(fixed))
 
 
 def test_a_pulled_strip_is_stretched_evenly(strip: SkinModel) -> None:

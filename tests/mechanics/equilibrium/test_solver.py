@@ -29,7 +29,7 @@ def fabric(skin: Skin) -> np.ndarray:
 
 
 @pytest.mark.parametrize("stretch", ["1.10000000", "1.40000000", "0.90000000"])
-def test_uniaxial_tension_finds_the_lateral_stretch(comm: MPI.Comm, stretch: str) -> None:
+def test_uniaxial_tension_finds_the_lateral_stretch(alone: MPI.Comm, stretch: str) -> None:
     rows = [r for r in table("gent_uniaxial") if r["mat"] == "A"]
     row = min(rows, key=lambda r: abs(float(r["stretch"]) - float(stretch)))
     pull = float(row["stretch"])
@@ -44,7 +44,7 @@ def test_uniaxial_tension_finds_the_lateral_stretch(comm: MPI.Comm, stretch: str
     fixed[ends, 0] = True
     fixed[0, 1] = True
     composite = Composite(fabric=TABLE_A, c1=float(row["c1"]), c2=float(row["c2"]), bending=None)
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     result = EquilibriumSolver(skin, composite, Supports(fixed)).solve(fabric(skin), 0.0)
     assert result.converged
     found = skin.gather_vertices(result.positions)
@@ -54,14 +54,14 @@ def test_uniaxial_tension_finds_the_lateral_stretch(comm: MPI.Comm, stretch: str
 
 @pytest.mark.parametrize("row", table("gent_cylinder_ngon"), ids=lambda r: f"{r['mat']}-"
                          f"{r['n_circumference']}-{r['P_Pa']}")  # fmt: skip
-def test_exact_polygonal_tube(comm: MPI.Comm, row: dict[str, str]) -> None:
+def test_exact_polygonal_tube(alone: MPI.Comm, row: dict[str, str]) -> None:
     """The exact state of the inflated n-gon tube is in balance, around as well as along."""
     sides, pressure = int(row["n_circumference"]), float(row["P_Pa"])
     edge = 2 * np.pi * RADIUS / sides
-    pattern = cylinder(comm, 6 * edge, 2 * RADIUS, edge, mesh="structured")
+    pattern = cylinder(alone, 6 * edge, 2 * RADIUS, edge, mesh="structured")
     factor = 1.0 if row["mat"] == "A" else 100.0
     cloth = Material(TABLE_A.young * factor, TABLE_A.poisson, TABLE_A.thickness)
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     composite = Composite(fabric=cloth, c1=1.8, c2=2.0, bending=None)
     model = SkinModel(skin, composite, clamp(pattern, ["base"]))
     model.set_density(fabric(skin))
@@ -78,11 +78,11 @@ def test_exact_polygonal_tube(comm: MPI.Comm, row: dict[str, str]) -> None:
     assert abs(force[caps, 2].sum()) <= 1e-8 * pressure * area
 
 
-def test_capped_cylinder_away_from_its_ends(comm: MPI.Comm) -> None:
+def test_capped_cylinder_away_from_its_ends(alone: MPI.Comm) -> None:
     sides = 16
     edge = 2 * np.pi * RADIUS / sides
-    pattern = cylinder(comm, 0.12, 2 * RADIUS, edge, mesh="structured")
-    skin = sew(comm, pattern)
+    pattern = cylinder(alone, 0.12, 2 * RADIUS, edge, mesh="structured")
+    skin = sew(alone, pattern)
     composite = Composite(fabric=TABLE_A, c1=1.8, c2=2.0, bending=None)
     solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
     result = solver.solve(fabric(skin), 5e3)
@@ -101,11 +101,11 @@ def test_capped_cylinder_away_from_its_ends(comm: MPI.Comm) -> None:
     assert slope == pytest.approx(float(row["lambda_z"]), rel=1e-3)
 
 
-def test_result_tells_what_happened(tube_solver: EquilibriumSolver) -> None:
-    skin, comm = tube_solver.skin, tube_solver.skin.comm
+def test_result_tells_what_happened(short_solver: EquilibriumSolver) -> None:
+    skin, comm = short_solver.skin, short_solver.skin.comm
     rng = np.random.default_rng(0)
     density = rng.random(len(skin.pattern.panel))[skin.owned_cells]
-    result = tube_solver.solve(density, 5e3)
+    result = short_solver.solve(density, 5e3)
     assert result.converged
     assert result.reason == "A stable equilibrium was found at 5000 Pa."
     assert result.residual <= 1e-9
@@ -114,20 +114,20 @@ def test_result_tells_what_happened(tube_solver: EquilibriumSolver) -> None:
     energies = [row.energy for row in result.history]
     assert np.all(np.diff(energies) <= 1e-12 * abs(energies[-1])), "each step lowers the energy"
     assert 0 < result.stretch_use < 1
-    model = tube_solver.model
+    model = short_solver.model
     assert norm(comm, model.residual(result.state)) < 1e-8 * 5e3 * norm(
         comm, model.volume_gradient(result.state)
     )
-    again = tube_solver.solve(density, 5e3, start=result.state)
+    again = short_solver.solve(density, 5e3, start=result.state)
     assert again.steps == 0
     # The same state by another way: up in small steps, and back down from a higher pressure.
-    higher = tube_solver.solve(density, 8e3, start=result.state)
-    back = tube_solver.solve(density, 5e3, start=higher.state)
+    higher = short_solver.solve(density, 8e3, start=result.state)
+    back = short_solver.solve(density, 5e3, start=higher.state)
     assert norm(comm, back.state - result.state) < 1e-7 * norm(comm, result.state)
 
 
 @pytest.mark.parametrize("seams", SEAMS)
-def test_flat_pillow_inflates(comm: MPI.Comm, seams: str) -> None:
+def test_flat_pillow_inflates(alone: MPI.Comm, seams: str) -> None:
     """A start of no volume, with no stiffness across its plane but bending."""
     size = 0.05
     one = square(n=6, size=size)
@@ -145,7 +145,7 @@ def test_flat_pillow_inflates(comm: MPI.Comm, seams: str) -> None:
     at = [int(np.argmin(np.linalg.norm(pattern.points[:, :2] - corner, axis=1)))
           for corner in ([0, 0], [size, 0], [size, size])]  # fmt: skip
     fixed[at[0]], fixed[at[1], 1:], fixed[at[2], 2] = True, True, True
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     bending = Bending(seams=seams)
     solver = EquilibriumSolver(skin, Composite(bending=bending), Supports(fixed))
     result = solver.solve(fabric(skin), 500.0)
@@ -154,12 +154,12 @@ def test_flat_pillow_inflates(comm: MPI.Comm, seams: str) -> None:
     assert np.linalg.eigvalsh(dense_tangent(solver.model, result.state))[0] > 0
 
 
-def test_a_trial_is_completed(tube: Skin, comm: MPI.Comm) -> None:
+def test_a_trial_is_completed(short_tube: Skin, alone: MPI.Comm) -> None:
     """A trial costs no factorisation at its end; completed, it is the equilibrium."""
-    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
-    density = fabric(tube) + 0.3
+    solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    density = fabric(short_tube) + 0.3
     base = solver.solve(density, 2e3)
-    changed = density + np.where(tube.owned_cells % 2, 0.02, -0.02)
+    changed = density + np.where(short_tube.owned_cells % 2, 0.02, -0.02)
     trial = solver.solve(changed, 2.02e3, start=base.state, trial=True)
     assert trial.converged
     assert trial.residual <= 1e-6
@@ -172,9 +172,9 @@ def test_a_trial_is_completed(tube: Skin, comm: MPI.Comm) -> None:
     solver.solve_tangent(found.state, found)
     assert "stable" in found.reason
     assert "stable" not in trial.reason
-    direct = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    direct = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
     exact = direct.solve(changed, 2.02e3).state
-    assert norm(comm, found.state - exact) < 1e-8 * norm(comm, exact)
+    assert norm(alone, found.state - exact) < 1e-8 * norm(alone, exact)
     # Rejected trials, completed or not, do not take away the design that the next one starts from.
     for pressure in (2.01e3, 2.02e3):
         near = solver.solve(changed, pressure, start=base.state, trial=True)
@@ -188,21 +188,21 @@ def test_a_trial_is_completed(tube: Skin, comm: MPI.Comm) -> None:
         solver.finish(trial)
 
 
-def test_a_trial_that_fails_is_not_continued(tube: Skin) -> None:
-    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+def test_a_trial_that_fails_is_not_continued(short_tube: Skin) -> None:
+    solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
     with pytest.raises(EquilibriumError) as caught:
-        solver.solve(fabric(tube), 1e9, trial=True)
+        solver.solve(fabric(short_tube), 1e9, trial=True)
     assert caught.value.result.load_factor == 0
     assert len(caught.value.result.history) <= 60
 
 
 @pytest.mark.slow
-def test_nothing_remains_of_a_failed_solve(tube: Skin, comm: MPI.Comm) -> None:
-    density = fabric(tube)
+def test_nothing_remains_of_a_failed_solve(short_tube: Skin, alone: MPI.Comm) -> None:
+    density = fabric(short_tube)
     solver = EquilibriumSolver(
-        tube,
+        short_tube,
         Composite(),
-        clamp(tube.pattern, ["base"]),
+        clamp(short_tube.pattern, ["base"]),
         NewtonOptions(max_steps=30, min_increment=0.5),
     )
     first = solver.solve(density, 10.0)
@@ -214,25 +214,25 @@ def test_nothing_remains_of_a_failed_solve(tube: Skin, comm: MPI.Comm) -> None:
     after = solver.solve(density, 10.3, start=first.state)
     assert after.steps > 0
     model = solver.model
-    load = 10.3 * norm(comm, model.volume_gradient(after.state))
-    assert norm(comm, model.residual(after.state)) < 1e-8 * load
+    load = 10.3 * norm(alone, model.volume_gradient(after.state))
+    assert norm(alone, model.residual(after.state)) < 1e-8 * load
     # The residual told is that of the state returned.
     pressurize(model, failed.pressure)
-    load = failed.pressure * norm(comm, model.volume_gradient(failed.state))
-    assert norm(comm, model.residual(failed.state)) / load == pytest.approx(failed.residual)
+    load = failed.pressure * norm(alone, model.volume_gradient(failed.state))
+    assert norm(alone, model.residual(failed.state)) / load == pytest.approx(failed.residual)
     assert failed.residual < 1e-5  # so near to the stretch bounds rounding allows no better
 
 
 @pytest.mark.slow
-def test_beyond_the_limit_point(comm: MPI.Comm) -> None:
+def test_beyond_the_limit_point(alone: MPI.Comm) -> None:
     """Without a barrier in reach the tube has a limit pressure; above it nothing holds.
 
     With bounds of a thousand the barrier is in reach: the tube is found where that stops it.
     """
     limit = float(table("stvk_limit_pressures")[0]["capped_cyl_lambda_theta_at_Pmax"])
     assert limit == pytest.approx(2.28856)
-    pattern = cylinder(comm, 0.04, 2 * RADIUS, 5e-3, mesh="structured")
-    skin = sew(comm, pattern)
+    pattern = cylinder(alone, 0.04, 2 * RADIUS, 5e-3, mesh="structured")
+    skin = sew(alone, pattern)
     far = Composite(fabric=TABLE_A, c1=1e3, c2=1e3, bending=None)
     stopped = EquilibriumSolver(skin, far, clamp(pattern, ["base"])).solve(fabric(skin), 2.5e3)
     assert stopped.converged
@@ -252,8 +252,8 @@ def test_beyond_the_limit_point(comm: MPI.Comm) -> None:
     model = solver.model
     for pressure, balanced in ((2500 * last.load_factor, True), (2500.0, False)):
         pressurize(model, pressure)
-        load = pressure * norm(comm, model.volume_gradient(last.state))
-        assert (norm(comm, model.residual(last.state)) < 1e-8 * load) == balanced
+        load = pressure * norm(alone, model.volume_gradient(last.state))
+        assert (norm(alone, model.residual(last.state)) < 1e-8 * load) == balanced
     # The long tube's limit; this one is short and held at its base, which carries it further.
     assert 1811 < last.pressure < 2500
     # Ranks exchange errors as pickles: the result must survive.
@@ -267,57 +267,57 @@ def test_beyond_the_limit_point(comm: MPI.Comm) -> None:
     assert silent.pressure == last.pressure
 
 
-def test_bad_input(tube_solver: EquilibriumSolver, comm: MPI.Comm) -> None:
-    skin = tube_solver.skin
+def test_bad_input(short_solver: EquilibriumSolver, alone: MPI.Comm) -> None:
+    skin = short_solver.skin
     for pressure in (-1.0, float("nan"), float("inf")):
         with pytest.raises(errors.ParameterError, match="pressure = "):
-            tube_solver.solve(fabric(skin), pressure)
+            short_solver.solve(fabric(skin), pressure)
     bad = fabric(skin)
-    if comm.rank == comm.size - 1:  # one rank alone sees it, all must raise
+    if alone.rank == alone.size - 1:  # one rank alone sees it, all must raise
         bad[0] = 1.5
     with pytest.raises(errors.DensityError, match="1.5"):
-        tube_solver.solve(bad, 1e3)
+        short_solver.solve(bad, 1e3)
     bad = fabric(skin)
-    if comm.rank == 0:
+    if alone.rank == 0:
         bad[0] = np.nan
     with pytest.raises(errors.DensityError, match=r"triangle \d+ is nan"):
-        tube_solver.solve(bad, 1e3)
+        short_solver.solve(bad, 1e3)
     with pytest.raises(errors.DensityError, match="shape"):
-        tube_solver.solve(np.zeros(3), 1e3)
+        short_solver.solve(np.zeros(3), 1e3)
     with pytest.raises(errors.ParameterError, match="leaves the stretch bounds"):
-        tube_solver.solve(fabric(skin), 1e3, start=3 * tube_solver.model.assembled)
+        short_solver.solve(fabric(skin), 1e3, start=3 * short_solver.model.assembled)
     with pytest.raises(errors.PanelError, match="no panel is named 'side'"):
         clamp(skin.pattern, ["side"])
 
 
-def test_open_skin_under_pressure(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured", caps=None)
-    skin = sew(comm, pattern)
+def test_open_skin_under_pressure(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, 0.04, 0.02, 5e-3, mesh="structured", caps=None)
+    skin = sew(alone, pattern)
     solver = EquilibriumSolver(skin, Composite(), clamp(pattern, ["wall"]))
     with pytest.raises(errors.OpenSkinError, match="edges are free"):
         solver.solve(fabric(skin), 1e3)
 
 
-def test_bad_symmetry_planes(comm: MPI.Comm) -> None:
-    half = cylinder(comm, 0.03, 0.02, 5e-3, mesh="structured", planes=(1,))
+def test_bad_symmetry_planes(alone: MPI.Comm) -> None:
+    half = cylinder(alone, 0.03, 0.02, 5e-3, mesh="structured", planes=(1,))
     with pytest.raises(errors.ParameterError, match="axis = 3"):
         symmetry_plane(half, 3)
     with pytest.raises(errors.ParameterError, match="no free edge lies in the plane x = 0"):
         symmetry_plane(half, 0)
     # Held at its base alone, half a tube is open.
-    skin = sew(comm, half)
+    skin = sew(alone, half)
     solver = EquilibriumSolver(skin, Composite(bending=None), clamp(half, ["base"]))
     with pytest.raises(errors.OpenSkinError, match="edges are free"):
         solver.solve(np.zeros(len(skin.owned_cells)), 1e3)
 
 
-def test_a_dropped_solver_is_freed(comm: MPI.Comm, tube: Skin) -> None:
+def test_a_dropped_solver_is_freed(alone: MPI.Comm, short_tube: Skin) -> None:
     """Its parts and PETSc's refer to each other; the factors are most of a run's memory."""
-    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
-    solver.solve(np.full(len(tube.owned_cells), 0.5), 5e3)
+    solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    solver.solve(np.full(len(short_tube.owned_cells), 0.5), 5e3)
     model, factor = weakref.ref(solver.model), weakref.ref(solver._factor)
     del solver
-    free_dropped(comm)
+    free_dropped(alone)
     assert model() is None
     assert factor() is None
 
@@ -329,18 +329,18 @@ def half_finger(comm: MPI.Comm) -> tuple[Skin, Supports]:
 
 
 @pytest.mark.parametrize("scene", ["pillow", "finger", "walker"])
-def test_flat_skins_with_contact_start_apart(comm: MPI.Comm, scene: str) -> None:
+def test_flat_skins_with_contact_start_apart(alone: MPI.Comm, scene: str) -> None:
     """Inflated, layers do not touch: where nothing holds them the state is that without contact."""
     pytest.importorskip("ipctk")
     if scene == "finger":
-        skin, supports = half_finger(comm)
+        skin, supports = half_finger(alone)
     elif scene == "walker":
-        pattern = walker(comm, 4e-3, planes=(0, 1))
-        skin, supports = sew(comm, pattern), rest_on_body(pattern, 0.02, (0, 1))
+        pattern = walker(alone, 4e-3, planes=(0, 1))
+        skin, supports = sew(alone, pattern), rest_on_body(pattern, 0.02, (0, 1))
     else:
         side = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.015
-        pattern = two_panels(comm, side, 4e-3)
-        skin, supports = sew(comm, pattern), pin(pattern, "bottom")
+        pattern = two_panels(alone, side, 4e-3)
+        skin, supports = sew(alone, pattern), pin(pattern, "bottom")
     composite = Composite(TABLE_A, bending=Bending(seams="hinged"))
     energies = []
     for contact in (Contact(), None):
@@ -358,9 +358,9 @@ def test_flat_skins_with_contact_start_apart(comm: MPI.Comm, scene: str) -> None
         assert energies[0] == pytest.approx(energies[1], rel=1e-9)
 
 
-def test_starts_that_contact_forbids_are_refused(comm: MPI.Comm) -> None:
+def test_starts_that_contact_forbids_are_refused(alone: MPI.Comm) -> None:
     pytest.importorskip("ipctk")
-    skin, supports = half_finger(comm)
+    skin, supports = half_finger(alone)
     solver = EquilibriumSolver(skin, Composite(TABLE_A), supports, contact=Contact())
     flat = skin.pattern.points[skin.owned_vertices]
     with pytest.raises(
@@ -406,9 +406,9 @@ def outside(solver: EquilibriumSolver, use: float) -> np.ndarray:
 
 @pytest.mark.parametrize("use", [1.01, 1.3])
 def test_a_start_outside_the_stretch_bounds_is_brought_inside(
-    tube_solver: EquilibriumSolver, use: float
+    short_solver: EquilibriumSolver, use: float
 ) -> None:
-    solver = tube_solver
+    solver = short_solver
     plain = fabric(solver.skin)
     expected = solver.solve(plain, 1e3)
     start = outside(solver, use)

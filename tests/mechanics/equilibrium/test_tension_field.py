@@ -15,8 +15,8 @@ from toros_fem.meshes import Skin
 
 
 @pytest.fixture(scope="module")
-def solver(comm: MPI.Comm) -> EquilibriumSolver:
-    return pillow(comm)
+def solver(alone: MPI.Comm) -> EquilibriumSolver:
+    return pillow(alone)
 
 
 def density_of(skin: Skin) -> np.ndarray:

@@ -30,7 +30,7 @@ HALF, HEIGHT = 0.01, 4e-3  # m, half side and height of the pyramid
 
 
 @pytest.fixture(scope="module")
-def pyramid(comm: MPI.Comm) -> Scene:
+def pyramid(alone: MPI.Comm) -> Scene:
     """Four triangles on a fixed square, their apex pushed down by a force of 1 N."""
     slant = np.hypot(HALF, HEIGHT)
     flat = np.array([[-HALF, 0], [HALF, 0], [0, slant]])
@@ -44,7 +44,7 @@ def pyramid(comm: MPI.Comm) -> Scene:
     apex = pattern.points[:, 2] > HEIGHT / 2
     supports = Supports(np.repeat(~apex[:, None], 3, axis=1))
     composite = Composite(fabric=TABLE_A, reinforcement=TABLE_A, c1=1e5, c2=1e5, bending=None)
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     solver = EquilibriumSolver(skin, composite, supports)
     force = np.asarray(np.outer(apex, [0.0, 0.0, -1.0]))
     return Scene(pattern, solver, np.zeros(len(skin.owned_cells)), force=force)
@@ -106,7 +106,7 @@ def test_a_pyramid_follows_its_closed_form(pyramid: Scene) -> None:
     require_counts(pyramid, points)
 
 
-def test_a_coarse_roof_snaps_through(comm: MPI.Comm) -> None:
+def test_a_coarse_roof_snaps_through(alone: MPI.Comm) -> None:
     """Limit points, counts of negative eigenvalues, energy along the path, and stable solves."""
     scene, top = roof(6, 6.35e-3)
     points = followed(scene, first=0.01, lowest=None, highest=0.3)
@@ -134,11 +134,13 @@ def test_a_coarse_roof_snaps_through(comm: MPI.Comm) -> None:
         assert positions == pytest.approx(point.positions, abs=1e-9)
 
 
-def test_all_loads_are_scaled_by_one_factor(tube: Skin) -> None:
+def test_all_loads_are_scaled_by_one_factor(short_tube: Skin) -> None:
     """Pressure, dead forces and weight: at load factor 1 the path meets the solve at once."""
-    pattern = tube.pattern
-    solver = EquilibriumSolver(tube, Composite(), clamp(pattern, ["base"]), weight=Weight(0.2, 0.7))
-    density = np.full(len(tube.owned_cells), 0.3)
+    pattern = short_tube.pattern
+    solver = EquilibriumSolver(
+        short_tube, Composite(), clamp(pattern, ["base"]), weight=Weight(0.2, 0.7)
+    )
+    density = np.full(len(short_tube.owned_cells), 0.3)
     force = np.asarray(np.outer(pattern.vertex_areas, [30.0, 0.0, 0.0]))
     options = ArcLengthOptions(first=0.3, first_increment=0.3, largest_increment=0.4)
     points = list(trace(solver, density, 2e3, by="arc-length", force=force, options=options))
@@ -146,7 +148,7 @@ def test_all_loads_are_scaled_by_one_factor(tube: Skin) -> None:
     assert points[0].result.pressure == pytest.approx(600)
     assert all(point.stable for point in points)
     alone = solver.solve(density, 2e3, force=force)
-    positions = tube.gather_vertices(alone.positions)
+    positions = short_tube.gather_vertices(alone.positions)
     assert points[-1].positions == pytest.approx(positions, abs=1e-7 * pattern.size)
     # And back down from there, with another start.
     options = ArcLengthOptions(first=1.0, first_increment=-0.3, largest_increment=0.4, lowest=0.3)
@@ -204,13 +206,13 @@ def test_paths_that_cannot_be_followed(pyramid: Scene, monkeypatch: pytest.Monke
 
 
 @pytest.mark.slow
-def test_a_path_on_which_contact_begins(tube: Skin) -> None:
+def test_a_path_on_which_contact_begins(short_tube: Skin) -> None:
     """The tube bulges onto a floor: the path ends where the pressure alone leads."""
     pytest.importorskip("ipctk")
-    supports = clamp(tube.pattern, ["base"])
+    supports = clamp(short_tube.pattern, ["base"])
     floor = Contact(ground=Ground((-0.0112, 0.0, 0.0), (1.0, 0.0, 0.0)), self_contact=False)
-    solver = EquilibriumSolver(tube, Composite(), supports, contact=floor)
-    density = np.full(len(tube.owned_cells), 0.02)
+    solver = EquilibriumSolver(short_tube, Composite(), supports, contact=floor)
+    density = np.full(len(short_tube.owned_cells), 0.02)
     options = ArcLengthOptions(first=0.1, first_increment=0.3, largest_increment=0.3)
     path = list(trace(solver, density, 5e3, by="arc-length", options=options))
     distances = [point.result.smallest_distance for point in path]

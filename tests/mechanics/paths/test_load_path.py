@@ -20,22 +20,24 @@ from toros_fem.mechanics.skin.supports import clamp, clamp_where
 from toros_fem.meshes import Skin, sew
 
 
-def test_gradient_of_two_steps(tube: Skin, tube_solver: EquilibriumSolver, comm: MPI.Comm) -> None:
-    path = LoadPath(tube_solver, [LoadStep(2e3), LoadStep(5e3)])
-    density = random_density(tube, 2, spread=0.3)
-    shape = tube_solver.model.positions(tube_solver.model.assembled).shape
+def test_gradient_of_two_steps(
+    short_tube: Skin, short_solver: EquilibriumSolver, alone: MPI.Comm
+) -> None:
+    path = LoadPath(short_solver, [LoadStep(2e3), LoadStep(5e3)])
+    density = random_density(short_tube, 2, spread=0.3)
+    shape = short_solver.model.positions(short_solver.model.assembled).shape
     weights = [np.cos(np.arange(3.0) + k) * np.ones(shape) * 1e-3 for k in range(2)]
-    weights = [w * tube.pattern.points[tube.owned_vertices] for w in weights]
+    weights = [w * short_tube.pattern.points[short_tube.owned_vertices] for w in weights]
     base = path.solve(density)
     found = path.gradient(density, base, weights)
-    change = 0.1 * np.cos(1.0 * tube.owned_cells)
+    change = 0.1 * np.cos(1.0 * short_tube.owned_cells)
     raised = np.array([[100.0], [-200.0]])
-    along = dot(comm, found.density, change) + float((found.pressures * raised).sum())
+    along = dot(alone, found.density, change) + float((found.pressures * raised).sum())
 
     def value(step: float) -> float:
         there = path.solve(density + step * change, np.array([[2e3], [5e3]]) + step * raised, base)
         return total(
-            comm, sum((w * e.positions).sum() for w, e in zip(weights, there, strict=True))
+            alone, sum((w * e.positions).sum() for w, e in zip(weights, there, strict=True))
         )
 
     rise = slope(lambda h: value(1e-2 * h)) / 1e-2
@@ -43,10 +45,10 @@ def test_gradient_of_two_steps(tube: Skin, tube_solver: EquilibriumSolver, comm:
 
 
 def test_a_step_that_does_not_matter_has_no_gradient(
-    tube: Skin, tube_solver: EquilibriumSolver
+    short_tube: Skin, short_solver: EquilibriumSolver
 ) -> None:
-    path = LoadPath(tube_solver, [LoadStep(2e3), LoadStep(4e3)])
-    density = np.full(len(tube.owned_cells), 0.2)
+    path = LoadPath(short_solver, [LoadStep(2e3), LoadStep(4e3)])
+    density = np.full(len(short_tube.owned_cells), 0.2)
     base = path.solve(density)
     along = np.ones_like(base[0].positions)
     found = path.gradient(density, base, [along, None])
@@ -54,11 +56,11 @@ def test_a_step_that_does_not_matter_has_no_gradient(
     assert found.pressures[1, 0] == 0
 
 
-def test_what_does_not_fit_is_refused(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    density = np.zeros(len(tube.owned_cells))
+def test_what_does_not_fit_is_refused(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
+    density = np.zeros(len(short_tube.owned_cells))
     with pytest.raises(ParameterError, match="at least one"):
-        LoadPath(tube_solver, [])
-    path = LoadPath(tube_solver, [LoadStep(2e3)])
+        LoadPath(short_solver, [])
+    path = LoadPath(short_solver, [LoadStep(2e3)])
     with pytest.raises(ParameterError, match=r"they must be \(1, 1\)"):
         path.solve(density, np.ones((2, 1)))
     with pytest.raises(ParameterError, match="the path has 1 steps"):
@@ -97,9 +99,9 @@ def dragged(comm: MPI.Comm) -> LoadPath:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("last", [True, False])
-def test_gradient_through_friction(comm: MPI.Comm, last: bool) -> None:
+def test_gradient_through_friction(alone: MPI.Comm, last: bool) -> None:
     """Sticking and sliding vertices on ground and body; a functional of the last or all steps."""
-    path = dragged(comm)
+    path = dragged(alone)
     skin, model = path.solver.skin, path.solver.model
     density = np.full(len(skin.owned_cells), 0.3)
     base = path.solve(density)
@@ -120,12 +122,12 @@ def test_gradient_through_friction(comm: MPI.Comm, last: bool) -> None:
     slopes = [None, None, None, weights[3]] if last else weights
     found = path.gradient(density, base, slopes)
     change = 0.3 * np.cos(3.0 * skin.owned_cells)
-    along = dot(comm, found.density, change)
+    along = dot(alone, found.density, change)
 
     def value(step: float) -> float:
         there = path.solve(density + step * change, near=base)
         return total(
-            comm,
+            alone,
             sum(
                 (w * e.positions).sum() for w, e in zip(slopes, there, strict=True) if w is not None
             ),
@@ -136,17 +138,17 @@ def test_gradient_through_friction(comm: MPI.Comm, last: bool) -> None:
 
 
 @pytest.mark.slow
-def test_gradient_by_pressures_and_densities_on_pads(tube: Skin, comm: MPI.Comm) -> None:
+def test_gradient_by_pressures_and_densities_on_pads(short_tube: Skin, alone: MPI.Comm) -> None:
     """A heavy tube on pads is inflated and emptied again: all that a walker has."""
     pytest.importorskip("ipctk")
-    pattern = tube.pattern
+    pattern = short_tube.pattern
     touched = Contact(
         Ground((-0.0112, 0.0, 0.0), (1.0, 0.0, 0.0)),
         friction=0.4,
         pads=Pads(pattern.points[:, 2] > 0.03, (0.0, 0.0, 1.0), 0.2, 0.7),
     )
     solver = EquilibriumSolver(
-        tube,
+        short_tube,
         Composite(),
         clamp(pattern, ["base"]),
         NewtonOptions(tolerance=1e-12),
@@ -155,17 +157,19 @@ def test_gradient_by_pressures_and_densities_on_pads(tube: Skin, comm: MPI.Comm)
     )
     pressures, raised = np.array([[4e3], [2e3]]), np.array([[-150.0], [50.0]])
     path = LoadPath(solver, [LoadStep(float(p)) for p in pressures[:, 0]])
-    density = 0.02 + 0.01 * np.cos(3.0 * tube.owned_cells)
-    change = 0.01 * np.cos(2.0 * tube.owned_cells)
-    weights = [1e-3 * np.cos(np.arange(3.0) + k + tube.owned_vertices[:, None]) for k in range(2)]
+    density = 0.02 + 0.01 * np.cos(3.0 * short_tube.owned_cells)
+    change = 0.01 * np.cos(2.0 * short_tube.owned_cells)
+    weights = [
+        1e-3 * np.cos(np.arange(3.0) + k + short_tube.owned_vertices[:, None]) for k in range(2)
+    ]
     base = path.solve(density)
     found = path.gradient(density, base, weights)
-    along = dot(comm, found.density, change) + float((found.pressures * raised).sum())
+    along = dot(alone, found.density, change) + float((found.pressures * raised).sum())
 
     def value(step: float) -> float:
         there = path.solve(density + step * change, pressures + step * raised, base)
         terms = ((w * e.positions).sum() for w, e in zip(weights, there, strict=True))
-        return total(comm, sum(terms))
+        return total(alone, sum(terms))
 
     rise = slope(lambda h: value(1e-3 * h)) / 1e-3
     assert along == pytest.approx(rise, rel=1e-6)

@@ -18,20 +18,20 @@ from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin, cylinder, sew
 
 
-def test_a_path_is_followed(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    density = np.full(len(tube.owned_cells), 0.3)
-    points = list(trace(tube_solver, density, [500.0, 1e3, 2e3]))
-    alone = tube_solver.solve(density, 2e3)
+def test_a_path_is_followed(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
+    density = np.full(len(short_tube.owned_cells), 0.3)
+    points = list(trace(short_solver, density, [500.0, 1e3, 2e3]))
+    alone = short_solver.solve(density, 2e3)
     assert points[-1].result.volume == pytest.approx(alone.volume, rel=1e-8)
     assert [point.result.pressure for point in points] == [500.0, 1e3, 2e3]
-    begun = list(trace(tube_solver, density, [2e3], start=alone.positions))
+    begun = list(trace(short_solver, density, [2e3], start=alone.positions))
     assert begun[0].result.steps <= 1
 
 
 def test_increments_shrink_where_no_stable_state_is_near(
-    tube: Skin, monkeypatch: pytest.MonkeyPatch
+    short_tube: Skin, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
     finish = solver.finish
     tried: list[float] = []
 
@@ -42,17 +42,17 @@ def test_increments_shrink_where_no_stable_state_is_near(
         return finish(trial)
 
     monkeypatch.setattr(solver, "finish", unstable_at_first)
-    density = np.full(len(tube.owned_cells), 0.3)
+    density = np.full(len(short_tube.owned_cells), 0.3)
     points = list(trace(solver, density, [1e3, 2e3]))
     assert tried[:2] == [2e3, 1250.0]
     assert points[-1].result.pressure == 2e3
 
 
 @pytest.mark.slow
-def test_a_path_names_the_point_where_it_ends(comm: MPI.Comm) -> None:
+def test_a_path_names_the_point_where_it_ends(alone: MPI.Comm) -> None:
     """Without a barrier in reach a tube has a limit pressure: what comes before is yielded."""
-    pattern = cylinder(comm, 0.04, 0.02, 5e-3, mesh="structured")
-    skin = sew(comm, pattern)
+    pattern = cylinder(alone, 0.04, 0.02, 5e-3, mesh="structured")
+    skin = sew(alone, pattern)
     composite = Composite(fabric=TABLE_A, c1=1e5, c2=1e5, bending=None)
     solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
     path = trace(solver, np.zeros(len(skin.owned_cells)), [1e3, 3e3])

@@ -17,10 +17,10 @@ pytest.importorskip("ipctk")
 
 
 @pytest.mark.slow
-def test_forces_of_a_pull_are_balanced(comm: MPI.Comm) -> None:
+def test_forces_of_a_pull_are_balanced(alone: MPI.Comm) -> None:
     config = gripper.GripperConfig(edge_length=3e-3, stem_length=0.045)
-    case = gripper.case(comm, config)
-    skin, contact = sew(comm, case.pattern), config.contact
+    case = gripper.case(alone, config)
+    skin, contact = sew(alone, case.pattern), config.contact
     inner = case.pattern.panel == case.pattern.panel_index("top")
     density = inner[skin.owned_cells].astype(np.float64)
     closing = EquilibriumSolver(skin, config.composite, case.supports, contact=contact)

@@ -31,9 +31,9 @@ def mylar(comm: MPI.Comm) -> tuple[Skin, EquilibriumSolver, float]:
     return skin, EquilibriumSolver(skin, composite, Supports(fixed)), pressure
 
 
-def test_a_flat_skin_is_opened_first(comm: MPI.Comm) -> None:
+def test_a_flat_skin_is_opened_first(alone: MPI.Comm) -> None:
     """Started from the first crumples it stays there, with two thirds of the volume."""
-    skin, solver, pressure = mylar(comm)
+    skin, solver, pressure = mylar(alone)
     density = np.zeros(len(skin.owned_cells))
     opened = solver.solve(density, pressure)
     lift = solver.model.assembled
@@ -44,8 +44,8 @@ def test_a_flat_skin_is_opened_first(comm: MPI.Comm) -> None:
     assert opened.volume > 1.2 * crumpled.volume
 
 
-def test_states_are_found_and_counted(comm: MPI.Comm) -> None:
-    skin, solver, pressure = mylar(comm)
+def test_states_are_found_and_counted(alone: MPI.Comm) -> None:
+    skin, solver, pressure = mylar(alone)
     density = np.zeros(len(skin.owned_cells))
     first = solver.solve(density, pressure)
     found = find_states(solver, density, pressure, start=first, tries=9, size=0.1)
@@ -59,18 +59,20 @@ def test_states_are_found_and_counted(comm: MPI.Comm) -> None:
     assert solver.reactions(found.best).any()
 
 
-def test_one_state_is_one(tube: Skin) -> None:
+def test_one_state_is_one(short_tube: Skin) -> None:
     stiff = Composite(bending=None)
-    solver = EquilibriumSolver(tube, stiff, clamp(tube.pattern, ["base"]))
-    found = find_states(solver, np.zeros(len(tube.owned_cells)), 2e3, tries=4)
+    solver = EquilibriumSolver(short_tube, stiff, clamp(short_tube.pattern, ["base"]))
+    found = find_states(solver, np.zeros(len(short_tube.owned_cells)), 2e3, tries=4)
     assert len(found.energies) == 1
     assert found.counts == (5,)
     assert str(found).startswith("1 stable state seen")
 
 
-def test_bad_input(tube: Skin) -> None:
-    solver = EquilibriumSolver(tube, Composite(fabric=TABLE_A), clamp(tube.pattern, ["base"]))
-    density = np.zeros(len(tube.owned_cells))
+def test_bad_input(short_tube: Skin) -> None:
+    solver = EquilibriumSolver(
+        short_tube, Composite(fabric=TABLE_A), clamp(short_tube.pattern, ["base"])
+    )
+    density = np.zeros(len(short_tube.owned_cells))
     with pytest.raises(ParameterError, match="tries"):
         find_states(solver, density, 1e3, tries=0)
     with pytest.raises(ParameterError, match="size"):

@@ -26,8 +26,8 @@ def angle(pattern: Pattern, positions: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("mesh", ["structured", "unstructured"])
-def test_refinement_keeps_the_skin(comm: MPI.Comm, mesh: str) -> None:
-    pattern = cylinder(comm, 0.05, 0.02, 6e-3, mesh=mesh)
+def test_refinement_keeps_the_skin(alone: MPI.Comm, mesh: str) -> None:
+    pattern = cylinder(alone, 0.05, 0.02, 6e-3, mesh=mesh)
     finer = refine(pattern)
     fine = finer.pattern
     assert len(fine.panel) == 4 * len(pattern.panel)
@@ -41,13 +41,13 @@ def test_refinement_keeps_the_skin(comm: MPI.Comm, mesh: str) -> None:
 
 
 @pytest.mark.slow
-def test_estimate_covers_the_error_on_the_tube(comm: MPI.Comm) -> None:
+def test_estimate_covers_the_error_on_the_tube(alone: MPI.Comm) -> None:
     """Against a mesh refined twice."""
     reached = []
     estimate = None
-    pattern = cylinder(comm, 0.09, 0.02, 6.5e-3)
+    pattern = cylinder(alone, 0.09, 0.02, 6.5e-3)
     for level in range(3):
-        skin = sew(comm, pattern)
+        skin = sew(alone, pattern)
         solver = EquilibriumSolver(skin, Composite(), clamp(pattern, ["base"]))
         density = spine(pattern)[skin.owned_cells]
         result = solver.solve(density, 3e3)
@@ -60,12 +60,12 @@ def test_estimate_covers_the_error_on_the_tube(comm: MPI.Comm) -> None:
     assert 0.5 * estimate.error < abs(reached[2] - reached[0]) < estimate.error
 
 
-def test_supports_and_forces_of_a_refined_sheet(comm: MPI.Comm) -> None:
+def test_supports_and_forces_of_a_refined_sheet(alone: MPI.Comm) -> None:
     """A built-in cantilever, bent by a load that each mesh spreads for itself."""
     pattern = square(n=6)
     size = pattern.points[:, 0].max()
     supports = build_in(pattern, pattern.points[:, 0] < 1e-9)
-    solver = EquilibriumSolver(sew(comm, pattern), Composite(), supports)
+    solver = EquilibriumSolver(sew(alone, pattern), Composite(), supports)
 
     def weight(of: Pattern) -> np.ndarray:
         return np.outer(of.vertex_areas, [0.0, 0.0, 1.0])
@@ -83,12 +83,12 @@ def test_supports_and_forces_of_a_refined_sheet(comm: MPI.Comm) -> None:
     assert str(found).startswith(f"{found.value:.6g}")
 
 
-def test_half_a_tube_is_refined_with_its_plane(comm: MPI.Comm) -> None:
+def test_half_a_tube_is_refined_with_its_plane(alone: MPI.Comm) -> None:
     """A square cut at a symmetry plane, its other borders held: the refined one is held alike."""
     pattern = square(n=4)
     edge = pattern.points[:, 1] > 0.02 * (1 - 1e-9)
     supports = symmetry_plane(pattern, 0) | build_in(pattern, edge)
-    solver = EquilibriumSolver(sew(comm, pattern), Composite(), supports)
+    solver = EquilibriumSolver(sew(alone, pattern), Composite(), supports)
     density = np.ones(len(solver.skin.owned_cells))
 
     def weight(of: Pattern) -> np.ndarray:
@@ -109,11 +109,11 @@ def test_half_a_tube_is_refined_with_its_plane(comm: MPI.Comm) -> None:
 
 
 def test_a_refined_mesh_that_is_not_reached_at_once(
-    comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+    alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The load is raised anew, with the same result; unless the estimate is to be direct."""
-    pattern = cylinder(comm, 0.05, 0.02, 6e-3)
-    solver = EquilibriumSolver(sew(comm, pattern), Composite(), clamp(pattern, ["base"]))
+    pattern = cylinder(alone, 0.05, 0.02, 6e-3)
+    solver = EquilibriumSolver(sew(alone, pattern), Composite(), clamp(pattern, ["base"]))
     density = spine(pattern)[solver.skin.owned_cells]
     result = solver.solve(density, 1e3)
     (at_once,) = estimate_error(solver, density, result, [angle], direct=True)
@@ -129,9 +129,9 @@ def test_a_refined_mesh_that_is_not_reached_at_once(
     assert anew.error > 0.01
 
 
-def test_what_is_not_refined(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.05, 0.02, 6e-3)
-    skin, supports = sew(comm, pattern), clamp(pattern, ["base"])
+def test_what_is_not_refined(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, 0.05, 0.02, 6e-3)
+    skin, supports = sew(alone, pattern), clamp(pattern, ["base"])
     density = np.zeros(len(skin.owned_cells))
     solver = EquilibriumSolver(skin, Composite(bending=Bending(rest="assembled")), supports)
     with pytest.raises(ParameterError, match="moulded shape is not known"):

@@ -23,9 +23,9 @@ FORCE = 1000.0  # N
 
 
 @pytest.fixture(scope="module")
-def skin(comm: MPI.Comm) -> Skin:
+def skin(alone: MPI.Comm) -> Skin:
     """A flat sheet at z = 0."""
-    return sew(comm, square(n=5))
+    return sew(alone, square(n=5))
 
 
 def objective(skin: Skin, height: float, asked: float = FORCE) -> HoldingObjective:
@@ -40,7 +40,7 @@ def objective(skin: Skin, height: float, asked: float = FORCE) -> HoldingObjecti
     return HoldingObjective(skin, contact, contact.sizes(Composite()), fixed, UP, asked, 2.0)
 
 
-def test_gradient_of_the_holding_force(skin: Skin, comm: MPI.Comm) -> None:
+def test_gradient_of_the_holding_force(skin: Skin, alone: MPI.Comm) -> None:
     made = objective(skin, 0.02 * skin.pattern.size)
     rng = np.random.default_rng(3)
     # Off the flat sheet, where the nearest parts of some pairs are about to change.
@@ -49,7 +49,7 @@ def test_gradient_of_the_holding_force(skin: Skin, comm: MPI.Comm) -> None:
     force = made.force(x)
     assert 0 < force < FORCE
     assert made.forward(x) == pytest.approx((1 - force / FORCE) ** 2)
-    along = dot(comm, made.backward(x).ravel(), direction.ravel())
+    along = dot(alone, made.backward(x).ravel(), direction.ravel())
     step = 2e-6 * skin.pattern.size
     rise = slope(lambda h: made.forward(x + step * h * direction)) / step
     assert along == pytest.approx(rise, rel=1e-6)

@@ -73,7 +73,7 @@ def angles(field: WrinkleField) -> np.ndarray:
 
 
 @pytest.mark.parametrize("thickness", [None, 2e-5])
-def test_sheared_sheet(comm: MPI.Comm, thickness: float | None) -> None:
+def test_sheared_sheet(alone: MPI.Comm, thickness: float | None) -> None:
     """Held along its whole border: wrinkled at one angle, with the exact shear force."""
     composite, scale = SHEET, 1.0
     if thickness is not None:  # thin, so that bending hardly counts, but free to leave its plane
@@ -84,7 +84,7 @@ def test_sheared_sheet(comm: MPI.Comm, thickness: float | None) -> None:
     x, y, _ = pattern.points.T
     low, top = y < 1e-9, y > SIZE * (1 - 1e-9)
     held = low | top | (x < 1e-9) | (x > SIZE * (1 - 1e-9))
-    solver, result, reactions = sheared(comm, pattern, held, composite)
+    solver, result, reactions = sheared(alone, pattern, held, composite)
     field = wrinkle_field(solver, np.zeros(len(solver.skin.owned_cells)), result)
     angle, force = exact(SHEAR)
     assert np.all(field.state == Tension.WRINKLED)
@@ -102,14 +102,14 @@ def test_sheared_sheet(comm: MPI.Comm, thickness: float | None) -> None:
     assert work < 0.8 * scale * 15 * SHEAR
 
 
-def test_wagner_web(comm: MPI.Comm) -> None:
+def test_wagner_web(alone: MPI.Comm) -> None:
     """A wide web between two rails, free at its ends: what more width adds is the exact force."""
     forces = []
     for width in (5 * SIZE, 7 * SIZE):
-        pattern = rectangle(comm, width, SIZE, SIZE / 5, "crossed")
+        pattern = rectangle(alone, width, SIZE, SIZE / 5, "crossed")
         y = pattern.points[:, 1]
         top = y > SIZE * (1 - 1e-9)
-        solver, result, reactions = sheared(comm, pattern, (y < 1e-9) | top)
+        solver, result, reactions = sheared(alone, pattern, (y < 1e-9) | top)
         forces.append(reactions[top, 0].sum())
         field = wrinkle_field(solver, np.zeros(len(solver.skin.owned_cells)), result)
         middle = np.abs(pattern.centroids[:, 0] - width / 2) < SIZE
@@ -119,11 +119,11 @@ def test_wagner_web(comm: MPI.Comm) -> None:
     assert (forces[1] - forces[0]) / (2 * SIZE) == pytest.approx(force, rel=3 * RESIDUAL)
 
 
-def test_states_are_those_of_the_energy(comm: MPI.Comm) -> None:
+def test_states_are_those_of_the_energy(alone: MPI.Comm) -> None:
     """Taut, wrinkled and slack triangles of two materials, by eq. (1) and by the forms."""
     stiff = replace(TABLE_A, young=10 * TABLE_A.young, poisson=0.1)
     composite = replace(SHEET, reinforcement=stiff)
-    model = sheet_model(comm, composite)
+    model = sheet_model(alone, composite)
     skin, pattern = model.skin, model.skin.pattern
     rng = np.random.default_rng(5)
     density = rng.uniform(0, 1, len(pattern.panel))
@@ -156,7 +156,7 @@ def test_states_are_those_of_the_energy(comm: MPI.Comm) -> None:
     assert not field.flat[field.state == Tension.SLACK].any()
 
 
-def test_a_sheet_that_is_turned_is_slack(comm: MPI.Comm) -> None:
+def test_a_sheet_that_is_turned_is_slack(alone: MPI.Comm) -> None:
     """Rounding makes no tension."""
     pattern = square(size=SIZE)
     c, s = np.cos(0.3), np.sin(0.3)
@@ -168,7 +168,7 @@ def test_a_sheet_that_is_turned_is_slack(comm: MPI.Comm) -> None:
     assert not field.direction.any()
 
 
-def test_a_sheet_that_takes_compression_has_no_field(comm: MPI.Comm) -> None:
+def test_a_sheet_that_takes_compression_has_no_field(alone: MPI.Comm) -> None:
     pattern = square(size=SIZE)
     with pytest.raises(ParameterError, match="tension-field"):
         wrinkles(pattern, Composite(), np.zeros(len(pattern.panel)), pattern.points)

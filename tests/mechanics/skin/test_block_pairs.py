@@ -13,7 +13,7 @@ from toros_fem.meshes.pattern import Panel
 
 
 @pytest.fixture(scope="module")
-def tetrahedron(comm: MPI.Comm) -> Skin:
+def tetrahedron(alone: MPI.Comm) -> Skin:
     """Four triangles: each meets the fourth vertex across all its edges."""
     points = 0.01 * np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)], dtype=float)
     edge = np.linalg.norm(points[1] - points[0])
@@ -23,7 +23,7 @@ def tetrahedron(comm: MPI.Comm) -> Skin:
         Panel(f"face {k}", flat, np.array([[0, 1, 2]]), points[list(face)])
         for k, face in enumerate(faces)
     ]
-    return sew(comm, Pattern.from_panels(panels, tolerance=1e-6))
+    return sew(alone, Pattern.from_panels(panels, tolerance=1e-6))
 
 
 def plain(model: SkinModel) -> tuple[np.ndarray, np.ndarray]:
@@ -47,9 +47,9 @@ def plain(model: SkinModel) -> tuple[np.ndarray, np.ndarray]:
     "bending", [None, Bending(), Bending(curvature="quadratic"), Bending(seams="hinged")]
 )
 def test_same_entries_as_over_all_pairs_of_unknowns(
-    scene: str, bending: Bending | None, tube: Skin, tetrahedron: Skin
+    scene: str, bending: Bending | None, short_tube: Skin, tetrahedron: Skin
 ) -> None:
-    skin = tube if scene == "tube" else tetrahedron
+    skin = short_tube if scene == "tube" else tetrahedron
     fixed = np.random.default_rng(3).random(skin.pattern.points.shape) < 0.5  # many in part
     fixed[0] = True
     model = SkinModel(skin, Composite(bending=bending), Supports(fixed))

@@ -46,8 +46,8 @@ def sectors(pattern: Pattern, count: int) -> Chambers:
 
 
 @pytest.fixture(scope="module")
-def grid(comm: MPI.Comm) -> Skin:
-    return sew(comm, cylinder(comm, LENGTH, 2 * RADIUS, 5e-3, mesh="structured"))
+def grid(alone: MPI.Comm) -> Skin:
+    return sew(alone, cylinder(alone, LENGTH, 2 * RADIUS, 5e-3, mesh="structured"))
 
 
 @pytest.fixture(scope="module")
@@ -122,13 +122,13 @@ def test_derivatives_of_a_lid() -> None:
     assert np.array_equal(blocks, lid.linked)
 
 
-def test_axial_balance_across_a_wall(comm: MPI.Comm) -> None:
+def test_axial_balance_across_a_wall(alone: MPI.Comm) -> None:
     """Each part of a tube pulls along with its pressure times the section; the wall takes the rest.
 
     At the assembled shape, a prism, what the border's nodes receive along z is known exactly.
     """
-    pattern = cylinder(comm, LENGTH, 2 * RADIUS, 5e-3, mesh="structured")
-    skin = sew(comm, pattern)
+    pattern = cylinder(alone, LENGTH, 2 * RADIUS, 5e-3, mesh="structured")
+    skin = sew(alone, pattern)
     composite = Composite(fabric=TABLE_A, bending=None)
     solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]), chambers=halves(pattern))
     low, high = 1e3, 4e3
@@ -147,7 +147,7 @@ def test_axial_balance_across_a_wall(comm: MPI.Comm) -> None:
     thrust = solver.model.positions(gradient)[:, 2]
     sides = round(2 * np.pi * RADIUS / 5e-3)
     polygon = 0.5 * sides * np.sin(2 * np.pi / sides) * RADIUS**2
-    assert total(comm, thrust.sum()) == pytest.approx(polygon, rel=1e-12)
+    assert total(alone, thrust.sum()) == pytest.approx(polygon, rel=1e-12)
     # Stretches along: where the pressure is higher the tube is longer.
     z, height = skin.gather_vertices(found.positions)[:, 2], pattern.points[:, 2]
     ring = [z[np.isclose(height, h)].mean() for h in LENGTH * np.array([0.25, 0.5, 0.75])]

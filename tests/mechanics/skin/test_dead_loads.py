@@ -17,19 +17,21 @@ HEAVY = Weight(fabric=0.2, reinforcement=2.0, gravity=(9.0, 0.0, -3.0))
 
 
 @pytest.fixture(scope="module")
-def heavy(tube: Skin) -> EquilibriumSolver:
-    return EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]), weight=HEAVY)
+def heavy(short_tube: Skin) -> EquilibriumSolver:
+    return EquilibriumSolver(
+        short_tube, Composite(), clamp(short_tube.pattern, ["base"]), weight=HEAVY
+    )
 
 
 def test_supports_bear_the_weight_and_what_is_held(
-    tube: Skin, heavy: EquilibriumSolver, comm: MPI.Comm
+    short_tube: Skin, heavy: EquilibriumSolver, alone: MPI.Comm
 ) -> None:
-    density = random_density(tube, 3, spread=0.4)
-    areas = tube.pattern.areas[tube.owned_cells]
-    mass = total(comm, float(areas @ (0.2 + 1.8 * density)))
-    fixed = spread_force(tube.pattern, "tip", [0.02, -0.01, 0.0])
+    density = random_density(short_tube, 3, spread=0.4)
+    areas = short_tube.pattern.areas[short_tube.owned_cells]
+    mass = total(alone, float(areas @ (0.2 + 1.8 * density)))
+    fixed = spread_force(short_tube.pattern, "tip", [0.02, -0.01, 0.0])
     assert fixed.sum(axis=0) == pytest.approx([0.02, -0.01, 0.0], abs=1e-15)
-    others = np.setdiff1d(np.arange(len(fixed)), tube.pattern.vertices_of("tip"))
+    others = np.setdiff1d(np.arange(len(fixed)), short_tube.pattern.vertices_of("tip"))
     assert not fixed[others].any()
     result = heavy.solve(density, 3e3, force=fixed)
     assert "its own weight" in result.reason
@@ -42,20 +44,20 @@ def test_supports_bear_the_weight_and_what_is_held(
     )
 
 
-def test_bad_loads(tube: Skin) -> None:
+def test_bad_loads(short_tube: Skin) -> None:
     with pytest.raises(errors.ParameterError, match="fabric = -1"):
         Weight(-1.0, 1.0)
     with pytest.raises(errors.ParameterError, match="gravity has shape"):
         Weight(1.0, 1.0, (0.0, 9.81))  # type: ignore[arg-type]
     with pytest.raises(errors.ParameterError, match="must be a finite vector"):
-        spread_force(tube.pattern, "tip", [1.0, np.inf, 0.0])
+        spread_force(short_tube.pattern, "tip", [1.0, np.inf, 0.0])
     with pytest.raises(errors.PanelError, match="no panel is named 'top'"):
-        spread_force(tube.pattern, "top", [1.0, 0.0, 0.0])
+        spread_force(short_tube.pattern, "top", [1.0, 0.0, 0.0])
 
 
-def test_force_at_a_point(tube: Skin) -> None:
+def test_force_at_a_point(short_tube: Skin) -> None:
     """It has the right sum and the right moment, wherever it acts."""
-    pattern, pull = tube.pattern, np.array([0.3, -0.2, 0.5])
+    pattern, pull = short_tube.pattern, np.array([0.3, -0.2, 0.5])
     corner = pattern.points[pattern.triangles[7]]
     inside = np.array([0.2, 0.5, 0.3]) @ corner
     found = point_force(pattern, inside, pull)
@@ -72,8 +74,8 @@ def test_force_at_a_point(tube: Skin) -> None:
     assert alone.sum(axis=0) == pytest.approx(pull)
 
 
-def test_force_beside_the_skin(tube: Skin) -> None:
-    pattern = tube.pattern
+def test_force_beside_the_skin(short_tube: Skin) -> None:
+    pattern = short_tube.pattern
     cap = pattern.points[pattern.triangles[pattern.cells_of("tip")[0]]].mean(axis=0)
 
     def outside(part: float) -> np.ndarray:

@@ -16,8 +16,8 @@ def use_of(pattern: Pattern, positions: np.ndarray) -> np.ndarray:
     return bounds.use(positions[pattern.triangles])
 
 
-def test_a_vertex_that_is_off_is_put_back(tube: Skin) -> None:
-    pattern = tube.pattern
+def test_a_vertex_that_is_off_is_put_back(short_tube: Skin) -> None:
+    pattern = short_tube.pattern
     fixed = clamp(pattern, ["base"]).fixed
     # A tube stretched to 80 % of the bound, with one vertex off by an edge's length.
     positions = pattern.points * [1.0, 1.0, 1.72]
@@ -35,12 +35,12 @@ def test_a_vertex_that_is_off_is_put_back(tube: Skin) -> None:
     np.testing.assert_array_equal(found[fixed], positions[fixed])
 
 
-def test_a_shape_inside_stays(tube: Skin) -> None:
-    pattern, fixed = tube.pattern, clamp(tube.pattern, ["base"]).fixed
+def test_a_shape_inside_stays(short_tube: Skin) -> None:
+    pattern, fixed = short_tube.pattern, clamp(short_tube.pattern, ["base"]).fixed
     found = relaxed_into_bounds(pattern, Composite(), fixed, pattern.points)
     np.testing.assert_array_equal(found, pattern.points)
 
 
-def test_a_shape_that_is_far_outside_is_refused(tube: Skin) -> None:
-    pattern, fixed = tube.pattern, clamp(tube.pattern, ["base"]).fixed
+def test_a_shape_that_is_far_outside_is_refused(short_tube: Skin) -> None:
+    pattern, fixed = short_tube.pattern, clamp(short_tube.pattern, ["base"]).fixed
     assert relaxed_into_bounds(pattern, Composite(), fixed, 3 * pattern.points) is None

@@ -124,12 +124,12 @@ def test_six_vertices_on_a_conic_fall_back_on_the_average(alone: MPI.Comm) -> No
     assert other == pytest.approx(one, rel=1e-12)
 
 
-def test_supports_pull_with_the_weight(comm: MPI.Comm) -> None:
+def test_supports_pull_with_the_weight(alone: MPI.Comm) -> None:
     """A cantilever under its weight."""
-    pattern = rectangle(comm, 0.06, 0.02, 5e-3, "unstructured")
+    pattern = rectangle(alone, 0.06, 0.02, 5e-3, "unstructured")
     supports = build_in(pattern, pattern.points[:, 0] < 1e-9)
     weight = np.asarray(pattern.vertex_areas[:, None] * [0.0, 0.0, -10.0])
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     solver = EquilibriumSolver(skin, sheet(Bending()), supports)
     density = np.zeros(len(skin.owned_cells))
     result = solver.solve(density, 0.0, force=weight)

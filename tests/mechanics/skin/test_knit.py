@@ -116,18 +116,18 @@ def test_moduli_at_small_strain() -> None:
 
 
 @pytest.fixture(scope="module")
-def pair(tube: Skin) -> list[SkinModel]:
+def pair(short_tube: Skin) -> list[SkinModel]:
     """The tube with bending, of knitted and of isotropic fabric."""
     models = []
     for knit in (Knit(RATIO, 0.4), None):
         composite = Composite(knit=knit)
-        model = SkinModel(tube, composite, clamp(tube.pattern, ["base"]))
+        model = SkinModel(short_tube, composite, clamp(short_tube.pattern, ["base"]))
         pressurize(model, 2e3)
         models.append(model)
     return models
 
 
-def test_printed_fabric_stays_what_it_is(pair: list[SkinModel], comm: MPI.Comm) -> None:
+def test_printed_fabric_stays_what_it_is(pair: list[SkinModel], alone: MPI.Comm) -> None:
     """And between both, stiffness is linear in the density."""
     state, cells = bent_tube(pair[0]), len(pair[0].skin.owned_cells)
     gaps = []
@@ -140,10 +140,10 @@ def test_printed_fabric_stays_what_it_is(pair: list[SkinModel], comm: MPI.Comm) 
         moduli = [model.mean_modulus() for model in pair]
         added = (1 - density) * pair[0].composite.course_stiffness
         assert moduli[0] - moduli[1] == pytest.approx(added, rel=1e-9, abs=1e-9)
-    scale = norm(comm, gaps[2])
+    scale = norm(alone, gaps[2])
     assert scale > 0
-    assert norm(comm, gaps[0]) < 1e-10 * scale
-    assert norm(comm, gaps[1] - 0.75 * gaps[2]) < 1e-10 * scale
+    assert norm(alone, gaps[0]) < 1e-10 * scale
+    assert norm(alone, gaps[1] - 0.75 * gaps[2]) < 1e-10 * scale
 
 
 def test_courses_bend(alone: MPI.Comm) -> None:
@@ -231,11 +231,11 @@ def test_refined_design_keeps_the_grain(alone: MPI.Comm) -> None:
     assert twist[1] == pytest.approx(twist[0], rel=0.05)  # 0.035 seen
 
 
-def test_grain_must_fit_the_panels(tube: Skin) -> None:
-    supports = clamp(tube.pattern, ["base"])
+def test_grain_must_fit_the_panels(short_tube: Skin) -> None:
+    supports = clamp(short_tube.pattern, ["base"])
     bare = replace(MEMBRANE, knit=Knit(RATIO, {"wall": 0.0}))
     with pytest.raises(ParameterError, match="no angle for the panels 'base', 'tip'"):
-        SkinModel(tube, bare, supports)
+        SkinModel(short_tube, bare, supports)
     wrong = replace(MEMBRANE, knit=Knit(RATIO, {"wal": 0.0}))
     with pytest.raises(PanelError, match="no panel is named 'wal'"):
-        SkinModel(tube, wrong, supports)
+        SkinModel(short_tube, wrong, supports)

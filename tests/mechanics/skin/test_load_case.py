@@ -57,28 +57,28 @@ def made(pattern: Pattern, pressure: object = 0.0, **more: object) -> LoadCase:
     return make_load_case(pattern, supports, 2, pressure, **more)  # type: ignore[arg-type]
 
 
-def test_one_pressure_counts_for_all_chambers(tube: Skin) -> None:
-    assert made(tube.pattern, 2e3).pressures == pytest.approx([2e3, 2e3])
-    assert made(tube.pattern, (2e3, 0.0)).pressures == pytest.approx([2e3, 0])
+def test_one_pressure_counts_for_all_chambers(short_tube: Skin) -> None:
+    assert made(short_tube.pattern, 2e3).pressures == pytest.approx([2e3, 2e3])
+    assert made(short_tube.pattern, (2e3, 0.0)).pressures == pytest.approx([2e3, 0])
     with pytest.raises(errors.ParameterError, match="one for each of the 2 chambers"):
-        made(tube.pattern, (1.0, 2.0, 3.0))
+        made(short_tube.pattern, (1.0, 2.0, 3.0))
     with pytest.raises(errors.ParameterError, match="pressure = -2.0 Pa must be finite"):
-        made(tube.pattern, (1.0, -2.0))
+        made(short_tube.pattern, (1.0, -2.0))
 
 
-def test_a_load_case_keeps_its_own_arrays(tube: Skin) -> None:
-    force = np.ones(tube.pattern.points.shape)
-    load = made(tube.pattern, force=force)
+def test_a_load_case_keeps_its_own_arrays(short_tube: Skin) -> None:
+    force = np.ones(short_tube.pattern.points.shape)
+    load = made(short_tube.pattern, force=force)
     force[:] = 7.0
     assert load.force is not None
     assert load.force.max() == 1.0
 
 
-def test_arrays_that_do_not_fit(tube: Skin) -> None:
+def test_arrays_that_do_not_fit(short_tube: Skin) -> None:
     with pytest.raises(errors.ParameterError, match="force.* must be finite and of shape"):
-        made(tube.pattern, force=np.zeros((3, 3)))
+        made(short_tube.pattern, force=np.zeros((3, 3)))
     with pytest.raises(errors.ParameterError, match="displacement has shape"):
-        made(tube.pattern, displacement=np.zeros((3, 3)))
+        made(short_tube.pattern, displacement=np.zeros((3, 3)))
 
 
 def test_a_border_must_stay_in_its_symmetry_plane(alone: MPI.Comm) -> None:

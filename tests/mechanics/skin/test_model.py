@@ -14,9 +14,9 @@ from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Skin, sew
 
 
-def test_fixed_components_have_reactions_and_the_others_forces(tube: Skin) -> None:
-    model = SkinModel(tube, Composite(), clamp(tube.pattern, ["base"]))
-    model.set_density(np.full(len(tube.owned_cells), 0.3))
+def test_fixed_components_have_reactions_and_the_others_forces(short_tube: Skin) -> None:
+    model = SkinModel(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    model.set_density(np.full(len(short_tube.owned_cells), 0.3))
     model.set_load(LoadCase(np.array([1e3])))
     state = bent_tube(model)
     fixed = model.skin.gather_vertices(model.positions((~model.free).astype(float)))
@@ -31,22 +31,26 @@ def test_fixed_components_have_reactions_and_the_others_forces(tube: Skin) -> No
     assert np.isfinite(model.energy(model.assembled))
 
 
-def test_mean_modulus(tube: Skin) -> None:
+def test_mean_modulus(short_tube: Skin) -> None:
     """Of plain, reinforced and half reinforced skin, and of rubber, μ = E/3 and λ = 2 μ."""
     rubber = Bladder(0.3e6, 1e-3)
     plain, lined = (
-        SkinModel(tube, Composite(bladder=bladder, bending=None), clamp(tube.pattern, ["base"]))
+        SkinModel(
+            short_tube,
+            Composite(bladder=bladder, bending=None),
+            clamp(short_tube.pattern, ["base"]),
+        )
         for bladder in (None, rubber)
     )
     values = []
     for density in (0.0, 1.0, 0.5):
-        plain.set_density(np.full(len(tube.owned_cells), density))
+        plain.set_density(np.full(len(short_tube.owned_cells), density))
         values.append(plain.mean_modulus())
     fabric = plain.composite.fabric
     assert values[0] == pytest.approx(fabric.thickness * (2 * fabric.mu + fabric.lam))
     assert values[1] == pytest.approx(260 * values[0])
     assert values[2] == pytest.approx((values[0] + values[1]) / 2)
-    lined.set_density(np.zeros(len(tube.owned_cells)))
+    lined.set_density(np.zeros(len(short_tube.owned_cells)))
     assert lined.mean_modulus() - values[0] == pytest.approx(4 / 3 * 300)
 
 

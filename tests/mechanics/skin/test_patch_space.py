@@ -24,33 +24,36 @@ def patch_of(skin: Skin, curvature: str | None, *, lattice: bool = False, bodies
 
 @pytest.mark.parametrize("curvature", [None, *CURVATURES])
 @pytest.mark.parametrize("lattice", [False, True])
-def test_number_of_unknowns(tube: Skin, curvature: str | None, lattice: bool) -> None:
+def test_number_of_unknowns(short_tube: Skin, curvature: str | None, lattice: bool) -> None:
     """Three a vertex; with rotations one an edge (Euler: E = V + F − 2); six of a lattice."""
-    vertices, cells = len(tube.pattern.points), len(tube.pattern.panel)
+    vertices, cells = len(short_tube.pattern.points), len(short_tube.pattern.panel)
     expected = 3 * vertices + 6 * lattice
     expected += (vertices + cells - 2) * (curvature == "midedge")
-    patch = patch_of(tube, curvature, lattice=lattice)
+    patch = patch_of(short_tube, curvature, lattice=lattice)
     assert patch.space.dofmap.index_map.size_global == expected
     seen = {None: 9, "average": 18, "quadratic": 18, "midedge": 21}[curvature] + 6 * lattice
     assert patch.space.dofmap.list.shape[1] == seen
-    assert total(tube.comm, patch.position_count) == 3 * vertices
+    assert total(short_tube.comm, patch.position_count) == 3 * vertices
     assert patch.lattice_dofs.shape == ((2, 3) if lattice else (0, 3))
 
 
-def test_triangles_see_their_corners_and_flaps(tube: Skin, comm: MPI.Comm) -> None:
+def test_triangles_see_their_corners_and_flaps(short_tube: Skin, alone: MPI.Comm) -> None:
     """The vertex across each edge is the far one of the neighbour in the pattern."""
-    patch = patch_of(tube, "average")
+    patch = patch_of(short_tube, "average")
     vertex = np.full(patch.space.dofmap.list.max() + 1, -1)
-    vertex[patch.position_dofs] = tube.vertex[:, None]
-    owned = len(tube.owned_cells)
+    vertex[patch.position_dofs] = short_tube.vertex[:, None]
+    owned = len(short_tube.owned_cells)
     seen = vertex[patch.space.dofmap.list[:owned].reshape(owned, 6, 3)[:, :, 0]]
     across: dict[frozenset[int], set[int]] = {}
-    for row in tube.pattern.triangles:
+    for row in short_tube.pattern.triangles:
         triangle = [int(v) for v in row]
         for i in range(3):
             edge = frozenset((triangle[i], triangle[(i + 1) % 3]))
             across.setdefault(edge, set()).add(triangle[(i + 2) % 3])
-    own = {frozenset(int(v) for v in tube.pattern.triangles[cell]) for cell in tube.owned_cells}
+    own = {
+        frozenset(int(v) for v in short_tube.pattern.triangles[cell])
+        for cell in short_tube.owned_cells
+    }
     assert {frozenset(int(v) for v in corners) for corners in seen[:, :3]} == own
     for row in seen:
         corners, flaps = [int(v) for v in row[:3]], [int(v) for v in row[3:]]
@@ -61,11 +64,11 @@ def test_triangles_see_their_corners_and_flaps(tube: Skin, comm: MPI.Comm) -> No
 
 @pytest.mark.parametrize("curvature", [None, "midedge"])
 @pytest.mark.parametrize("lattice", [False, True])
-def test_unknowns_of_bodies(tube: Skin, curvature: str | None, lattice: bool) -> None:
+def test_unknowns_of_bodies(short_tube: Skin, curvature: str | None, lattice: bool) -> None:
     """The first rank owns them, all know them, and no triangle sees them."""
-    comm = tube.comm
-    plain = patch_of(tube, curvature, lattice=lattice)
-    patch = patch_of(tube, curvature, lattice=lattice, bodies=2)
+    comm = short_tube.comm
+    plain = patch_of(short_tube, curvature, lattice=lattice)
+    patch = patch_of(short_tube, curvature, lattice=lattice, bodies=2)
     index_map = patch.space.dofmap.index_map
     assert index_map.size_global == plain.space.dofmap.index_map.size_global + 12
     assert patch.body_dofs.shape == (2, 6)

@@ -21,8 +21,8 @@ SKEWED = np.array([[1.08, 0.06], [-0.03, 0.95], [0.0, 0.0]])
 
 
 @pytest.fixture(scope="module")
-def square_tile(comm: MPI.Comm) -> Tile:
-    return tile(comm, (SIDE, SIDE), SIDE / 4)
+def square_tile(alone: MPI.Comm) -> Tile:
+    return tile(alone, (SIDE, SIDE), SIDE / 4)
 
 
 def model_of(found: Tile, comm: MPI.Comm, composite: Composite) -> PeriodicModel:
@@ -39,9 +39,9 @@ def model_of(found: Tile, comm: MPI.Comm, composite: Composite) -> PeriodicModel
 
 
 @pytest.fixture(scope="module", params=[None, "midedge"])
-def periodic(request: pytest.FixtureRequest, square_tile: Tile, comm: MPI.Comm) -> PeriodicModel:
+def periodic(request: pytest.FixtureRequest, square_tile: Tile, alone: MPI.Comm) -> PeriodicModel:
     bending = None if request.param is None else Bending(request.param)
-    return model_of(square_tile, comm, Composite(bending=bending))
+    return model_of(square_tile, alone, Composite(bending=bending))
 
 
 def stretched(model: PeriodicModel) -> np.ndarray:
@@ -100,9 +100,9 @@ def test_tangent_with_its_rows_of_the_mean_gradient(periodic: PeriodicModel) -> 
     assert norm(comm, by_gradient - expected) < 1e-7 * norm(comm, expected)
 
 
-def test_images_lie_one_lattice_step_away(square_tile: Tile, comm: MPI.Comm) -> None:
+def test_images_lie_one_lattice_step_away(square_tile: Tile, alone: MPI.Comm) -> None:
     """In a homogeneous state each triangle sees a copy of itself, at the border as inside."""
-    model = model_of(square_tile, comm, Composite(bending=None))
+    model = model_of(square_tile, alone, Composite(bending=None))
     state = model.assembled
     c, s = np.cos(0.4), np.sin(0.4)
     turned = np.array([[c, -s], [s, c]])
@@ -116,8 +116,8 @@ def test_images_lie_one_lattice_step_away(square_tile: Tile, comm: MPI.Comm) -> 
     assert model.bounds.worst(model.corners(state)) == pytest.approx(expected, rel=1e-9)
 
 
-def test_prescribed_components_are_fixed(square_tile: Tile, comm: MPI.Comm) -> None:
-    skin = sew(comm, square_tile.pattern)
+def test_prescribed_components_are_fixed(square_tile: Tile, alone: MPI.Comm) -> None:
+    skin = sew(alone, square_tile.pattern)
     fixed = np.zeros(square_tile.pattern.points.shape, dtype=bool)
     fixed[0] = True
     rest = Periodic(square_tile, ALL_PRESCRIBED)

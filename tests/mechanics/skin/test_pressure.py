@@ -15,8 +15,8 @@ LENGTH, RADIUS = 0.05, 0.01
 
 
 @pytest.fixture(scope="module")
-def grid(comm: MPI.Comm) -> Skin:
-    return sew(comm, cylinder(comm, LENGTH, 2 * RADIUS, 5e-3, mesh="structured"))
+def grid(alone: MPI.Comm) -> Skin:
+    return sew(alone, cylinder(alone, LENGTH, 2 * RADIUS, 5e-3, mesh="structured"))
 
 
 def model_of(skin: Skin, chambers: Chambers | None) -> SkinModel:
@@ -59,9 +59,9 @@ def test_the_wall_is_in_the_tangent_of_its_border_alone(grid: Skin) -> None:
     assert border == 3 * round(2 * np.pi * RADIUS / 5e-3)
 
 
-def test_open_skin_has_no_volume(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, LENGTH, 2 * RADIUS, 5e-3, mesh="structured", caps=None)
-    skin = sew(comm, pattern)
+def test_open_skin_has_no_volume(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, LENGTH, 2 * RADIUS, 5e-3, mesh="structured", caps=None)
+    skin = sew(alone, pattern)
     model = SkinModel(skin, Composite(bending=None), clamp(pattern, ["wall"]))
     assert not model.closed
     assert model.volume(model.assembled) == 0

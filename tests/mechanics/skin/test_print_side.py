@@ -144,17 +144,17 @@ def test_printed_ring(alone: MPI.Comm, curvature: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def sides(tube: Skin) -> dict[str | None, SkinModel]:
+def sides(short_tube: Skin) -> dict[str | None, SkinModel]:
     """The tube with the print outside, inside, and in the middle."""
     models = {}
     for side in ("outside", "inside", None):
         composite = Composite(print_side=side)
-        models[side] = SkinModel(tube, composite, clamp(tube.pattern, ["base"]))
+        models[side] = SkinModel(short_tube, composite, clamp(short_tube.pattern, ["base"]))
         pressurize(models[side], 2e3)
     return models
 
 
-def test_fabric_is_unchanged(sides: dict[str | None, SkinModel], comm: MPI.Comm) -> None:
+def test_fabric_is_unchanged(sides: dict[str | None, SkinModel], alone: MPI.Comm) -> None:
     """And what a print adds is linear in the density, its coupling opposite on both sides."""
     state = bent_tube(sides[None])
     gaps = {}
@@ -166,10 +166,10 @@ def test_fabric_is_unchanged(sides: dict[str | None, SkinModel], comm: MPI.Comm)
         gaps[density] = force["outside"] - force["inside"]
         both = force["outside"] + force["inside"] - 2 * force[None]
         if density == 0:
-            assert norm(comm, both) == norm(comm, gaps[density]) == 0
-    scale = norm(comm, gaps[1.0])
+            assert norm(alone, both) == norm(alone, gaps[density]) == 0
+    scale = norm(alone, gaps[1.0])
     assert scale > 0
-    assert norm(comm, gaps[0.25] - gaps[1.0] / 4) < 1e-10 * scale
+    assert norm(alone, gaps[0.25] - gaps[1.0] / 4) < 1e-10 * scale
 
 
 def test_lines_around_a_tube(alone: MPI.Comm) -> None:

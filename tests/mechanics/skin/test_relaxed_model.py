@@ -23,11 +23,13 @@ from toros_fem.meshes import Skin, sew
 
 
 @pytest.fixture
-def model(tube: Skin) -> RelaxedModel:
+def model(short_tube: Skin) -> RelaxedModel:
     """A tube with all terms: bending, rubber, weight and pressure."""
     composite = Composite(bladder=Bladder(0.3e6, 0.5e-3))
-    made = RelaxedModel(tube, composite, clamp(tube.pattern, ["base"]), 2, weight=Weight(0.2, 2.0))
-    made.set_density(line_design(tube, 2, 1))
+    made = RelaxedModel(
+        short_tube, composite, clamp(short_tube.pattern, ["base"]), 2, weight=Weight(0.2, 2.0)
+    )
+    made.set_density(line_design(short_tube, 2, 1))
     made.set_load(LoadCase(np.array([1e3]), weight_fraction=1.0))
     return made
 
@@ -65,44 +67,46 @@ def test_without_lines_it_is_the_plain_model(model: RelaxedModel) -> None:
     assert model.mean_modulus() == pytest.approx(plain.mean_modulus(), rel=1e-14)
 
 
-def test_parallel_families_are_one(tube: Skin) -> None:
+def test_parallel_families_are_one(short_tube: Skin) -> None:
     """Two families along one direction, and one of both shares."""
-    supports = clamp(tube.pattern, ["base"])
+    supports = clamp(short_tube.pattern, ["base"])
     forces, moduli = [], []
-    design = line_design(tube, 1, 5)
+    design = line_design(short_tube, 1, 5)
     halves = np.column_stack(
         [design[:, 0], 0.3 * design[:, 1], 0.7 * design[:, 1], *[design[:, 2]] * 2]
         + [design[:, 3]] * 2
     )
     for rows in (design, halves):
-        model = RelaxedModel(tube, Composite(), supports, (rows.shape[1] - 1) // 3)
+        model = RelaxedModel(short_tube, Composite(), supports, (rows.shape[1] - 1) // 3)
         model.set_density(rows)
         pressurize(model, 1e3)
         forces.append(model.residual(bent_tube(model)))
         moduli.append(model.mean_modulus())
-    assert norm(tube.comm, forces[0] - forces[1]) < 1e-12 * norm(tube.comm, forces[0])
+    assert norm(short_tube.comm, forces[0] - forces[1]) < 1e-12 * norm(short_tube.comm, forces[0])
     assert moduli[0] == pytest.approx(moduli[1], rel=1e-13)
 
 
-def test_lines_are_heavy(tube: Skin) -> None:
+def test_lines_are_heavy(short_tube: Skin) -> None:
     """As printed fabric is, by the area that they cover."""
-    supports, weight = clamp(tube.pattern, ["base"]), Weight(0.2, 2.0)
-    model = RelaxedModel(tube, Composite(bending=None), supports, 2, weight=weight)
-    model.set_density(np.tile([0.1, 0.2, 0.3, 1, 0, 0, 1], (len(tube.owned_cells), 1)))
+    supports, weight = clamp(short_tube.pattern, ["base"]), Weight(0.2, 2.0)
+    model = RelaxedModel(short_tube, Composite(bending=None), supports, 2, weight=weight)
+    model.set_density(np.tile([0.1, 0.2, 0.3, 1, 0, 0, 1], (len(short_tube.owned_cells), 1)))
     model.set_load(LoadCase(np.array([0.0]), weight_fraction=1.0))
     force = model.positions(model.applied_load(model.assembled) + 0.0)
     model.set_state(model.assembled)
     free = model.positions(model.free.astype(float))[:, 2] > 0
-    whole = tube.pattern.vertex_areas[tube.owned_vertices][free].sum()
-    pull = total(tube.comm, force[:, 2].sum())
-    assert pull == pytest.approx(-9.81 * (0.2 + 0.6 * 1.8) * total(tube.comm, whole), rel=1e-10)
+    whole = short_tube.pattern.vertex_areas[short_tube.owned_vertices][free].sum()
+    pull = total(short_tube.comm, force[:, 2].sum())
+    assert pull == pytest.approx(
+        -9.81 * (0.2 + 0.6 * 1.8) * total(short_tube.comm, whole), rel=1e-10
+    )
 
 
-def test_mean_modulus_is_that_of_fabric_and_lines(tube: Skin) -> None:
+def test_mean_modulus_is_that_of_fabric_and_lines(short_tube: Skin) -> None:
     strip = Material(26e6, 0.2, 0.4e-3)
     composite = Composite(reinforcement=strip, bending=None)
-    model = RelaxedModel(tube, composite, clamp(tube.pattern, ["base"]), 2)
-    model.set_density(np.tile([0.0, 0.2, 0.3, 1, 0, 0, 1], (len(tube.owned_cells), 1)))
+    model = RelaxedModel(short_tube, composite, clamp(short_tube.pattern, ["base"]), 2)
+    model.set_density(np.tile([0.0, 0.2, 0.3, 1, 0, 0, 1], (len(short_tube.owned_cells), 1)))
     fabric, ratio = composite.fabric, 26e6 * 0.4e-3 / 50
     crossings = 0.2**2 * 0.3 + 0.3**2 * 0.2
     sine = np.sin(np.pi / 4) ** 4  # between t = 0 and t = 45 degrees
@@ -111,16 +115,16 @@ def test_mean_modulus_is_that_of_fabric_and_lines(tube: Skin) -> None:
     assert model.mean_modulus() == pytest.approx(expected, rel=1e-12)
 
 
-def test_wide_lines_across_thin_ones_stiffen_less(tube: Skin) -> None:
+def test_wide_lines_across_thin_ones_stiffen_less(short_tube: Skin) -> None:
     assert crossing_of_widths(1.0) == pytest.approx(CROSSING, rel=1e-15)
     assert crossing_of_widths(4.0) == pytest.approx(0.21509 * CROSSING, rel=1e-4)
     assert crossing_of_widths(0.25) == pytest.approx(crossing_of_widths(4.0), rel=1e-14)
     with pytest.raises(ParameterError, match="ratio = 0"):
         crossing_of_widths(0)
-    supports, design = clamp(tube.pattern, ["base"]), line_design(tube, 2, 4)
+    supports, design = clamp(short_tube.pattern, ["base"]), line_design(short_tube, 2, 4)
     energies = []
     for crossing in (0.0, 0.2, 0.4):
-        model = RelaxedModel(tube, Composite(bending=None), supports, 2, crossing=crossing)
+        model = RelaxedModel(short_tube, Composite(bending=None), supports, 2, crossing=crossing)
         model.set_density(design)
         energies.append(model.energy(bent_tube(model)))
     none, some, twice = energies
@@ -163,8 +167,8 @@ def test_designs_are_checked(model: RelaxedModel, column: int, value: float, mes
         model.check(design)
 
 
-def test_shapes_are_checked(model: RelaxedModel, tube: Skin) -> None:
+def test_shapes_are_checked(model: RelaxedModel, short_tube: Skin) -> None:
     with pytest.raises(DensityError, match="density, shares, cosines and sines of 2 families"):
-        model.check(line_design(tube, 2, 1)[:, :-1])
+        model.check(line_design(short_tube, 2, 1)[:, :-1])
     with pytest.raises(ParameterError, match="families = 0 must be a whole number"):
-        RelaxedModel(tube, Composite(), clamp(tube.pattern, ["base"]), 0)
+        RelaxedModel(short_tube, Composite(), clamp(short_tube.pattern, ["base"]), 0)

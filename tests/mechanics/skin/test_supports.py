@@ -32,7 +32,7 @@ def strip(n: int) -> tuple[Skin, Supports, np.ndarray]:
     pulled = points[:, 0] > SIZE * (1 - 1e-9)
     fixed[(points[:, 0] < 1e-9) | pulled, 0] = True
     fixed[0, 1] = True
-    return sew(MPI.COMM_WORLD, pattern), Supports(fixed), pulled
+    return sew(MPI.COMM_SELF, pattern), Supports(fixed), pulled
 
 
 @pytest.mark.parametrize("stretch", ["1.10000000", "1.40000000", "0.90000000"])

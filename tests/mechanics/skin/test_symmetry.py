@@ -38,7 +38,7 @@ def between(pattern: Pattern, at: tuple[float, ...], heights: tuple[float, float
 
 
 @pytest.mark.parametrize("stretch", ["1.2", "1.4"])
-def test_section_of_an_endless_tube(comm: MPI.Comm, stretch: str) -> None:
+def test_section_of_an_endless_tube(alone: MPI.Comm, stretch: str) -> None:
     """In plane strain: the hoop force N of eq. (1) bears N = P λ c/(2 tan(π/n)) on the n-gon.
 
     The work of the forces at a further widening is 0 there.
@@ -46,13 +46,13 @@ def test_section_of_an_endless_tube(comm: MPI.Comm, stretch: str) -> None:
     rows = table("gent_equibiaxial_planestrain")
     row = next(r for r in rows if r["mat"] == "A" and r["stretch"] == stretch)
     at = (0.02, 0.0, 0.03)
-    pattern = moved(cylinder(comm, LENGTH, 2 * RADIUS, 6e-3, mesh="left", caps=None), at)
+    pattern = moved(cylinder(alone, LENGTH, 2 * RADIUS, 6e-3, mesh="left", caps=None), at)
     sides = round(np.pi * 2 * RADIUS / 6e-3)
     chord = 2 * RADIUS * np.sin(np.pi / sides)
     force = float(row["P11_strip_l2=1_Pa"]) * TABLE_A.thickness
     pressure = 2 * force * np.tan(np.pi / sides) / (float(stretch) * chord)
     sheet = Composite(fabric=TABLE_A, c1=1.8, c2=2.0, bending=None)
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     model = SkinModel(skin, sheet, between(pattern, at, (0, LENGTH)))
     model.set_density(np.zeros(len(skin.owned_cells)))
     pressurize(model, pressure)
@@ -61,18 +61,18 @@ def test_section_of_an_endless_tube(comm: MPI.Comm, stretch: str) -> None:
     model.positions(state)[:] += (float(stretch) - 1) * wider
     area = sides / 2 * np.sin(2 * np.pi / sides) * (float(stretch) * RADIUS) ** 2
     assert model.volume(state) == pytest.approx(area * LENGTH, rel=1e-12)
-    work = dot(comm, model.positions(model.residual(state)).ravel(), wider.ravel())
+    work = dot(alone, model.positions(model.residual(state)).ravel(), wider.ravel())
     assert abs(work) < 1e-7 * pressure * area * LENGTH
 
 
-def test_an_open_end_is_told(comm: MPI.Comm) -> None:
-    base = cylinder(comm, LENGTH, 2 * RADIUS, 5e-3, caps="base")
+def test_an_open_end_is_told(alone: MPI.Comm) -> None:
+    base = cylinder(alone, LENGTH, 2 * RADIUS, 5e-3, caps="base")
     with pytest.raises(errors.OpenSkinError, match="add a cap, let a symmetry plane close"):
         make_load_case(base, clamp(base, ["base"]), 1, 1e3)
 
 
-def test_planes_that_do_not_close(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, LENGTH, 2 * RADIUS, 6e-3, mesh="structured", caps=None)
+def test_planes_that_do_not_close(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, LENGTH, 2 * RADIUS, 6e-3, mesh="structured", caps=None)
     with pytest.raises(errors.ParameterError, match=r"lies in the plane z = 0.01 m"):
         symmetry_plane(pattern, 2, 0.01)
     with pytest.raises(errors.ParameterError, match="at = nan must be a finite"):
@@ -83,4 +83,4 @@ def test_planes_that_do_not_close(comm: MPI.Comm) -> None:
         make_load_case(pattern, supports, 1, 1e3, displacement=away)
     side = (pattern.points[pattern.triangles][:, :, 0].mean(axis=1) > 0).astype(int)
     with pytest.raises(errors.ParameterError, match="only that nearer to the origin"):
-        SkinModel(sew(comm, pattern), Composite(), supports, Chambers(("a", "b"), side))
+        SkinModel(sew(alone, pattern), Composite(), supports, Chambers(("a", "b"), side))
