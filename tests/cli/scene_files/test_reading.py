@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.base.errors import SceneError
@@ -235,46 +234,40 @@ def test_wrong_changes(tmp_path: Path, change: str, message: str) -> None:
         scene(tmp_path, text, changes=[change])
 
 
-def test_files_that_cannot_be_read(comm: MPI.Comm, tmp_path: Path) -> None:
+def test_files_that_cannot_be_read(alone: MPI.Comm, tmp_path: Path) -> None:
     """With a communicator the first rank reads, and all ranks raise."""
-    folder = shared(comm, tmp_path)
-    if comm.rank == 0:
-        (folder / "latin.toml").write_bytes(b'kind = "bend"\n# \xe4\n')
-        (folder / "long.toml").write_bytes(b"#" * 1_000_001)
-        (folder / "dos.toml").write_bytes(
-            b'\xef\xbb\xbfkind = "bend"\r\n[skin]\r\nlength = "1 m"\r\n'
-        )
-    comm.barrier()
+    (tmp_path / "latin.toml").write_bytes(b'kind = "bend"\n# \xe4\n')
+    (tmp_path / "long.toml").write_bytes(b"#" * 1_000_001)
+    (tmp_path / "dos.toml").write_bytes(
+        b'\xef\xbb\xbfkind = "bend"\r\n[skin]\r\nlength = "1 m"\r\n'
+    )
     for name, message in (
         ("nothing.toml", "nothing.toml cannot be read: .*No such file"),
-        (".", "is a folder; name a scene file"),
+        (".", "is a tmp_path; name a scene file"),
         ("a\0b", "cannot be read"),
         ("latin.toml", "latin.toml, line 2: no UTF-8 text"),
         ("long.toml", "longer than 1000000 bytes"),
     ):
         with pytest.raises(SceneError, match=message):
-            read_scene(folder / name, comm=comm)
-    found = read_scene(folder / "dos.toml", comm=comm).config
+            read_scene(tmp_path / name, alone=alone)
+    found = read_scene(tmp_path / "dos.toml", alone=alone).config
     assert found == BendConfig(length=1.0)
-    assert comm.allgather(found) == [found] * comm.size
+    assert alone.allgather(found) == [found] * alone.size
 
 
-def test_files_that_are_not_there(comm: MPI.Comm, tmp_path: Path) -> None:
-    folder = shared(comm, tmp_path)
-    if comm.rank == 0:
-        text = 'kind = "own-mesh"\n[files]\nmesh = "here.stl"\ntarget = "sub/there.stl"\n'
-        (folder / "my.toml").write_text(text, encoding="utf-8")
-        (folder / "here.stl").touch()
-    comm.barrier()
-    found = read_scene(folder / "my.toml", comm=comm)
+def test_files_that_are_not_there(alone: MPI.Comm, tmp_path: Path) -> None:
+    text = 'kind = "own-mesh"\n[files]\nmesh = "here.stl"\ntarget = "sub/there.stl"\n'
+    (tmp_path / "my.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "here.stl").touch()
+    found = read_scene(tmp_path / "my.toml", alone=alone)
     with pytest.raises(SceneError, match=r"my.toml, line 4: files.target: there is no .*there.stl"):
-        found.require_files(comm)
-    change = f"files.target={folder / 'here.stl'}"
-    read_scene(found.path, comm=comm, changes=[change]).require_files(comm)
-    without = read_scene(found.path, comm=comm, changes=["files.target=none"])
+        found.require_files(alone)
+    change = f"files.target={tmp_path / 'here.stl'}"
+    read_scene(found.path, alone=alone, changes=[change]).require_files(alone)
+    without = read_scene(found.path, alone=alone, changes=["files.target=none"])
     assert list(without.files) == ["mesh"]
-    without.require_files(comm)
-    other = read_scene(found.path, comm=comm, changes=['files.mesh="no.stl"'])
+    without.require_files(alone)
+    other = read_scene(found.path, alone=alone, changes=['files.mesh="no.stl"'])
     with pytest.raises(SceneError, match="^files.mesh: there is no no.stl") as caught:
-        other.require_files(comm)
+        other.require_files(alone)
     assert caught.value.line is None
