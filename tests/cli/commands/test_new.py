@@ -19,8 +19,8 @@ def test_nothing_is_overwritten(
     assert run(alone, ["new", "twist", str(path)]) == 2
     error = capsys.readouterr().err
     assert "is there already; give another name, or --force." in error
-    assert read_scene(path, alone=alone).kind.name == "bend"
+    assert read_scene(path, comm=alone).kind.name == "bend"
     assert run(alone, ["new", "twist", str(path), "--force", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found == {"command": "new", "exit_code": 0, "file": str(path), "kind": "twist"}
-    assert read_scene(path, alone=alone).kind.name == "twist"
+    assert read_scene(path, comm=alone).kind.name == "twist"

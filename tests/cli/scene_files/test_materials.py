@@ -122,16 +122,16 @@ def test_a_file_of_ones_own(alone: MPI.Comm, tmp_path: Path) -> None:
     text = 'kind = "bend"\nfiles.materials = "sub/m.toml"\nmaterial.fabric = "mine"\n'
     (tmp_path / "my.toml").write_text(text, encoding="utf-8")
     path = tmp_path / "my.toml"
-    found = read_scene(path, alone=alone)
+    found = read_scene(path, comm=alone)
     assert found.config.as_dict()["fabric_young"] == 77e3
     assert "materials" not in found.files
     change = f"files.materials={tmp_path / 'other.toml'}"
-    found = read_scene(path, alone=alone, changes=[change])
+    found = read_scene(path, comm=alone, changes=[change])
     assert found.config.as_dict()["fabric_young"] == 88e3
     with pytest.raises(SceneError, match="line 3: material.fabric: 'mine' is no fabric"):
-        read_scene(path, alone=alone, changes=["files.materials=none"])
+        read_scene(path, comm=alone, changes=["files.materials=none"])
     with pytest.raises(LibraryError, match=r"no.toml cannot be read"):
-        read_scene(path, alone=alone, changes=["files.materials=no.toml"])
+        read_scene(path, comm=alone, changes=["files.materials=no.toml"])
 
 
 WRONG = [

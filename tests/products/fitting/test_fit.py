@@ -5,7 +5,6 @@ import pytest
 from helpers.tensile_tests import C1, C2, JERSEY, TRUE, synthetic
 
 from toros_fem import FitOptions, fit_material
-from toros_fem.base.errors import MeasurementError, ParameterError
 from toros_fem.products.fitting import TensileTest
 
 BY_HESSIAN = FitOptions(intervals="hessian")
@@ -111,23 +110,3 @@ def test_a_stretch_that_the_model_misses_is_told() -> None:
         FitOptions(intervals="hessian", up_to=1.5),
     )
     assert cut.trusted_to == cut.measured_to <= 1.5
-
-
-@pytest.mark.parametrize(
-    ("tests", "options", "error", "message"),
-    [
-        ([], None, ParameterError, "at least one TensileTest"),
-        (["a"], None, ParameterError, "tests"),
-        ([synthetic()], "fast", ParameterError, "options"),
-        ([synthetic()], FitOptions(up_to=1.05), MeasurementError, "2 points"),
-        (
-            [synthetic(direction="course"), synthetic(direction="course", specimen="2", seed=1)],
-            FitOptions(branch="last-unloading"),
-            MeasurementError,
-            "no branch of unloading",
-        ),
-    ],
-)
-def test_wrong_values(tests: object, options: object, error: type, message: str) -> None:
-    with pytest.raises(error, match=message):
-        fit_material(tests, options)  # type: ignore[arg-type]

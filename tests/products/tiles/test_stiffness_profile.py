@@ -1,6 +1,5 @@
 """Profiles of tiles: exact sheets, copies and symmetries, effective tensors, parallel runs."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -9,7 +8,6 @@ import pytest
 from helpers.scenes import table
 from helpers.tiles import (
     ANGLES,
-    SIDE,
     A,
     Laminate,
     R,
@@ -19,13 +17,11 @@ from helpers.tiles import (
     profile_table,
     random_cells,
     solver_of,
-    stress_law,
     stripes,
     table_composite,
     tile_of,
 )
 from mpi4py import MPI
-from scipy.optimize import brentq
 
 from toros_fem.base.errors import DensityError, NoEquilibriumError, ParameterError
 from toros_fem.design.density.field import random_density
@@ -107,35 +103,6 @@ def test_effective_tensor_of_stripes(phases: tuple[str, ...]) -> None:
         assert result == pytest.approx(exact, rel=1e-12, abs=1e-13 * along)
 
 
-@pytest.mark.parametrize("fraction", [0.1, 0.5])
-def test_stripes_at_finite_strain(fraction: float) -> None:
-    """Pulls along and across agree with the table for the same stretch bounds."""
-    count = 10 if fraction == 0.1 else 4
-    found = tile_of(10, shape=(0.3, 0.1 * count))
-    solver = solver_of(found, table_composite())
-    density = stripes(found, count, round(fraction * count))
-    for row in table("laminate_gent_eq1"):
-        if float(row["f(mat R)"]) != fraction or row["phase2"] != "A":
-            continue
-        strain = float(row["mean_stretch"]) - 1
-        profile = profile_of(solver, density, strain, np.array([0, np.pi / 2]))
-        expected = [float(row["P_along_stripes_Pa"]), float(row["P_across_Pa"])]
-        assert profile.stress == pytest.approx(expected, rel=5e-8)
-        across = 1 - profile.contraction[1] * strain
-        assert across == pytest.approx(float(row["lateral_stretch_common_across"]), abs=1e-8)
-        assert profile.shear == pytest.approx(0, abs=1e-12)
-        state = profile.state[1]
-        assert state is not None
-        heights = solver.skin.gather_vertices(state.positions)[:, 0]
-        rows = solver.skin.pattern.points[:, 1] / SIDE
-        steps = [
-            (heights[np.isclose(rows, 0.1 * (k + 1))] - heights[np.isclose(rows, 0.1 * k)]).mean()
-            for k in (0, count - 2)
-        ]
-        stretches = [float(row[f"stretch_{name}_across"]) for name in ("R", "phase2")]
-        assert steps == pytest.approx(np.multiply(0.1 * SIDE, stretches), rel=1e-8)
-
-
 def oblique() -> tuple[Tile, np.ndarray]:
     """Return a tile with a quarter printed, in stripes along the falling diagonals of its mesh."""
     found = tile_of(4, "right")
@@ -149,67 +116,6 @@ NARROW = Composite(
 
 
 MIXED = replace(NARROW, reinforcement=replace(NARROW.reinforcement, c1=1.3, c2=1.5))
-
-
-def pull_of_stripes(composite: Composite, fraction: float, stretch: float) -> tuple[float, float]:
-    """Nominal stress of stripes pulled along and across them, by roots of scalar functions."""
-    phases = (
-        (composite.reinforcement, composite.reinforcement_bounds),
-        (composite.fabric, composite.fabric_bounds),
-    )
-
-    def law(k: int, one: float, two: float) -> np.ndarray:
-        return np.diag(stress_law(np.diag([one, two]), phases[k][0], *phases[k][1]))
-
-    def root(f: Callable[[float], float], low: float, high: float) -> float:
-        return float(brentq(f, low, high, xtol=1e-15, rtol=1e-15))
-
-    weights = np.array([fraction, 1 - fraction])
-    c1, c2 = zip(*(bounds for _, bounds in phases), strict=True)
-    along = 0.0
-    if stretch < min(c1):
-        for k, weight in enumerate(weights):
-            low, high = max(2 - c1[k], 3 - c2[k] - stretch), min(c1[k], 1 + c2[k] - stretch)
-            free = root(lambda y, k=k: law(k, stretch, y)[1], low + 1e-9, high - 1e-9)  # type: ignore[misc]
-            along += weight * law(k, stretch, free)[0]
-
-    def series(lateral: float) -> tuple[np.ndarray, np.ndarray]:
-        """Both stress states at a common lateral stretch."""
-        soft = lambda hard: (stretch - fraction * hard) / (1 - fraction)  # noqa: E731
-        low = max(2 - c1[0], 3 - c2[0] - lateral, (stretch - (1 - fraction) * c1[1]) / fraction)
-        high = min(c1[0], 1 + c2[0] - lateral)
-        hard = root(
-            lambda x: law(0, x, lateral)[0] - law(1, soft(x), lateral)[0], low + 1e-9, high - 1e-9
-        )
-        return law(0, hard, lateral), law(1, soft(hard), lateral)
-
-    def lateral_force(lateral: float) -> float:
-        return float(weights @ [stress[1] for stress in series(lateral)])
-
-    lateral = root(lateral_force, 1 - 0.9 * (c1[0] - 1), 1 + 0.5 * (c1[0] - 1))
-    return along, float(series(lateral)[0][0])
-
-
-@pytest.mark.parametrize("fraction", [0.25, 0.5])
-def test_stripes_of_two_bounds(fraction: float) -> None:
-    """Stripes with bounds of their own, also where the stiff ones are at theirs."""
-    found = tile_of(4, shape=(0.75, 1.0))
-    solver, density = solver_of(found, NARROW), stripes(found, 4, round(4 * fraction))
-    most, use = 1 + (1 - fraction) * 0.9 + fraction * 0.05, []
-    # The mean of the bounds limits what is pulled across.
-    for stretch in (1.01, 1.045, 1.2, most - 0.05):
-        along, across = pull_of_stripes(NARROW, fraction, stretch)
-        found_across = profile_of(solver, density, stretch - 1, np.array([np.pi / 2]))
-        assert found_across.stress == pytest.approx([across], rel=1e-9)
-        assert found_across.state[0] is not None
-        use.append(found_across.state[0].stretch_use)
-        if along:
-            found_along = profile_of(solver, density, stretch - 1, np.array([0.0]))
-            assert found_along.stress == pytest.approx([along], rel=1e-9)
-    assert max(use) > 0.9
-    gradient = np.array([[1.06, 0], [0, 1], [0, 0]])
-    with pytest.raises(NoEquilibriumError, match=r"c2 = 2.4 of the fabric, c1 = 1.05, c2 = 1.06"):
-        solver.solve(owned(solver, density), 0.0, gradient, allow_continuation=False)
 
 
 @pytest.mark.parametrize(
