@@ -9,6 +9,7 @@ from helpers.scenes import ROOT
 from helpers.tensile_tests import JERSEY, synthetic
 from mpi4py import MPI
 
+from toros_fem.cli.commands import fit
 from toros_fem.cli.commands.main import run
 from toros_fem.materials.library import read_library
 from toros_fem.meshes import sew
@@ -45,6 +46,20 @@ def test_entry_of_a_library(alone: MPI.Comm, tmp_path: Path) -> None:
     assert found.stretch_range == pytest.approx((1.0, 1.8))
     assert (found.trust, found.source, found.kind) == ("measured", "three strips", "fabric")
     assert "R² of the stress 0.99" in str(found.note)
+
+
+def test_clamped_strip(alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its clamps are as far apart as the gauge length, and it is as wide as is said."""
+    strips = []
+
+    def noted(comm: MPI.Comm, length: float, width: float) -> None:
+        strips.append((length, width))
+
+    monkeypatch.setattr(fit, "ClampedStrip", noted)
+    words = ["fit", str(jersey_file(alone, tmp_path)), "--thickness", "0.5 mm", *FAST]
+    words += ["--output", str(tmp_path / "fit"), "--clamped"]
+    assert run(alone, [*words, "--gauge-length", "5 cm", "--width", "25 mm"]) == 0
+    assert strips == [pytest.approx((0.05, 0.025))]
 
 
 @pytest.mark.slow

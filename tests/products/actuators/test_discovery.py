@@ -1,16 +1,21 @@
 """Designs from noise by line families: rounds, what is asked next, and the files at the end."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import pairwise
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from helpers.designs import DESIGN_ALONE
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
+from toros_fem.base.errors import NoEquilibriumError, ParameterError
 from toros_fem.design.lines.widths import width_changes
+from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.print.regions import regions_on
+from toros_fem.mechanics.equilibrium.solver import EquilibriumError
 from toros_fem.products.actuators import space_mapping
 from toros_fem.products.actuators.discovery import (
     Discovery,
@@ -101,6 +106,30 @@ def test_widths_mend_what_a_print_misses(alone: MPI.Comm, found: Discovery) -> N
         )
         is None
     ), "widths cannot do that"
+
+
+@dataclass(frozen=True)
+class Untold(twist.TwistConfig):
+    """Numbers of a tube whose targets are in no field."""
+
+    TARGETS: ClassVar[Mapping[str, str]] = {}
+
+
+@pytest.mark.slow
+def test_targets_that_cannot_be_asked_for_end_after_a_round(alone: MPI.Comm) -> None:
+    config = Untold(**TINY.updated(relaxed_iterations=1, corrections=3).as_dict())
+    assert len(discover(alone, twist.case, config).rounds) == 1
+
+
+def test_without_any_print_in_equilibrium_the_reason_is_told(
+    alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise EquilibriumError("made to fail.", None)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(ShapeProblem, "simulate_binary", fails)
+    with pytest.raises(NoEquilibriumError, match=r"made to fail\. Ask for less"):
+        discover(alone, twist.case, TINY.updated(relaxed_iterations=1))
 
 
 def test_what_is_asked_next_solves_a_linear_response() -> None:

@@ -1,7 +1,9 @@
 """A design run: polishing, prints and refined meshes without equilibrium, the closing sentence."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +14,15 @@ from mpi4py import MPI
 from toros_fem.design.loop import shape_problem
 from toros_fem.design.loop.shape_problem import ShapeProblem
 from toros_fem.making.as_printed.print_spread import print_spread
+from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError
 from toros_fem.meshes import Skin, bend
 from toros_fem.products.actuators import run
 from toros_fem.products.actuators.case import ActuatorCase
 from toros_fem.products.actuators.problem import actuator_problem
 from toros_fem.products.actuators.run import design_actuator, summary_sentence
+from toros_fem.products.actuators.space_mapping import asked_next
+from toros_fem.products.tubes import bend as bend_demo
 from toros_fem.products.tubes.tube import TubeConfig, bend_metric, tube_case
 from toros_fem.results.reporter import DesignReporter
 
@@ -170,6 +175,39 @@ def test_several_starts(comm: MPI.Comm, tmp_path: Path, levels: int) -> None:
         assert [float(row["objective"]) for row in csv.DictReader(file)] == [
             row.objective for row in history
         ]
+
+
+@pytest.mark.slow
+def test_a_corrected_design(
+    alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its objective is the problem's own; a metric that no field holds is not asked for."""
+    config = bend_demo.BendConfig(
+        length=0.06, edge_length=5e-3, filter_radius=8e-3, levels=1, angle=40.0, seed=1,
+        iterations=4, constrained_iterations=0, polish_iterations=0, level_iterations=2,
+        corrections=1, **DESIGN_ALONE,
+    )  # fmt: skip
+    height = Metric("height", "mm", 50.0, lambda _, x: float(1e3 * x[:, 2].max()), scale=1e6)
+
+    def case(comm: MPI.Comm, config: bend_demo.BendConfig) -> ActuatorCase:
+        bent = bend_demo.case(comm, config)
+        return replace(bent, metrics=(*bent.metrics, height))
+
+    asked = []
+
+    def spied(*given: Any) -> dict[str, float]:
+        asked.append(asked_next(*given))
+        return asked[-1]
+
+    monkeypatch.setattr(run, "asked_next", spied)
+    made = design_actuator(alone, tmp_path, case, config)
+    assert [set(found) for found in asked] == [{"angle_deg"}]
+    assert asked[0]["angle_deg"] != 40.0
+    assert made.summary["angle_target_deg"] == 40.0
+    assert made.summary["iterations"] == 6, "the corrected design is looked at"
+    final = made.result.final
+    objective = made.problem.objective.forward(final.equilibrium.positions)
+    assert final.shape == pytest.approx(objective, rel=1e-12)
 
 
 def test_sentence() -> None:

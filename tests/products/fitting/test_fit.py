@@ -14,7 +14,7 @@ def test_exact_data_give_the_exact_constants() -> None:
     result = fit_material([synthetic()], BY_HESSIAN)
     for name, value in TRUE.items():
         assert result.estimates[name].value == pytest.approx(value, rel=1e-5)
-    assert result.r2_stress == pytest.approx(1.0, abs=1e-10)
+    assert (result.r2_stress, result.r2_lateral) == pytest.approx((1.0, 1.0), abs=1e-10)
     assert result.trusted_to == result.measured_to == pytest.approx(1.8)
 
 

@@ -15,13 +15,16 @@ from toros_fem.products.own_mesh.own_mesh import (
     HeldConfig,
     OwnMeshConfig,
     OwnSkin,
+    cases,
     own_case,
     read_skin,
     run,
+    simulate,
 )
 from toros_fem.products.own_mesh.regions import RegionConfig
 
 FINGER = ROOT / "demos" / "surfaces" / "finger.stl"
+FINGER_SKIN = meshio.read(FINGER)
 CONFIG = OwnMeshConfig(
     held=(HeldConfig(where="z < 4 mm"),),
     printed=(RegionConfig(where="z < 0.01 mm or z > 89.99 mm"),),
@@ -164,4 +167,17 @@ def test_files_that_do_not_serve(alone: MPI.Comm, tmp_path: Path) -> None:
         run(alone, tmp_path / "out", CONFIG, mesh=tmp_path)
     with pytest.raises(errors.ParameterError, match="metrics = 'angle, size' names 'size'"):
         CONFIG.updated(metrics="angle, size")
+    with pytest.raises(errors.PatternFileError, match="nothing cannot be read"):
+        simulate(alone, tmp_path / "out", CONFIG, mesh=FINGER, pattern=tmp_path / "nothing")
     assert not (tmp_path / "out").exists()
+
+
+def test_filter_of_a_mesh(alone: MPI.Comm) -> None:
+    """Without a radius it is one and a half mean edges, of the finest mesh."""
+    points, triangles = np.asarray(FINGER_SKIN.points), FINGER_SKIN.cells_dict["triangle"]
+    sides = points[triangles] - points[np.roll(triangles, 1, axis=1)]
+    edge = 1e-3 * np.linalg.norm(sides, axis=2).mean()
+    for times in (0, 1):
+        config = CONFIG.updated(refinements=times)
+        _, made = cases(alone, config, mesh=FINGER)
+        assert made.filter_radius == pytest.approx(1.5 * edge / 2**times, rel=1e-5)

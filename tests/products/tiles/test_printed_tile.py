@@ -1,5 +1,6 @@
 """Files of printed tiles: written, read, and rejected if they are not valid."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from helpers.tiles import printed_tile
 from mpi4py import MPI
 
 from toros_fem import errors
+from toros_fem.materials.sheet import Bladder, Composite
 from toros_fem.products.tiles.printed_tile import NAME, PrintedTile, read_tile, write_tile
 
 
@@ -52,3 +54,9 @@ def test_file_of_an_earlier_version(alone: MPI.Comm, tmp_path: Path) -> None:
     for material in (composite.fabric, composite.reinforcement):
         assert (material.poisson, material.thickness) == (0.4, 2e-4)
     assert (composite.fabric.young, composite.reinforcement.young) == (0.1e6, 26e6)
+
+
+def test_a_tile_is_a_membrane(alone: MPI.Comm) -> None:
+    for composite in (Composite(), Composite(bending=None, bladder=Bladder(1e6, 1e-4))):
+        with pytest.raises(errors.ParameterError, match="a printed tile is a membrane"):
+            replace(printed_tile(alone), composite=composite)
