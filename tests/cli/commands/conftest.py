@@ -11,9 +11,9 @@ from toros_fem.cli.commands.main import run
 
 
 @pytest.fixture(scope="session")
-def designed(comm: MPI.Comm, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+def designed(alone: MPI.Comm, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """The scene file of a small design, and the folder of its finished run."""
-    folder = shared(comm, tmp_path_factory.mktemp("designed"))
-    scene = small_scene(comm, folder)
-    assert run(comm, ["design", str(scene), "--output", str(folder / "run"), *changes()]) == 0
+    folder = shared(alone, tmp_path_factory.mktemp("designed"))
+    scene = small_scene(alone, folder)
+    assert run(alone, ["design", str(scene), "--output", str(folder / "run"), *changes()]) == 0
     return scene, folder / "run"

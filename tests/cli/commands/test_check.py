@@ -5,24 +5,21 @@ from pathlib import Path
 
 import pytest
 from helpers.command_runs import changes, small_scene
-from helpers.scenes import ROOT, shared
+from helpers.scenes import ROOT
 from mpi4py import MPI
 
-from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.commands.main import run
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.products.tubes import bend
 
 
 def test_cost_of_a_design(
-    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    alone: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    scene = small_scene(comm, shared(comm, tmp_path))
+    scene = small_scene(alone, tmp_path)
     capsys.readouterr()
-    assert run(comm, ["check", str(scene), *changes(estimate_error="true"), "--json"]) == 0
+    assert run(alone, ["check", str(scene), *changes(estimate_error="true"), "--json"]) == 0
     captured = capsys.readouterr()
-    if comm.rank:
-        return
     found = json.loads(captured.out)
     assert found["kind"] == "bend"
     assert found["inputs"]["angle"] == 45.0
@@ -74,17 +71,17 @@ def test_lines_of_a_reader(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     ids=" ".join,
 )
 def test_too_large_meshes_are_refused(
-    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]
+    alone: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[str, ...]
 ) -> None:
-    scene = small_scene(comm, shared(comm, tmp_path))
+    scene = small_scene(alone, tmp_path)
     options = [part for word in words for part in ("--set", word)]
     for command in (["check"], ["design", "--output", str(scene.parent / "run")]):
         capsys.readouterr()
-        assert run(comm, [*command, str(scene), *options]) == 2
+        assert run(alone, [*command, str(scene), *options]) == 2
         error = capsys.readouterr().err
-        assert ("MeshSizeError: edge_length = " in error) == (comm.rank == 0)
+        assert "MeshSizeError: edge_length = " in error
     capsys.readouterr()
-    assert run(comm, ["check", str(scene), *options, "--allow-large", "--no-probe"]) == 0
+    assert run(alone, ["check", str(scene), *options, "--allow-large", "--no-probe"]) == 0
 
 
 @pytest.mark.parametrize(
@@ -109,53 +106,45 @@ def test_wrong_lines(
 
 
 def test_a_mesh_that_is_not_there(
-    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    alone: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = shared(comm, tmp_path) / "own.toml"
-    assert run(comm, ["new", "own-mesh", str(path)]) == 0
+    path = tmp_path / "own.toml"
+    assert run(alone, ["new", "own-mesh", str(path)]) == 0
     capsys.readouterr()
-    assert run(comm, ["check", str(path)]) == 2
-    assert ("files.mesh: there is no" in capsys.readouterr().err) == (comm.rank == 0)
+    assert run(alone, ["check", str(path)]) == 2
+    assert "files.mesh: there is no" in capsys.readouterr().err
 
 
-def test_own_mesh(comm: MPI.Comm, capsys: pytest.CaptureFixture[str]) -> None:
+def test_own_mesh(alone: MPI.Comm, capsys: pytest.CaptureFixture[str]) -> None:
     scene = ROOT / "examples" / "finger.toml"
-    assert run(comm, ["check", str(scene), "--coarse", "--no-probe", "--json"]) == 0
+    assert run(alone, ["check", str(scene), "--coarse", "--no-probe", "--json"]) == 0
     captured = capsys.readouterr()
-    if comm.rank == 0:
-        assert json.loads(captured.out)["triangles"] == 1832
+    assert json.loads(captured.out)["triangles"] == 1832
 
 
 @pytest.mark.parametrize(("kind", "triangles"), [("inflate", 715), ("tile", 10000)])
 def test_other_kinds(
-    comm: MPI.Comm,
+    alone: MPI.Comm,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     kind: str,
     triangles: int,
 ) -> None:
-    path = shared(comm, tmp_path) / "scene.toml"
-    assert run(comm, ["new", kind, str(path)]) == 0
+    path = tmp_path / "scene.toml"
+    assert run(alone, ["new", kind, str(path)]) == 0
     capsys.readouterr()
-    assert run(comm, ["check", str(path), "--coarse", "--json"]) == 0
+    assert run(alone, ["check", str(path), "--coarse", "--json"]) == 0
     captured = capsys.readouterr()
-    if comm.rank == 0:
-        found = json.loads(captured.out)
-        assert found["triangles"] == pytest.approx(triangles, rel=0.1)
-        assert 0 < found["minutes"][0] < found["minutes"][1]
+    found = json.loads(captured.out)
+    assert found["triangles"] == pytest.approx(triangles, rel=0.1)
+    assert 0 < found["minutes"][0] < found["minutes"][1]
 
 
 def test_a_kind_without_an_estimate(
-    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    alone: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = shared(comm, tmp_path) / "scene.toml"
-    assert run(comm, ["new", "tile-sheet", str(path)]) == 0
+    path = tmp_path / "scene.toml"
+    assert run(alone, ["new", "tile-sheet", str(path)]) == 0
     capsys.readouterr()
-    assert run(comm, ["check", str(path)]) == 0
-    assert ("'tile-sheet' is not estimated." in capsys.readouterr().out) == (comm.rank == 0)
-
-
-def test_reading_is_the_same_on_all_ranks(comm: MPI.Comm, tmp_path: Path) -> None:
-    path = shared(comm, tmp_path) / "broken.toml"
-    on_first_rank(comm, lambda: path.write_text("kind = ", encoding="utf-8"))
-    assert comm.allgather(run(comm, ["check", str(path)])) == [2] * comm.size
+    assert run(alone, ["check", str(path)]) == 0
+    assert "'tile-sheet' is not estimated." in capsys.readouterr().out

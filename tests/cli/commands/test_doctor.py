@@ -12,19 +12,19 @@ from toros_fem.cli.commands.main import run
 
 
 def test_doctor(
-    comm: MPI.Comm,
+    alone: MPI.Comm,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    assert run(comm, ["doctor", "--json"]) == 0
+    assert run(alone, ["doctor", "--json"]) == 0
     captured = capsys.readouterr()
-    if comm.rank:
+    if alone.rank:
         assert captured.out == ""
         return
     found = json.loads(captured.out)
     assert found["versions"]["dolfinx"] == dolfinx.__version__
-    assert found["mpi"]["ranks"] == comm.size
+    assert found["mpi"]["ranks"] == alone.size
     assert found["blas"]["threads"]["OMP_NUM_THREADS"] == "1"
     assert any(found["solvers"].values())
     assert found["tried"]["triangles"] > 100

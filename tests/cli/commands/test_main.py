@@ -54,36 +54,6 @@ def test_help_of_a_command(name: str, capsys: pytest.CaptureFixture[str]) -> Non
         assert f"toros {name}" in line
 
 
-@pytest.mark.parametrize("name", list(COMMANDS))
-def test_examples_have_their_options(name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(ALONE, [name, "--help"]) == 0
-    text = capsys.readouterr().out
-    for line in COMMANDS[name].examples:
-        for word in line.split(f"toros {name}")[1].split():
-            if word.startswith("--"):
-                assert f"  {word}" in text, line
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("unwarp x.stl", "toros: unknown command 'unwarp'; did you mean unwrap?"),
-        ("zzz", "toros: unknown command 'zzz'; known are"),
-        ("doctor --jsn", "toros doctor: unknown option --jsn; did you mean --json?"),
-        ("doctor --zzz", "toros doctor: unknown option --zzz; --help lists all options."),
-        ("unwrap a.stl --method abff", "must be one of 'auto', 'exact', 'abf', 'lscm'"),
-        ("unwrap", "toros unwrap: the following arguments are required: MESH"),
-        ("", "toros: the following arguments are required: COMMAND"),
-        ("doctor extra", "unrecognized arguments: extra"),
-    ],
-)
-def test_wrong_words(capsys: pytest.CaptureFixture[str], words: str, message: str) -> None:
-    assert run(ALONE, words.split()) == 2
-    captured = capsys.readouterr()
-    assert message in captured.err
-    assert captured.out == ""
-
-
 @pytest.mark.parametrize(
     ("error", "code"),
     [

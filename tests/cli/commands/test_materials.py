@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
@@ -14,23 +13,20 @@ from toros_fem.materials.library import read_library, write_material
 
 
 def test_table_with_a_file_of_ones_own(
-    comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    alone: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = shared(comm, tmp_path) / "mine.toml"
-    if comm.rank == 0:
-        write_material(path, replace(read_library()["tpu-85a"], name="my-print"))
-    comm.barrier()
-    assert run(comm, ["materials", "--kind", "print", "--file", str(path)]) == 0
+    path = tmp_path / "mine.toml"
+    write_material(path, replace(read_library()["tpu-85a"], name="my-print"))
+    assert run(alone, ["materials", "--kind", "print", "--file", str(path)]) == 0
     text = capsys.readouterr().out
-    assert (text == "") == (comm.rank > 0)
-    assert run(comm, ["materials", "--kind", "print", "--file", str(path), "--json"]) == 0
-    if comm.rank == 0:
-        assert "\nmy-print " in text
-        assert "jersey-light" not in text
-        found = json.loads(capsys.readouterr().out)["materials"]
-        assert {entry["kind"] for entry in found} == {"print"}
-        assert found[-1]["name"] == "my-print"
-        assert found[-1]["young"] == 12e6
+    assert (text == "") == (alone.rank > 0)
+    assert run(alone, ["materials", "--kind", "print", "--file", str(path), "--json"]) == 0
+    assert "\nmy-print " in text
+    assert "jersey-light" not in text
+    found = json.loads(capsys.readouterr().out)["materials"]
+    assert {entry["kind"] for entry in found} == {"print"}
+    assert found[-1]["name"] == "my-print"
+    assert found[-1]["young"] == 12e6
 
 
 def test_one_material(capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.base.errors import OutputError
@@ -18,19 +17,15 @@ FEW = ["--modulus", "none", "--thickness", "none"]
 
 @pytest.mark.slow
 def test_figures_table_and_picture(
-    comm: MPI.Comm, designed: Designed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    alone: MPI.Comm, designed: Designed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Beside the design, whose page shows them."""
-    folder = shared(comm, tmp_path) / "copy"
-    if comm.rank == 0:
-        shutil.copytree(designed[1], folder)
-    comm.barrier()
+    folder = tmp_path / "copy"
+    shutil.copytree(designed[1], folder)
     capsys.readouterr()
-    assert run(comm, ["tolerance", str(folder), "--json", *FEW]) == 0
+    assert run(alone, ["tolerance", str(folder), "--json", *FEW]) == 0
     captured = capsys.readouterr()
-    assert run(comm, ["view", str(folder)]) == 0
-    if comm.rank:
-        return
+    assert run(alone, ["view", str(folder)]) == 0
     found = json.loads(captured.out)
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     assert found["command"] == "tolerance"
@@ -51,26 +46,17 @@ def test_figures_table_and_picture(
 
 
 @pytest.mark.slow
-def test_a_script_leaves_no_scene(comm: MPI.Comm, designed: Designed, tmp_path: Path) -> None:
+def test_a_script_leaves_no_scene(alone: MPI.Comm, designed: Designed, tmp_path: Path) -> None:
     """The kind is found by the inputs in the summary; of other inputs it is said."""
-    folder = shared(comm, tmp_path) / "copy"
-    if comm.rank == 0:
-        shutil.copytree(designed[1], folder)
-        (folder / "scene.toml").unlink()
-    comm.barrier()
+    folder = tmp_path / "copy"
+    shutil.copytree(designed[1], folder)
+    (folder / "scene.toml").unlink()
     words = ["--width", "none", "--output", str(folder / "worn"), "--quiet"]
-    assert run(comm, ["tolerance", str(folder), *FEW, *words]) == 0
-    if comm.rank == 0:
-        path = folder / "summary.json"
-        summary = json.loads(path.read_text(encoding="utf-8"))
-        assert (folder / "worn" / "tolerance.csv").read_text(encoding="utf-8").count("\n") == 3
-        summary["inputs"] = {"colour": 3}
-        path.write_text(json.dumps(summary), encoding="utf-8")
-    comm.barrier()
+    assert run(alone, ["tolerance", str(folder), *FEW, *words]) == 0
+    path = folder / "summary.json"
+    summary = json.loads(path.read_text(encoding="utf-8"))
+    assert (folder / "worn" / "tolerance.csv").read_text(encoding="utf-8").count("\n") == 3
+    summary["inputs"] = {"colour": 3}
+    path.write_text(json.dumps(summary), encoding="utf-8")
     with pytest.raises(OutputError, match="does not say which scene it is of"):
-        scene_of_run(comm, folder)
-
-
-def test_no_design(comm: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(comm, ["tolerance", str(shared(comm, tmp_path))]) == 4
-    assert ("give the folder of a finished design" in capsys.readouterr().err) == (comm.rank == 0)
+        scene_of_run(alone, folder)

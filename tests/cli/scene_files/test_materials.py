@@ -5,16 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.base.errors import LibraryError, SceneError
-from toros_fem.cli.scene_files.materials import FIELDS, roles_of
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.materials.library import print_offset, read_library, reinforced, write_material
 from toros_fem.materials.sheet import Bladder, Material
-from toros_fem.products.actuators.config import SkinConfig
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.tubes.bend import BendConfig
 
@@ -30,13 +27,6 @@ def scene(folder: Path, text: str, **options: Any) -> Any:
 def sheet(name: str) -> Material:
     """A fabric as the composite has it, whose bounds are those of both materials."""
     return replace(LIBRARY[name].material, c1=None, c2=None)
-
-
-def test_fields_of_roles_exist() -> None:
-    known = SkinConfig().kinds()
-    assert all(name in known for names in FIELDS.values() for name in names)
-    assert roles_of(KINDS["tile"].config) == ("fabric", "reinforcement")
-    assert roles_of(KINDS["tile-sheet"].config) == ()
 
 
 def test_names_of_the_defaults_are_the_defaults(tmp_path: Path) -> None:
@@ -125,26 +115,23 @@ def test_bounds_of_a_print(tmp_path: Path) -> None:
     assert config.composite.shares_bounds
 
 
-def test_a_file_of_ones_own(comm: MPI.Comm, tmp_path: Path) -> None:
-    folder = shared(comm, tmp_path)
-    if comm.rank == 0:
-        mine = replace(LIBRARY["jersey-light"], name="mine", young=77e3)
-        write_material(folder / "sub" / "m.toml", mine)
-        write_material(folder / "other.toml", replace(mine, young=88e3))
-        text = 'kind = "bend"\nfiles.materials = "sub/m.toml"\nmaterial.fabric = "mine"\n'
-        (folder / "my.toml").write_text(text, encoding="utf-8")
-    comm.barrier()
-    path = folder / "my.toml"
-    found = read_scene(path, comm=comm)
+def test_a_file_of_ones_own(alone: MPI.Comm, tmp_path: Path) -> None:
+    mine = replace(LIBRARY["jersey-light"], name="mine", young=77e3)
+    write_material(tmp_path / "sub" / "m.toml", mine)
+    write_material(tmp_path / "other.toml", replace(mine, young=88e3))
+    text = 'kind = "bend"\nfiles.materials = "sub/m.toml"\nmaterial.fabric = "mine"\n'
+    (tmp_path / "my.toml").write_text(text, encoding="utf-8")
+    path = tmp_path / "my.toml"
+    found = read_scene(path, comm=alone)
     assert found.config.as_dict()["fabric_young"] == 77e3
     assert "materials" not in found.files
-    change = f"files.materials={folder / 'other.toml'}"
-    found = read_scene(path, comm=comm, changes=[change])
+    change = f"files.materials={tmp_path / 'other.toml'}"
+    found = read_scene(path, comm=alone, changes=[change])
     assert found.config.as_dict()["fabric_young"] == 88e3
     with pytest.raises(SceneError, match="line 3: material.fabric: 'mine' is no fabric"):
-        read_scene(path, comm=comm, changes=["files.materials=none"])
+        read_scene(path, comm=alone, changes=["files.materials=none"])
     with pytest.raises(LibraryError, match=r"no.toml cannot be read"):
-        read_scene(path, comm=comm, changes=["files.materials=no.toml"])
+        read_scene(path, comm=alone, changes=["files.materials=no.toml"])
 
 
 WRONG = [

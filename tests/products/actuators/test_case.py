@@ -22,7 +22,7 @@ from toros_fem.measures.cross_sections import (
 from toros_fem.measures.gap import Body, GapObjective
 from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.skin.supports import Supports, clamp
-from toros_fem.meshes import WALKER, Pattern, Skin, bend, stand, walker
+from toros_fem.meshes import WALKER, Pattern, Skin, bend, cylinder, sew, stand, walker
 from toros_fem.products.actuators.case import ActuatorCase, Touching
 from toros_fem.products.actuators.config import ActuatorConfig
 from toros_fem.products.actuators.legs import rest_on_body
@@ -38,8 +38,13 @@ LEG = ActuatorConfig(
 
 
 @pytest.fixture(scope="module")
-def quarter(comm: MPI.Comm) -> Pattern:
-    return walker(comm, 7e-3, planes=(0, 1))
+def tube(alone: MPI.Comm) -> Skin:
+    return sew(alone, cylinder(alone, 0.06, 0.02, 4.5e-3))
+
+
+@pytest.fixture(scope="module")
+def quarter(alone: MPI.Comm) -> Pattern:
+    return walker(alone, 7e-3, planes=(0, 1))
 
 
 def leg_problem(
@@ -51,9 +56,9 @@ def leg_problem(
     return actuator_problem(comm, case, LEG)
 
 
-def test_a_part_is_printed_whole(comm: MPI.Comm, quarter: Pattern) -> None:
+def test_a_part_is_printed_whole(alone: MPI.Comm, quarter: Pattern) -> None:
     supports = rest_on_body(quarter, WALKER.body_radius, (0, 1))
-    problem = leg_problem(comm, quarter, (0, 1), supports)
+    problem = leg_problem(alone, quarter, (0, 1), supports)
     skin = problem.solver.skin
     result = optimize(problem, [Stage(2)], start=random_density(skin, 1))
     made = as_printed(problem, result)
@@ -108,21 +113,21 @@ def test_an_aligned_objective_ignores_rigid_motion(tube: Skin) -> None:
     assert free.objective(tube).forward(there) > 0.1
 
 
-def test_a_case_whose_mesh_follows_lines(comm: MPI.Comm) -> None:
+def test_a_case_whose_mesh_follows_lines(alone: MPI.Comm) -> None:
     """Targets move with the vertices; the print of lines on half a tube is that of the whole."""
     config = CrossSectionTubeConfig(length=0.06, edge_length=3e-3, filter_radius=6e-3, pressure=4e3)
     target = bend(np.radians(60), 0.06, neutral=0.01)
-    case = cross_section_case(comm, config, target, [bend_metric(60.0)], (1,))
+    case = cross_section_case(alone, config, target, [bend_metric(60.0)], (1,))
     corners = case.pattern.corners[case.pattern.cells_of("wall")]
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     rings = shapely.union_all([shapely.box(low[0], v, high[0], v + 4e-3) for v in (0.01, 0.03)])
     regions = [rings if name == "wall" else shapely.Polygon() for name in case.pattern.panel_names]
-    found = case.following(comm, regions)
+    found = case.following(alone, regions)
     moved = np.any(found.pattern.points != case.pattern.points, axis=1)
     assert np.count_nonzero(moved) > 20
     assert np.array_equal(found.target[~moved], case.target[~moved])
     assert np.abs(found.target - target(found.pattern.points)).max() < 0.02 * 3e-3
-    problem = actuator_problem(comm, found, config)
+    problem = actuator_problem(alone, found, config)
     printed = printed_lines(problem, case.pattern, regions)
     assert printed.evaluation is not None
     assert problem.whole is not None
@@ -134,4 +139,4 @@ def test_a_case_whose_mesh_follows_lines(comm: MPI.Comm) -> None:
     assert printed.after.smallest_width is not None
     assert printed.after.smallest_width.width == pytest.approx(4e-3, rel=1e-3)
     with pytest.raises(PanelError, match="1 regions for 3 panels"):
-        case.following(comm, regions[:1])
+        case.following(alone, regions[:1])

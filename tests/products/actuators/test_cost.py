@@ -31,10 +31,10 @@ def test_the_probe_has_a_coarse_mesh() -> None:
     assert probe_config(SMALL.updated(edge_length=3e-3)).edge_length == 3e-3
 
 
-def test_triangles_of_the_finest_mesh(comm: MPI.Comm) -> None:
-    made = sized(comm, bend.case, probe_config(SMALL), SMALL)
-    found = cost(SMALL, made, comm.size)
-    pattern = bend.case(comm, SMALL).pattern
+def test_triangles_of_the_finest_mesh(alone: MPI.Comm) -> None:
+    made = sized(alone, bend.case, probe_config(SMALL), SMALL)
+    found = cost(SMALL, made, alone.size)
+    pattern = bend.case(alone, SMALL).pattern
     assert found.triangles == pytest.approx(len(pattern.panel), rel=0.07)
     unknowns = 3 * len(pattern.points) + len(pattern.edges.ends)
     assert found.unknowns == pytest.approx(unknowns, rel=0.1)
@@ -43,8 +43,8 @@ def test_triangles_of_the_finest_mesh(comm: MPI.Comm) -> None:
     assert cost(SMALL, made, 2).memory > cost(SMALL, made, 1).memory
 
 
-def test_parts_of_a_design(comm: MPI.Comm) -> None:
-    made = sized(comm, bend.case, probe_config(SMALL), SMALL)
+def test_parts_of_a_design(alone: MPI.Comm) -> None:
+    made = sized(alone, bend.case, probe_config(SMALL), SMALL)
     parts = {part.name: part for part in cost(SMALL, made, 1).parts}
     first, second = parts["design, mesh 1 of 2"], parts["design, mesh 2 of 2"]
     assert second.triangles == pytest.approx(4 * first.triangles, rel=0.01)
@@ -52,7 +52,7 @@ def test_parts_of_a_design(comm: MPI.Comm) -> None:
     longer = cost(SMALL.updated(iterations=2 * SMALL.iterations), made, 1)
     assert longer.parts[0].newton_steps[0] > first.newton_steps[0]
     config = contract.ContractConfig()
-    lines = cost(config, sized(comm, contract.case, probe_config(config), config), 1)
+    lines = cost(config, sized(alone, contract.case, probe_config(config), config), 1)
     assert [part.name for part in lines.parts][:2] == ["relaxed design", "laying of lines"]
 
 
@@ -70,15 +70,15 @@ def test_time_grows_with_the_mesh_and_the_steps() -> None:
     assert 2 * low < finer[0] < 4**1.43 * low
 
 
-def test_a_probe_makes_real_steps(comm: MPI.Comm) -> None:
+def test_a_probe_makes_real_steps(alone: MPI.Comm) -> None:
     coarse = probe_config(SMALL)
-    tried = probe(comm, bend.case(comm, coarse), coarse)
+    tried = probe(alone, bend.case(alone, coarse), coarse)
     assert tried.newton_steps > 5
     assert tried.per_step == tried.seconds / tried.newton_steps > 0
-    assert comm.allgather(tried) == [tried] * comm.size
+    assert alone.allgather(tried) == [tried] * alone.size
 
 
-def test_meshes_are_checked_before_the_first_is_made(comm: MPI.Comm) -> None:
+def test_meshes_are_checked_before_the_first_is_made(alone: MPI.Comm) -> None:
     made = []
 
     def case(comm: MPI.Comm, config: bend.BendConfig) -> object:
@@ -89,20 +89,20 @@ def test_meshes_are_checked_before_the_first_is_made(comm: MPI.Comm) -> None:
     with triangle_limit(3000):
         maker = affordable(case, SMALL)  # type: ignore[arg-type,type-var]
         with pytest.raises(MeshSizeError, match="edge_length = 0.001 m gives about"):
-            maker(comm, coarse)
+            maker(alone, coarse)
     maker = affordable(case, SMALL)  # type: ignore[arg-type,type-var]
     made.clear()
-    maker(comm, coarse)
+    maker(alone, coarse)
     assert made == [coarse.edge_length], "the mesh that was checked is taken"
 
 
-def test_a_first_mesh_that_is_too_large_itself(comm: MPI.Comm) -> None:
+def test_a_first_mesh_that_is_too_large_itself(alone: MPI.Comm) -> None:
     """Its area is known all the same."""
     with triangle_limit(200):
         with pytest.raises(MeshSizeError) as caught:
-            sized(comm, bend.case, SMALL, SMALL)
+            sized(alone, bend.case, SMALL, SMALL)
         area = caught.value.area
     assert area == pytest.approx(np.pi * 0.02 * 0.07 / 2)
     other = replace(SMALL, edge_length=2e-3)
-    found = sized(comm, bend.case, other, other)
+    found = sized(alone, bend.case, other, other)
     assert found.area == pytest.approx(area, rel=0.02)

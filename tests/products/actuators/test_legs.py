@@ -21,13 +21,13 @@ DOWN = (0.0, 0.0, -1.0)
 
 
 @pytest.fixture(scope="module")
-def quarter(comm: MPI.Comm) -> Pattern:
-    return walker(comm, 7e-3, planes=(0, 1))
+def quarter(alone: MPI.Comm) -> Pattern:
+    return walker(alone, 7e-3, planes=(0, 1))
 
 
 @pytest.fixture(scope="module")
-def robot(comm: MPI.Comm) -> Pattern:
-    return walker(comm, 8e-3)
+def robot(alone: MPI.Comm) -> Pattern:
+    return walker(alone, 8e-3)
 
 
 @pytest.mark.parametrize("degrees", [-40.0, 0.0, 90.0, 200.0])
@@ -74,10 +74,10 @@ def test_tips_are_the_ends_of_the_legs(robot: Pattern) -> None:
 
 @pytest.mark.parametrize(("planes", "count"), [((), 6), ((0,), 3), ((1,), 3), ((0, 1), 1)])
 def test_rest_prevents_rigid_motion_only(
-    comm: MPI.Comm, planes: tuple[int, ...], count: int
+    alone: MPI.Comm, planes: tuple[int, ...], count: int
 ) -> None:
     """Six components, less those that the symmetry planes prevent."""
-    pattern = walker(comm, 8e-3, planes=planes)
+    pattern = walker(alone, 8e-3, planes=planes)
     supports = rest_on_body(pattern, WALKER.body_radius, planes)
     supports.require_no_rigid_motion(pattern)
     own = supports.fixed.copy()

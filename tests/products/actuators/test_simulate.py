@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 
 import pytest
-from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem import errors
@@ -29,34 +28,29 @@ SMALL = bend.BendConfig(
 )
 
 
-def test_plain_skin_is_that_of_inflate(comm: MPI.Comm, tmp_path: Path) -> None:
+def test_plain_skin_is_that_of_inflate(alone: MPI.Comm, tmp_path: Path) -> None:
     """The same tube by another way: its length at the same pressure is the same."""
-    folder = shared(comm, tmp_path)
-    found = simulate_actuator(comm, folder / "bend", bend.case, SMALL)
+    found = simulate_actuator(alone, tmp_path / "bend", bend.case, SMALL)
     assert found["angle_deg"] == pytest.approx(0, abs=0.5)
     config = inflate.InflateConfig(
         length=0.08, edge_length=4.5e-3, highest_pressure=5e3, pressure=2.5e3, levels=2
     )
-    other = inflate.run(comm, folder / "inflate", config.updated(whole=True))
+    other = inflate.run(alone, tmp_path / "inflate", config.updated(whole=True))
     assert 100 * found["length_ratio"] == pytest.approx(other["length_percent"], rel=5e-3)
-    comm.barrier()
-    written = json.loads((folder / "bend" / "summary.json").read_text(encoding="utf-8"))
+    written = json.loads((tmp_path / "bend" / "summary.json").read_text(encoding="utf-8"))
     assert written["inputs"] == SMALL.as_dict()
     assert written["failure"] is None
     for name in ("curve.csv", "curve.png", "shapes.png", "skin.vtu"):
-        assert (folder / "bend" / name).exists()
+        assert (tmp_path / "bend" / name).exists()
     assert simulation_sentence(found).endswith("at 5.00 kPa, plain skin")
 
 
-def test_what_is_refused(comm: MPI.Comm, tmp_path: Path) -> None:
-    folder = shared(comm, tmp_path)
+def test_what_is_refused(alone: MPI.Comm, tmp_path: Path) -> None:
     with pytest.raises(errors.ParameterError, match="pressure = 0.0 Pa must be above 0"):
-        simulate_actuator(comm, folder, bend.case, SMALL.updated(pressure=0.0))
+        simulate_actuator(alone, tmp_path, bend.case, SMALL.updated(pressure=0.0))
     with pytest.raises(errors.PatternFileError, match="nothing.npz cannot be read"):
-        simulate_actuator(comm, folder, bend.case, SMALL, pattern=folder / "nothing.npz")
-    pattern = bend.case(comm, SMALL).pattern
-    if comm.rank == 0:
-        write_pattern(folder / "plain.npz", pattern)
-    comm.barrier()
+        simulate_actuator(alone, tmp_path, bend.case, SMALL, pattern=tmp_path / "nothing.npz")
+    pattern = bend.case(alone, SMALL).pattern
+    write_pattern(tmp_path / "plain.npz", pattern)
     with pytest.raises(errors.PatternFileError, match="does not say which triangles are printed"):
-        simulate_actuator(comm, folder, bend.case, SMALL, pattern=folder / "plain.npz")
+        simulate_actuator(alone, tmp_path, bend.case, SMALL, pattern=tmp_path / "plain.npz")

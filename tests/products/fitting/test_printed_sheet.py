@@ -25,9 +25,9 @@ def strip(comm: MPI.Comm, axis: int = 0) -> PrintedSheet:
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_taylor(comm: MPI.Comm, axis: int) -> None:
+def test_taylor(alone: MPI.Comm, axis: int) -> None:
     """The error of the first order falls with the square of the step, or faster by chance."""
-    sheet, base = strip(comm, axis), np.array([1.3, 0.8])
+    sheet, base = strip(alone, axis), np.array([1.3, 0.8])
     at = sheet.curve(base, STRAINS)
     rng = np.random.default_rng(axis)
     direction = rng.uniform(0.5, 1.0, 2) * np.array([1, -1])
@@ -44,9 +44,9 @@ def test_taylor(comm: MPI.Comm, axis: int) -> None:
     assert rates.min() > 1.85
 
 
-def test_both_moduli_scale_the_force_alone(comm: MPI.Comm) -> None:
+def test_both_moduli_scale_the_force_alone(alone: MPI.Comm) -> None:
     """The force is homogeneous in both moduli, and the shape depends on their ratio only."""
-    at = strip(comm).curve(np.array([0.7, 2.0]), STRAINS)
+    at = strip(alone).curve(np.array([0.7, 2.0]), STRAINS)
     assert at.stress_by.sum(axis=1) == pytest.approx(at.stress, rel=1e-9)
     assert at.lateral_by.sum(axis=1) == pytest.approx(0.0, abs=1e-9)
     assert (at.stress_by > 0.02 * at.stress[:, None]).all()

@@ -1,14 +1,11 @@
 """CSV files of tests: units, specimens, and what is wrong with a file, by its line."""
 
-import contextlib
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
-from toros_fem.base.errors import MeasurementError, ParameterError
+from toros_fem.base.errors import MeasurementError
 from toros_fem.products.fitting import Given, TensileTest, read_tensile_tests
 
 STRAIN = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
@@ -152,48 +149,3 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
     (tmp_path / "latin.csv").write_bytes(b"strain,force [N]\n0.1,1 \xb5\n")
     with pytest.raises(MeasurementError, match="line 2: this is not UTF-8"):
         read_tensile_tests([tmp_path / "latin.csv"])
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"thickness": 0.0}, "thickness"),
-        ({"units": {"force": "lb"}}, "'lb': known are N"),
-        ({"units": {"time": "s"}}, "no such column"),
-    ],
-)
-def test_wrong_options(values: dict[str, object], message: str) -> None:
-    with pytest.raises(ParameterError, match=message):
-        Given(**values)  # type: ignore[arg-type]
-
-
-GOOD = (
-    "# width = 25 mm\n# thickness = 0.5 mm\nspecimen,strain [%],force [N],lateral strain [%]\n"
-    + "".join(f"a,{100 * e},{f},{-30 * e}\n" for e, f in zip(STRAIN, FORCE, strict=True))
-).encode()
-PIECES = [
-    b"", b"\0", b"\xff", b"nan", b"-1", b"1e400", b"\n", b",", b";", b"\t", b'"', b"#", b"=", b"[",
-    b"%", "٣".encode(), b"_", b"99999999999999999999",
-]  # fmt: skip
-
-
-@settings(
-    max_examples=150, derandomize=True, deadline=None, database=None,
-    suppress_health_check=list(HealthCheck),
-)  # fmt: skip
-@given(st.lists(st.tuples(st.floats(0, 1), st.integers(0, 6), st.sampled_from(PIECES)), max_size=4))
-def test_random_faults_end_in_typed_errors(
-    tmp_path_factory: pytest.TempPathFactory, faults: list[tuple[float, int, bytes]]
-) -> None:
-    content = GOOD
-    for place, length, piece in faults:
-        begin = int(place * len(content))
-        content = content[:begin] + piece + content[begin + length :]
-    path = tmp_path_factory.mktemp("fuzz") / "a.csv"
-    path.write_bytes(content)
-    tests = []
-    with contextlib.suppress(MeasurementError, ParameterError):
-        tests = read_tensile_tests([path])
-    for test in tests:
-        assert np.isfinite(test.stretch).all()
-        assert np.isfinite(test.stress).all()

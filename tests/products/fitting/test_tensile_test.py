@@ -45,20 +45,3 @@ def test_all_and_one_pull() -> None:
         pull.branch("last-unloading")
     with pytest.raises(ParameterError, match="must be one of"):
         pull.branch("second")
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"stretch": np.ones(3)}, "n at least 5"),
-        ({"stress": np.ones(4)}, "as the stretch"),
-        ({"stretch": np.linspace(-1, 1, 6)}, "positive, 1 at rest"),
-        ({"lateral": np.zeros(6)}, "positive, 1 at rest"),
-        ({"stress": np.full(6, np.nan)}, "not finite"),
-        ({"thickness": 0.0}, "thickness"),
-    ],
-)
-def test_wrong_values(values: dict[str, object], message: str) -> None:
-    good = {"stretch": np.linspace(1, 1.5, 6), "stress": np.linspace(0, 1, 6), "thickness": 1e-3}
-    with pytest.raises(ParameterError, match=message):
-        TensileTest(**{**good, **values})  # type: ignore[arg-type]

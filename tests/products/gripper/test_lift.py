@@ -1,18 +1,11 @@
 """Pictures of a gripper that lifts: object, fingers around it, and the files."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
-from mpi4py import MPI
 
-from toros_fem.making.print.contours import panel_outline
 from toros_fem.measures.gap import Body
-from toros_fem.mechanics.contact import rigid_sphere
-from toros_fem.meshes import cylinder
 from toros_fem.meshes.surface import volume
-from toros_fem.products.gripper.lift import LiftShape, in_room, solid, write_lift
+from toros_fem.products.gripper.lift import in_room, solid
 
 BALL = Body("sphere", 0.04, (0.03, 0.0, 0.02))
 
@@ -44,23 +37,3 @@ def test_three_fingers_stand_around_the_object() -> None:
     assert places.sum(axis=0)[:2] == pytest.approx(0.0, abs=1e-12)
     assert np.linalg.norm(places[:, :2], axis=1) == pytest.approx(np.hypot(0.019, 0.002))
     assert places[:, 2] == pytest.approx(-0.03), "the finger hangs down along its own x"
-
-
-def test_files_of_a_lift(comm: MPI.Comm, tmp_path: Path) -> None:
-    folder = comm.bcast(tmp_path, root=0)
-    finger = cylinder(comm, 0.03, 0.01, 5e-3)
-    regions = [panel_outline(finger, panel) for panel in range(3)]
-    bare, printed = np.zeros(len(finger.triangles)), np.ones(len(finger.triangles))
-    rows = [
-        (
-            density,
-            [LiftShape("closed", finger.points, 0, 0), LiftShape("up", finger.points, s, 0.05)],
-        )
-        for density, s in ((bare, 0.05), (printed, 0.001))
-    ]
-    ball = rigid_sphere("object", 0.02, BALL.centre, edge_length=6e-3)
-    write_lift(comm, folder, finger, rows, regions, ball, 3, {"slip_mm": 1.0})
-    comm.barrier()
-    assert json.loads((folder / "load.json").read_text(encoding="utf-8")) == {"slip_mm": 1.0}
-    for name in ("lift.png", "finger.png"):
-        assert (folder / name).read_bytes().startswith(b"\x89PNG")

@@ -1,23 +1,21 @@
 """Skins of your own: meshes, regions, targets and metrics."""
 
-import json
 from pathlib import Path
 from typing import Any
 
 import meshio
 import numpy as np
 import pytest
-from helpers.scenes import ROOT, shared
+from helpers.scenes import ROOT
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.meshes import cylinder
-from toros_fem.meshes.pattern_file import NAME, write_pattern
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.own_mesh.own_mesh import (
     HeldConfig,
     OwnMeshConfig,
     OwnSkin,
+    cases,
     own_case,
     read_skin,
     run,
@@ -26,6 +24,7 @@ from toros_fem.products.own_mesh.own_mesh import (
 from toros_fem.products.own_mesh.regions import RegionConfig
 
 FINGER = ROOT / "demos" / "surfaces" / "finger.stl"
+FINGER_SKIN = meshio.read(FINGER)
 CONFIG = OwnMeshConfig(
     held=(HeldConfig(where="z < 4 mm"),),
     printed=(RegionConfig(where="z < 0.01 mm or z > 89.99 mm"),),
@@ -44,12 +43,12 @@ CONFIG = OwnMeshConfig(
 
 
 @pytest.fixture(scope="module")
-def finger(comm: MPI.Comm) -> OwnSkin:
-    return read_skin(comm, CONFIG, FINGER)
+def finger(alone: MPI.Comm) -> OwnSkin:
+    return read_skin(alone, CONFIG, FINGER)
 
 
-def test_case_of_a_finger(comm: MPI.Comm, finger: OwnSkin) -> None:
-    case = own_case(comm, CONFIG, finger)
+def test_case_of_a_finger(alone: MPI.Comm, finger: OwnSkin) -> None:
+    case = own_case(alone, CONFIG, finger)
     height = finger.pattern.points[:, 2]
     np.testing.assert_array_equal(case.supports.fixed, np.repeat(height[:, None] < 4e-3, 3, 1))
     assert case.passive is not None
@@ -63,14 +62,14 @@ def test_case_of_a_finger(comm: MPI.Comm, finger: OwnSkin) -> None:
     assert case.cross_sections is None
 
 
-def test_meshes_from_coarse_to_fine(comm: MPI.Comm, finger: OwnSkin) -> None:
+def test_meshes_from_coarse_to_fine(alone: MPI.Comm, finger: OwnSkin) -> None:
     fine = CONFIG.updated(refinements=2, filter_radius=1e-3)
     assert fine.level_count == 3
     for level, times in enumerate(range(3)):
         one = fine.at_level(level)
         assert (one.refinements, one.level_count) == (times, 1)
         assert one.filter_radius == 1e-3 * 2 ** (2 - level)
-    middle = own_case(comm, fine.at_level(1), finger)
+    middle = own_case(alone, fine.at_level(1), finger)
     assert len(middle.pattern.panel) == 4 * len(finger.pattern.panel)
     values = [m.measure(middle.pattern, middle.target) for m in middle.metrics]
     assert values == pytest.approx([60, 0], abs=1e-6)
@@ -80,16 +79,16 @@ def test_meshes_from_coarse_to_fine(comm: MPI.Comm, finger: OwnSkin) -> None:
     assert (quick.refinements, quick.filter_radius) == (0, 4e-3)
 
 
-def test_supports_by_component(comm: MPI.Comm, finger: OwnSkin) -> None:
+def test_supports_by_component(alone: MPI.Comm, finger: OwnSkin) -> None:
     held = (HeldConfig(where="z < 4 mm"), HeldConfig(where="z > 80 mm", components="yz"))
-    fixed = own_case(comm, CONFIG.updated(held=held), finger).supports.fixed
+    fixed = own_case(alone, CONFIG.updated(held=held), finger).supports.fixed
     height = finger.pattern.points[:, 2]
     np.testing.assert_array_equal(fixed[:, 0], height < 4e-3)
     np.testing.assert_array_equal(fixed[:, 2], (height < 4e-3) | (height > 0.08))
 
 
-def test_what_counts(comm: MPI.Comm, finger: OwnSkin) -> None:
-    tip = own_case(comm, CONFIG.updated(tip_weight=1.0, orientation_length=0.03), finger)
+def test_what_counts(alone: MPI.Comm, finger: OwnSkin) -> None:
+    tip = own_case(alone, CONFIG.updated(tip_weight=1.0, orientation_length=0.03), finger)
     top = finger.pattern.points[:, 2] > 0.09 - 1e-9
     assert tip.weights is not None
     assert tip.relative is not None
@@ -98,11 +97,11 @@ def test_what_counts(comm: MPI.Comm, finger: OwnSkin) -> None:
     area = finger.pattern.vertex_areas
     assert area[top] @ (tip.weights[top] - 1) == pytest.approx(area.sum())
     free = CONFIG.updated(counted="cross-sections", twist=40.0, bend=None)
-    sections = own_case(comm, free, finger)
+    sections = own_case(alone, free, finger)
     assert sections.cross_sections is not None
     assert sections.cross_sections.labels.max() == 12
     assert [m.key for m in sections.metrics] == ["twist_deg"]
-    named = own_case(comm, free.updated(metrics="shortening, twist, angle"), finger)
+    named = own_case(alone, free.updated(metrics="shortening, twist, angle"), finger)
     assert [(m.key, m.target) for m in named.metrics] == [
         ("shortening_percent", None),
         ("twist_deg", 40.0),
@@ -110,36 +109,33 @@ def test_what_counts(comm: MPI.Comm, finger: OwnSkin) -> None:
     ]
 
 
-def test_target_from_a_file(comm: MPI.Comm, tmp_path: Path, finger: OwnSkin) -> None:
+def test_target_from_a_file(alone: MPI.Comm, tmp_path: Path, finger: OwnSkin) -> None:
     """Another program bends the STL file itself, in its own unit."""
-    folder = shared(comm, tmp_path)
-    expected = own_case(comm, CONFIG, finger).target
-    if comm.rank == 0:
-        mesh = meshio.read(FINGER)
-        # An STL repeats each vertex: the corners of its triangles are moved one by one.
-        corners = np.asarray(mesh.points)[mesh.cells_dict["triangle"]].reshape(-1, 3)
-        near = ((corners[:, None] * 1e-3 - finger.pattern.points) ** 2).sum(axis=2).argmin(axis=1)
-        points, cells = 1e3 * expected[near], np.arange(len(near)).reshape(-1, 3)
-        meshio.write_points_cells(folder / "bent.stl", points, [("triangle", cells)])
-        meshio.write_points_cells(folder / "other.ply", points, [("triangle", cells[::-1])])
-        meshio.write_points_cells(folder / "fewer.ply", points, [("triangle", cells[1:])])
-    comm.barrier()
+    expected = own_case(alone, CONFIG, finger).target
+    mesh = meshio.read(FINGER)
+    # An STL repeats each vertex: the corners of its triangles are moved one by one.
+    corners = np.asarray(mesh.points)[mesh.cells_dict["triangle"]].reshape(-1, 3)
+    near = ((corners[:, None] * 1e-3 - finger.pattern.points) ** 2).sum(axis=2).argmin(axis=1)
+    points, cells = 1e3 * expected[near], np.arange(len(near)).reshape(-1, 3)
+    meshio.write_points_cells(tmp_path / "bent.stl", points, [("triangle", cells)])
+    meshio.write_points_cells(tmp_path / "other.ply", points, [("triangle", cells[::-1])])
+    meshio.write_points_cells(tmp_path / "fewer.ply", points, [("triangle", cells[1:])])
     config = CONFIG.updated(bend=None, metrics="distance, angle")
-    skin = read_skin(comm, config, FINGER, folder / "bent.stl")
-    case = own_case(comm, config, skin)
+    skin = read_skin(alone, config, FINGER, tmp_path / "bent.stl")
+    case = own_case(alone, config, skin)
     np.testing.assert_allclose(case.target, expected, atol=1e-7)  # an STL has single precision
     assert [m.target for m in case.metrics] == pytest.approx([0, 60], abs=1e-3)
-    finer = own_case(comm, config.updated(refinements=1), skin)
+    finer = own_case(alone, config.updated(refinements=1), skin)
     values = [m.measure(finer.pattern, finer.target) for m in finer.metrics]
     assert values == pytest.approx([0, 60], abs=1e-3)
     with pytest.raises(errors.ParameterError, match="two targets: a file, and bend = 60"):
-        own_case(comm, CONFIG, skin)
+        own_case(alone, CONFIG, skin)
     with pytest.raises(errors.TargetError, match="does not meet its neighbours"):
-        read_skin(comm, config, FINGER, folder / "other.ply")
+        read_skin(alone, config, FINGER, tmp_path / "other.ply")
     with pytest.raises(errors.TargetError, match="has 1831 triangles, .* has 1832"):
-        read_skin(comm, config, FINGER, folder / "fewer.ply")
+        read_skin(alone, config, FINGER, tmp_path / "fewer.ply")
     with pytest.raises(errors.TargetError, match="there is no file"):
-        read_skin(comm, config, FINGER, folder / "nothing.ply")
+        read_skin(alone, config, FINGER, tmp_path / "nothing.ply")
 
 
 @pytest.mark.parametrize(
@@ -156,47 +152,32 @@ def test_target_from_a_file(comm: MPI.Comm, tmp_path: Path, finger: OwnSkin) -> 
     ],
 )
 def test_what_is_refused(
-    comm: MPI.Comm, finger: OwnSkin, changes: dict[str, Any], message: str
+    alone: MPI.Comm, finger: OwnSkin, changes: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(errors.ParameterError, match=message):
-        own_case(comm, CONFIG.updated(**changes), finger)
+        own_case(alone, CONFIG.updated(**changes), finger)
 
 
-def test_files_that_do_not_serve(comm: MPI.Comm, tmp_path: Path) -> None:
-    folder = shared(comm, tmp_path)
+def test_files_that_do_not_serve(alone: MPI.Comm, tmp_path: Path) -> None:
     with pytest.raises(errors.ParameterError, match="there is no mesh: name a mesh file"):
-        run(comm, folder / "out", CONFIG)
+        run(alone, tmp_path / "out", CONFIG)
     with pytest.raises(errors.SurfaceError, match="there is no file"):
-        run(comm, folder / "out", CONFIG, mesh=folder / "nothing.stl")
+        run(alone, tmp_path / "out", CONFIG, mesh=tmp_path / "nothing.stl")
     with pytest.raises(errors.PatternFileError, match="cannot be read"):
-        run(comm, folder / "out", CONFIG, mesh=folder)
+        run(alone, tmp_path / "out", CONFIG, mesh=tmp_path)
     with pytest.raises(errors.ParameterError, match="metrics = 'angle, size' names 'size'"):
         CONFIG.updated(metrics="angle, size")
-    assert not (folder / "out").exists()
+    with pytest.raises(errors.PatternFileError, match="nothing cannot be read"):
+        simulate(alone, tmp_path / "out", CONFIG, mesh=FINGER, pattern=tmp_path / "nothing")
+    assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
-def test_design_and_simulation_of_a_pattern_file(comm: MPI.Comm, tmp_path: Path) -> None:
-    """A pattern that was unwrapped before, in m, its panels by their names."""
-    folder = shared(comm, tmp_path)
-    if comm.rank == 0:
-        write_pattern(folder / NAME, cylinder(MPI.COMM_SELF, 0.06, 0.02, 5e-3))
-    comm.barrier()
-    config = CONFIG.updated(
-        held=(HeldConfig(panels="base"),),
-        printed=(RegionConfig(panels="base, tip"),),
-        plain=(),
-        bend=40.0,
-        seed=5,
-    )
-    summary = run(comm, folder / "out", config, mesh=folder)
-    assert summary["objective_last"] < summary["objective_first"]
-    assert summary["inputs"]["filter_radius"] == pytest.approx(1.5 * 4.8e-3, rel=0.1)
-    comm.barrier()
-    written = json.loads((folder / "out" / "summary.json").read_text(encoding="utf-8"))
-    # A run's inputs make its configuration again.
-    assert OwnMeshConfig(**written["inputs"]) == OwnMeshConfig(**summary["inputs"])
-    again = simulate(comm, folder / "again", config, mesh=folder / NAME, pattern=folder / "out")
-    assert again["angle_deg"] == pytest.approx(summary["angle_deg"], abs=0.01)
-    plain = simulate(comm, folder / "plain", config, mesh=folder / NAME)
-    assert abs(plain["angle_deg"]) < abs(summary["angle_deg"])
+def test_filter_of_a_mesh(alone: MPI.Comm) -> None:
+    """Without a radius it is one and a half mean edges, of the finest mesh."""
+    points, triangles = np.asarray(FINGER_SKIN.points), FINGER_SKIN.cells_dict["triangle"]
+    sides = points[triangles] - points[np.roll(triangles, 1, axis=1)]
+    edge = 1e-3 * np.linalg.norm(sides, axis=2).mean()
+    for times in (0, 1):
+        config = CONFIG.updated(refinements=times)
+        _, made = cases(alone, config, mesh=FINGER)
+        assert made.filter_radius == pytest.approx(1.5 * edge / 2**times, rel=1e-5)

@@ -74,8 +74,8 @@ def test_longest_conditions_can_be_evaluated() -> None:
     assert Expression("not " * 120 + "1 < 2")(POINTS.T).all()
 
 
-def test_regions_of_a_skin(comm: MPI.Comm) -> None:
-    tube = cylinder(comm, 0.06, 0.02, 5e-3)
+def test_regions_of_a_skin(alone: MPI.Comm) -> None:
+    tube = cylinder(alone, 0.06, 0.02, 5e-3)
     low = RegionConfig(where="z < 10 mm").vertices(tube)
     np.testing.assert_array_equal(low, tube.points[:, 2] < 0.01)
     caps = RegionConfig(panels="base, tip").cells(tube)
@@ -95,10 +95,3 @@ def test_regions_of_a_skin(comm: MPI.Comm) -> None:
     np.testing.assert_array_equal(RegionConfig(panels="cap").cells(divided), caps)
     with pytest.raises(PanelError, match="no panel is named 'side'"):
         RegionConfig(panels="side").cells(tube)
-
-
-def test_what_a_region_needs() -> None:
-    with pytest.raises(ParameterError, match="a region needs where = .* or panels"):
-        RegionConfig()
-    with pytest.raises(ParameterError, match="where: .* is not known here"):
-        RegionConfig(where="height < 5 mm")

@@ -7,30 +7,26 @@ import pytest
 from helpers.tiles import SMALL, Laminate, small_result
 from mpi4py import MPI
 
+from toros_fem.base.errors import NoEquilibriumError
 from toros_fem.materials.sheet import Composite
 from toros_fem.products.tile_design.as_printed import PrintSimulation, measure_print
 from toros_fem.products.tiles.printability import island_areas
 from toros_fem.products.tiles.stiffness_profile import ProfileSolver
 
 
-def test_print_on_the_finer_mesh(comm: MPI.Comm) -> None:
+def test_print_on_the_finer_mesh(alone: MPI.Comm) -> None:
     """It covers the printed region, and its profile is that of this density."""
     case, result = small_result()
     assert case.fine is not None
-    simulation = PrintSimulation(comm, case, SMALL)
+    simulation = PrintSimulation(alone, case, SMALL)
     density = simulation.density(result.printed)
     assert set(np.unique(density)) == {0.0, 1.0}
     area = result.printed.regions[0].area
     assert case.fine.pattern.areas @ density == pytest.approx(area, rel=0.015)  # 0.0138 seen
     assert result.profile is not None
     assert result.failure == ""
-    alone = ProfileSolver(simulation.solver.tile, case.angles, 0.1).solve(density)
-    assert result.profile.stress == pytest.approx(alone.stress, rel=1e-9)
-    # The design's own mesh sees the same print, but lines of two edges only to a ninth.
-    assert result.printed.evaluation is not None
-    coarser = result.printed.evaluation.equilibrium
-    assert coarser.stiffness == pytest.approx(result.profile.stiffness, rel=0.12)  # 0.110
-    assert (coarser.stiffness != result.profile.stiffness).all()
+    own = ProfileSolver(simulation.solver.tile, case.angles, 0.1).solve(density)
+    assert result.profile.stress == pytest.approx(own.stress, rel=1e-9)
     areas = island_areas(case.tile, result.printed.cells)
     assert result.printability.island_areas == pytest.approx(areas)
 
@@ -42,9 +38,6 @@ def test_measured_print(alone: MPI.Comm) -> None:
     assert measured is not None
     assert np.degrees(measured.profile.angles) == pytest.approx(np.arange(0, 46, 7.5))
     assert measured.profile.stress[::2] == pytest.approx(result.profile.stress, rel=1e-12)
-    # The directions between were solved separately.
-    stiffness = measured.profile.stiffness
-    assert np.abs(np.diff(stiffness, 2)).max() < 0.15 * np.ptp(stiffness)  # 0.141 seen
     fabric = Composite().fabric
     exact, _, _ = Laminate(Composite(fabric, fabric), 0.5, 0.0).pulled(0.0, 0.1)
     assert measured.fabric_stiffness == pytest.approx(exact / 0.1, rel=1e-9)
@@ -54,26 +47,17 @@ def test_measured_print(alone: MPI.Comm) -> None:
     assert measured.buckling.shape == (4,)
 
 
-@pytest.mark.slow
-def test_directions_follow_the_symmetry(alone: MPI.Comm) -> None:
-    """Without mirrors the profile covers half a turn."""
-    case, result = small_result()
-    measured = measure_print(alone, replace(case, symmetry="chiral"), SMALL, result)
-    assert measured is not None
-    assert np.degrees(measured.profile.angles) == pytest.approx(np.arange(0, 180, 7.5))
-    # This print is tetragonal all the same.
-    stiffness = measured.profile.stiffness
-    assert np.roll(stiffness, 12) == pytest.approx(stiffness, rel=1e-6)
-    assert stiffness[1:] == pytest.approx(stiffness[:0:-1], rel=1e-6)
-
-
-@pytest.mark.slow
-def test_print_without_an_equilibrium(alone: MPI.Comm) -> None:
+def test_print_without_an_equilibrium(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On the finer mesh; on the design's it has one."""
     case, result = small_result()
     assert measure_print(alone, case, SMALL, replace(result, profile=None)) is None
-    simulation = PrintSimulation(alone, case, SMALL.updated(strain=0.95))
+    simulation = PrintSimulation(alone, case, SMALL)
+
+    def fails(*_: object, **__: object) -> None:
+        raise NoEquilibriumError("no equilibrium")
+
+    monkeypatch.setattr(simulation.solver, "solve", fails)
     failed = simulation.simulate(result.problem, result.result)
     assert failed.profile is None
-    assert "no equilibrium" in failed.failure
-    # The print has one at the design's own strain, on the design's mesh.
+    assert failed.failure == "no equilibrium"
     assert failed.printed.evaluation is not None

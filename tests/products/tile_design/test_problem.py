@@ -1,12 +1,10 @@
 """Design problems of tiles: gradients, symmetric designs, short runs."""
 
 import dataclasses
-import time
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.loops import OneEntry, Stopped, figures
 from helpers.tiles import (
     ANGLES,
     CONTRAST,
@@ -15,7 +13,6 @@ from helpers.tiles import (
     RADIUS,
     SIDE,
     TARGET,
-    profile_of,
     profile_solver,
     profile_table,
     solver_of,
@@ -30,13 +27,11 @@ from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstr
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.density.symmetric import SymmetricFilter
-from toros_fem.design.loop.loop import DesignResult, optimize
+from toros_fem.design.loop.loop import optimize
 from toros_fem.design.loop.options import DesignOptions, Stage
-from toros_fem.design.loop.variables import Scaled, Variables
 from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED
 from toros_fem.meshes import Mirrored
 from toros_fem.products.tile_design.problem import TileProblem
-from toros_fem.products.tile_design.starts import random_waves
 from toros_fem.products.tiles.objectives import ProfileObjective, ProfileTarget
 from toros_fem.products.tiles.stiffness_profile import ProfileSolver
 
@@ -114,64 +109,7 @@ def test_ranks_share_tile_or_directions() -> None:
         assert np.array_equal(others, rows)
 
 
-def test_symmetric_design_has_a_symmetric_profile() -> None:
-    problem = make_problem(False, CONTRAST)
-    e = problem.simulate(start_of(problem))
-    projected = problem.skin.gather_cells(e.projected)
-    found = profile_table(profile_of(problem.solver.tile, projected, 0.1, ANGLES))
-    assert np.roll(found, 6, axis=0) == pytest.approx(found, abs=1e-12)
-    assert found[-np.arange(12)] * [1, 1, 1, -1] == pytest.approx(found, abs=1e-12)
-    assert np.ptp(found[:, 0]) > 0.01
-
-
 THREE = np.array([0.0, np.pi / 8, np.pi / 4])
-
-
-def short_run(problem: TileProblem, **options: Any) -> DesignResult:
-    return optimize(problem, DesignOptions((Stage(8),), **options), start=start_of(problem))
-
-
-def test_short_design_run(comm: MPI.Comm) -> None:
-    """A design soft along the sides and stiff in between; equal on any number of ranks."""
-    target = ProfileTarget(np.array([900.0, 1200.0, 2400.0]))
-    problem = make_problem(True, target, angles=THREE, beta=8.0)
-    result = short_run(problem)
-    first, last = result.history[0], result.history[-1]
-    # MMA without residuals reaches a factor of 180.
-    assert last.objective < first.objective / 250
-    soft, _, stiff = result.final.equilibrium.stiffness
-    assert stiff > 1.3 * soft
-    assert last.iteration == 8
-    assert result.pressure == 0
-    for image in tile_of(EDGES).symmetry_maps("tetragonal"):
-        whole = problem.skin.gather_cells(result.final.projected)
-        assert whole[image] == pytest.approx(whole, abs=1e-12)
-    assert all((density == result.density).all() for density in comm.allgather(result.density))
-    if comm.size == 1:
-        return
-    alone = dataclasses.replace(problem, solver=ProfileSolver(problem.solver.tile, THREE, 0.1))
-    for other in (alone, make_problem(False, target, angles=THREE, beta=8.0)):
-        rows = short_run(other).history
-        assert [row.rejected for row in rows] == [row.rejected for row in result.history]
-        for row, same in zip(result.history, rows, strict=True):
-            assert row.objective == pytest.approx(same.objective, rel=1e-8)
-
-
-def test_a_design_that_was_stopped_goes_on_bit_for_bit() -> None:
-    """Directions and triangles spread over the ranks."""
-    target = ProfileTarget(np.array([900.0, 1200.0, 2400.0]))
-    for alone in (True, False):
-        problem = make_problem(alone, target, angles=THREE, beta=8.0)
-        start = start_of(problem)
-        stages = DesignOptions((Stage(4),))
-        whole = optimize(problem, stages, start=start)
-        journal = OneEntry(stop_at=3)
-        with pytest.raises(Stopped):
-            optimize(problem, stages, start=start, journal=journal)
-        assert journal.kept is not None
-        again = optimize(problem, stages, start=start, journal=OneEntry(saved=journal.kept))
-        assert [figures(r) for r in again.history] == [figures(r) for r in whole.history]
-        assert np.array_equal(again.density, whole.density)
 
 
 def test_objective_of_zero() -> None:
@@ -187,51 +125,6 @@ def test_objective_of_zero() -> None:
     result = optimize(near, DesignOptions((Stage(12),), x_tol=1e-9), start=start)
     assert result.final.objective < 1e-12
     assert np.isfinite(result.density).all()
-
-
-def test_scaled_problem() -> None:
-    """MMA sees T = 10 in each step unless it is small, separate residuals, and halved bounds."""
-    problem = full(True, TARGET)
-    start = problem.evaluate(start_of(problem))
-    widths = start.length_scale
-    assert widths is not None
-    variables = Variables(problem, DesignOptions())
-
-    def scaled(target: float) -> Scaled:
-        return Scaled(problem, variables, constrained=True, target_objective=target, start=start)
-
-    one = scaled(0.0)
-    assert one.refer(start) == 1
-    values, slopes = one.values(start), one.gradients(start)
-    assert values.objective == pytest.approx(10, rel=1e-14)
-    fraction = 1 - start.shape / start.objective
-    assert values.rest == pytest.approx(10 * fraction, rel=1e-10), "the perimeter's term"
-    assert values.residuals @ values.residuals == pytest.approx(10 * (1 - fraction), rel=1e-12)
-    limits = problem.length_scale
-    assert limits is not None
-    expected = [max(0.8 * e, 0.5 * g) for e, g in zip(limits.epsilon, widths, strict=True)]
-    assert values.constraints == pytest.approx(widths / expected - 1, rel=1e-12)
-    whole = slopes.rest.copy()
-    for r, slope in zip(values.residuals, slopes.residuals, strict=True):
-        whole.axpy(2 * r, slope)
-    assert whole.array == pytest.approx(slopes.objective.array, rel=1e-12, abs=1e-15)
-    less = dataclasses.replace(start, objective=start.objective / 100)
-    assert one.refer(less) == pytest.approx(100, rel=1e-12)
-    assert one.values(less).objective == pytest.approx(10, rel=1e-12)
-    capped = scaled(start.objective / 4)
-    assert capped.refer(less) == pytest.approx(4, rel=1e-12)
-    missing = values.missing
-    assert np.isinf([missing.rest, *missing.constraints, *missing.residuals]).all()
-
-
-def test_clock_stops_all_ranks(comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ranks with different clocks stop together; otherwise some would wait for the others."""
-    problem, clock = make_problem(True, CONTRAST), time.perf_counter
-    if comm.rank == comm.size - 1:
-        monkeypatch.setattr(time, "perf_counter", lambda: 1e7 * clock())
-    result = short_run(problem, seconds=100.0)
-    counts = comm.allgather(len(result.history))
-    assert counts == [1] * comm.size
 
 
 def test_bad_problems() -> None:
@@ -258,9 +151,3 @@ def test_metric_of_a_target() -> None:
     assert result.history[-1].metrics == {"worst_percent": pytest.approx(100 * worst, rel=1e-12)}
     assert problem.with_projection(Projection(3.0)).target is target
     assert make_problem(True, CONTRAST).metrics_of(result.final.equilibrium) == {}
-
-
-def test_random_start() -> None:
-    problem = make_problem(False, CONTRAST)
-    waves = random_waves(tile_of(EDGES), 1)
-    assert (problem.start_density(1) == waves[problem.skin.owned_cells]).all()

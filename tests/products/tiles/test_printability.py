@@ -27,8 +27,8 @@ def measured(patch: Tile, region: BaseGeometry) -> TilePrintability:
     return tile_printability(patch, region, printed_cells(patch.pattern, [region]), PrintLimits())
 
 
-def test_repeated_regions_are_joined(comm: MPI.Comm) -> None:
-    patch = tile(comm, (0.02, 0.01), 2e-3)
+def test_repeated_regions_are_joined(alone: MPI.Comm) -> None:
+    patch = tile(alone, (0.02, 0.01), 2e-3)
     band = shapely.box(0.0, 0.004, 0.02, 0.006)
     region = repeated(band, patch, 3, 2)
     assert region.area == pytest.approx(6 * band.area, rel=1e-6)
@@ -36,9 +36,9 @@ def test_repeated_regions_are_joined(comm: MPI.Comm) -> None:
     assert region.bounds == pytest.approx((0.0, 0.004, 0.06, 0.016))
 
 
-def test_widths_across_the_border(comm: MPI.Comm) -> None:
+def test_widths_across_the_border(alone: MPI.Comm) -> None:
     """A line on the border is as wide as its halves together; a gap likewise."""
-    patch = tile(comm, 0.01, 0.1e-3)
+    patch = tile(alone, 0.01, 0.1e-3)
     sides = [shapely.box(0, y, 0.01, y + h) for y, h in ((0, 0.2e-3), (9.7e-3, 0.3e-3))]
     line = shapely.union_all(sides)
     found = measured(patch, line)
@@ -69,8 +69,8 @@ def test_widths_across_the_border(comm: MPI.Comm) -> None:
     }  # fmt: skip
 
 
-def test_an_island_is_a_flaw(comm: MPI.Comm) -> None:
-    patch = tile(comm, 0.01, 0.25e-3)
+def test_an_island_is_a_flaw(alone: MPI.Comm) -> None:
+    patch = tile(alone, 0.01, 0.25e-3)
     band = shapely.box(0, 0.001, 0.01, 0.003)
     assert measured(patch, band).clean
     spotted = measured(patch, band | shapely.Point(0.005, 0.0065).buffer(0.001))
@@ -81,9 +81,9 @@ def test_an_island_is_a_flaw(comm: MPI.Comm) -> None:
     assert nothing.summary()["smallest_width_mm"] is None
 
 
-def test_islands(comm: MPI.Comm) -> None:
+def test_islands(alone: MPI.Comm) -> None:
     """A line through the border is connected; a spot is an island, also across the border."""
-    patch = tile(comm, 0.01, 1e-3)
+    patch = tile(alone, 0.01, 1e-3)
     x, y = 1e3 * patch.pattern.centroids.T
     line = np.abs(y - 5) < 1
     spot = np.hypot(x - 5, y - 9) < 0.9
@@ -101,8 +101,8 @@ def test_islands(comm: MPI.Comm) -> None:
 
 
 @pytest.fixture(scope="module")
-def sheet_tile(comm: MPI.Comm) -> Tile:
-    return tile(comm, SIZE, 0.2e-3)
+def sheet_tile(alone: MPI.Comm) -> Tile:
+    return tile(alone, SIZE, 0.2e-3)
 
 
 def cleaned(

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.scenes import shared
 from helpers.tiles import printed_tile
 from mpi4py import MPI
 
@@ -40,46 +39,24 @@ def write_entries(comm: MPI.Comm, folder: Path, made: PrintedTile, **changes: An
         ({"printed": np.zeros(5)}, r"printed is float64 of shape \(5,\); it must be bool"),
     ],
 )
-def test_bad_files(comm: MPI.Comm, tmp_path: Path, changes: dict[str, Any], message: str) -> None:
-    folder = write_entries(comm, shared(comm, tmp_path), printed_tile(comm), **changes)
+def test_bad_files(alone: MPI.Comm, tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    folder = write_entries(alone, tmp_path, printed_tile(alone), **changes)
     with pytest.raises(errors.TileFileError, match=message):
-        read_tile(comm, folder)
+        read_tile(alone, folder)
 
 
-def test_file_of_an_earlier_version(comm: MPI.Comm, tmp_path: Path) -> None:
+def test_file_of_an_earlier_version(alone: MPI.Comm, tmp_path: Path) -> None:
     """Such files have one Poisson's ratio and one thickness for both materials."""
     names = [f"{m}_{p}" for m in ("fabric", "reinforcement") for p in ("poisson", "thickness")]
     changes = {**dict.fromkeys(names), "poisson": 0.4, "thickness": 2e-4}
-    folder = write_entries(comm, shared(comm, tmp_path), printed_tile(comm), **changes)
-    composite = read_tile(comm, folder).composite
+    folder = write_entries(alone, tmp_path, printed_tile(alone), **changes)
+    composite = read_tile(alone, folder).composite
     for material in (composite.fabric, composite.reinforcement):
         assert (material.poisson, material.thickness) == (0.4, 2e-4)
     assert (composite.fabric.young, composite.reinforcement.young) == (0.1e6, 26e6)
 
 
-def test_bad_materials(comm: MPI.Comm) -> None:
-    made = printed_tile(comm)
+def test_a_tile_is_a_membrane(alone: MPI.Comm) -> None:
     for composite in (Composite(), Composite(bending=None, bladder=Bladder(1e6, 1e-4))):
         with pytest.raises(errors.ParameterError, match="a printed tile is a membrane"):
-            replace(made, composite=composite)
-
-
-def test_no_tile_or_another_mesh(comm: MPI.Comm, tmp_path: Path) -> None:
-    folder, made = shared(comm, tmp_path), printed_tile(comm)
-    with pytest.raises(errors.TileFileError, match=r"tile.npz cannot be read: .* demos/tile.py"):
-        read_tile(comm, folder)
-    for content in (b"", b"no archive", b"PK\x03\x04 half of one"):
-        if comm.rank == 0:
-            (folder / NAME).write_bytes(content)
-        comm.barrier()
-        with pytest.raises(errors.TileFileError, match="tile.npz cannot be read"):
-            read_tile(comm, folder)
-        comm.barrier()
-    if comm.rank == 0:
-        with (folder / NAME).open("wb") as file:
-            np.save(file, np.zeros(3))
-    comm.barrier()
-    with pytest.raises(errors.TileFileError, match="tile.npz cannot be read"):
-        read_tile(comm, folder)
-    with pytest.raises(errors.DensityError, match=r"printed has 3 triangles, but .* has \d+\."):
-        replace(made, printed=np.ones(3, dtype=bool)).tile(comm)
+            replace(printed_tile(alone), composite=composite)

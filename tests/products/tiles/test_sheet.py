@@ -22,24 +22,24 @@ SIZE = 0.01
 STRAIN = 0.1
 
 
-def test_remesh_keeps_the_print(comm: MPI.Comm) -> None:
-    made = printed_tile(comm)
-    same = remesh(comm, made, made.edge_length)
+def test_remesh_keeps_the_print(alone: MPI.Comm) -> None:
+    made = printed_tile(alone)
+    same = remesh(alone, made, made.edge_length)
     assert (same.printed == made.printed).all()
     plain = [{**asdict(one), "printed": None} for one in (same, made)]
     assert plain[0] == plain[1]
-    finer = remesh(comm, made, made.edge_length / 6)
-    areas = [one.tile(comm).pattern.areas[one.printed].sum() for one in (made, finer)]
+    finer = remesh(alone, made, made.edge_length / 6)
+    areas = [one.tile(alone).pattern.areas[one.printed].sum() for one in (made, finer)]
     assert areas[1] == pytest.approx(areas[0], rel=2e-2)
     for all_or_none in (np.ones_like, np.zeros_like):
-        whole = remesh(comm, replace(made, printed=all_or_none(made.printed)), 2e-3)
+        whole = remesh(alone, replace(made, printed=all_or_none(made.printed)), 2e-3)
         assert (whole.printed == all_or_none(whole.printed)).all()
 
 
 @pytest.mark.parametrize("name", ["x", "y"])
-def test_print_is_continuous_across_tiles(comm: MPI.Comm, name: str) -> None:
-    made = printed_tile(comm)
-    mesh = made.tile(comm)
+def test_print_is_continuous_across_tiles(alone: MPI.Comm, name: str) -> None:
+    made = printed_tile(alone)
+    mesh = made.tile(alone)
     sheet = tile_sheet(mesh, name, 4, 3)
     area = mesh.pattern.areas[made.printed].sum()
     cloth, (region,) = print_layout([sheet], made.printed, 0.015)
@@ -62,9 +62,9 @@ def test_print_is_continuous_across_tiles(comm: MPI.Comm, name: str) -> None:
         print_layout([sheet], made.printed, -0.01)
 
 
-def test_swatch_is_large_enough_to_clamp(comm: MPI.Comm) -> None:
-    made = printed_tile(comm)
-    mesh = made.tile(comm)
+def test_swatch_is_large_enough_to_clamp(alone: MPI.Comm) -> None:
+    made = printed_tile(alone)
+    mesh = made.tile(alone)
     region = region_of_triangles(mesh.pattern.corners[made.printed])
     cloth, printed = swatch(mesh, region, made.printed)
     counts = np.ceil(0.05 / np.array(made.size))
@@ -75,9 +75,9 @@ def test_swatch_is_large_enough_to_clamp(comm: MPI.Comm) -> None:
     assert high[0] <= 0.02 + counts[0] * made.size[0] + 1e-9
 
 
-def test_lines_of_neighbouring_tiles_are_joined(comm: MPI.Comm) -> None:
-    made = demo.cross_tile(comm)
-    mesh = made.tile(comm)
+def test_lines_of_neighbouring_tiles_are_joined(alone: MPI.Comm) -> None:
+    made = demo.cross_tile(alone)
+    mesh = made.tile(alone)
     _, (region,) = print_layout([tile_sheet(mesh, "x", 3, 2)], made.printed, 0.0)
     assert len(shapely.get_parts(region)) == 1
     single = region_of_triangles(mesh.pattern.corners[made.printed])

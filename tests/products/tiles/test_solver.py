@@ -5,29 +5,22 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers.tiles import (
-    ANGLES,
     SIDE,
     cell_map,
     mapped_cells,
-    profile_of,
-    profile_table,
     random_cells,
-    random_step,
     smooth_cells,
     solver_of,
     stress_law,
     stripes,
     tile_of,
 )
-from kit.slopes import slope
 
 from toros_fem.base.errors import DensityError, NoEquilibriumError, ParameterError
-from toros_fem.base.mpi import dot
-from toros_fem.design.density.field import random_density
 from toros_fem.materials.sheet import Bending, Composite
 from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED, UNIAXIAL, Periodic
 from toros_fem.products.tiles.solver import TileSolver, TileState
-from toros_fem.products.tiles.stiffness_profile import ACROSS, ALONG, effective_tensor
+from toros_fem.products.tiles.stiffness_profile import ALONG, effective_tensor
 
 SHEAR = np.array([[0.0, 1], [0, 0], [0, 0]])
 # Sides of an oblong tile.
@@ -40,24 +33,6 @@ PLANE = np.concatenate([PARTS, np.zeros((4, 1, 2))], axis=1)
 
 def owned(solver: TileSolver, density: np.ndarray) -> np.ndarray:
     return density[solver.skin.owned_cells]
-
-
-def test_rotated_mean_deformation() -> None:
-    """The stress rotates with the deformation, and does not depend on the axes."""
-    found = tile_of(3, "unstructured", WIDE)
-    solver = solver_of(found, prescribed=ALL_PRESCRIBED)
-    density = owned(solver, random_cells(found))
-    plain = solver.solve(density, 0.0, SKEWED)
-    c, s = np.cos(0.7), np.sin(0.7)
-    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    turned = solver.solve(density, 0.0, turn @ SKEWED)
-    assert turned.energy == pytest.approx(plain.energy, rel=1e-12)
-    scale = np.abs(plain.stress).max()
-    assert turned.stress == pytest.approx(turn @ plain.stress, abs=1e-11 * scale)
-    seen = solver.solve(density, 0.7, turn.T @ SKEWED @ turn[:2, :2])
-    assert seen.energy == pytest.approx(plain.energy, rel=1e-12)
-    expected = turn.T @ plain.stress @ turn[:2, :2]
-    assert seen.stress == pytest.approx(expected, abs=1e-11 * scale)
 
 
 def central(values: list[np.ndarray], step: float) -> np.ndarray:
@@ -83,26 +58,6 @@ def test_stress_and_tangent_are_derivatives_of_the_energy(gradient: np.ndarray) 
         assert stress == pytest.approx((base.stress * part).sum(), abs=1e-9 * scale)
         tangent = central([state.stress for state in near], step)
         assert tangent[:2].ravel() == pytest.approx(row, abs=1e-9 * np.abs(stiffness).max())
-
-
-@pytest.mark.parametrize("flat", [True, False])
-@pytest.mark.parametrize("strain", [0.1, -0.04])
-def test_stress_along_a_direction_is_that_of_the_energy(flat: bool, strain: float) -> None:
-    """Free components carry no stress, in a flat and in a buckled tile."""
-    found = tile_of(4, "right")
-    solver = solver_of(found, flat=flat)
-    density, step = owned(solver, smooth_cells(found)), 1e-4
-    base = solver.solve(density, 0.4, (1 + strain) * ALONG)
-    tangent = solver.stiffness(base, ALONG[None])[0, 0]
-    derivative = solver.state_derivative(base, ALONG)
-    near = [solver.solve(density, 0.4, (1 + strain + s * step) * ALONG, start=base) for s in STEPS]
-    stress = central([np.array(state.energy) for state in near], step)
-    assert stress == pytest.approx(base.stress[0, 0], rel=1e-9)
-    found_tangent = central([state.stress[0, 0] for state in near], step)
-    assert found_tangent == pytest.approx(tangent, rel=1e-7)
-    moved = central([state.state for state in near], step)
-    assert moved == pytest.approx(derivative, abs=1e-8 * np.abs(derivative).max())
-    assert (base.stress[:2, 1] == 0).all()
 
 
 def test_forces_and_moments_balance() -> None:
@@ -137,39 +92,12 @@ def test_forces_and_moments_balance() -> None:
     assert total / pattern.areas.sum() == pytest.approx(state.stress[:2], abs=1e-11 * scale)
 
 
-def test_free_mean_deformation() -> None:
-    """With only one shear component prescribed, a tile returns to its unstretched state."""
-    found = tile_of(3)
-    prescribed = ((False, False), (True, False), (True, True))
-    solver = solver_of(found, prescribed=prescribed)
-    density = owned(solver, random_cells(found))
-    start = solver_of(found, prescribed=UNIAXIAL).solve(density, 0.3, 1.05 * ALONG)
-    state = solver.solve(density, 0.3, np.zeros((3, 2)), start=start)
-    assert state.gradient == pytest.approx(np.eye(3)[:, :2], abs=1e-13)
-    assert np.abs(state.stress).max() < 1e-9 * np.abs(start.stress).max()
-    assert (state.stress[~np.array(prescribed)] == 0).all()
-
-
 def lifted(solver: TileSolver, flat: TileState) -> np.ndarray:
     """Return a flat state as a state of a tile that may leave its plane."""
     state = solver.model.assembled
     solver.model.positions(state)[:] = flat.positions
     solver.model.set_mean_gradient(state, flat.gradient)
     return state
-
-
-def test_pulled_tile_stays_in_its_plane() -> None:
-    found = tile_of(4)
-    density, angles = smooth_cells(found), ANGLES[::4]
-    one, other = solver_of(found), solver_of(found, flat=False)
-    flat, free = (profile_of(solver, density, 0.02, angles) for solver in (one, other))
-    assert profile_table(free) == pytest.approx(profile_table(flat), abs=1e-12)
-    for a, b in zip(free.state, flat.state, strict=True):
-        assert a is not None
-        assert b is not None
-        assert a.positions[:, 2] == pytest.approx(0, abs=1e-15)
-        assert a.energy == pytest.approx(b.energy, rel=1e-12)
-        assert other.stable(lifted(other, b), owned(other, density), b.angle)
 
 
 def test_compressed_tile_buckles() -> None:
@@ -220,29 +148,6 @@ def moved_state(
     there.model.positions(new)[:] = every[there.skin.owned_vertices]
     there.model.set_mean_gradient(new, state.gradient)
     return new
-
-
-@pytest.mark.parametrize("mesh", ["right", "unstructured"])
-def test_copies_of_a_buckled_tile(mesh: str) -> None:
-    """A buckled tile repeated 2 × 2 is in equilibrium too."""
-    small = tile_of(3, mesh, WIDE)
-    many, bending = small.repeated(2, 2), Composite(bending=Bending("quadratic"))
-    one, other = (solver_of(each, bending, flat=False) for each in (small, many.tile))
-    density = smooth_cells(small)
-    buckled = one.solve(owned(one, density), 0.4, 0.96 * ALONG)
-    assert np.ptp(one.skin.gather_vertices(buckled.positions)[:, 2]) > 0.05 * SIDE
-    count = len(many.tile.pattern.points)
-    vertex = np.arange(count) % len(small.pattern.points)
-    state = moved_state(one, buckled, other, np.arange(count), vertex)
-    other.stable(state, owned(other, density[many.cell]), 0.4)  # rotates the axes
-    assert other.model.energy(state) / other.area == pytest.approx(buckled.energy, rel=1e-11)
-    residual = other.skin.gather_vertices(other.model.positions(other.model.residual(state)))
-    inside = one.skin.gather_vertices(one.model.positions(one.model.residual(buckled.state)))
-    scale = abs(buckled.stress[0, 0]) * SIDE
-    assert np.abs(inside).max() < 1e-9 * scale
-    assert np.abs(residual).max() < 1e-9 * scale
-    stress = other.model.mean_force(state) / other.area
-    assert stress == pytest.approx(buckled.stress, abs=1e-10 * np.abs(buckled.stress).max())
 
 
 @pytest.mark.parametrize("curvature", ["midedge", "quadratic", "average"])
@@ -323,33 +228,3 @@ def test_bad_deformations_and_states() -> None:
         solver.state_derivative(second, ALONG)
     with pytest.raises(ParameterError, match=r"Periodic\(tile, ALL_PRESCRIBED\)"):
         effective_tensor(solver, density)
-
-
-@pytest.mark.parametrize("kind", ["flat", "given", "buckled"])
-def test_gradients_of_one_direction(kind: str) -> None:
-    """Gradients of stress and of free components of F̄ are exact, also of a buckled tile."""
-    found = tile_of(4, "right")
-    if kind == "given":
-        solver, gradient = solver_of(found, prescribed=ALL_PRESCRIBED), SKEWED
-        change = np.array([[0.3, -1.0], [0.7, 0.4], [0, 0]])
-    else:
-        solver, change = solver_of(found, flat=kind == "flat"), ALONG
-        gradient = (1.1 if kind == "flat" else 0.95) * ALONG
-    skin = solver.skin
-    density, step = random_density(skin, 2, spread=0.3), random_step(solver)
-    base = solver.solve(density, 0.4, gradient)
-    assert (np.ptp(skin.gather_vertices(base.positions)[:, 2]) > 1e-3) == (kind == "buckled")
-
-    def there(h: float) -> TileState:
-        return solver.solve(density + h * step, 0.4, gradient, start=base)
-
-    along = dot(skin.comm, solver.stress_gradient(base, change), step)
-    rise = slope(lambda h: float((there(1e-3 * h).stress * change).sum())) / 1e-3
-    assert along == pytest.approx(rise, rel=1e-6)
-    if kind == "given":
-        return
-    for part in (ACROSS, SHEAR):
-        base = there(0.0)
-        along = dot(skin.comm, solver.strain_gradient(base, part), step)
-        rise = slope(lambda h, part=part: float((there(1e-3 * h).gradient * part).sum())) / 1e-3
-        assert along == pytest.approx(rise, rel=1e-6)

@@ -1,8 +1,6 @@
 """Profiles of tiles: exact sheets, copies and symmetries, effective tensors, parallel runs."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,39 +8,26 @@ import pytest
 from helpers.scenes import table
 from helpers.tiles import (
     ANGLES,
-    CONTRAST,
-    PARALLEL,
-    SIDE,
-    TARGET,
     A,
     Laminate,
     R,
-    cell_map,
-    mapped_cells,
     modulus,
     profile_of,
     profile_solver,
     profile_table,
     random_cells,
-    random_step,
-    rotated,
     solver_of,
-    stress_law,
     stripes,
     table_composite,
     tile_of,
 )
-from kit.slopes import slope
 from mpi4py import MPI
-from scipy.optimize import brentq
 
 from toros_fem.base.errors import DensityError, NoEquilibriumError, ParameterError
-from toros_fem.base.mpi import dot
 from toros_fem.design.density.field import random_density
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED
 from toros_fem.meshes import Tile
-from toros_fem.products.tiles.objectives import ProfileObjective
 from toros_fem.products.tiles.solver import TileSolver, TileState
 from toros_fem.products.tiles.stiffness_profile import (
     ALONG,
@@ -51,9 +36,6 @@ from toros_fem.products.tiles.stiffness_profile import (
     merge_profiles,
     profiles,
 )
-
-TURN = np.array([[0.0, -1], [1, 0]])
-
 
 # Sides of an oblong tile.
 WIDE = (1.5, 1.0)
@@ -90,20 +72,6 @@ def test_uniform_sheet(mesh: str) -> None:
             assert np.ptp(profile_table(profile), axis=0) == pytest.approx(0, abs=1e-12)
 
 
-@pytest.mark.parametrize("material", ["A", "R"])
-def test_uniform_sheet_as_tabulated(material: str) -> None:
-    solver = solver_of(tile_of(3), table_composite())
-    density = np.full(len(solver.skin.pattern.panel), float(material == "R"))
-    for row in table("gent_uniaxial"):
-        stretch = float(row["stretch"])
-        if row["mat"] != material or stretch == 1 or stretch > 1.5:
-            continue
-        profile = profile_of(solver, density, stretch - 1, ANGLES[1:2])
-        assert profile.stress == pytest.approx(float(row["nominal_stress_Pa"]), rel=1e-7)
-        across = 1 - profile.contraction * (stretch - 1)
-        assert across == pytest.approx(float(row["lateral_stretch"]), abs=1e-8)
-
-
 PHASES = ("E1", "nu1", "E2", "nu2")
 
 
@@ -135,35 +103,6 @@ def test_effective_tensor_of_stripes(phases: tuple[str, ...]) -> None:
         assert result == pytest.approx(exact, rel=1e-12, abs=1e-13 * along)
 
 
-@pytest.mark.parametrize("fraction", [0.1, 0.5])
-def test_stripes_at_finite_strain(fraction: float) -> None:
-    """Pulls along and across agree with the table for the same stretch bounds."""
-    count = 10 if fraction == 0.1 else 4
-    found = tile_of(10, shape=(0.3, 0.1 * count))
-    solver = solver_of(found, table_composite())
-    density = stripes(found, count, round(fraction * count))
-    for row in table("laminate_gent_eq1"):
-        if float(row["f(mat R)"]) != fraction or row["phase2"] != "A":
-            continue
-        strain = float(row["mean_stretch"]) - 1
-        profile = profile_of(solver, density, strain, np.array([0, np.pi / 2]))
-        expected = [float(row["P_along_stripes_Pa"]), float(row["P_across_Pa"])]
-        assert profile.stress == pytest.approx(expected, rel=5e-8)
-        across = 1 - profile.contraction[1] * strain
-        assert across == pytest.approx(float(row["lateral_stretch_common_across"]), abs=1e-8)
-        assert profile.shear == pytest.approx(0, abs=1e-12)
-        state = profile.state[1]
-        assert state is not None
-        heights = solver.skin.gather_vertices(state.positions)[:, 0]
-        rows = solver.skin.pattern.points[:, 1] / SIDE
-        steps = [
-            (heights[np.isclose(rows, 0.1 * (k + 1))] - heights[np.isclose(rows, 0.1 * k)]).mean()
-            for k in (0, count - 2)
-        ]
-        stretches = [float(row[f"stretch_{name}_across"]) for name in ("R", "phase2")]
-        assert steps == pytest.approx(np.multiply(0.1 * SIDE, stretches), rel=1e-8)
-
-
 def oblique() -> tuple[Tile, np.ndarray]:
     """Return a tile with a quarter printed, in stripes along the falling diagonals of its mesh."""
     found = tile_of(4, "right")
@@ -177,67 +116,6 @@ NARROW = Composite(
 
 
 MIXED = replace(NARROW, reinforcement=replace(NARROW.reinforcement, c1=1.3, c2=1.5))
-
-
-def pull_of_stripes(composite: Composite, fraction: float, stretch: float) -> tuple[float, float]:
-    """Nominal stress of stripes pulled along and across them, by roots of scalar functions."""
-    phases = (
-        (composite.reinforcement, composite.reinforcement_bounds),
-        (composite.fabric, composite.fabric_bounds),
-    )
-
-    def law(k: int, one: float, two: float) -> np.ndarray:
-        return np.diag(stress_law(np.diag([one, two]), phases[k][0], *phases[k][1]))
-
-    def root(f: Callable[[float], float], low: float, high: float) -> float:
-        return float(brentq(f, low, high, xtol=1e-15, rtol=1e-15))
-
-    weights = np.array([fraction, 1 - fraction])
-    c1, c2 = zip(*(bounds for _, bounds in phases), strict=True)
-    along = 0.0
-    if stretch < min(c1):
-        for k, weight in enumerate(weights):
-            low, high = max(2 - c1[k], 3 - c2[k] - stretch), min(c1[k], 1 + c2[k] - stretch)
-            free = root(lambda y, k=k: law(k, stretch, y)[1], low + 1e-9, high - 1e-9)  # type: ignore[misc]
-            along += weight * law(k, stretch, free)[0]
-
-    def series(lateral: float) -> tuple[np.ndarray, np.ndarray]:
-        """Both stress states at a common lateral stretch."""
-        soft = lambda hard: (stretch - fraction * hard) / (1 - fraction)  # noqa: E731
-        low = max(2 - c1[0], 3 - c2[0] - lateral, (stretch - (1 - fraction) * c1[1]) / fraction)
-        high = min(c1[0], 1 + c2[0] - lateral)
-        hard = root(
-            lambda x: law(0, x, lateral)[0] - law(1, soft(x), lateral)[0], low + 1e-9, high - 1e-9
-        )
-        return law(0, hard, lateral), law(1, soft(hard), lateral)
-
-    def lateral_force(lateral: float) -> float:
-        return float(weights @ [stress[1] for stress in series(lateral)])
-
-    lateral = root(lateral_force, 1 - 0.9 * (c1[0] - 1), 1 + 0.5 * (c1[0] - 1))
-    return along, float(series(lateral)[0][0])
-
-
-@pytest.mark.parametrize("fraction", [0.25, 0.5])
-def test_stripes_of_two_bounds(fraction: float) -> None:
-    """Stripes with bounds of their own, also where the stiff ones are at theirs."""
-    found = tile_of(4, shape=(0.75, 1.0))
-    solver, density = solver_of(found, NARROW), stripes(found, 4, round(4 * fraction))
-    most, use = 1 + (1 - fraction) * 0.9 + fraction * 0.05, []
-    # The mean of the bounds limits what is pulled across.
-    for stretch in (1.01, 1.045, 1.2, most - 0.05):
-        along, across = pull_of_stripes(NARROW, fraction, stretch)
-        found_across = profile_of(solver, density, stretch - 1, np.array([np.pi / 2]))
-        assert found_across.stress == pytest.approx([across], rel=1e-9)
-        assert found_across.state[0] is not None
-        use.append(found_across.state[0].stretch_use)
-        if along:
-            found_along = profile_of(solver, density, stretch - 1, np.array([0.0]))
-            assert found_along.stress == pytest.approx([along], rel=1e-9)
-    assert max(use) > 0.9
-    gradient = np.array([[1.06, 0], [0, 1], [0, 0]])
-    with pytest.raises(NoEquilibriumError, match=r"c2 = 2.4 of the fabric, c1 = 1.05, c2 = 1.06"):
-        solver.solve(owned(solver, density), 0.0, gradient, allow_continuation=False)
 
 
 @pytest.mark.parametrize(
@@ -257,115 +135,6 @@ def test_stripes_in_every_direction(composite: Composite) -> None:
         assert np.abs(profile.shear / strain).max() > 0.5
         ends = [exact.pulled(angles[1], strain + s * h)[0] for s in (1, -1)]
         assert profile.tangent[1] == pytest.approx((ends[0] - ends[1]) / (2 * h), rel=1e-6)
-
-
-def test_small_strain_profile_follows_from_the_tensor() -> None:
-    found, density = oblique()
-    result = tensor(solver_of(found, prescribed=ALL_PRESCRIBED), density)
-    exact = Laminate(Composite(), 0.25, np.pi / 4).stiffness()
-    assert result == pytest.approx(exact, rel=1e-13)
-    profile = profile_of(solver_of(found), density, 1e-6)
-    expected = [modulus(result, angle) for angle in ANGLES]
-    assert profile.tangent == pytest.approx(expected, rel=1e-5)
-    assert profile.stiffness == pytest.approx(expected, rel=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("mesh", "copies"),
-    [("crossed", (2, 2)), ("right", (1, 3)), ("unstructured", (2, 2)), ("unstructured", (1, 3))],
-)
-def test_copies_have_the_profile_of_one_tile(mesh: str, copies: tuple[int, int]) -> None:
-    small = tile_of(3, mesh, WIDE)
-    many = small.repeated(*copies)
-    density, angles = random_cells(small), ANGLES[1::5]
-    one, other = solver_of(small), solver_of(many.tile)
-    single = profile_of(one, density, 0.1, angles)
-    several = profile_of(other, density[many.cell], 0.1, angles)
-    assert profile_table(several) == pytest.approx(profile_table(single), abs=3e-10)
-    for a, b in zip(single.state, several.state, strict=True):
-        assert a is not None
-        assert b is not None
-        assert b.energy == pytest.approx(a.energy, rel=1e-12)
-        assert b.stretch_use == pytest.approx(a.stretch_use, rel=1e-9)
-    if mesh != "unstructured":
-        return
-    one, other = (solver_of(each, prescribed=ALL_PRESCRIBED) for each in (small, many.tile))
-    a, b = (
-        solver.solve(owned(solver, values), 0.4, SKEWED)
-        for solver, values in ((one, density), (other, density[many.cell]))
-    )
-    assert b.energy == pytest.approx(a.energy, rel=1e-12)
-    assert b.stress == pytest.approx(a.stress, rel=1e-11)
-
-
-def test_shifted_rotated_and_mirrored_designs() -> None:
-    found = tile_of(4)
-    solver = solver_of(found)
-    density = random_cells(found, 1)
-    plain = profile_table(profile_of(solver, density, 0.1))
-    assert np.ptp(plain[:, 0]) > 0.01, "the profile must depend on the direction"
-    for shift in ((0.5, 0.5), (0.25, 0.0)):
-        moved = mapped_cells(density, cell_map(found, np.eye(2), shift))
-        assert not np.array_equal(moved, density)
-        assert profile_table(profile_of(solver, moved, 0.1)) == pytest.approx(plain, abs=2e-10)
-    moved = mapped_cells(density, cell_map(found, TURN))
-    # A profile has equal values along n and −n.
-    assert profile_table(profile_of(solver, moved, 0.1)) == pytest.approx(
-        np.roll(plain, 6, 0), abs=2e-10
-    )
-    moved = mapped_cells(density, cell_map(found, np.diag([-1.0, 1.0])))
-    mirrored = plain[-np.arange(12)] * [1, 1, 1, -1]
-    assert profile_table(profile_of(solver, moved, 0.1)) == pytest.approx(mirrored, abs=2e-10)
-
-
-def test_symmetric_designs_have_symmetric_tensors() -> None:
-    found = tile_of(4, "unstructured", symmetry="tetragonal")
-    solver = solver_of(found, prescribed=ALL_PRESCRIBED)
-    every = random_cells(found)[found.symmetry_maps("tetragonal")].mean(axis=0)
-    result = tensor(solver, every)
-    assert rotated(result, np.pi / 2) == pytest.approx(result, abs=1e-13 * result.max())
-    assert np.abs(result[2, :2]).max() < 1e-13 * result.max()
-    chiral = tensor(solver, random_cells(found)[found.symmetry_maps("chiral")].mean(axis=0))
-    assert rotated(chiral, np.pi / 2) == pytest.approx(chiral, abs=1e-13 * chiral.max())
-    assert np.abs(chiral[2, :2]).max() > 1e-4 * chiral.max()
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_bounds_of_voigt_and_reuss(seed: int) -> None:
-    found = tile_of(3, "unstructured", WIDE)
-    soft, hard = Material(0.1e6, 0.1, 0.5e-3), Material(26e6, 0.4, 0.5e-3)
-    solver = solver_of(found, Composite(soft, hard, bending=None), ALL_PRESCRIBED)
-    density = random_cells(found, seed) ** (1 + seed)
-    result = tensor(solver, density)
-    assert result == pytest.approx(result.T, rel=1e-11, abs=1e-12 * result.max())
-    assert np.linalg.eigvalsh(result).min() > 0
-    one, other = (Laminate(Composite(soft, hard), x, 0.0).stiffness() for x in (0.0, 1.0))
-    weights = found.pattern.areas / found.pattern.areas.sum()
-    phases = one + density[:, None, None] * (other - one)
-    voigt = np.einsum("k,kij", weights, phases)
-    reuss = np.linalg.inv(np.einsum("k,kij", weights, np.linalg.inv(phases)))
-    least = 1e-3 * np.linalg.eigvalsh(voigt - reuss).min()
-    assert np.linalg.eigvalsh(voigt - result).min() > least > 0
-    assert np.linalg.eigvalsh(result - reuss).min() > least
-
-
-def test_refinement() -> None:
-    """Tensors and profiles of smooth densities converge about with h²."""
-    composite = table_composite()
-    for mesh in ("crossed", "right"):
-        values: list[list[np.ndarray]] = [[], []]
-        for edges in (4, 8, 16):
-            found = tile_of(edges, mesh)
-            x, y = (2 * np.pi * found.pattern.centroids / SIDE).T
-            wave = np.cos(x) + np.cos(y) if mesh == "crossed" else np.cos(x + y)
-            density = 1 / (1 + np.exp(-3 * wave))
-            values[0].append(tensor(solver_of(found, composite, ALL_PRESCRIBED), density))
-            if mesh == "crossed":
-                solver = solver_of(found, composite)
-                values[1].append(profile_table(profile_of(solver, density, 0.1, ANGLES[1:3])))
-        for each in values[: 1 + (mesh == "crossed")]:
-            gaps = [np.linalg.norm(b - a) for a, b in pairwise(each)]
-            assert gaps[0] > 2.5 * gaps[1]
 
 
 def test_directions_spread_over_ranks(comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -433,24 +202,7 @@ def test_bad_profiles(comm: MPI.Comm) -> None:
             ProfileSolver(solver, ANGLES, 0.1, batch=comm)
 
 
-@PARALLEL
-@pytest.mark.parametrize("objective", [TARGET, CONTRAST], ids=["target", "contrast"])
-@pytest.mark.parametrize("strain", [0.1, -0.05])
-def test_gradients_of_objectives(batched: bool, objective: ProfileObjective, strain: float) -> None:
-    solver = profile_solver(batched, strain=strain)
-    skin = solver.tile.skin
-    density, step = random_density(skin, 2, spread=0.3), random_step(solver.tile)
-    base = solver.solve(density)
-    gradient = solver.backward(base, *objective.backward(base))
-
-    def value(h: int) -> float:
-        there = solver.solve(density + 1e-3 * h * step, base.state, gradients=False)
-        return objective.forward(there)
-
-    assert dot(skin.comm, gradient, step) == pytest.approx(slope(value) / 1e-3, rel=1e-6)
-
-
-def test_bad_start_on_one_rank(comm: MPI.Comm) -> None:
+def test_bad_start_on_one_rank() -> None:
     """All ranks raise the error of one."""
     solver = profile_solver(True, np.zeros(1))
     density = random_density(solver.tile.skin, 0)

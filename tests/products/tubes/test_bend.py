@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from helpers.scenes import ROOT, shared
+from helpers.scenes import ROOT
 from mpi4py import MPI
 
 from toros_fem import errors
@@ -15,14 +15,11 @@ from toros_fem.products.tubes import bend
 SMALL = bend.BendConfig(length=0.06, edge_length=6e-3, filter_radius=9e-3, iterations=1)
 
 
-def test_output_that_cannot_be_written(comm: MPI.Comm, tmp_path: Path) -> None:
+def test_output_that_cannot_be_written(alone: MPI.Comm, tmp_path: Path) -> None:
     """Rank 0 alone writes, yet all ranks raise."""
-    tmp_path = shared(comm, tmp_path)
-    if comm.rank == 0:
-        (tmp_path / "taken").write_text("a file, not a folder", encoding="utf-8")
-    comm.barrier()
+    (tmp_path / "taken").write_text("a file, not a folder", encoding="utf-8")
     with pytest.raises(errors.OutputError, match="taken could not be written"):
-        bend.run(comm, tmp_path / "taken", SMALL)
+        bend.run(alone, tmp_path / "taken", SMALL)
 
 
 def test_a_script_refuses_in_one_line(tmp_path: Path) -> None:

@@ -1,19 +1,11 @@
 """Cases of the tube: weights of the tip, and cross-sections."""
 
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 import pytest
 from mpi4py import MPI
 
 from toros_fem import errors
-from toros_fem.materials.sheet import Composite
-from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.error_estimate import estimate_error
-from toros_fem.mechanics.skin.supports import clamp
-from toros_fem.meshes import Pattern, bend, contract, cylinder, mirrored, sew, twist
-from toros_fem.products.actuators.problem import actuator_problem
+from toros_fem.meshes import Pattern, bend, contract, cylinder, twist
 from toros_fem.products.tubes.tube import (
     CrossSectionTubeConfig,
     TubeConfig,
@@ -32,14 +24,14 @@ SHORT = {"length": 0.06, "edge_length": 3e-3}
 
 
 @pytest.fixture(scope="module")
-def prism(comm: MPI.Comm) -> Pattern:
-    return cylinder(comm, 0.06, 0.02, 1.5e-3, mesh="structured")
+def prism(alone: MPI.Comm) -> Pattern:
+    return cylinder(alone, 0.06, 0.02, 1.5e-3, mesh="structured")
 
 
-def test_tube_case_weighs_the_plate(comm: MPI.Comm) -> None:
+def test_tube_case_weighs_the_plate(alone: MPI.Comm) -> None:
     """A small turn about y costs what `orientation_length` says, wherever the ring is."""
     config = TubeConfig(**SHORT, orientation_length=0.03, tip_weight=0.5)  # type: ignore[arg-type]
-    case = tube_case(comm, config, lambda points: points, [])
+    case = tube_case(alone, config, lambda points: points, [])
     pattern = case.pattern
     assert case.weights is not None
     assert case.relative is not None
@@ -56,23 +48,23 @@ def test_tube_case_weighs_the_plate(comm: MPI.Comm) -> None:
         config.updated(orientation_length=-1.0)
 
 
-def test_caps_are_printed_and_the_wall_is_designed(comm: MPI.Comm) -> None:
+def test_caps_are_printed_and_the_wall_is_designed(alone: MPI.Comm) -> None:
     config = TubeConfig(**SHORT)  # type: ignore[arg-type]
-    case = tube_case(comm, config, lambda points: points, [])
+    case = tube_case(alone, config, lambda points: points, [])
     assert case.passive is not None
     wall = case.pattern.panel == case.pattern.panel_index("wall")
     assert np.array_equal(np.isnan(case.passive), wall)
     assert np.all(case.passive[~wall] == 1.0)
-    pattern, supports, density = plain_tube(comm, config)
+    pattern, supports, density = plain_tube(alone, config)
     assert np.array_equal(density, np.where(wall, 0.0, 1.0))
     assert np.array_equal(np.flatnonzero(supports.fixed.all(axis=1)), pattern.vertices_of("base"))
 
 
-def test_cross_section_case(comm: MPI.Comm) -> None:
+def test_cross_section_case(alone: MPI.Comm) -> None:
     config = CrossSectionTubeConfig(
         length=0.06, edge_length=3e-3, cross_sections=4, axial_weight=0.25, tip_weight=3.0
     )
-    case = cross_section_case(comm, config, twist(1.0, 0.06), [twist_metric(60.0)])
+    case = cross_section_case(alone, config, twist(1.0, 0.06), [twist_metric(60.0)])
     found = case.cross_sections
     assert found is not None
     assert case.weights is case.relative is None
@@ -101,12 +93,12 @@ def test_metrics_of_exact_targets(prism: Pattern) -> None:
     assert length.measure(prism, contract(0.9)(prism.points)) == pytest.approx(length.target)
 
 
-def test_length_is_watched(comm: MPI.Comm) -> None:
+def test_length_is_watched(alone: MPI.Comm) -> None:
     """Once, also where it has a target."""
     config = CrossSectionTubeConfig(**SHORT)  # type: ignore[arg-type]
-    case = cross_section_case(comm, config, twist(1.0, 0.06), [twist_metric(60.0)])
+    case = cross_section_case(alone, config, twist(1.0, 0.06), [twist_metric(60.0)])
     assert [(m.key, m.target) for m in case.metrics] == [("twist_deg", 60), ("length_ratio", None)]
-    kept = cross_section_case(comm, config, twist(1.0, 0.06), [length_metric(1.0)])
+    kept = cross_section_case(alone, config, twist(1.0, 0.06), [length_metric(1.0)])
     assert [(m.key, m.target) for m in kept.metrics] == [("length_ratio", 1.0)]
 
 
@@ -120,102 +112,14 @@ def test_coarse_variant_changes_the_mesh_and_the_steps_alone() -> None:
     }  # fmt: skip
 
 
-def wavy(part: Pattern) -> np.ndarray:
-    """A density of a part that is neither 0 nor constant at its cuts; its caps are printed."""
-    u, v = part.centroids.T
-    waves = 0.5 + 0.5 * np.sin(300 * u + 1) * np.cos(170 * v)
-    return np.where(part.panel == part.panel_index("wall"), waves, 1.0)
-
-
-@pytest.mark.parametrize(
-    ("changes", "crossed"),
-    [
-        ({"bending": None, "mesh": "structured"}, False),
-        ({"bending": "midedge"}, False),
-        ({"bending": "midedge", "seams": "hinged"}, True),
-        ({"bending": "quadratic"}, True),
-    ],
-)
-def test_half_a_tube_is_designed_as_the_whole(
-    comm: MPI.Comm, changes: dict[str, Any], crossed: bool
-) -> None:
-    """Shape, volume, objective, gradients and metrics, by both kinds of objective."""
-    config = CrossSectionTubeConfig(
-        length=0.04, edge_length=4.5e-3, filter_radius=7.5e-3, cross_sections=4,
-        pressure=2e3, design_pressure=True, constrained_iterations=0, perimeter_weight=1e-3,
-        **changes,
-    )  # fmt: skip
-    metrics = [bend_metric(20.0), shortening_metric(3.0), twist_metric(0.0)]
-    if crossed:
-        case = cross_section_case(comm, config, contract(0.97), metrics, (1,))
-    else:
-        case = tube_case(comm, config, bend(0.4, 0.04), metrics, (1,))
-    images = mirrored(case.pattern, (1,))
-    pattern = images.pattern
-    whole_case = replace(
-        case,
-        pattern=pattern,
-        target=images.at_vertices(case.target),
-        supports=clamp(pattern, ["base"]),
-        metrics=(*metrics, length_metric(None)),
-        passive=np.where(pattern.panel == 0, np.nan, 1.0),
-        symmetry=(),
-    )
-    half = actuator_problem(comm, case, config)
-    whole = actuator_problem(comm, whole_case, config)
-    density = wavy(case.pattern)
-    found = half.evaluate(density[half.skin.owned_cells])
-    expected = whole.evaluate(images.at_cells(density)[whole.skin.owned_cells])
-    shape = half.skin.gather_vertices(found.equilibrium.positions)
-    positions = images.at_vertices(shape)
-    there = whole.skin.gather_vertices(expected.equilibrium.positions)
-    assert positions == pytest.approx(there, abs=1e-9 * pattern.size)
-    volumes = 2 * found.equilibrium.volume, expected.equilibrium.volume
-    assert volumes[0] == pytest.approx(volumes[1], rel=1e-9)
-    assert found.shape == pytest.approx(expected.shape, rel=1e-7)
-    assert found.objective == pytest.approx(expected.objective, rel=1e-7)
-    assert expected.gradient is not None
-    assert found.gradient is not None
-    pulled = np.bincount(images.cell, whole.skin.gather_cells(expected.gradient))
-    gradient = half.skin.gather_cells(found.gradient)
-    assert gradient == pytest.approx(pulled, abs=1e-6 * np.abs(pulled).max())
-    assert found.pressure_gradient == pytest.approx(expected.pressure_gradient, rel=1e-6)
-    values, known = half.metrics_of(found.equilibrium), whole.metrics_of(expected.equilibrium)
-    assert values == pytest.approx(known, abs=1e-6)
-    # At one and the same shape both are equal to rounding.
-    at_half = half.objective.forward(shape[half.skin.owned_vertices])
-    at_whole = whole.objective.forward(positions[whole.skin.owned_vertices])
-    assert at_half == pytest.approx(at_whole, rel=1e-12)
-
-
-def test_error_estimate_of_half_a_tube_is_that_of_the_whole(comm: MPI.Comm) -> None:
-    """The metric measures the whole on the given mesh and on the refined one."""
-    config = TubeConfig(length=0.04, edge_length=6e-3)
-    part, supports, _ = plain_tube(comm, config, (1,))
-    images, density = mirrored(part, (1,)), wavy(part)
-    whole = images.pattern
-    found = []
-    for pattern, held, here, metric in (
-        (part, supports, density, bend_metric(0.0).of_whole((1,))),
-        (whole, clamp(whole, ["base"]), images.at_cells(density), bend_metric(0.0)),
-    ):
-        skin = sew(comm, pattern)
-        solver, owned = EquilibriumSolver(skin, Composite(), held), here[skin.owned_cells]
-        result = solver.solve(owned, 2e3)
-        found += estimate_error(solver, owned, result, [metric.measure])
-    assert found[0].value == pytest.approx(found[1].value, rel=1e-6)
-    assert found[0].refined == pytest.approx(found[1].refined, rel=1e-6)
-    assert found[0].error > 0.01
-
-
-def test_planes_that_are_none_of_symmetry(comm: MPI.Comm) -> None:
+def test_planes_that_are_none_of_symmetry(alone: MPI.Comm) -> None:
     config = TubeConfig(**SHORT)  # type: ignore[arg-type]
     oblique = CrossSectionTubeConfig(**SHORT, knit_ratio=3.0, grain_angle=30.0)  # type: ignore[arg-type]
     with pytest.raises(errors.ParameterError, match="other part would have the mirrored grain"):
-        cross_section_case(comm, oblique, lambda points: points, [], (1,))
+        cross_section_case(alone, oblique, lambda points: points, [], (1,))
     with pytest.raises(errors.TargetError, match=r"not symmetric about the planes \(1,\)"):
-        tube_case(comm, config, twist(1.0, 0.06), [], (1,))
+        tube_case(alone, config, twist(1.0, 0.06), [], (1,))
     with pytest.raises(errors.ParameterError, match="a hinge at x < 0 alone"):
-        plain_tube(comm, config, (0, 1), seams="hinged")
+        plain_tube(alone, config, (0, 1), seams="hinged")
     assert plain_planes("hinged") == (1,)
     assert plain_planes("continuous") == (0, 1)

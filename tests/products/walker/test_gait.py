@@ -46,9 +46,9 @@ def test_energy_of_a_cycle() -> None:
     assert walk.lost_energy == pytest.approx(3e-3)
 
 
-def test_feet_of_a_path(comm: MPI.Comm) -> None:
+def test_feet_of_a_path(alone: MPI.Comm) -> None:
     """Tips of all four legs from half of the robot; raised legs do not touch."""
-    half = walker(comm, 8e-3, planes=(1,))
+    half = walker(alone, 8e-3, planes=(1,))
     whole = mirrored(half, (1,))
     raised = half.points.copy()
     front = half.points[:, 0] > 0.02
