@@ -6,7 +6,6 @@ from helpers import surfaces
 
 from toros_fem.base.errors import SurfaceError
 from toros_fem.meshes.chart import ChartError, lay_flat
-from toros_fem.meshes.topology import flat_areas
 
 
 def test_slivers_are_named() -> None:
@@ -20,19 +19,6 @@ def test_slivers_are_named() -> None:
 
 def uncut(triangles: np.ndarray) -> np.ndarray:
     return np.zeros(triangles.shape, dtype=bool)
-
-
-@pytest.mark.parametrize("method", ["auto", "exact", "abf", "lscm"])
-def test_a_tube_gets_one_slit_and_keeps_its_area(method: str) -> None:
-    tube = surfaces.prism(12, 5)
-    chart = lay_flat(tube.points, tube.triangles, uncut(tube.triangles), method, np.inf, tips=False)
-    assert chart.method == ("exact" if method == "auto" else method)
-    assert chart.slits.sum() == 2 * 5, "both sides of a line of five edges"
-    areas = flat_areas(chart.corners)
-    assert areas.min() > 0
-    assert areas.sum() == pytest.approx(tube.area, rel=1e-9)
-    already = lay_flat(tube.points, tube.triangles, chart.slits, method, np.inf, tips=False)
-    assert not already.slits.any(), "what is cut already is not cut again"
 
 
 def test_regions_that_are_refused() -> None:

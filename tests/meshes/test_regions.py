@@ -8,17 +8,6 @@ from toros_fem.meshes.regions import crease_regions, halves
 from toros_fem.meshes.topology import between, connected_regions, edges_of, lengths, normals
 
 
-def test_a_box_has_six_sides() -> None:
-    box = surfaces.welded_box(3)
-    region = crease_regions(box.points, box.triangles, np.radians(45))
-    assert np.bincount(region).tolist() == [18] * 6
-    assert crease_regions(box.points, box.triangles, np.radians(91)).max() == 0
-    normal = normals(box.points, box.triangles)
-    for k in range(6):
-        side = normal[region == k]
-        assert side == pytest.approx(np.broadcast_to(side[0], side.shape), abs=1e-12)
-
-
 def test_a_small_region_joins_the_neighbour_with_the_longest_border() -> None:
     """A side of less than 1 % of the area of a flat box is no region of its own."""
     points, triangles = surfaces.box(2, (0.03, 0.03, 1e-4))

@@ -31,28 +31,11 @@ def test_edges_of_two_triangles() -> None:
     assert np.array_equal(keys, topology.edge_keys(edges.ends[:, ::-1], 4))
 
 
-def test_clashing_and_pinched() -> None:
-    assert topology.clashing(PAIR, edges_of(PAIR)).tolist() == []
-    wrong = np.array([[0, 1, 2], [1, 2, 3]])
-    assert topology.clashing(wrong, edges_of(wrong)).tolist() == [2]
-    assert topology.pinched(PAIR, edges_of(PAIR)).tolist() == []
-    bow = np.array([[0, 1, 2], [0, 3, 4]])
-    assert topology.pinched(bow, edges_of(bow)).tolist() == [0]
-
-
 def test_components_are_numbered_by_their_first_member() -> None:
     label = topology.linked(np.array([5, 3]), np.array([1, 0]), 6)
     assert label.tolist() == [0, 1, 2, 0, 3, 1]
     place = topology.coincident(np.array([[0.0], [1.0], [0.9e-3], [1.8e-3], [1.0]]), 1e-3)
     assert place.tolist() == [0, 1, 0, 0, 1], "also along a chain"
-
-
-def test_components_of_a_surface() -> None:
-    """All triangles at an edge are neighbours, also three; those at a vertex are not."""
-    fin = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
-    assert topology.surface_components(fin).tolist() == [0, 0, 0]
-    bow = np.array([[0, 1, 2], [0, 3, 4]])
-    assert topology.surface_components(bow).tolist() == [0, 1]
 
 
 def test_regions_fans_and_labels() -> None:

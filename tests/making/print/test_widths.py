@@ -46,8 +46,8 @@ def test_noise_about_the_limit_is_one_place() -> None:
     assert len(measured(line)[0].narrow) == 1
 
 
-@pytest.mark.parametrize("angle", [0.0, 17.0, 45.0, 73.3])
-@pytest.mark.parametrize("width", [0.05, 0.3, 0.6, 1.0, 2.5])
+@pytest.mark.parametrize("angle", [0.0, 73.3])
+@pytest.mark.parametrize("width", [0.05, 0.6, 2.5])
 def test_bars(width: float, angle: float) -> None:
     widths, gaps = measured(rotate(bar(width), angle))
     assert widths.smallest is not None
