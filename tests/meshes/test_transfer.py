@@ -83,14 +83,6 @@ def test_mean_and_range_are_kept_on_each_panel(tubes: tuple[Pattern, Pattern]) -
             assert moved[target.cells_of(panel)].max() <= part.max()
 
 
-def test_linear_fields_are_exact_at_vertices(alone: MPI.Comm) -> None:
-    coarse, fine = (rectangle(alone, 0.07, 0.03, h, mesh="unstructured") for h in (7e-3, 3e-3))
-    slope = np.array([[1.0, -2.0], [0.5, 3.0], [2.0, 0.1]])
-    transfer = make_transfer(coarse, fine)
-    moved = transfer.at_vertices(coarse.points[:, :2] @ slope.T)
-    assert np.abs(moved - fine.points[:, :2] @ slope.T).max() < 1e-12
-
-
 def test_rigid_motion_moves_the_finer_skin_alike(tubes: tuple[Pattern, Pattern]) -> None:
     """Its vertices are not on the flat triangles of the coarse skin; their offset turns too."""
     coarse, fine = tubes

@@ -105,6 +105,16 @@ def test_pressure_path_of_half_a_tube_shows_the_whole(alone: MPI.Comm, tmp_path:
     a, b, c = np.moveaxis(mesh.points[images.pattern.triangles], 1, 0)
     assert volumes[1] == pytest.approx(np.einsum("ij,ij->", a, np.cross(b, c)) / 6, rel=1e-6)
     assert volumes == pytest.approx([2 * p.result.volume for p in points])
+    with pytest.MonkeyPatch.context() as patch:  # of a skin that is no part, without pictures
+        patch.setattr("toros_fem.results.writer.if_plotting", lambda draw: None)
+        figures = {"note": 1}
+        plain = write_pressure_path(
+            alone, folder / "new", half, points, density, [wide], figures=figures
+        )
+    assert (plain["triangles"], plain["parts_by_symmetry"]) == (len(half.panel), 1)
+    assert (plain["note"], figures) == (1, {"note": 1})
+    assert plain["newton_steps"] == sum(point.result.steps for point in points)
+    assert meshio.read(folder / "new" / "skin.vtu").points == pytest.approx(points[1].positions)
 
 
 def test_pictures_are_drawn_on_the_first_rank(comm: MPI.Comm, tmp_path: Path) -> None:

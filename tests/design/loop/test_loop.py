@@ -162,3 +162,11 @@ def test_continuation_raises_beta(tube: Skin, tube_solver: EquilibriumSolver) ->
     assert [row.stage for row in result.history] == [0, 0, 0, 1, 1, 1, 2, 2, 2]
     assert [row.iteration for row in result.history] == [0, 1, 2, 2, 3, 4, 4, 5, 6]
     assert problem.projection.beta == 6.0, "the problem is left as it was"
+
+
+def test_conservative_steps_descend(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+    options = DesignOptions((Stage(6),), descent="conservative", retries=15)
+    result = optimize(make_problem(tube, tube_solver), options, start=random_density(tube, 3))
+    objectives = [row.objective for row in result.history]
+    assert objectives == sorted(objectives, reverse=True)
+    assert objectives[-1] < 0.5 * objectives[0]

@@ -74,11 +74,3 @@ def test_error_of_the_default_metric(alone: MPI.Comm, pattern: Pattern) -> None:
     by_vertex = design(alone, pattern, target=bend(pattern.points))
     with pytest.raises(errors.TargetError, match="a function of the assembled positions"):
         tf.estimate_error(*given, [by_vertex.metrics[0].measure])
-
-
-def test_seed_decides_the_start(alone: MPI.Comm, pattern: Pattern) -> None:
-    problem = design(alone, pattern)
-    one, same, other = (
-        tf.optimize(problem, [tf.Stage(1)], seed=seed).history[0].objective for seed in (1, 1, 2)
-    )
-    assert one == same != other

@@ -134,14 +134,6 @@ def test_tapers() -> None:
     assert width_of(blunt_end) == pytest.approx(0.66, abs=0.02)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_jagged_borders(seed: int) -> None:
-    noise = np.random.default_rng(seed).uniform(-0.02, 0.02, (2, 400))
-    x = np.linspace(-10, 10, 400)
-    above, below = np.column_stack([x, 0.4 + noise[0]]), np.column_stack([x, -0.4 + noise[1]])
-    assert 0.75 < (width_of(rotate(Polygon([*above, *below[::-1]]), 30)) or 0) < 0.8
-
-
 def test_the_cut_is_no_side() -> None:
     panel = box(-10, -10, 10, 10)
     for angle in (0, 30, 60, 80, 87):

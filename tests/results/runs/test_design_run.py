@@ -24,13 +24,13 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
 TWO_LEVELS = bend.BendConfig(
     length=0.04,
     angle=40.0,
-    edge_length=2.4e-3,
+    edge_length=1.7e-3,
     filter_radius=4e-3,
     levels=2,
-    iterations=2,
-    constrained_iterations=2,
+    iterations=1,
+    constrained_iterations=1,
     level_iterations=1,
-    polish_iterations=2,
+    polish_iterations=1,
     corrections=1,
     island_area=0.0,
     **DESIGN_ALONE,
@@ -76,7 +76,7 @@ def check(comm: MPI.Comm, folder: Path, kind: Any, config: Any, *stops: int) -> 
 
 
 def test_densities_through_levels_polish_and_corrections(comm: MPI.Comm, tmp_path: Path) -> None:
-    check(comm, shared(comm, tmp_path), bend, TWO_LEVELS, 2, 7)
+    check(comm, shared(comm, tmp_path), bend, TWO_LEVELS, 1, 5)
 
 
 def test_several_starts(comm: MPI.Comm, tmp_path: Path) -> None:
@@ -100,9 +100,9 @@ def test_lines_from_a_random_start(alone: MPI.Comm, tmp_path: Path) -> None:
         length=0.06,
         relaxed_edge_length=6e-3,
         relaxed_iterations=2,
-        directions=6,
-        print_edge_length=2.5e-3,
-        laid_width=2.5e-3,
+        directions=4,
+        print_edge_length=3e-3,
+        laid_width=3e-3,
         corrections=0,
         density_iterations=1,
         cross_sections=4,
