@@ -1,6 +1,7 @@
 """Lines that come as polygons: on other meshes, on the whole of a part, printed and simulated."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -99,9 +100,17 @@ def test_contours_of_a_design_are_printed_alike(tube: Skin, tube_solver: Equilib
     )
     assert first.cleaned.dropped
     assert lines.cells.tolist() == first.cells.tolist()
-    again = printed_lines(problem, tube.pattern, first.regions, cleaned=first.cleaned, near=near)
-    assert again.after.summary() == first.after.summary()
+    other: dict[str, Any] = {"cleaned": first.cleaned, "pressure": 3e3}
+    cold = printed_lines(problem, tube.pattern, first.regions, **other)
+    assert cold.after.summary() == first.after.summary()
+    assert cold.evaluation is not None
+    assert cold.evaluation.equilibrium.pressure == 3e3
+    there = tube.pattern, problem.shape_of(cold.evaluation.equilibrium)
+    warm = printed_lines(problem, tube.pattern, first.regions, near=there, **other)
+    assert warm.evaluation is not None
+    assert warm.evaluation.equilibrium.steps < cold.evaluation.equilibrium.steps
     assert first.evaluation is not None
     assert lines.evaluation is not None
     assert lines.evaluation.shape == pytest.approx(first.evaluation.shape, rel=1e-6)
+    assert lines.evaluation.equilibrium.pressure == problem.pressure
     assert set(np.unique(lines.evaluation.density)) <= {0.0, 1.0}
