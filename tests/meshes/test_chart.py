@@ -6,6 +6,7 @@ from helpers import surfaces
 
 from toros_fem.base.errors import SurfaceError
 from toros_fem.meshes.chart import ChartError, lay_flat
+from toros_fem.meshes.topology import flat_areas
 
 
 def test_slivers_are_named() -> None:
@@ -33,3 +34,16 @@ def test_regions_that_are_refused() -> None:
     ramp = surfaces.ramp()
     with pytest.raises(ChartError, match="border overlaps itself"):
         lay_flat(ramp.points, ramp.triangles, uncut(ramp.triangles), "exact", np.inf, tips=False)
+
+
+@pytest.mark.parametrize("method", ["auto", "lscm"])
+def test_a_tube_gets_one_slit_and_keeps_its_area(method: str) -> None:
+    tube = surfaces.prism(12, 5)
+    chart = lay_flat(tube.points, tube.triangles, uncut(tube.triangles), method, np.inf, tips=False)
+    assert chart.method == ("exact" if method == "auto" else method)
+    assert chart.slits.sum() == 2 * 5, "both sides of a line of five edges"
+    areas = flat_areas(chart.corners)
+    assert areas.min() > 0
+    assert areas.sum() == pytest.approx(tube.area, rel=1e-9)
+    already = lay_flat(tube.points, tube.triangles, chart.slits, method, np.inf, tips=False)
+    assert not already.slits.any(), "what is cut already is not cut again"

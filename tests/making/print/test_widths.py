@@ -39,13 +39,6 @@ def wedge(angle: float, length: float = 10) -> Polygon:
     return Polygon([(0, 0), (length, half), (length, -half)])
 
 
-def test_noise_about_the_limit_is_one_place() -> None:
-    x = np.linspace(-10, 10, 100)
-    above = 0.3 + 0.02 * (-1.0) ** np.arange(100)
-    line = Polygon([*np.column_stack([x, above]), (10, -0.3), (-10, -0.3)])
-    assert len(measured(line)[0].narrow) == 1
-
-
 @pytest.mark.parametrize("angle", [0.0, 73.3])
 @pytest.mark.parametrize("width", [0.05, 0.6, 2.5])
 def test_bars(width: float, angle: float) -> None:
