@@ -50,25 +50,27 @@ def test_arranged_panels_are_upright_and_apart() -> None:
 
 
 @pytest.mark.parametrize("kind", ["tube", "two panels", "touching"])
-def test_panels_that_overlap_or_touch_are_packed(comm: MPI.Comm, kind: str) -> None:
+def test_panels_that_overlap_or_touch_are_packed(alone: MPI.Comm, kind: str) -> None:
     if kind == "tube":
-        pattern = cylinder(comm, 0.06, 0.02, 5e-3, mesh="structured")
+        pattern = cylinder(alone, 0.06, 0.02, 5e-3, mesh="structured")
     else:  # the bottom is (x, −y): it touches the top along y = 0 if the outline begins there
-        pattern = two_panels(comm, SQUARE - (0 if kind == "touching" else 0.01), 5e-3)
+        pattern = two_panels(alone, SQUARE - (0 if kind == "touching" else 0.01), 5e-3)
     found = boxes(pattern, panel_offsets(pattern, 7e-3))
     assert least_gap(found) == pytest.approx(7e-3)
     assert found.min(axis=(0, 1)) == pytest.approx([0, 0], abs=1e-15)
 
 
-def test_panels_that_are_apart_keep_their_places(comm: MPI.Comm) -> None:
-    pattern = unwrap(comm, surfaces.welded_box(2)).pattern
+def test_panels_that_are_apart_keep_their_places(alone: MPI.Comm) -> None:
+    pattern = unwrap(alone, surfaces.welded_box(2)).pattern
     assert len(pattern.panel_names) == 6
     offsets = np.array(panel_offsets(pattern, 0.1))
     assert np.ptp(offsets, axis=0) == pytest.approx([0, 0], abs=0)
     found = boxes(pattern, list(offsets))
     assert least_gap(found) > 1e-3
     assert found.min(axis=(0, 1)) == pytest.approx([0, 0], abs=1e-15)
-    one = rectangle(comm, 0.02, 0.01, 5e-3)
+    places = panel_places(pattern, 0.1, (1, 1))
+    assert np.ptp([place.offset for place in places], axis=0) == pytest.approx([0, 0], abs=0)
+    one = rectangle(alone, 0.02, 0.01, 5e-3)
     assert np.array(panel_offsets(one, 0.1)) == pytest.approx(
         -one.flat_points.min(axis=0)[None], abs=0
     )
@@ -80,9 +82,9 @@ def test_panels_that_are_apart_keep_their_places(comm: MPI.Comm) -> None:
     [((13, 6.5), True, (0.15 + 0.015 + 0.02, 0.0628)), ((4, 9), False, (0.0628, 0.185))],
 )
 def test_slim_panels_fill_a_page(
-    comm: MPI.Comm, page: tuple[float, float], turned: bool, size: tuple[float, float]
+    alone: MPI.Comm, page: tuple[float, float], turned: bool, size: tuple[float, float]
 ) -> None:
-    pattern = cylinder(comm, 0.15, 0.02, 5e-3, mesh="structured")
+    pattern = cylinder(alone, 0.15, 0.02, 5e-3, mesh="structured")
     places = panel_places(pattern, 0.015, page)
     placed = [
         place.points(pattern.corners[pattern.panel == k].reshape(-1, 2))
@@ -102,10 +104,3 @@ def test_a_place_turns_points_and_regions_alike() -> None:
     assert shapely.get_coordinates(place.region(square)) == pytest.approx(place.points(corners))
     assert place.region(square).area == pytest.approx(square.area)
     assert place.vectors(np.array([0.0, 1.0])) == pytest.approx([1.0, 0.0]), "clockwise"
-
-
-def test_apart_panels_keep_their_places_in_pictures(comm: MPI.Comm) -> None:
-    pattern = unwrap(comm, surfaces.welded_box(2)).pattern
-    places = panel_places(pattern, 0.1, (1, 1))
-    offsets = np.array([place.offset for place in places])
-    assert np.ptp(offsets, axis=0) == pytest.approx([0, 0], abs=0)

@@ -42,15 +42,6 @@ def test_a_single_edge_separates_nothing() -> None:
         assert cut.chart.max() == 0
 
 
-def test_a_ring_of_seams_makes_two_charts() -> None:
-    tube = surfaces.prism(12, 5)
-    edges = edges_of(tube.triangles)
-    cut = cut_open(tube.triangles, edges, np.ptp(tube.points[edges.ends, 2], axis=1) < 1e-9)
-    assert cut.chart.max() == 4
-    assert np.bincount(cut.chart).tolist() == [24] * 5
-    assert len(cut.sewn) == 10 * 12
-
-
 def test_tips_are_vertices_with_most_of_the_curvature() -> None:
     box = surfaces.welded_box(3)
     found = cones(box.points, box.triangles, edges_of(box.triangles))

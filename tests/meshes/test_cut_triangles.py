@@ -10,8 +10,8 @@ from toros_fem.meshes.cut_triangles import CutTriangles, cut_by_triangles, cut_t
 
 
 @pytest.fixture(scope="module")
-def pattern(comm: MPI.Comm) -> Pattern:
-    return cylinder(comm, 0.04, 0.02, 4e-3)
+def pattern(alone: MPI.Comm) -> Pattern:
+    return cylinder(alone, 0.04, 0.02, 4e-3)
 
 
 @pytest.fixture(scope="module")

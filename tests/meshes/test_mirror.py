@@ -28,8 +28,8 @@ def check_mirrored(part: Pattern, axes: tuple[int, ...], panels: int) -> Pattern
     return whole.pattern
 
 
-def test_a_whole_is_made_once_and_does_not_outlive_its_part(comm: MPI.Comm) -> None:
-    part = finger(comm, 8e-3, planes=(1,))
+def test_a_whole_is_made_once_and_does_not_outlive_its_part(alone: MPI.Comm) -> None:
+    part = finger(alone, 8e-3, planes=(1,))
     kept = weakref.ref(mirrored(part, (1,)))
     assert kept() is mirrored(part, [1])
     mirrored(part, ())
@@ -40,7 +40,7 @@ def test_a_whole_is_made_once_and_does_not_outlive_its_part(comm: MPI.Comm) -> N
     assert kept() is None
 
 
-def test_mirrored_sheet_and_panels_off_the_plane(comm: MPI.Comm) -> None:
+def test_mirrored_sheet_and_panels_off_the_plane() -> None:
     """A quarter of a box without a lid: one wall is cut nowhere."""
     side = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=float)
     triangles = np.array([[0, 1, 2], [0, 2, 3]])
@@ -57,7 +57,7 @@ def test_mirrored_sheet_and_panels_off_the_plane(comm: MPI.Comm) -> None:
     assert len(whole.seams) == 2
 
 
-def test_mirrored_half_tube_closes_at_a_second_cut(comm: MPI.Comm) -> None:
+def test_mirrored_half_tube_closes_at_a_second_cut() -> None:
     half = fan_tube(np.linspace(0, np.pi, 9), np.linspace(0, 0.05, 8))
     tube = check_mirrored(half, (1,), 3)
     tube.require_closed()
@@ -77,8 +77,8 @@ def test_part_that_reaches_across_its_plane_is_refused() -> None:
     assert mirrored(half, (0,)).pattern.areas.sum() == pytest.approx(2 * half.areas.sum())
 
 
-def test_nothing_to_mirror(comm: MPI.Comm) -> None:
+def test_nothing_to_mirror(alone: MPI.Comm) -> None:
     with pytest.raises(ParameterError, match="no free edge lies in the plane x = 0"):
-        mirrored(finger(comm, 5e-3, planes=(1,)), (0,))
+        mirrored(finger(alone, 5e-3, planes=(1,)), (0,))
     with pytest.raises(ParameterError, match="axes holds 3"):
-        mirrored(finger(comm, 5e-3, planes=(1,)), (3,))
+        mirrored(finger(alone, 5e-3, planes=(1,)), (3,))

@@ -16,7 +16,6 @@ from toros_fem.design.lines.field import LineField
 from toros_fem.design.lines.lay_lines import lay_lines
 from toros_fem.materials.sheet import Bending, Composite, Knit
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.model import SkinModel
 from toros_fem.mechanics.skin.supports import Supports, clamp_where, symmetry_plane
 from toros_fem.meshes import Pattern, moulded, sew
@@ -51,9 +50,9 @@ def test_charts_are_congruent_and_apart() -> None:
 
 
 @pytest.mark.parametrize("curvature", ["average", "quadratic", "midedge"])
-def test_without_load_it_is_at_rest(comm: MPI.Comm, curvature: str) -> None:
+def test_without_load_it_is_at_rest(alone: MPI.Comm, curvature: str) -> None:
     pattern = half_sphere(4)
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     held = rim_of(pattern)
     bending = Bending(curvature=curvature, rest="assembled")
     solver = EquilibriumSolver(skin, Composite(bending=bending), held)
@@ -62,7 +61,7 @@ def test_without_load_it_is_at_rest(comm: MPI.Comm, curvature: str) -> None:
     pressurize(model, 0.0)
     scale = model.mean_modulus() * RADIUS
     assert abs(model.energy(model.assembled)) < 1e-12 * scale * RADIUS
-    assert norm(comm, model.residual(model.assembled)) < 1e-12 * scale
+    assert norm(alone, model.residual(model.assembled)) < 1e-12 * scale
     flat = SkinModel(skin, Composite(bending=Bending(curvature=curvature)), held)
     flat.set_density(density)
     assert flat.energy(flat.assembled) > 1e-9 * scale * RADIUS, "moments, in a shape bent from flat"
@@ -70,7 +69,7 @@ def test_without_load_it_is_at_rest(comm: MPI.Comm, curvature: str) -> None:
     assert loaded.volume > 1.001 * model.volume(model.assembled)
 
 
-def test_half_a_sphere_grows_as_the_sphere_of_eq_1(comm: MPI.Comm) -> None:
+def test_half_a_sphere_grows_as_the_sphere_of_eq_1(alone: MPI.Comm) -> None:
     """At second order, up to stretches of 1.46."""
     rows = [r for r in table("gent_cylinder_inflation") if r["mat"] == "A"]
     sheet = Composite(fabric=TABLE_A, c1=1.8, c2=2.0, bending=None)
@@ -83,7 +82,7 @@ def test_half_a_sphere_grows_as_the_sphere_of_eq_1(comm: MPI.Comm) -> None:
             fixed[0, :2] = True  # the pole
             fixed[np.argmax(pattern.points[:, 0]), 1] = True
             supports = Supports(fixed) | symmetry_plane(pattern, 2, AT)
-            skin = sew(comm, pattern)
+            skin = sew(alone, pattern)
             solver = EquilibriumSolver(skin, sheet, supports)
             found = solver.solve(np.zeros(len(skin.owned_cells)), float(pressure))
             stretch = (found.volume / (2 / 3 * np.pi * RADIUS**3)) ** (1 / 3)
@@ -92,21 +91,9 @@ def test_half_a_sphere_grows_as_the_sphere_of_eq_1(comm: MPI.Comm) -> None:
         assert np.log2(off[0] / off[1]) == pytest.approx(2, abs=0.3)
 
 
-def test_a_membrane_is_refined_as_a_polyhedron(comm: MPI.Comm) -> None:
-    pattern = half_sphere(3)
-    skin = sew(comm, pattern)
-    held = rim_of(pattern)
-    solver = EquilibriumSolver(skin, Composite(bending=None), held)
-    density = np.zeros(len(skin.owned_cells))
-    result = solver.solve(density, 500.0)
-    top = [lambda _, x: float(x[:, 2].max())]
-    (found,) = estimate_error(solver, density, result, top)
-    assert 0 < found.error < 0.2 * (found.value - AT)
-
-
-def test_what_needs_flat_panels_is_refused(comm: MPI.Comm) -> None:
+def test_what_needs_flat_panels_is_refused(alone: MPI.Comm) -> None:
     pattern = half_sphere(4)
-    skin = sew(comm, pattern)
+    skin = sew(alone, pattern)
     with pytest.raises(errors.PatternError, match=r"cone filter.* needs flat panels"):
         make_filter("cone", skin, 6e-3)
     density = np.random.default_rng(0).random(len(pattern.panel))[skin.owned_cells]
@@ -120,13 +107,3 @@ def test_what_needs_flat_panels_is_refused(comm: MPI.Comm) -> None:
     field = LineField(pattern, np.full((count, 1), 0.3), np.zeros((count, 1)))
     with pytest.raises(errors.PatternError, match="laying lines needs flat panels"):
         lay_lines(field)
-
-
-def test_arrays_that_are_no_surface() -> None:
-    points = np.eye(3)
-    with pytest.raises(errors.PatternError, match="have shapes"):
-        moulded(points[:, :2], [[0, 1, 2]])
-    with pytest.raises(errors.PatternError, match="among the 3 points"):
-        moulded(points, [[0, 1, 3]])
-    with pytest.raises(errors.PatternError, match="triangle 0 has an edge of length 0 m"):
-        moulded(points[[0, 0, 1]], [[0, 1, 2]])

@@ -33,10 +33,10 @@ def test_radius_that_does_not_fit() -> None:
         rounded(ELL, [1e-3, 1e-3])
 
 
-def test_inner_edge_between_borders_is_halved(comm: MPI.Comm) -> None:
+def test_inner_edge_between_borders_is_halved(alone: MPI.Comm) -> None:
     """A strip one triangle wide has nothing but such edges."""
     strip = np.array([[0, 0], [0.03, 0], [0.03, 4e-3], [0, 4e-3]])
-    pattern = two_panels(comm, strip, 3.5e-3)
+    pattern = two_panels(alone, strip, 3.5e-3)
     pattern.require_closed()
     seam = np.intersect1d(pattern.vertices_of("top"), pattern.vertices_of("bottom"))
     top = pattern.triangles[pattern.cells_of("top")]

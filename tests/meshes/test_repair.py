@@ -14,7 +14,7 @@ from toros_fem.meshes.surface import Repairs
 from toros_fem.meshes.topology import edges_of, shapes
 
 
-def test_needles_and_caps_are_repaired(comm: MPI.Comm, folder: Path) -> None:
+def test_needles_and_caps_are_repaired(alone: MPI.Comm, tmp_path: Path) -> None:
     ball = surfaces.sphere(2)
     points, triangles = ball.points.copy(), ball.triangles
     edges = edges_of(triangles)
@@ -28,8 +28,8 @@ def test_needles_and_caps_are_repaired(comm: MPI.Comm, folder: Path) -> None:
         [np.delete(triangles, 200, axis=0), [[p, q, new], [q, r, new], [r, p, new]]]
     )
     assert shapes(points, triangles).min() < 1e-4
-    path = write(comm, folder / "bad.obj", points, [("triangle", triangles)])
-    found = read_surface(comm, path)
+    path = write(alone, tmp_path / "bad.obj", points, [("triangle", triangles)])
+    found = read_surface(alone, path)
     assert found.repairs.collapsed == 1
     assert found.repairs.flipped == 1
     assert shapes(found.points, found.triangles).min() > 1e-3
@@ -37,13 +37,13 @@ def test_needles_and_caps_are_repaired(comm: MPI.Comm, folder: Path) -> None:
     assert found.area == pytest.approx(ball.area, rel=0.02)
 
 
-def test_caps_at_a_border_are_dropped_unless_that_tears(comm: MPI.Comm, folder: Path) -> None:
+def test_caps_at_a_border_are_dropped_unless_that_tears(alone: MPI.Comm, tmp_path: Path) -> None:
     """The apex inside, the apex on the border too, an ear, and a cap that is all there is."""
     points = np.array([[0, 0, 0], [1, 0, 0], [0.5, 5e-4, 0], [0, 1, 0], [1, 1, 0]])
     triangles = np.array([[0, 1, 2], [0, 2, 3], [2, 1, 4], [2, 4, 3]])
     for kept, dropped in (([0, 1, 2, 3], 1), ([0, 1, 2], 0), ([0, 1], 1), ([0], 0)):
-        path = write(comm, folder / "sheet.ply", points, [("triangle", triangles[kept])])
-        found = read_surface(comm, path)
+        path = write(alone, tmp_path / "sheet.ply", points, [("triangle", triangles[kept])])
+        found = read_surface(alone, path)
         assert found.repairs.dropped == dropped
         assert len(found.triangles) == len(kept) - dropped
 

@@ -4,12 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.outlines import check_twins, edges_on, volume
-from mpi4py import MPI
 from shapely.geometry import Polygon
 
 from toros_fem.base.errors import OutlineError, ParameterError
-from toros_fem.meshes import GRIPPER, WALKER, Star, finger, gripper, walker
+from toros_fem.meshes import GRIPPER, WALKER, Star
 
 TWO_ARMS = Star(2, 0.05, 0.01, 0.02, 3e-3, 0.3)
 ARMS_THAT_MEET_OUTSIDE_THE_BODY = Star(6, 0.04, 0.02, 0.01, 2e-3)
@@ -46,33 +44,3 @@ def test_star_that_is_none() -> None:
         replace(WALKER, arm_width=0.05)
     with pytest.raises(ParameterError, match="arms = 1"):
         replace(WALKER, arms=1)
-
-
-@pytest.mark.parametrize("planes", [(), (0,), (1,), (0, 1)])
-def test_walker(comm: MPI.Comm, planes: tuple[int, ...]) -> None:
-    pattern = walker(comm, 6e-3, planes=planes)
-    check_twins(pattern)
-    exact = 2 * Polygon(WALKER.outline).area / 2 ** len(planes)
-    assert pattern.areas.sum() == pytest.approx(exact, rel=0.02)
-    root = np.array(WALKER.roots[0])
-    for panel in ("top", "bottom"):
-        edges = edges_on(pattern, panel, *root)
-        assert edges[:, 0] == pytest.approx(np.linspace(0, 1, len(edges) + 1)[:-1], abs=1e-9)
-        assert len(edges) == 4
-
-
-def test_finger_and_gripper(comm: MPI.Comm) -> None:
-    for whole, half in (
-        (finger(comm, 5e-3), finger(comm, 5e-3, planes=(1,))),
-        (gripper(comm, 6e-3), gripper(comm, 6e-3, planes=(1,))),
-    ):
-        check_twins(whole)
-        check_twins(half)
-        whole.require_closed()
-        assert half.areas.sum() == pytest.approx(whole.areas.sum() / 2, rel=0.01)
-        assert volume(half) == pytest.approx(volume(whole) / 2, rel=0.1)
-    assert np.ptp(finger(comm, 5e-3).points[:, 0]) == pytest.approx(0.09, rel=0.01)
-    with pytest.raises(OutlineError, match="root = 0.08 m must lie between"):
-        finger(comm, 5e-3, root=0.08)
-    with pytest.raises(OutlineError, match="mirror image in x = 0"):
-        gripper(comm, 6e-3, planes=(0,))

@@ -14,21 +14,21 @@ from toros_fem.meshes import Surface, read_surface
 from toros_fem.meshes.surface import Repairs, oriented, volume
 
 
-def test_surfaces_that_cannot_be_sewn(comm: MPI.Comm, folder: Path) -> None:
+def test_surfaces_that_cannot_be_sewn(alone: MPI.Comm, tmp_path: Path) -> None:
     points = np.vstack([np.eye(3), [[0, 0, 0], [1, 1, 1]]])
-    path = write(comm, folder / "fin.ply", points,
+    path = write(alone, tmp_path / "fin.ply", points,
                  [("triangle", np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]]))])  # fmt: skip
     with pytest.raises(errors.ManifoldError, match=r"more than two triangles.*\[0, 1, 2\]"):
-        read_surface(comm, path)
+        read_surface(alone, path)
     with pytest.raises(errors.ManifoldError, match=r"between vertices 0 and 1 .*\[0, 1, 2\]"):
         Surface(points, np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]]))
     turn = np.arange(5) * np.pi / 4
     ring = np.column_stack([np.cos(turn), np.sin(turn), np.cos(turn / 2)])
     # Five triangles in a ring, each sharing an edge with the next: a Möbius strip.
     five = np.stack([np.arange(5), (np.arange(5) + 1) % 5, (np.arange(5) + 2) % 5], axis=1)
-    path = write(comm, folder / "moebius.ply", ring, [("triangle", five)])
+    path = write(alone, tmp_path / "moebius.ply", ring, [("triangle", five)])
     with pytest.raises(errors.OrientationError, match="one side only"):
-        read_surface(comm, path)
+        read_surface(alone, path)
     ball = surfaces.sphere(1)
     with pytest.raises(errors.OrientationError, match="inwards"):
         replace(ball, triangles=ball.triangles[:, ::-1])

@@ -51,29 +51,21 @@ def apart(found: Tile, one: np.ndarray, two: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("symmetry", SYMMETRIES)
-@pytest.mark.parametrize("fraction", [0.4, 0.36, 0.32, 0.28, 0.24, 0.2, 0.16, 0.12])
-def test_coarse_unstructured_tori(comm: MPI.Comm, symmetry: str, fraction: float) -> None:
+@pytest.mark.parametrize("fraction", [0.4, 0.32, 0.2])
+def test_coarse_unstructured_tori(alone: MPI.Comm, symmetry: str, fraction: float) -> None:
     """Where edges reach across a tile, or from one line of symmetry to another."""
-    found = tile(comm, SQUARE, fraction * SQUARE, "unstructured", symmetry)
+    found = tile(alone, SQUARE, fraction * SQUARE, "unstructured", symmetry)
     check_torus(found, 4e-4)
     found.symmetry_maps(symmetry)
     if symmetry in ("none", "orthotropic"):
         for length in (0.04, 0.11):
-            found = tile(comm, (SQUARE, length), fraction * SQUARE, "unstructured", symmetry)
+            found = tile(alone, (SQUARE, length), fraction * SQUARE, "unstructured", symmetry)
             check_torus(found, SQUARE * length)
 
 
 @pytest.mark.parametrize("mesh", KINDS)
-def test_edges_have_the_requested_length(comm: MPI.Comm, mesh: str) -> None:
-    pattern = tile(comm, SIZE, 1e-3, mesh).pattern
-    border = pattern.flat_points[pattern.seams[:, 0]]
-    assert np.linalg.norm(border[:, 1] - border[:, 0], axis=1) == pytest.approx(1e-3, rel=1e-9)
-    assert len(border) == 50
-
-
-@pytest.mark.parametrize("mesh", KINDS)
-def test_repeated(comm: MPI.Comm, mesh: str) -> None:
-    small = tile(comm, SIZE, EDGE, mesh)
+def test_repeated(alone: MPI.Comm, mesh: str) -> None:
+    small = tile(alone, SIZE, EDGE, mesh)
     for along, across in ((2, 2), (3, 1), (1, 1)):
         many = small.repeated(along, across)
         check_torus(many.tile, along * across * 6e-4)
@@ -90,8 +82,8 @@ def test_repeated(comm: MPI.Comm, mesh: str) -> None:
 
 
 @pytest.mark.parametrize("mesh", KINDS)
-def test_sheet_is_free_at_its_outer_border_only(comm: MPI.Comm, mesh: str) -> None:
-    small = tile(comm, SIZE, EDGE, mesh)
+def test_sheet_is_free_at_its_outer_border_only(alone: MPI.Comm, mesh: str) -> None:
+    small = tile(alone, SIZE, EDGE, mesh)
     sheet, cell = small.sheet(3, 2)
     size = [3 * SIZE[0], 2 * SIZE[1]]
     assert sheet.panel_names == ("sheet",)
@@ -107,45 +99,38 @@ def test_sheet_is_free_at_its_outer_border_only(comm: MPI.Comm, mesh: str) -> No
 
 
 @pytest.mark.parametrize(("mesh", "symmetry"), SYMMETRIC)
-def test_symmetry_maps_are_a_group(comm: MPI.Comm, mesh: str, symmetry: str) -> None:
-    found = tile(comm, side(symmetry), EDGE, mesh, symmetry)
+def test_symmetry_maps_are_a_group(alone: MPI.Comm, mesh: str, symmetry: str) -> None:
+    found = tile(alone, side(symmetry), EDGE, mesh, symmetry)
     check_torus(found, found.lattice[0, 0] * found.lattice[1, 1])
     symmetry_maps = found.symmetry_maps(symmetry)
     count = len(found.wraps)
     assert symmetry_maps.shape == (len(SYMMETRIES[symmetry]), count)
     assert (symmetry_maps[0] == np.arange(count)).all()
     assert (np.sort(symmetry_maps, axis=1) == np.arange(count)).all()
-    areas, centroids = found.pattern.areas, found.pattern.centroids
+    areas, centroids, corners = found.pattern.areas, found.pattern.centroids, found.pattern.corners
     for operation, image in zip(SYMMETRIES[symmetry], symmetry_maps, strict=True):
         assert areas[image] == pytest.approx(areas, rel=1e-9)
         assert apart(found, centroids @ operation.T, centroids[image]) < 1e-14
+        gap = (corners @ operation.T)[:, :, None] - corners[image][:, None]
+        fraction = gap @ np.linalg.inv(found.lattice)
+        away = np.abs((fraction - np.rint(fraction)) @ found.lattice).max(axis=3)
+        assert away.min(axis=2).max() < 1e-14, "corners onto corners"
     rows = {tuple(row) for row in symmetry_maps}
     assert len(rows) == len(symmetry_maps)
     assert {tuple(two[one]) for one in symmetry_maps for two in symmetry_maps} == rows
 
 
-@pytest.mark.parametrize(("mesh", "symmetry"), SYMMETRIC)
-def test_symmetry_maps_map_corners_to_corners(comm: MPI.Comm, mesh: str, symmetry: str) -> None:
-    found = tile(comm, side(symmetry), EDGE, mesh, symmetry)
-    corners = found.pattern.corners
-    for operation, image in zip(SYMMETRIES[symmetry], found.symmetry_maps(symmetry), strict=True):
-        gap = (corners @ operation.T)[:, :, None] - corners[image][:, None]
-        fraction = gap @ np.linalg.inv(found.lattice)
-        away = np.abs((fraction - np.rint(fraction)) @ found.lattice).max(axis=3)
-        assert away.min(axis=2).max() < 1e-14
-
-
 @pytest.mark.parametrize("mesh", KINDS)
-def test_nearest_triangles(comm: MPI.Comm, mesh: str) -> None:
+def test_nearest_triangles(alone: MPI.Comm, mesh: str) -> None:
     """Its own centroids on any copy, and those of a finer mesh within a triangle's size."""
     sides, length = np.array([0.01, 0.006]), 1e-3
-    own = tile(comm, tuple(sides), length, mesh)
+    own = tile(alone, tuple(sides), length, mesh)
     count = len(own.pattern.panel)
     for shift in ((0, 0), (1, 0), (-2, 3)):
         found, away = own.nearest(own.pattern.centroids + shift * sides)
         assert np.array_equal(found, np.arange(count))
         assert away.max() < 1e-15
-    fine = tile(comm, tuple(sides), length / 2, mesh)
+    fine = tile(alone, tuple(sides), length / 2, mesh)
     found, away = own.nearest(fine.pattern.centroids)
     assert set(found) == set(range(count)), "each has a part"
     assert away.max() < length
@@ -155,9 +140,9 @@ def test_nearest_triangles(comm: MPI.Comm, mesh: str) -> None:
 
 
 @pytest.mark.parametrize("edge_length", [SQUARE / 3, SQUARE / 4])
-def test_crossed_square_turns_by_90_degrees(comm: MPI.Comm, edge_length: float) -> None:
+def test_crossed_square_turns_by_90_degrees(alone: MPI.Comm, edge_length: float) -> None:
     """Whether its sides are divided evenly or not, and whatever symmetry it was made with."""
-    found = tile(comm, SQUARE, edge_length)
+    found = tile(alone, SQUARE, edge_length)
     turned = found.symmetry_maps("chiral")[1]
     assert (turned[turned[turned[turned]]] == np.arange(len(turned))).all()
     assert (turned != np.arange(len(turned))).all()
@@ -167,8 +152,8 @@ def test_crossed_square_turns_by_90_degrees(comm: MPI.Comm, edge_length: float) 
         assert (quadrant[turned] == np.column_stack([1 - quadrant[:, 1], quadrant[:, 0]])).all()
 
 
-def test_repeated_tiles_are_symmetric(comm: MPI.Comm) -> None:
-    found = tile(comm, SQUARE, EDGE, "unstructured", "tetragonal")
+def test_repeated_tiles_are_symmetric(alone: MPI.Comm) -> None:
+    found = tile(alone, SQUARE, EDGE, "unstructured", "tetragonal")
     assert len(found.repeated(2, 2).tile.symmetry_maps("tetragonal")) == 8
     wide = found.repeated(2, 1).tile
     assert len(wide.symmetry_maps("orthotropic")) == 4
@@ -176,35 +161,33 @@ def test_repeated_tiles_are_symmetric(comm: MPI.Comm) -> None:
         wide.symmetry_maps("tetragonal")
 
 
-def test_mesh_without_the_symmetry(comm: MPI.Comm) -> None:
+def test_mesh_without_the_symmetry(alone: MPI.Comm) -> None:
     for mesh in ("right", "unstructured"):
-        found = tile(comm, SQUARE, EDGE, mesh)
+        found = tile(alone, SQUARE, EDGE, mesh)
         assert (found.symmetry_maps("none") == np.arange(len(found.wraps))).all()
         for symmetry in ("orthotropic", "chiral", "tetragonal"):
             with pytest.raises(PatternError, match=f"not {symmetry}: .* symmetry='{symmetry}'"):
                 found.symmetry_maps(symmetry)
-    quarters = tile(comm, SQUARE, EDGE, "unstructured", "orthotropic")
+    quarters = tile(alone, SQUARE, EDGE, "unstructured", "orthotropic")
     with pytest.raises(PatternError, match="not chiral"):
         quarters.symmetry_maps("chiral")
 
 
-def test_bad_input_is_named(comm: MPI.Comm) -> None:
+def test_bad_input_is_named(alone: MPI.Comm) -> None:
     with pytest.raises(ParameterError, match="mesh = 'right' cannot be orthotropic: .* 'crossed'"):
-        tile(comm, SQUARE, EDGE, "right", "orthotropic")
+        tile(alone, SQUARE, EDGE, "right", "orthotropic")
     for symmetry in ("chiral", "tetragonal"):
         with pytest.raises(ParameterError, match=f"cannot be {symmetry}, .* Make the sides equal"):
-            tile(comm, SIZE, EDGE, symmetry=symmetry)
+            tile(alone, SIZE, EDGE, symmetry=symmetry)
     with pytest.raises(ParameterError, match="mesh = 'equilateral' must be one of 'right'"):
-        tile(comm, SIZE, EDGE, "equilateral")
+        tile(alone, SIZE, EDGE, "equilateral")
     with pytest.raises(ParameterError, match="symmetry = 'cubic' must be one of 'none'"):
-        tile(comm, SIZE, EDGE, symmetry="cubic")
+        tile(alone, SIZE, EDGE, symmetry="cubic")
     with pytest.raises(ParameterError, match=r"edge_length = 0.0081 .* at most 0.008"):
-        tile(comm, SIZE, 0.0081)
+        tile(alone, SIZE, 0.0081)
     with pytest.raises(ParameterError, match=r"size\[1\] = -0.02 .* greater than 0"):
-        tile(comm, (0.03, -0.02), EDGE)
-    with pytest.raises(ParameterError, match="must be one side of a square in m, or two"):
-        tile(comm, (0.03, 0.02, 0.01), EDGE)  # type: ignore[arg-type]
-    found = tile(comm, SIZE, EDGE)
+        tile(alone, (0.03, -0.02), EDGE)
+    found = tile(alone, SIZE, EDGE)
     with pytest.raises(ParameterError, match="symmetry = 'cubic' must be one of"):
         found.symmetry_maps("cubic")
     with pytest.raises(ParameterError, match="across = 0 must be a whole number, at least 1"):

@@ -29,12 +29,11 @@ def test_a_result_and_an_error_pass() -> None:
 
 
 def test_a_file_that_ends_too_early(
-    comm: MPI.Comm, folder: Path, monkeypatch: pytest.MonkeyPatch
+    alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Here meshio looks for the next line for ever."""
     monkeypatch.setattr(mesh_file, "SECONDS", 0.5)
-    path = folder / "short.off"
-    if comm.rank == 0:
-        path.write_text("OFF\n")
+    path = tmp_path / "short.off"
+    path.write_text("OFF\n")
     with pytest.raises(SurfaceError, match="in a reasonable time: it ends too early"):
-        read_surface(comm, path)
+        read_surface(alone, path)

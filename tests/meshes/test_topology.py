@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from helpers import surfaces
-from helpers.scenes import square
 
 from toros_fem.meshes import topology
 from toros_fem.meshes.topology import edges_of
@@ -29,46 +28,6 @@ def test_edges_of_two_triangles() -> None:
     keys = topology.edge_keys(edges.ends, 4)
     assert len(np.unique(keys)) == 5
     assert np.array_equal(keys, topology.edge_keys(edges.ends[:, ::-1], 4))
-
-
-def test_clashing_and_pinched() -> None:
-    assert topology.clashing(PAIR, edges_of(PAIR)).tolist() == []
-    wrong = np.array([[0, 1, 2], [1, 2, 3]])
-    assert topology.clashing(wrong, edges_of(wrong)).tolist() == [2]
-    assert topology.pinched(PAIR, edges_of(PAIR)).tolist() == []
-    bow = np.array([[0, 1, 2], [0, 3, 4]])
-    assert topology.pinched(bow, edges_of(bow)).tolist() == [0]
-
-
-def test_components_are_numbered_by_their_first_member() -> None:
-    label = topology.linked(np.array([5, 3]), np.array([1, 0]), 6)
-    assert label.tolist() == [0, 1, 2, 0, 3, 1]
-    place = topology.coincident(np.array([[0.0], [1.0], [0.9e-3], [1.8e-3], [1.0]]), 1e-3)
-    assert place.tolist() == [0, 1, 0, 0, 1], "also along a chain"
-
-
-def test_components_of_a_surface() -> None:
-    """All triangles at an edge are neighbours, also three; those at a vertex are not."""
-    fin = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])
-    assert topology.surface_components(fin).tolist() == [0, 0, 0]
-    bow = np.array([[0, 1, 2], [0, 3, 4]])
-    assert topology.surface_components(bow).tolist() == [0, 1]
-
-
-def test_regions_fans_and_labels() -> None:
-    """A sheet cut along its middle: two regions, and the vertices on the cut are doubled."""
-    sheet = square(n=4)
-    edges = edges_of(sheet.flat_triangles)
-    left = sheet.centroids[:, 0] < 0.01
-    cut = topology.between(edges, left.astype(np.int64))
-    assert cut.sum() == 4
-    crossed = edges.inner[~cut[edges.inner]]
-    region = topology.connected_regions(edges, crossed)
-    assert np.array_equal(region == region[0], left == left[0])
-    assert region.max() == 1
-    fans = topology.fans(sheet.flat_triangles, edges, crossed)
-    assert fans.max() + 1 == 25 + 5
-    assert np.unique(topology.fans(sheet.flat_triangles, edges, edges.inner)).size == 25
 
 
 def test_angles_and_shapes() -> None:

@@ -6,7 +6,7 @@ from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
 from toros_fem.base.errors import PanelError, PatternError
-from toros_fem.meshes import Pattern, Tile, bend, cylinder, disc, rectangle, tile, walker
+from toros_fem.meshes import Pattern, bend, cylinder, disc, rectangle, walker
 from toros_fem.meshes.refine import refine
 from toros_fem.meshes.transfer import make_transfer
 
@@ -14,8 +14,8 @@ FINE, COARSE = 4.5e-3, 9e-3
 
 
 @pytest.fixture(scope="module")
-def tubes(comm: MPI.Comm) -> tuple[Pattern, Pattern]:
-    coarse, fine = (cylinder(comm, 0.06, 0.02, h) for h in (COARSE, FINE))
+def tubes(alone: MPI.Comm) -> tuple[Pattern, Pattern]:
+    coarse, fine = (cylinder(alone, 0.06, 0.02, h) for h in (COARSE, FINE))
     return coarse, fine
 
 
@@ -37,9 +37,9 @@ def test_same_mesh_is_the_identity(tubes: tuple[Pattern, Pattern]) -> None:
         assert np.abs(moved - deformed).max() < 1e-12 * fine.size
 
 
-def test_refinement_copies_densities(comm: MPI.Comm) -> None:
+def test_refinement_copies_densities(alone: MPI.Comm) -> None:
     """Also where mesh edges lie on each other; and back: the mean of the four quarters."""
-    pattern = walker(comm, 8e-3)
+    pattern = walker(alone, 8e-3)
     finer = refine(pattern)
     transfer = make_transfer(pattern, finer.pattern)
     assert np.abs(transfer.at_cells(noise(pattern)) - noise(pattern)[finer.cell]).max() < 1e-12
@@ -83,14 +83,6 @@ def test_mean_and_range_are_kept_on_each_panel(tubes: tuple[Pattern, Pattern]) -
             assert moved[target.cells_of(panel)].max() <= part.max()
 
 
-def test_linear_fields_are_exact_at_vertices(comm: MPI.Comm) -> None:
-    coarse, fine = (rectangle(comm, 0.07, 0.03, h, mesh="unstructured") for h in (7e-3, 3e-3))
-    slope = np.array([[1.0, -2.0], [0.5, 3.0], [2.0, 0.1]])
-    transfer = make_transfer(coarse, fine)
-    moved = transfer.at_vertices(coarse.points[:, :2] @ slope.T)
-    assert np.abs(moved - fine.points[:, :2] @ slope.T).max() < 1e-12
-
-
 def test_rigid_motion_moves_the_finer_skin_alike(tubes: tuple[Pattern, Pattern]) -> None:
     """Its vertices are not on the flat triangles of the coarse skin; their offset turns too."""
     coarse, fine = tubes
@@ -100,35 +92,9 @@ def test_rigid_motion_moves_the_finer_skin_alike(tubes: tuple[Pattern, Pattern])
     assert np.abs(moved - (fine.points @ turn.T + 0.2)).max() < 1e-12 * fine.size
 
 
-def test_seam_vertices_take_the_mean_over_their_panels(tubes: tuple[Pattern, Pattern]) -> None:
-    coarse, fine = tubes
-    bent = bend(1.0, 0.06)
-    moved = make_transfer(coarse, fine).positions(bent(coarse.points))
-    seam = np.intersect1d(fine.vertices_of("wall"), fine.vertices_of("tip"))
-    off = np.linalg.norm(moved - bent(fine.points), axis=1)
-    assert off.max() < 0.05 * COARSE
-    assert off[seam].max() < 0.05 * COARSE
-
-
-def test_tiles(comm: MPI.Comm) -> None:
-    coarse, fine = (tile(comm, 0.01, h, "unstructured") for h in (1e-3, 0.55e-3))
-    transfer = make_transfer(coarse.pattern, fine.pattern)
-    values = periodic(coarse)
-    moved = transfer.at_cells(values)
-    total = fine.pattern.areas @ moved
-    assert total == pytest.approx(coarse.pattern.areas @ values, rel=1e-12)
-    assert np.abs(moved - periodic(fine)).max() < 0.2
-
-
-def periodic(of: Tile) -> np.ndarray:
-    """Return a smooth density that repeats with the tile."""
-    phase = 2 * np.pi * of.pattern.centroids / 0.01
-    return np.asarray(0.5 + 0.4 * np.sin(phase[:, 0]) * np.cos(phase[:, 1]))
-
-
-def test_large_triangles_beside_small_ones(comm: MPI.Comm) -> None:
+def test_large_triangles_beside_small_ones(alone: MPI.Comm) -> None:
     """Pairs are searched by classes of size."""
-    pattern = rectangle(comm, 0.02, 0.02, 1e-3)
+    pattern = rectangle(alone, 0.02, 0.02, 1e-3)
     graded = Pattern(
         pattern.flat_points * (pattern.flat_points / 0.02) ** 2,
         pattern.flat_triangles,
@@ -137,19 +103,19 @@ def test_large_triangles_beside_small_ones(comm: MPI.Comm) -> None:
         pattern.points,
         pattern.panel_names,
     )
-    even = rectangle(comm, 0.02, 0.02, 3e-3, mesh="unstructured")
+    even = rectangle(alone, 0.02, 0.02, 3e-3, mesh="unstructured")
     for source, target in ((graded, even), (even, graded)):
         transfer = make_transfer(source, target)
         assert np.abs(transfer.overlap.sum(axis=1) / target.areas - 1).max() < 1e-9
 
 
-def test_other_panels_are_refused(comm: MPI.Comm, tubes: tuple[Pattern, Pattern]) -> None:
+def test_other_panels_are_refused(alone: MPI.Comm, tubes: tuple[Pattern, Pattern]) -> None:
     tube = tubes[0]
     with pytest.raises(PanelError, match="the panels are named"):
-        make_transfer(tube, disc(comm, 0.01, 4e-3))
+        make_transfer(tube, disc(alone, 0.01, 4e-3))
     with pytest.raises(PanelError, match="'wall' is .* wide on one mesh"):
-        make_transfer(tube, cylinder(comm, 0.09, 0.02, COARSE))
-    round_one, square = disc(comm, 0.01, 3e-3), rectangle(comm, 0.02, 0.02, 3e-3)
+        make_transfer(tube, cylinder(alone, 0.09, 0.02, COARSE))
+    round_one, square = disc(alone, 0.01, 3e-3), rectangle(alone, 0.02, 0.02, 3e-3)
     with pytest.raises(PanelError, match="only 7. % of it are covered"):
         make_transfer(rename(square), rename(round_one))
     with pytest.raises(PatternError, match=r"values has shape \(3,\)"):

@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from toros_fem.design.loop.options import Iteration
 from toros_fem.mechanics.equilibrium.newton import NewtonStep
-from toros_fem.results.console import ProgressBar, duration, header, line, print_line, print_step
+from toros_fem.results.console import ProgressBar, duration, header, line, print_step
 
 
 def row(metrics: dict[str, float]) -> Iteration:
@@ -81,20 +81,6 @@ def test_lines_without_a_terminal(
         "step 20 of 40, about 2.8 h left",
     ]
     assert [duration(s) for s in (3.4, 59, 61, 7000)] == ["3 s", "59 s", "1.0 min", "1.9 h"]
-
-
-def test_lines_do_not_break_the_bar(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    screen = Terminal()
-    monkeypatch.setattr(sys, "stderr", screen)
-    bar = ProgressBar()
-    bar.expect(40)
-    bar.advance(10)
-    print_line("a line")
-    bar.close()
-    assert capsys.readouterr().out == "a line\n"
-    assert screen.getvalue().count("10/40") >= 2, "the bar is drawn again below the line"
 
 
 def test_steps_of_the_first_rank_are_printed(

@@ -1,7 +1,6 @@
 """Tables, fields and summaries are read back as they were written."""
 
 import csv
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 from helpers.scenes import square
 
-from toros_fem.base.files import write_json, write_table
 from toros_fem.base.versions import versions
 from toros_fem.design.loop.options import Iteration
 from toros_fem.results.files import HistoryFile, write_fields
@@ -43,19 +41,6 @@ def test_history_columns(tmp_path: Path) -> None:
     assert list(rows[0]) == [*names, "angle_deg"]
     assert {float(rows[1][name]) for name in names} == {1 / 3}
     assert float(rows[1]["angle_deg"]) == 1 / 7
-
-
-def test_table_with_missing_values(tmp_path: Path) -> None:
-    write_table(tmp_path / "t.csv", [{"a": 1}, {"a": 2, "b": 0.1}])
-    assert (tmp_path / "t.csv").read_text(encoding="utf-8").split() == ["a,b", "1,", "2,0.1"]
-
-
-def test_json(tmp_path: Path) -> None:
-    content = {"angle": 1 / 3, "reason": "β is 20", "none": None, "list": [1, 2]}
-    write_json(tmp_path / "s.json", content)
-    text = (tmp_path / "s.json").read_text(encoding="utf-8")
-    assert json.loads(text) == content
-    assert "β" in text
 
 
 def test_versions() -> None:

@@ -11,7 +11,6 @@ import pytest
 from helpers.scenes import shared
 from mpi4py import MPI
 
-from toros_fem.base.errors import OutputError
 from toros_fem.design.loop.options import Iteration
 from toros_fem.results.reporter import DesignReporter
 
@@ -75,12 +74,3 @@ def test_clock_starts_with_the_reporter(comm: MPI.Comm, tmp_path: Path) -> None:
         reporter(ROW, EVALUATION)
     assert reporter.seconds["setup"] == setup
     assert reporter.seconds["total"] >= 0.25
-
-
-def test_folder_that_cannot_be_made(comm: MPI.Comm, tmp_path: Path) -> None:
-    taken = shared(comm, tmp_path) / "taken"
-    if comm.rank == 0:
-        taken.write_text("a file, not a folder", encoding="utf-8")
-    comm.barrier()
-    with pytest.raises(OutputError, match="taken could not be written"):
-        DesignReporter(comm, taken)

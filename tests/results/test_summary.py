@@ -12,31 +12,6 @@ from toros_fem.making.as_printed.as_printed import PrintedDesign
 from toros_fem.results.summary import design_summary, level_figures, shape_problem
 
 
-def test_figures_are_those_of_the_print(
-    comm: MPI.Comm, result: DesignResult, printed: PrintedDesign
-) -> None:
-    summary = design_summary(result, printed)
-    made, last = printed.evaluation, result.history[-1]
-    assert made is not None
-    angle = shape_problem(result).metrics_of(made.equilibrium)["angle_deg"]
-    assert summary["angle_deg"] == angle != last.metrics["angle_deg"]
-    assert summary["angle_target_deg"] == 60.0
-    assert summary["design"]["angle_deg"] == last.metrics["angle_deg"]
-    assert summary["printed_objective"] == made.shape
-    assert summary["volume_m3"] == made.equilibrium.volume
-    assert summary["design"]["volume_m3"] == result.final.equilibrium.volume
-    assert summary["objective_first"] == result.history[0].objective
-    assert summary["objective_last"] == last.objective
-    assert summary["iterations"] == last.iteration == 3
-    assert summary["newton_steps"] == sum(row.newton_steps for row in result.history)
-    assert summary["length_scale"]["g_r"] == last.g_r
-    assert summary["manufacture"] == printed.after.summary()
-    assert summary["dropped"]["islands"] == len(printed.cleaned.dropped)
-    assert summary["ranks"] == comm.size
-    assert summary["linear_solver"].startswith("CHOLMOD on ")
-    assert summary["parts_by_symmetry"] == 1
-
-
 def test_levels_have_figures_of_their_own(result: DesignResult) -> None:
     first, *rest = result.history
     history = [first, *(dataclasses.replace(row, level=1) for row in rest)]
@@ -91,3 +66,28 @@ def test_infinite_residual_is_none(result: DesignResult, printed: PrintedDesign)
     assert design_summary(short, printed)["design"]["kkt_residual"] is None
     finite = dataclasses.replace(result, history=(dataclasses.replace(last, kkt=0.5),))
     assert design_summary(finite, printed)["design"]["kkt_residual"] == pytest.approx(0.5)
+
+
+def test_figures_are_those_of_the_print(
+    comm: MPI.Comm, result: DesignResult, printed: PrintedDesign
+) -> None:
+    summary = design_summary(result, printed)
+    made, last = printed.evaluation, result.history[-1]
+    assert made is not None
+    angle = shape_problem(result).metrics_of(made.equilibrium)["angle_deg"]
+    assert summary["angle_deg"] == angle != last.metrics["angle_deg"]
+    assert summary["angle_target_deg"] == 60.0
+    assert summary["design"]["angle_deg"] == last.metrics["angle_deg"]
+    assert summary["printed_objective"] == made.shape
+    assert summary["volume_m3"] == made.equilibrium.volume
+    assert summary["design"]["volume_m3"] == result.final.equilibrium.volume
+    assert summary["objective_first"] == result.history[0].objective
+    assert summary["objective_last"] == last.objective
+    assert summary["iterations"] == last.iteration == 3
+    assert summary["newton_steps"] == sum(row.newton_steps for row in result.history)
+    assert summary["length_scale"]["g_r"] == last.g_r
+    assert summary["manufacture"] == printed.after.summary()
+    assert summary["dropped"]["islands"] == len(printed.cleaned.dropped)
+    assert summary["ranks"] == comm.size
+    assert summary["linear_solver"].startswith("CHOLMOD on ")
+    assert summary["parts_by_symmetry"] == 1

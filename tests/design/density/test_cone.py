@@ -43,28 +43,6 @@ def test_filter_of_a_half_plane(alone: MPI.Comm) -> None:
     assert np.abs(filtered[wall[inner]] - exact).mean() < 0.0012  # 0.0010 seen
 
 
-def test_slope_is_the_gradient_of_the_cone(tube: Skin) -> None:
-    """Against differences of the filtered field, by the definition at shifted points."""
-    pattern = tube.pattern
-    density = np.random.default_rng(0).random(len(pattern.panel))
-    cone = ConeFilter(tube, 8e-3)
-    slope = tube.gather_cells(cone.slope(density[tube.owned_cells]).T)
-    step = 1e-7
-    cells = np.random.default_rng(1).choice(len(pattern.panel), 20, replace=False)
-
-    def value(cell: int, shift: np.ndarray) -> float:
-        distance = np.linalg.norm(pattern.centroids[cell] + shift - pattern.centroids, axis=1)
-        weight = np.maximum(8e-3 - distance, 0) * pattern.areas
-        weight *= pattern.panel == pattern.panel[cell]
-        return float(weight @ density / weight.sum())
-
-    for cell in cells:
-        for axis in range(2):
-            shift = step * np.eye(2)[axis]
-            difference = (value(cell, shift) - value(cell, -shift)) / (2 * step)
-            assert slope[cell, axis] == pytest.approx(difference, rel=1e-4, abs=1e-2)
-
-
 def test_at_points_is_the_filtered_field(tube: Skin) -> None:
     """Exact at the vertices; the value of the nearest triangle where none is within the radius."""
     pattern = tube.pattern

@@ -6,25 +6,15 @@ from mpi4py import MPI
 
 from toros_fem import errors
 from toros_fem.design.density.field import random_density
-from toros_fem.mechanics.skin.coefficients import check_density
 from toros_fem.meshes import Skin, sew
 
 
-def test_random_density(tube: Skin, comm: MPI.Comm) -> None:
-    whole = tube.gather_cells(random_density(tube, 7))
-    alone = sew(MPI.COMM_SELF, tube.pattern)
+def test_random_density(shared_tube: Skin, comm: MPI.Comm) -> None:
+    whole = shared_tube.gather_cells(random_density(shared_tube, 7))
+    alone = sew(MPI.COMM_SELF, shared_tube.pattern)
     assert np.array_equal(whole, alone.gather_cells(random_density(alone, 7)))
-    assert not np.array_equal(whole, tube.gather_cells(random_density(tube, 8)))
+    assert not np.array_equal(whole, shared_tube.gather_cells(random_density(shared_tube, 8)))
     assert whole.min() >= 0.4
     assert whole.max() <= 0.6
     with pytest.raises(errors.DensityError, match="spread"):
-        random_density(tube, 7, spread=0.6)
-
-
-def test_density_outside_is_named(tube: Skin, comm: MPI.Comm) -> None:
-    density = np.full(len(tube.owned_cells), 0.5)
-    check_density(tube, density)
-    if comm.rank == comm.size - 1:
-        density[2] = -0.25
-    with pytest.raises(errors.DensityError, match=r"triangle \d+ is -0.25"):
-        check_density(tube, density)
+        random_density(shared_tube, 7, spread=0.6)

@@ -5,14 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from helpers.scenes import square, table
-from kit.slopes import slope
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.design.density.bar_width import unfiltered_width, width_for_threshold
 from toros_fem.design.density.cone import ConeFilter
-from toros_fem.design.density.field import random_density
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.neighbours import mean_edge
@@ -51,8 +49,7 @@ class HatBar:
         raise NotImplementedError
 
 
-@pytest.mark.parametrize("decay", [1.0, 4.0, 10.0, 30.0])
-@pytest.mark.parametrize("width", [0.6, 0.7, 0.8])
+@pytest.mark.parametrize(("width", "decay"), [(0.6, 4.0), (0.7, 30.0), (0.8, 1.0)])
 def test_g_r_against_the_table_of_bars(width: float, decay: float) -> None:
     """The table's continuous value, a bar on a sheet 6 R wide, by a fine mesh's midpoint sum."""
     skin = sew(MPI.COMM_SELF, square(n=120, size=6.0))
@@ -79,7 +76,7 @@ def test_g_r_against_the_table_of_bars(width: float, decay: float) -> None:
 
 # The mesh blunts the Helmholtz kernel's cusp: lines must be somewhat wider than requested to pass.
 @pytest.mark.parametrize(("name", "ratio", "wide"), [("cone", 1.5, 1.2), ("helmholtz", 4.0, 1.35)])
-@pytest.mark.parametrize("degrees", [0.0, 17.0, 45.0, 90.0])
+@pytest.mark.parametrize("degrees", [0.0, 17.0])
 def test_thin_lines_and_gaps_are_caught_wide_ones_pass(
     name: str, ratio: float, wide: float, degrees: float
 ) -> None:
@@ -109,31 +106,6 @@ def test_thin_lines_and_gaps_are_caught_wide_ones_pass(
     assert values[wide][1] < limits.epsilon[1]
 
 
-@pytest.mark.parametrize("name", ["cone", "helmholtz"])
-def test_gradient_of_the_constraints(name: str, tube: Skin, comm: MPI.Comm) -> None:
-    """From ρ through filter, slope and projection to g_r and g_t: on any ranks."""
-    flat, projection = make_filter(name, tube, 8e-3), Projection(6.0)
-    wall = tube.pattern.panel[tube.owned_cells] == tube.pattern.panel_index("wall")
-    limits = LengthScaleConstraints(tube, flat, LengthScale(line_width=6e-3, gap_width=6e-3), wall)
-
-    def forward(density: Floats) -> Floats:
-        filtered = flat.forward(density)
-        return limits.forward(density, filtered, projection.forward(filtered))
-
-    density = random_density(tube, 3, spread=0.5)
-    filtered = flat.forward(density)
-    parts = limits.backward(density, filtered, projection.forward(filtered))
-    direction = np.random.default_rng(1).uniform(-1, 1, len(tube.pattern.panel))[tube.owned_cells]
-    for k, (by_density, by_filtered, by_projected) in enumerate(parts):
-        whole = by_filtered + projection.backward(filtered, by_projected)
-        gradient = by_density + flat.backward(whole)
-        along = comm.allreduce(float(gradient @ direction))
-        through_slope = abs(comm.allreduce(float(by_density @ direction)))
-        assert through_slope > 1e-3 * abs(along), "the part through the slope must matter"
-        rise = slope(lambda h, k=k: float(forward(density + 1e-4 * h * direction)[k])) / 1e-4
-        assert along == pytest.approx(rise, rel=1e-7)
-
-
 def test_length_scale_parameters(tube: Skin) -> None:
     flat = ConeFilter(tube, 8e-3)
     designed = np.ones(len(tube.owned_cells), dtype=bool)
@@ -154,10 +126,6 @@ def test_length_scale_parameters(tube: Skin) -> None:
     assert width_for_threshold("cone", low.solid_threshold, 0.3) == pytest.approx(1)
     assert width_for_threshold("cone", 1 - low.void_threshold, 0.7) == pytest.approx(1)
     assert paper.decay == pytest.approx(100 * mean_edge(tube) ** 2)
-    with pytest.raises(ParameterError, match="solid_threshold = 0.3"):
-        LengthScale(solid_threshold=0.3)
-    with pytest.raises(ParameterError, match="line_width = -1"):
-        LengthScale(line_width=-1.0)
     with pytest.raises(ParameterError, match="cannot be enforced"):
         LengthScaleConstraints(tube, flat, LengthScale(line_width=0.1), designed)
     with pytest.raises(ParameterError, match="no triangle is designed"):

@@ -5,7 +5,6 @@ import pytest
 from helpers.scenes import square
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot
 from toros_fem.design.density.neighbours import (
     Neighbourhood,
@@ -63,7 +62,7 @@ def test_a_part_has_the_neighbours_of_the_whole() -> None:
     assert cells.max() < count <= mirrors.max()
 
 
-def test_matrices_do_not_depend_on_ranks(tube: Skin, comm: MPI.Comm) -> None:
+def test_matrices_do_not_depend_on_ranks(shared_tube: Skin, comm: MPI.Comm) -> None:
     def weigh(pairs: Pairs) -> list[np.ndarray]:
         return [RADIUS - pairs.distance, pairs.offset[:, 0]]
 
@@ -74,23 +73,21 @@ def test_matrices_do_not_depend_on_ranks(tube: Skin, comm: MPI.Comm) -> None:
         acts = (multiply, multiply_transpose)
         return [skin.gather_cells(act(matrix, mine)) for matrix in matrices for act in acts]
 
-    one, other = np.random.default_rng(0).random((2, len(tube.pattern.panel)))
-    alone = products(sew(MPI.COMM_SELF, tube.pattern), one)
-    for found, expected in zip(products(tube, one), alone, strict=True):
+    one, other = np.random.default_rng(0).random((2, len(shared_tube.pattern.panel)))
+    alone = products(sew(MPI.COMM_SELF, shared_tube.pattern), one)
+    for found, expected in zip(products(shared_tube, one), alone, strict=True):
         assert found == pytest.approx(expected, rel=1e-12, abs=1e-14)
     assert alone[0] == pytest.approx(alone[1], rel=1e-12), "the distance is symmetric"
     assert alone[2] == pytest.approx(-alone[3], abs=1e-14), "the offset is antisymmetric"
-    matrix = neighbour_matrices(tube, Neighbourhood(tube.pattern, RADIUS), weigh, 2)[1]
-    a, b = one[tube.owned_cells], other[tube.owned_cells]
+    matrix = neighbour_matrices(shared_tube, Neighbourhood(shared_tube.pattern, RADIUS), weigh, 2)[
+        1
+    ]
+    a, b = one[shared_tube.owned_cells], other[shared_tube.owned_cells]
     there = dot(comm, multiply(matrix, a), b)
     assert dot(comm, a, multiply_transpose(matrix, b)) == pytest.approx(there, rel=1e-12)
 
 
-def test_mean_edge_and_bad_input(comm: MPI.Comm) -> None:
-    skin = sew(comm, square(n=10, size=0.02))
-    # A right triangle of legs a has the area of an equilateral one of edge 1.075 a.
+def test_mean_edge(alone: MPI.Comm) -> None:
+    """A right triangle of legs a has the area of an equilateral one of edge 1.075 a."""
+    skin = sew(alone, square(n=10, size=0.02))
     assert mean_edge(skin) == pytest.approx(2e-3 * np.sqrt(2 / np.sqrt(3)))
-    with pytest.raises(ParameterError, match="radius = 0"):
-        Neighbourhood(skin.pattern, 0)
-    with pytest.raises(ParameterError, match="two vectors"):
-        Neighbourhood(skin.pattern, 1e-3, np.ones(3))

@@ -47,29 +47,3 @@ def test_hoops_around_a_tube_are_closed() -> None:
     lengths = [line.length for line in laid.centre_lines[0]]
     assert lengths == pytest.approx([perimeter] * 9, abs=1e-8)
     assert largest_jump(laid) < 1e-9
-
-
-def test_stiff_lines_wind_less_and_stay_apart() -> None:
-    sheet = rectangle(MPI.COMM_SELF, 0.04, 0.03, 2e-3, "unstructured")
-    mesh = make_line_mesh(sheet, np.ones(len(sheet.panel), dtype=bool))
-    vertex = np.empty(mesh.size, dtype=int)
-    vertex[mesh.vertex] = sheet.triangles
-    x, y = sheet.points[vertex, :2].T
-    phase = 2 * np.pi / 4e-3 * (y + 0.05e-3 * np.sin(2 * np.pi * x / 8e-3)) + 1.0
-    all_edges = np.ones(len(mesh.edges.ends), dtype=bool)
-    level, stiff = (
-        trace(mesh, stripes_of(mesh, phase), all_edges, stiffness) for stiffness in (None, 4e-3)
-    )
-    assert len(level) == len(stiff) == 7
-    before, after = (sum(_off_straight(line.points[:, 0]) for line in k) for k in (level, stiff))
-    assert after < 0.7 * before
-    for one, two in zip(level, stiff, strict=True):
-        assert np.array_equal(one.cell, two.cell)
-        assert np.allclose(two.points[1:, 0], two.points[:-1, 1], rtol=0, atol=1e-15)
-        assert np.abs(two.points - one.points).max() < 2e-3
-
-
-def _off_straight(nodes: np.ndarray) -> float:
-    """Root mean square distance of nodes from a straight line, in m."""
-    x, y = nodes.T
-    return float(np.std(y - np.polyval(np.polyfit(x, y, 1), x)))

@@ -1,10 +1,7 @@
-from typing import Any
-
 import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.design.lines.field import LineField
 from toros_fem.meshes.sheet import rectangle
 
@@ -20,19 +17,3 @@ def test_holds_copies_that_do_not_change() -> None:
     assert field.shares.max() == 0.1
     with pytest.raises(ValueError, match="read-only"):
         field.angles[0, 0] = 1.0
-
-
-@pytest.mark.parametrize(
-    ("shares", "angles", "message"),
-    [
-        (np.zeros((COUNT - 1, 1)), np.zeros((COUNT, 1)), "shares has shape"),
-        (np.zeros(COUNT), np.zeros((COUNT, 1)), "shares has shape"),
-        (np.zeros((COUNT, 0)), np.zeros((COUNT, 0)), "shares has shape"),
-        (np.zeros((COUNT, 1)), np.zeros((COUNT, 2)), "same number"),
-        (np.full((COUNT, 1), -0.1), np.zeros((COUNT, 1)), "negative share"),
-        (np.zeros((COUNT, 1)), np.full((COUNT, 1), np.nan), r"angles\[0\]"),
-    ],
-)
-def test_what_does_not_fit_is_refused(shares: Any, angles: Any, message: str) -> None:
-    with pytest.raises(ParameterError, match=message):
-        LineField(SHEET, shares, angles)

@@ -7,23 +7,11 @@ from helpers.lines import even_field, largest_jump, positions, seam_difference, 
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.mpi import on_first_rank
 from toros_fem.design.lines import LaidLines, LineField, LineOptions, lay_lines
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.widths import measure_widths
 from toros_fem.meshes import cylinder, walker
 from toros_fem.meshes.sheet import rectangle
-
-
-def test_parallel_lines_on_a_square_are_straight_and_evenly_spaced() -> None:
-    sheet = rectangle(MPI.COMM_SELF, 0.04, 0.04, 2e-3, "unstructured")
-    laid = lay_lines(even_field(sheet, [0.2], [90.0]), LineOptions(widths=(1e-3,)))
-    places = [line.points[..., 0] for line in laid.centre_lines[0]]
-    assert max(np.ptp(x) for x in places) < 1e-9
-    steps = np.diff(sorted(x.mean() for x in places))
-    assert len(places) == 8
-    assert np.allclose(steps, 5e-3, rtol=0, atol=1e-9)
-    assert laid.families[0].length == pytest.approx(8 * 0.04, abs=1e-9)
 
 
 @pytest.mark.parametrize("direction", [90.0, -90.0], ids=["same", "reversed"])
@@ -93,10 +81,8 @@ def test_lines_run_on_across_curved_seams_of_mirrored_panels() -> None:
 
 
 FIELDS: dict[str, tuple[list[float], list[float], dict[str, Any]]] = {
-    "net": ([0.2, 0.2], [30.0, -30.0], {}),
     "wide and thin": ([0.25, 0.15], [85.0, 33.0], {"widths": (3e-3, 0.9e-3)}),
     "shallow": ([0.2, 0.2], [10.0, -8.0], {"widths": (0.8e-3,)}),
-    "dense": ([0.4], [75.0], {"widths": (0.9e-3,)}),
     "noisy": ([0.2, 0.2], [50.0, -50.0], {"even": 4e-3}),
 }
 
@@ -167,16 +153,6 @@ def test_a_wide_line_tapers_where_it_ends_on_a_thin_one() -> None:
         assert laid.regions[0].intersection(behind).area < 0.05e-6, "a round end has 1 mm²"
 
 
-def test_shares_are_laid_as_asked() -> None:
-    tube = cylinder(MPI.COMM_SELF, 0.05, 0.02, 2.5e-3)
-    wall = tube.panel == tube.panel_index("wall")
-    field = even_field(tube, [0.17, 0.1], [30.0, -30.0])
-    laid = lay_lines(field, printed=~wall)
-    found = [(family.share, family.laid) for family in laid.families]
-    assert found[0] == pytest.approx((0.17, 0.17), abs=5e-3)
-    assert found[1] == pytest.approx((0.10, 0.10), abs=5e-3)
-
-
 def test_cover_of_another_mesh_is_that_of_the_same_panels() -> None:
     sheet, fine = (rectangle(MPI.COMM_SELF, 0.04, 0.03, edge) for edge in (2.5e-3, 0.9e-3))
     laid = lay_lines(even_field(sheet, [0.2], [33.0]))
@@ -193,11 +169,3 @@ def test_without_shares_nothing_is_laid() -> None:
     assert np.all(laid.cover(sheet) == 0)
     everything = lay_lines(even_field(sheet, [0.2], [0.0]), printed=np.ones(len(sheet.panel), bool))
     assert everything.area == pytest.approx(0.04 * 0.03, rel=1e-12)
-
-
-def test_all_ranks_get_the_lines_of_the_first(comm: MPI.Comm) -> None:
-    sheet = rectangle(comm, 0.03, 0.02, 2.5e-3)
-    laid = on_first_rank(comm, lambda: lay_lines(even_field(sheet, [0.2], [33.0])))
-    covers = comm.allgather(laid.cover(sheet))
-    assert all(np.array_equal(cover, covers[0]) for cover in covers)
-    assert np.average(covers[0], weights=sheet.areas) == pytest.approx(0.2, abs=0.02)

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.design.lines.centre_lines import trace
-from toros_fem.design.lines.stripes import Stripes, Waves, find_stripes, fitting_spacing, line_ends
+from toros_fem.design.lines.stripes import Stripes, Waves, find_stripes
 from toros_fem.design.lines.transport import LineMesh, make_line_mesh
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.sheet import disc, rectangle
@@ -79,50 +78,3 @@ def test_directions_around_a_point_end_lines_in_few_triangles() -> None:
     turns = around_triangles(mesh, stripes)[regular]
     assert np.abs(turns - np.round(turns)).max() < 1e-9
     assert 5 < np.abs(np.round(turns)).sum() < 40
-
-
-def test_the_same_lines_every_time() -> None:
-    sheet = rectangle(MPI.COMM_SELF, 0.03, 0.03, 2e-3, "unstructured")
-    mesh = make_line_mesh(sheet, np.ones(len(sheet.panel), dtype=bool))
-    angle = 0.5 + 0.5 * np.random.default_rng(0).standard_normal(len(sheet.panel))
-    one, two = (find_stripes(waves_of(mesh, angle), np.ones(mesh.size)) for _ in range(2))
-    assert np.array_equal(one.phase, two.phase)
-
-
-def test_spacings_follow_directions_that_spread() -> None:
-    """Along rays from a point the spacing grows with the distance: no line need end."""
-    sheet = rectangle(MPI.COMM_SELF, 0.03, 0.03, 1.5e-3, "unstructured")
-    mesh = make_line_mesh(sheet, np.ones(len(sheet.panel), dtype=bool))
-    away = sheet.centroids - [-0.03, 0.015]
-    waves = waves_of(mesh, np.arctan2(away[:, 1], away[:, 0]))
-    fitted = fitting_spacing(waves, np.ones(mesh.size), 1.0, 3.0)
-    vertex = np.empty(mesh.size, dtype=int)
-    vertex[mesh.vertex] = sheet.triangles
-    distance = np.linalg.norm(sheet.points[vertex, :2] - [-0.03, 0.015], axis=1)
-    slope = np.polyfit(np.log(distance), np.log(fitted.spacing), 1)[0]
-    assert slope == pytest.approx(1.0, abs=0.1)
-    bounded = fitting_spacing(waves, np.ones(mesh.size), 1.0, 1.1)
-    assert np.abs(np.log(bounded.spacing / SPACING)).max() <= np.log(1.1)
-
-
-def test_ends_of_lines_are_counted() -> None:
-    sheet = rectangle(MPI.COMM_SELF, 0.03, 0.03, 1.5e-3, "unstructured")
-    mesh = make_line_mesh(sheet, np.ones(len(sheet.panel), dtype=bool))
-    everywhere = np.ones(len(mesh.edges.ends), dtype=bool)
-    straight = find_stripes(waves_of(mesh, np.zeros(len(sheet.panel))), np.ones(mesh.size))
-    assert line_ends(mesh, straight, everywhere) == 0
-    away = sheet.centroids - [-0.01, 0.015]
-    waves = waves_of(mesh, np.arctan2(away[:, 1], away[:, 0]))
-    spread = find_stripes(waves, np.ones(mesh.size))
-    lines = trace(mesh, spread, everywhere)
-    border = np.isin(np.arange(len(everywhere)), mesh.edges.border)
-    inside = len(lines) * 2 - _on_border(mesh, spread, border)
-    assert line_ends(mesh, spread, everywhere) == inside > 3
-    assert line_ends(mesh, spread, ~everywhere) == 0
-
-
-def _on_border(mesh: LineMesh, stripes: Stripes, border: np.ndarray) -> int:
-    """Number of lines that cross the border."""
-    begin = stripes.phase[mesh.edges.ends[:, 0]] / (2 * np.pi)
-    crossings = np.floor(begin + stripes.change / (2 * np.pi)) - np.floor(begin)
-    return int(np.abs(crossings)[border].sum())

@@ -1,10 +1,8 @@
 import numpy as np
 import pytest
 import shapely
-from mpi4py import MPI
 
-from toros_fem.design.lines.strips import Strip, cleaned, joints_of, ribbons
-from toros_fem.meshes import cylinder
+from toros_fem.design.lines.strips import Strip, cleaned, ribbons
 
 WIDTH = 0.6e-3
 
@@ -57,23 +55,3 @@ def test_no_line_and_no_gap_is_left_that_is_too_thin() -> None:
     assert len(cleaned(ring, WIDTH, 0.5e-6).interiors) == 0
     assert len(cleaned(ring, WIDTH, 0.4e-6).interiors) == 1
     assert cleaned(shapely.Point(0, 0).buffer(0.35e-3), WIDTH, 0.5e-6).is_empty
-
-
-def test_joints_move_one_side_of_a_seam_to_the_other() -> None:
-    tube = cylinder(MPI.COMM_SELF, 0.05, 0.02, 4e-3, planes=())
-    joints = joints_of(tube, ())
-    wall, base, tip = (tube.panel_index(name) for name in ("wall", "base", "tip"))
-    pairs = sorted((joint.panel, joint.source) for joint in joints)
-    rims = [(wall, base), (base, wall), (wall, tip), (tip, wall)]
-    assert pairs == sorted([(wall, wall), (wall, wall), *rims])
-    across = [joint for joint in joints if joint.panel == joint.source]
-    perimeter = np.ptp(tube.corners[..., 0][tube.panel == wall])
-    for joint in across:
-        assert np.allclose(joint.turn, np.eye(2), atol=1e-12)
-        assert np.allclose(np.abs(joint.shift), [perimeter, 0])
-    half = cylinder(MPI.COMM_SELF, 0.05, 0.02, 4e-3, planes=(1,))
-    mirrors = [joint for joint in joints_of(half, (1,)) if np.linalg.det(joint.turn[0]) < 0]
-    for joint in mirrors:
-        moved = np.einsum("kij,kej->kei", joint.turn, joint.edges) + joint.shift[:, None]
-        assert np.allclose(moved, joint.edges, atol=1e-12)
-    assert len([joint for joint in mirrors if joint.panel == wall]) == 2

@@ -3,7 +3,7 @@ import pytest
 from helpers.lines import even_field, positions
 from mpi4py import MPI
 
-from toros_fem.design.lines import LaidLines, LineField, lay_lines
+from toros_fem.design.lines import LaidLines, lay_lines
 from toros_fem.design.lines.symmetry import make_symmetry
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.pattern import Pattern
@@ -86,12 +86,3 @@ def test_hoops_meet_their_own_image() -> None:
     assert laid.families[0].ends["plane"] >= 2 * (laid.families[0].lines - 4)
     _, slope = at_plane(laid, 0, 1)
     assert np.abs(slope).max() < np.sin(np.radians(10)), "bent round towards the plane"
-
-
-def test_without_planes_the_whole_is_the_part() -> None:
-    tube = cylinder(MPI.COMM_SELF, 0.06, 0.02, 3e-3)
-    free = np.flatnonzero(wall_of(tube))
-    field = LineField(tube, np.full((len(tube.panel), 1), 0.2), np.zeros((len(tube.panel), 1)))
-    symmetry = make_symmetry(field, free, (), (1e-3,))
-    assert symmetry.whole is symmetry.part
-    assert symmetry.partner.tolist() == [[0]]

@@ -20,7 +20,7 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin, cylinder, sew
 
-OPTIONS = DesignOptions((Stage(3), Stage(3, constrained=True)))
+OPTIONS = DesignOptions((Stage(2), Stage(1, constrained=True)))
 
 
 def densities(tube: Skin, curvature: str = "quadratic") -> DesignProblem:
@@ -60,35 +60,30 @@ def check(make: Callable[[], DesignProblem], options: DesignOptions, *rows: int)
 
 @pytest.mark.slow
 def test_densities_go_on_bit_for_bit(tube: Skin) -> None:
-    """Inside each stage, at its start, and after the last row."""
-    check(lambda: densities(tube), OPTIONS, 2, 5, 8)
-
-
-@pytest.mark.slow
-def test_rotations_of_edges_are_kept(tube: Skin) -> None:
-    check(lambda: densities(tube, "midedge"), DesignOptions((Stage(3),)), 2)
+    """Inside a stage, at the start of one, and after the last row; turns of edges are kept."""
+    check(lambda: densities(tube, "midedge"), OPTIONS, 2, 4, 5)
 
 
 @pytest.mark.slow
 def test_line_families_go_on_bit_for_bit(tube: Skin) -> None:
-    check(lambda: families(tube), DesignOptions((Stage(4),)), 3)
+    check(lambda: families(tube), DesignOptions((Stage(2),)), 2)
 
 
 @pytest.mark.slow
-def test_another_number_of_ranks_goes_on(comm: MPI.Comm, tube: Skin) -> None:
+def test_another_number_of_ranks_goes_on(comm: MPI.Comm, shared_tube: Skin) -> None:
     """What all ranks wrote, one alone goes on with, to the solver's tolerance; and vice versa."""
-    options = DesignOptions((Stage(3, constrained=True),))
+    options = DesignOptions((Stage(2, constrained=True),))
     alone = sew(MPI.COMM_SELF, cylinder(MPI.COMM_SELF, 0.06, 0.02, 4.5e-3))
-    whole = optimize(densities(tube), options, seed=3)
-    together = stopped(lambda: densities(tube), options, 2)
+    whole = optimize(densities(shared_tube), options, seed=3)
+    together = stopped(lambda: densities(shared_tube), options, 2)
     by_one = stopped(lambda: densities(alone), options, 2)
     again = optimize(densities(alone), options, seed=3, journal=OneEntry(saved=together))
-    back = optimize(densities(tube), options, seed=3, journal=OneEntry(saved=by_one))
+    back = optimize(densities(shared_tube), options, seed=3, journal=OneEntry(saved=by_one))
     assert again.final.objective == pytest.approx(whole.final.objective, rel=1e-4)
     assert back.final.objective == pytest.approx(whole.final.objective, rel=1e-4)
-    every = tube.gather_cells(whole.density)
+    every = shared_tube.gather_cells(whole.density)
     assert np.abs(alone.gather_cells(again.density) - every).max() < 1e-3
-    assert np.abs(tube.gather_cells(back.density) - every).max() < 1e-3
+    assert np.abs(shared_tube.gather_cells(back.density) - every).max() < 1e-3
 
 
 def test_what_does_not_fit_is_told(tube: Skin) -> None:
@@ -105,9 +100,9 @@ def test_what_does_not_fit_is_told(tube: Skin) -> None:
             optimize(densities(tube), DesignOptions((Stage(1),)), seed=3, journal=journal)
 
 
-def test_a_signature_tells_problems_apart(comm: MPI.Comm, tube: Skin) -> None:
+def test_a_signature_tells_problems_apart(alone: MPI.Comm, tube: Skin) -> None:
     one = densities(tube)
-    shorter = densities(sew(comm, cylinder(comm, 0.05, 0.02, 4.5e-3)))
+    shorter = densities(sew(alone, cylinder(alone, 0.05, 0.02, 4.5e-3)))
     assert signature_of(one, OPTIONS) == signature_of(densities(tube), OPTIONS)
     others = {signature_of(one), signature_of(shorter, OPTIONS), signature_of(one, Stage(1))}
     assert len(others | {signature_of(one, OPTIONS)}) == 4

@@ -39,26 +39,26 @@ def test_the_best_of_three(comm: MPI.Comm) -> None:
         np.testing.assert_array_equal(theirs[2], design.density)
 
 
-def test_it_goes_on_on_a_finer_mesh(comm: MPI.Comm) -> None:
-    found = best_start(comm, tube, OPTIONS, [1, 2])
+def test_it_goes_on_on_a_finer_mesh(alone: MPI.Comm) -> None:
+    found = best_start(alone, tube, OPTIONS, [1, 2])
     fine = DesignOptions((Stage(2),), pressure_move=0.02)
-    result = optimize_levels([tube(comm, 3.5e-3)], [fine], after=found.design)
+    result = optimize_levels([tube(alone, 3.5e-3)], [fine], after=found.design)
     assert [row.level for row in result.history] == [0] * 4 + [1] * 3
     assert [row.iteration for row in result.history] == [0, 1, 2, 3, 3, 4, 5]
     assert result.history[4].objective < 0.5 * result.history[0].objective
     assert result.pressures == found.design.pressures
 
 
-def test_on_the_same_mesh_the_density_stays(comm: MPI.Comm) -> None:
+def test_on_the_same_mesh_the_density_stays(alone: MPI.Comm) -> None:
     """ρ goes on there, not ρ̄: a second filter would change the design."""
-    found = best_start(comm, tube, OPTIONS, [1])
-    problem = tube(comm)
+    found = best_start(alone, tube, OPTIONS, [1])
+    problem = tube(alone)
     start = found.design.start(problem)
     evaluation = problem.simulate(start.density, start.state, start.pressures)
     assert evaluation.objective == pytest.approx(found.objectives[1], rel=1e-6)
 
 
-def test_starts_without_an_equilibrium(comm: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_starts_without_an_equilibrium(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     """They are left out; without any the error is that of a start."""
     refused = {1}
 
@@ -68,12 +68,12 @@ def test_starts_without_an_equilibrium(comm: MPI.Comm, monkeypatch: pytest.Monke
         return optimize(problem, options, seed=seed)
 
     monkeypatch.setattr("toros_fem.design.loop.starts.optimize", some)
-    found = best_start(comm, tube, OPTIONS, [1, 2, 3])
+    found = best_start(alone, tube, OPTIONS, [1, 2, 3])
     assert found.objectives[1] == np.inf
     assert found.seed in (2, 3)
     refused |= {2, 3}
     with pytest.raises(errors.NoEquilibriumError, match="no equilibrium for seed"):
-        best_start(comm, tube, OPTIONS, [1, 2, 3])
+        best_start(alone, tube, OPTIONS, [1, 2, 3])
 
 
 def test_an_error_on_one_rank_is_raised_on_all(comm: MPI.Comm) -> None:
@@ -87,6 +87,6 @@ def test_an_error_on_one_rank_is_raised_on_all(comm: MPI.Comm) -> None:
 
 
 @pytest.mark.parametrize("seeds", [[], [3, 3]])
-def test_bad_seeds(comm: MPI.Comm, seeds: list[int]) -> None:
+def test_bad_seeds(alone: MPI.Comm, seeds: list[int]) -> None:
     with pytest.raises(errors.ParameterError, match=r"seeds = .* all different"):
-        best_start(comm, tube, OPTIONS, seeds)
+        best_start(alone, tube, OPTIONS, seeds)

@@ -36,15 +36,6 @@ def test_change_against_svanbergs_formula() -> None:
     assert model.size == pytest.approx(np.abs(case.gradients * case.distance).sum(axis=1))
 
 
-def test_slope_at_the_point_is_the_gradient() -> None:
-    case = random_case(2, 30, 2)
-    model = expanded(case)
-    direction = np.random.default_rng(0).uniform(-1, 1, 30) * case.distance
-    for step, bound in ((1e-2, 0.1), (1e-4, 1e-3)):
-        change, _ = model.change_at(case.x, case.distance, case.x + step * direction)
-        assert change / step == pytest.approx(case.gradients @ direction, abs=bound)
-
-
 def test_dual_is_the_minimum_over_x() -> None:
     """No other point of the box has a smaller Lagrangian; its second derivatives by differences."""
     case = random_case(3, 60, 2, move=0.4)

@@ -1,14 +1,11 @@
 """MMA against published problems, iterate by iterate, and its distributed runs."""
 
-import copy
-
 import numpy as np
 import pytest
 from helpers.mma_problems import Problem, beam, vec
 from helpers.scenes import table
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.design.mma.optimizer import MMA, MMAOptions
 
 
@@ -109,35 +106,6 @@ def test_distributed_equals_serial(comm: MPI.Comm, constraints: int) -> None:
     assert spread[5] == 0.3
 
 
-def test_descent_reaches_the_optimum_in_the_box() -> None:
-    """With `retry` where the objective rose, as the design loop does."""
-    rng = np.random.default_rng(4)
-    centre, weight = rng.random(200) * 1.4 - 0.2, 1 + rng.random(200)
-    mma = MMA(vec(np.zeros(200)), vec(np.ones(200)))
-    x = vec(np.full(200, 0.3))
-    value = lambda: float(weight @ (x.array - centre) ** 2)  # noqa: E731
-    for _ in range(60):
-        before = value()
-        mma.step(x, before, vec(2 * weight * (x.array - centre)))
-        for _ in range(10):
-            if value() <= before:
-                break
-            mma.retry(x, value())
-        assert value() <= before
-    assert x.array == pytest.approx(np.clip(centre, 0, 1), abs=1e-4)
-
-
-def test_volume_constraint_is_met_at_the_optimum() -> None:
-    x, _ = large(MPI.COMM_SELF, 1, 80)
-    assert x.sum() == pytest.approx(0.4 * 200, rel=1e-4)
-    rng = np.random.default_rng(4)
-    centre, weight = rng.random(200) * 1.4 - 0.2, 1 + rng.random(200)
-    inner = (x > 1e-3) & (x < 1 - 1e-3)
-    inner[5] = False
-    price = 2 * weight[inner] * (centre[inner] - x[inner])
-    assert price == pytest.approx(price.mean(), rel=1e-2), "one multiplier for all"
-
-
 def test_retry_descends_where_the_plain_step_overshoots() -> None:
     """A stiff coherent mode: many variables that count only by their sum."""
     n = 100
@@ -157,33 +125,6 @@ def test_retry_descends_where_the_plain_step_overshoots() -> None:
     assert value(x.array) < start
     mma.retry(x, float("inf"))
     assert np.abs(x.array - 0.5).max() < 0.2
-
-
-def test_state_resumes_exactly() -> None:
-    def run(first: int, second: int) -> np.ndarray:
-        x = vec(np.full(5, 5.0))
-        state = None
-        for count in (first, second):
-            mma = MMA(vec(np.full(5, 1.0)), vec(np.full(5, 10.0)), 1)
-            if state is not None:
-                mma.state = state
-            for _ in range(count):
-                f, df, values, jacobian = beam(x.array)
-                mma.step(x, f, vec(df), values, [vec(row) for row in jacobian])
-            state = copy.deepcopy(mma.state)
-        return x.array.copy()
-
-    assert np.array_equal(run(8, 0), run(3, 5))
-
-
-def test_bad_input() -> None:
-    with pytest.raises(ParameterError, match="1 less than its lower bound"):
-        MMA(vec(np.ones(3)), vec(np.zeros(3)))
-    mma = MMA(vec(np.zeros(3)), vec(np.ones(3)), 1)
-    with pytest.raises(ParameterError, match="0 values and 0 gradients were given for 1"):
-        mma.step(vec(np.ones(3)), 1.0, vec(np.ones(3)))
-    with pytest.raises(ParameterError, match="move"):
-        MMAOptions(move=2.0)
 
 
 def test_rounded_steps_do_not_depend_on_rounding() -> None:
@@ -207,9 +148,3 @@ def test_rounded_steps_do_not_depend_on_rounding() -> None:
     assert not np.array_equal(run(None, 1e-13), run(None, 0.0))
     assert exact == pytest.approx(1e-3 * np.round(1e3 * exact), abs=1e-15)
     assert exact == pytest.approx(run(None, 0.0), abs=2e-3)
-
-
-@pytest.mark.parametrize("resolution", [0.0, -0.1, 2.0])
-def test_resolution_is_a_fraction(resolution: float) -> None:
-    with pytest.raises(ParameterError, match="resolution"):
-        MMA(vec(np.zeros(1)), vec(np.ones(1)), resolution=resolution)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from helpers.mma_problems import Case, random_case
 from mmapy import subsolv
-from scipy.optimize import minimize
 
 from toros_fem.design.mma.subproblem import Solution
 
@@ -52,50 +51,6 @@ def test_equals_mmapy(m: int, infeasible: bool) -> None:
         )
         assert np.all(solution.multipliers > 1000) or not infeasible
         assert np.any(solution.multipliers > 1e-3), "a constraint counts"
-
-
-@pytest.mark.parametrize("infeasible", [False, True])
-def test_equals_scipy(infeasible: bool) -> None:
-    n, m = 6, 2
-    for seed in range(3):
-        case = random_case(seed, n, m, penalty=10.0)
-        if infeasible:
-            case.values += 3 * np.abs(case.gradients[1:] * case.distance).sum(axis=1)
-        x, solution = case.solve()
-        p, q, b, low, upp, alpha, beta = case.classical()
-
-        def functions(
-            z: np.ndarray, p: np.ndarray = p, q: np.ndarray = q, low: np.ndarray = low,
-            upp: np.ndarray = upp, b: np.ndarray = b,
-        ) -> np.ndarray:  # fmt: skip
-            f = (p / (upp - z[:n]) + q / (z[:n] - low)).sum(axis=1)
-            f[0] += 10 * z[n:].sum() + 0.5 * z[n:] @ z[n:]
-            f[1:] -= z[n:] + b
-            return f
-
-        def slopes(
-            z: np.ndarray, p: np.ndarray = p, q: np.ndarray = q, low: np.ndarray = low,
-            upp: np.ndarray = upp,
-        ) -> np.ndarray:  # fmt: skip
-            d = p / (upp - z[:n]) ** 2 - q / (z[:n] - low) ** 2
-            return np.hstack([d, np.vstack([10 + z[n:], -np.eye(m)])])
-
-        found = minimize(
-            lambda z: functions(z)[0],
-            np.concatenate([np.clip(case.x, alpha, beta), np.ones(m)]),
-            jac=lambda z: slopes(z)[0],
-            bounds=[*zip(alpha, beta, strict=True), *[(0, None)] * m],
-            constraints={
-                "type": "ineq",
-                "fun": lambda z: -functions(z)[1:],
-                "jac": lambda z: -slopes(z)[1:],
-            },
-            method="SLSQP",
-            options={"ftol": 1e-15, "maxiter": 500},
-        )
-        y = np.maximum(solution.multipliers - 10, 0)
-        assert functions(np.concatenate([x, y]))[0] == pytest.approx(found.fun, rel=1e-8)
-        assert x == pytest.approx(found.x[:n], abs=1e-5)
 
 
 @pytest.mark.parametrize("m", [1, 3, 20])

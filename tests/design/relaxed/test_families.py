@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
 
 
@@ -42,12 +41,3 @@ def test_a_turned_chart_turns_the_lines(turn: float) -> None:
     mean = np.angle(turned @ np.exp(2j * fixed.angles))
     # A direction is shared out between its two neighbours: a few hundredths of a step off.
     assert np.exp(1j * mean) == pytest.approx(np.exp(2j * (fixed.angles[3] + turn)), abs=0.01)
-
-
-def test_limits_are_checked() -> None:
-    with pytest.raises(ParameterError, match="directions = 1"):
-        FixedDirections(1)
-    with pytest.raises(ParameterError, match="limit = 0.95"):
-        FixedDirections(4, 0.95)
-    with pytest.raises(ParameterError, match="sum_of_limits = 1"):
-        FreeDirections((0.5, 0.5))

@@ -1,7 +1,6 @@
 """Numbers of the relaxed design."""
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 import pytest
@@ -11,24 +10,6 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.design.relaxed.find import LEAST_DECREASE, MOVE, RelaxedOptions, find_lines
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"iterations": (40, 0)}, "^iterations = 0"),
-        ({"more_iterations": 0}, "more_iterations = 0"),
-        ({"radius": 0.0}, "radius = 0.0"),
-        ({"share_weight": 0.0}, "share_weight = 0.0"),
-        ({"width_ratio": -1.0}, "width_ratio = -1.0"),
-        ({"directions": 1}, "directions = 1"),
-        ({"share_limit": 0.95}, "limit = 0.95"),
-        ({"family_limits": (0.5, 0.5)}, "sum_of_limits = 1.0"),
-    ],
-)
-def test_bad_values(wrong: dict[str, Any], message: str) -> None:
-    with pytest.raises(ParameterError, match=message):
-        RelaxedOptions(**wrong)
 
 
 def test_stages() -> None:

@@ -5,16 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers.designs import make_problem
-from mpi4py import MPI
 
 from toros_fem.base.errors import DensityError
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.design.relaxed.problem import RelaxedProblem, relaxed_problem
-from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.newton import NewtonStep
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.skin.supports import clamp
-from toros_fem.meshes import Skin, sew
+from toros_fem.meshes import Skin
 
 
 def made(
@@ -75,17 +72,3 @@ def test_variables_are_checked(tube: Skin, tube_solver: EquilibriumSolver) -> No
         problem.simulate(np.zeros(count))
     with pytest.raises(DensityError, match=r"leaves \[0, 1\]"):
         problem.simulate(np.full(4 * count, -0.1))
-
-
-def test_start_does_not_depend_on_ranks(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    families = FixedDirections(4, 0.3)
-    problem = made(tube, tube_solver, families)
-    start = tube.gather_cells(problem.start_density(3).reshape(-1, 4))
-    single = sew(MPI.COMM_SELF, tube.pattern)
-    solver = EquilibriumSolver(single, Composite(), clamp(tube.pattern, ["base"]))
-    expected = single.gather_cells(made(single, solver, families).start_density(3).reshape(-1, 4))
-    assert start == pytest.approx(expected, rel=1e-12)
-    other = tube.gather_cells(problem.start_density(4).reshape(-1, 4))
-    wall = tube.pattern.panel == tube.pattern.panel_index("wall")
-    assert np.log(start[wall]).std() == pytest.approx(0.7, rel=0.05)
-    assert np.abs(other - start)[wall].mean() > 0.01

@@ -27,8 +27,8 @@ def smoothing(skin: Skin, families: FreeDirections | None = None) -> Smoothing:
     return Smoothing(skin, 0.02, 6, families.transport, families.centre)
 
 
-def test_constants_means_and_bounds(comm: MPI.Comm) -> None:
-    skin = sew(comm, two_sheets(0.7))
+def test_constants_means_and_bounds(alone: MPI.Comm) -> None:
+    skin = sew(alone, two_sheets(0.7))
     smooth, own = smoothing(skin), skin.owned_cells
     assert smooth.forward(np.full(3 * len(own), 0.3)) == pytest.approx(0.3, abs=1e-13)
     noise = np.random.default_rng(1).uniform(0, 1, (len(skin.pattern.panel), 3))
@@ -40,9 +40,9 @@ def test_constants_means_and_bounds(comm: MPI.Comm) -> None:
     assert found.std() < 0.3 * noise.std()
 
 
-def test_lines_go_straight_on_across_a_turned_seam(comm: MPI.Comm) -> None:
+def test_lines_go_straight_on_across_a_turned_seam(alone: MPI.Comm) -> None:
     turn = 0.7
-    skin = sew(comm, two_sheets(turn))
+    skin = sew(alone, two_sheets(turn))
     families = FreeDirections()
     angles = np.array([0.2, 1.5]) + turn * skin.pattern.panel[:, None]
     x = families.variables(np.full_like(angles, 0.1), angles)[skin.owned_cells]
@@ -53,9 +53,9 @@ def test_lines_go_straight_on_across_a_turned_seam(comm: MPI.Comm) -> None:
     assert np.abs(skin.gather_cells(mixed - x)).max() > 0.1
 
 
-def test_shares_stay_within_their_bounds_across_a_turned_seam(comm: MPI.Comm) -> None:
+def test_shares_stay_within_their_bounds_across_a_turned_seam(alone: MPI.Comm) -> None:
     """A turn between two of the fixed directions shares a family out: no share gets below 0."""
-    skin, families = sew(comm, two_sheets(0.4)), FixedDirections(6)
+    skin, families = sew(alone, two_sheets(0.4)), FixedDirections(6)
     smooth = Smoothing(skin, 0.02, 6, families.transport, families.centre)
     own, areas = skin.owned_cells, skin.pattern.areas
     for direction in range(6):
@@ -69,8 +69,8 @@ def test_shares_stay_within_their_bounds_across_a_turned_seam(comm: MPI.Comm) ->
     assert smooth.forward(even) == pytest.approx(0.3, abs=1e-13)
 
 
-def test_triangles_without_fields(comm: MPI.Comm) -> None:
-    skin = sew(comm, two_sheets(0.0))
+def test_triangles_without_fields(alone: MPI.Comm) -> None:
+    skin = sew(alone, two_sheets(0.0))
     designed = skin.pattern.panel == 0
     smooth = Smoothing(skin, 0.02, 1, designed=designed)
     found = skin.gather_cells(smooth.forward(designed[skin.owned_cells].astype(float)))

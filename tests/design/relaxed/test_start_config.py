@@ -1,8 +1,5 @@
 """Configuration of the start: options of the relaxed design and of its lines."""
 
-import pytest
-
-from toros_fem import errors
 from toros_fem.design.lines.options import LineOptions
 from toros_fem.design.relaxed.find import RelaxedOptions
 from toros_fem.products.actuators.config import ActuatorConfig
@@ -26,19 +23,3 @@ def test_numbers_reach_the_options() -> None:
     assert found.width_ratio == 0.2
     assert config.line_options == LineOptions(widths=(4e-3, 0.8e-3), print_width=0.5e-3)
     assert config.updated(second_laid_width=None).line_options.widths == (4e-3, 4e-3)
-
-
-def test_bad_values() -> None:
-    with pytest.raises(errors.ParameterError, match="start = 'drawn' must be one of"):
-        ActuatorConfig(start="drawn")
-    with pytest.raises(errors.ParameterError, match="under print_width"):
-        _ = ActuatorConfig(laid_width=0.5e-3, print_edge_length=0.5e-3).line_options
-    ActuatorConfig(print_width=1e-3)  # there are no lines to print
-    with pytest.raises(errors.ParameterError, match="under print_width = 0.001 m"):
-        ActuatorConfig(start="relaxed", print_width=1e-3)
-    with pytest.raises(errors.ParameterError, match="print_edge_length = 0.001 m is over 0.0009"):
-        ActuatorConfig(start="relaxed", print_edge_length=1e-3)
-    with pytest.raises(errors.ParameterError, match="starts = 3, but a relaxed design has one"):
-        ActuatorConfig(start="relaxed", starts=3)
-    with pytest.raises(errors.ParameterError, match="share_limit = 0.95"):
-        ActuatorConfig(share_limit=0.95)

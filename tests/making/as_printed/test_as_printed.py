@@ -22,7 +22,7 @@ from toros_fem.meshes import Pattern, Skin
 @pytest.fixture(scope="module")
 def result(tube: Skin, tube_solver: EquilibriumSolver) -> DesignResult:
     problem = full(tube, tube_solver, beta=20.0)
-    return optimize(problem, DesignOptions((Stage(5),)), start=random_density(tube, 3))
+    return optimize(problem, DesignOptions((Stage(2),)), start=random_density(tube, 3))
 
 
 def test_contours_are_of_the_filters_own_field(tube: Skin, tube_solver: EquilibriumSolver) -> None:

@@ -14,8 +14,8 @@ from toros_fem.products.tolerance.simulated import tolerances
 WIDTH = 2e-4
 
 
-def test_angles_are_those_of_the_tolerances(comm: MPI.Comm) -> None:
-    problem, printed = printed_tube(comm)
+def test_angles_are_those_of_the_tolerances(alone: MPI.Comm) -> None:
+    problem, printed = printed_tube(alone)
     found = print_spread(problem, printed, WIDTH / 2)
     assert found is not None
     alone = ToleranceConfig(width=WIDTH, modulus=None, thickness=None, pressure_change=None)

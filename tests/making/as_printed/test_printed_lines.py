@@ -1,6 +1,7 @@
 """Lines that come as polygons: on other meshes, on the whole of a part, printed and simulated."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from toros_fem.making.as_printed.as_printed import as_printed
 from toros_fem.making.as_printed.printed_lines import printed_lines
 from toros_fem.making.print.printability import PrintLimits, printed_cells
 from toros_fem.making.print.regions import mirrored_regions, regions_on
-from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
+from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Pattern, Skin, cylinder, mirrored, two_panels
 
 NOTHING = shapely.Polygon()
@@ -38,8 +39,8 @@ def slanted_lines(pattern: Pattern, name: str = "wall") -> list[BaseGeometry]:
 
 
 @pytest.mark.parametrize("planes", [(1,), (0, 1)])
-def test_lines_on_the_whole_of_a_tube(comm: MPI.Comm, planes: tuple[int, ...]) -> None:
-    part = cylinder(comm, 0.06, 0.02, 2e-3, planes=planes)
+def test_lines_on_the_whole_of_a_tube(alone: MPI.Comm, planes: tuple[int, ...]) -> None:
+    part = cylinder(alone, 0.06, 0.02, 2e-3, planes=planes)
     regions, whole = slanted_lines(part), mirrored(part, planes)
     found = mirrored_regions(part, whole, regions)
     wall = part.panel_index("wall")
@@ -52,9 +53,9 @@ def test_lines_on_the_whole_of_a_tube(comm: MPI.Comm, planes: tuple[int, ...]) -
     assert np.count_nonzero(~same) <= images
 
 
-def test_a_panel_that_is_not_cut_gets_an_image_of_its_own(comm: MPI.Comm) -> None:
+def test_a_panel_that_is_not_cut_gets_an_image_of_its_own(alone: MPI.Comm) -> None:
     outline = np.array([[0, 0], [0.04, 0], [0.04, 0.02], [0, 0.02]]) - [0.02, 0.01]
-    part = two_panels(comm, outline, 3e-3, planes=(0,))
+    part = two_panels(alone, outline, 3e-3, planes=(0,))
     whole = mirrored(part, (0,))
     regions = [shapely.box(0.0, 0.0, 0.01, 0.005), shapely.box(0.005, -0.005, 0.01, 0.005)]
     found = mirrored_regions(part, whole, regions)
@@ -63,8 +64,8 @@ def test_a_panel_that_is_not_cut_gets_an_image_of_its_own(comm: MPI.Comm) -> Non
     assert found[1].geom_type == "MultiPolygon"
 
 
-def test_lines_on_another_mesh_are_scaled_with_its_panels(comm: MPI.Comm) -> None:
-    coarse, fine = (cylinder(comm, 0.06, 0.02, edge) for edge in (5e-3, 1.5e-3))
+def test_lines_on_another_mesh_are_scaled_with_its_panels(alone: MPI.Comm) -> None:
+    coarse, fine = (cylinder(alone, 0.06, 0.02, edge) for edge in (5e-3, 1.5e-3))
     regions = slanted_lines(coarse)
     found = regions_on(coarse, regions, fine)
     wall = coarse.panel_index("wall")
@@ -78,8 +79,8 @@ def test_lines_on_another_mesh_are_scaled_with_its_panels(comm: MPI.Comm) -> Non
     assert again[wall].symmetric_difference(regions[wall]).area < 1e-9 * regions[wall].area
 
 
-def test_lines_of_other_panels_are_refused(comm: MPI.Comm) -> None:
-    capped, bare = (cylinder(comm, 0.06, 0.02, 5e-3, caps=caps) for caps in ("both", None))
+def test_lines_of_other_panels_are_refused(alone: MPI.Comm) -> None:
+    capped, bare = (cylinder(alone, 0.06, 0.02, 5e-3, caps=caps) for caps in ("both", None))
     with pytest.raises(PanelError, match="2 regions for 3 panels"):
         regions_on(capped, [NOTHING] * 2, capped)
     with pytest.raises(PanelError, match="same panels"):
@@ -99,46 +100,17 @@ def test_contours_of_a_design_are_printed_alike(tube: Skin, tube_solver: Equilib
     )
     assert first.cleaned.dropped
     assert lines.cells.tolist() == first.cells.tolist()
-    again = printed_lines(problem, tube.pattern, first.regions, cleaned=first.cleaned, near=near)
-    assert again.after.summary() == first.after.summary()
+    other: dict[str, Any] = {"cleaned": first.cleaned, "pressure": 3e3}
+    cold = printed_lines(problem, tube.pattern, first.regions, **other)
+    assert cold.after.summary() == first.after.summary()
+    assert cold.evaluation is not None
+    assert cold.evaluation.equilibrium.pressure == 3e3
+    there = tube.pattern, problem.shape_of(cold.evaluation.equilibrium)
+    warm = printed_lines(problem, tube.pattern, first.regions, near=there, **other)
+    assert warm.evaluation is not None
+    assert warm.evaluation.equilibrium.steps < cold.evaluation.equilibrium.steps
     assert first.evaluation is not None
     assert lines.evaluation is not None
     assert lines.evaluation.shape == pytest.approx(first.evaluation.shape, rel=1e-6)
+    assert lines.evaluation.equilibrium.pressure == problem.pressure
     assert set(np.unique(lines.evaluation.density)) <= {0.0, 1.0}
-
-
-def test_lines_start_from_the_shape_on_a_coarser_mesh(
-    comm: MPI.Comm, tube: Skin, tube_solver: EquilibriumSolver
-) -> None:
-    problem = make_problem(tube, tube_solver)
-    coarse = cylinder(comm, 0.06, 0.02, 6e-3)
-    regions = slanted_lines(coarse)
-    cold = printed_lines(problem, coarse, regions, island_area=2e-6, pressure=3e3)
-    assert any(0.9e-6 < island.area <= 1e-6 for island in cold.cleaned.dropped)
-    assert cold.before.islands
-    assert cold.evaluation is not None
-    assert cold.evaluation.equilibrium.pressure == 3e3
-    near = tube.pattern, problem.shape_of(cold.evaluation.equilibrium)
-    warm = printed_lines(problem, coarse, regions, island_area=2e-6, near=near, pressure=3e3)
-    assert warm.evaluation is not None
-    assert warm.evaluation.shape == pytest.approx(cold.evaluation.shape, rel=1e-6)
-    assert warm.evaluation.equilibrium.steps < cold.evaluation.equilibrium.steps
-    at_the_problems = printed_lines(problem, coarse, regions)
-    assert at_the_problems.evaluation is not None
-    assert at_the_problems.evaluation.equilibrium.pressure == problem.pressure
-
-
-def test_lines_without_equilibrium_say_so(
-    tube: Skin, tube_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    problem = make_problem(tube, tube_solver)
-    near = problem.simulate(random_density(tube, 0)).equilibrium
-
-    def fails(*_: object, **__: object) -> None:
-        raise EquilibriumError("made to fail", near)
-
-    monkeypatch.setattr(tube_solver, "solve", fails)
-    printed = printed_lines(problem, tube.pattern, slanted_lines(tube.pattern))
-    assert printed.evaluation is None
-    assert printed.failure == "made to fail"
-    assert printed.cells.any()

@@ -13,25 +13,6 @@ from toros_fem.making.print.contours import panel_outline
 OPTIONS = ManufactureOptions(weld_allowance=6e-3, connector_width=8e-3, connector_length=20e-3)
 
 
-def test_a_tube_gets_two_sheets_of_half_its_perimeter() -> None:
-    pattern = pattern_of("tube")
-    front, back = bladder_drawings(pattern, OPTIONS)
-    width = panel_outline(pattern, 0).bounds[2] / 2
-    length = 0.1 + 2 * 0.02
-    plain = bladder_drawings(pattern, OPTIONS.updated(connector_width=None))
-    for sheet in plain:
-        left, low, right, high = sheet.outline.bounds
-        assert (right - left, high - low) == pytest.approx((width, length), rel=1e-6)
-        assert sheet.outline.area == pytest.approx(width * length, rel=1e-6)
-        assert sheet.cut.area == pytest.approx((width + 0.012) * (length + 0.012), rel=1e-6)
-    # The tab reaches its length beyond the allowance of the weld, with allowances on both sides.
-    for sheet in (front, back):
-        assert sheet.cut.bounds[1] == pytest.approx(-26e-3, abs=1e-6)
-        assert sheet.outline.bounds[1] == pytest.approx(-26e-3, abs=1e-9)
-        assert sheet.cut.area - plain[0].cut.area == pytest.approx(20e-3 * 20e-3, rel=1e-4)
-        assert sheet.outline.area - plain[0].outline.area == pytest.approx(8e-3 * 26e-3, rel=1e-4)
-
-
 def test_an_open_end_needs_no_more_film() -> None:
     sheet = bladder_drawings(pattern_of("open tube"), OPTIONS.updated(connector_width=None))[0]
     assert np.ptp(sheet.outline.bounds[1::2]) == pytest.approx(0.1 + 0.02, rel=1e-6)

@@ -33,8 +33,3 @@ def test_an_inside_print_is_mirrored(kind: str) -> None:
         for each in (pattern, printed_face(pattern, regions, INSIDE)[0])
     ]
     assert lengths[0] == pytest.approx(lengths[1], rel=1e-12)
-
-
-def test_an_outside_print_is_as_the_pattern_has_it() -> None:
-    pattern = pattern_of("finger")
-    assert printed_face(pattern, striped(pattern), ManufactureOptions())[0] is pattern

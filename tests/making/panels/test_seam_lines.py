@@ -57,26 +57,6 @@ def test_panels_lie_left_of_the_first_side_and_right_of_the_second(kind: str) ->
             assert shapely.contains_xy(outline, inside).all()
 
 
-def test_a_wall_is_sewn_to_itself() -> None:
-    pattern = pattern_of("tube")
-    wall, base, tip = sewn_seams(pattern)
-    assert (wall.panels, base.panels, tip.panels) == ((0, 0), (0, 1), (0, 2))
-    assert wall.length == pytest.approx(0.1, rel=1e-12)
-    width = np.ptp(pattern.flat_points[np.unique(pattern.flat_triangles[pattern.panel == 0]), 0])
-    assert base.length == pytest.approx(width, rel=1e-9)
-    # Both sides run the same way along the wall; a cap's side ends where it begins.
-    assert wall.lines[0, :, 1] == pytest.approx(wall.lines[1, :, 1], abs=1e-12)
-    assert np.array_equal(base.lines[1, 0], base.lines[1, -1])
-    assert not base.closed
-
-
-def test_flat_robots_have_one_seam_all_around() -> None:
-    (seam,) = sewn_seams(pattern_of("walker"))
-    assert seam.closed
-    assert np.array_equal(seam.lines[:, 0], seam.lines[:, -1])
-    assert seam.lines[0, 0, 1] == pytest.approx(seam.lines[0, :, 1].min(), abs=1e-9)
-
-
 def test_moulded_skins_have_none() -> None:
     pattern = pattern_of("tube")
     with pytest.raises(PatternError, match="flat panels"):

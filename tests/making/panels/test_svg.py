@@ -5,15 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import shapely
-from helpers.scenes import shared
 from mpi4py import MPI
 from shapely.geometry import Point, Polygon, box
 
 from toros_fem.making.panels.svg import write_svg
 from toros_fem.making.print.contours import panel_outline
-from toros_fem.meshes import Pattern, cylinder, rectangle
-from toros_fem.meshes.pattern import Panel
+from toros_fem.meshes import cylinder
 
 SPACE = "{http://www.w3.org/2000/svg}"
 
@@ -33,17 +30,15 @@ def drawn(path: Path) -> tuple[ET.Element, dict[str, dict[str, list[np.ndarray]]
     return root, panels
 
 
-def test_scale_and_places(comm: MPI.Comm, tmp_path: Path) -> None:
+def test_scale_and_places(alone: MPI.Comm, tmp_path: Path) -> None:
     """A millimetre is a millimetre, y points up on the panel, and no two panels overlap."""
-    folder = shared(comm, tmp_path)
-    pattern = cylinder(comm, 0.04, 0.02, 4e-3)
+    folder = tmp_path
+    pattern = cylinder(alone, 0.04, 0.02, 4e-3)
     outlines = [panel_outline(pattern, k) for k in range(3)]
     regions = [Polygon()] * 3
     wall = pattern.panel_index("wall")
     regions[wall] = box(0.01, 0.03, 0.02, 0.035) - Point(0.015, 0.0325).buffer(1e-3)
-    if comm.rank == 0:
-        write_svg(folder / "pattern.svg", pattern, regions)
-    comm.barrier()
+    write_svg(folder / "pattern.svg", pattern, regions)
     root, panels = drawn(folder / "pattern.svg")
     width, height = (float(root.get(name, "").removesuffix("mm")) for name in ("width", "height"))
     assert root.get("viewBox") == f"0 0 {width:.3f} {height:.3f}"
@@ -59,20 +54,3 @@ def test_scale_and_places(comm: MPI.Comm, tmp_path: Path) -> None:
     # 5 mm below the upper edge of a wall that is 40 mm high, 10 mm from its left edge.
     left, top, _, _ = cuts["wall"].bounds
     assert Polygon(outer).bounds[:2] == pytest.approx((left + 10, top + 5), abs=1e-3)
-
-
-def test_packed_panels_keep_their_places(comm: MPI.Comm, tmp_path: Path) -> None:
-    folder = shared(comm, tmp_path)
-    sheet = rectangle(comm, 0.01, 0.02, 2e-3)
-    panels = [
-        Panel(name, sheet.flat_points + place, sheet.flat_triangles, sheet.points + [0, 0, z])
-        for name, place, z in (("one", (0, 0), 0.0), ("other", (0.013, 0.007), 0.1))
-    ]
-    pattern = Pattern.from_panels(panels, tolerance=1e-6)
-    if comm.rank == 0:
-        write_svg(folder / "pattern.svg", pattern, [Polygon()] * 2)
-    comm.barrier()
-    _, found = drawn(folder / "pattern.svg")
-    one, other = (found[name]["cut"][0].min(axis=0) for name in ("one", "other"))
-    assert other - one == pytest.approx([13, -7], abs=1e-3)
-    assert shapely.Polygon(found["one"]["cut"][0]).area == pytest.approx(200, rel=1e-5)

@@ -5,13 +5,12 @@ import math
 import numpy as np
 import pytest
 import shapely
-from helpers.prints import MM, flawed_tube, metres, worn_alike
+from helpers.prints import MM, metres, worn_alike
 from helpers.scenes import square
 from mpi4py import MPI
 from shapely.geometry import Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.making.print.cleaning import CleanedRegions, clean, clean_symmetric
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.islands import find_pieces
@@ -31,23 +30,6 @@ def checked(pattern: Pattern, cleaned: CleanedRegions) -> list[BaseGeometry]:
     for panel, region in enumerate(cleaned.regions):
         assert worn_alike(region, panel_outline(pattern, panel), 0.27 * MM)
     return cleaned.regions
-
-
-def test_a_tube_with_one_flaw_of_each_kind(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.06, 0.02, 4e-3)
-    regions = flawed_tube(pattern, 60)
-    cleaned = clean(pattern, regions, island_area=20e-6)
-    wall = pattern.panel_index("wall")
-    after = checked(pattern, cleaned)[wall]
-    assert [round(1e6 * p.area, 2) for p in cleaned.dropped] == [4.52]
-    assert not cleaned.bridged
-    assert len(cleaned.filled) == 1
-    changed = after.symmetric_difference(regions[wall]).area - cleaned.dropped[0].area
-    assert changed < 0.02 * regions[wall].area
-    for panel in ("base", "tip"):
-        number = pattern.panel_index(panel)
-        assert after is not None
-        assert cleaned.regions[number].equals(panel_outline(pattern, number))
 
 
 def test_large_islands_are_bridged() -> None:
@@ -83,8 +65,8 @@ def test_an_island_round_a_corner_of_its_panel_is_removed() -> None:
     checked(pattern, cleaned)
 
 
-def test_pieces_that_only_touch_a_seam_are_islands(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.04, 0.02, 2e-3)
+def test_pieces_that_only_touch_a_seam_are_islands(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, 0.04, 0.02, 2e-3)
     wall = pattern.panel_index("wall")
     regions = [panel_outline(pattern, k) for k in range(3)]
     tip = Polygon([(30, 40), (33, 37), (27, 37)])
@@ -96,9 +78,9 @@ def test_pieces_that_only_touch_a_seam_are_islands(comm: MPI.Comm) -> None:
     checked(pattern, cleaned)
 
 
-def test_symmetric_prints_stay_symmetric(comm: MPI.Comm) -> None:
+def test_symmetric_prints_stay_symmetric(alone: MPI.Comm) -> None:
     """Lines of 0.5 mm on the plane and on the seam, of 0.4 mm across, and slanted ones."""
-    part = cylinder(comm, 0.04, 0.02, 3e-3, planes=(1,))
+    part = cylinder(alone, 0.04, 0.02, 3e-3, planes=(1,))
     whole = mirrored(part, (1,))
     wall = part.panel_index("wall")
     left, _, right, top = panel_outline(part, wall).bounds
@@ -112,16 +94,14 @@ def test_symmetric_prints_stay_symmetric(comm: MPI.Comm) -> None:
     regions[wall] = shapely.union_all(lines) & panel_outline(part, wall)
     onto = mirrored_regions(part, whole, regions)
     after = checked(whole.pattern, clean_symmetric(part, whole, onto))
-    for one, two in zip(clean(whole.pattern, onto).regions, after, strict=True):
-        assert one.symmetric_difference(two).area < 1e-3 * one.area
     again = mirrored_regions(part, whole, part_regions(part, after))
     for one, two in zip(after, again, strict=True):
         assert one.symmetric_difference(two).area < 1e-6 * one.area
 
 
-def test_bridges_get_mirror_images(comm: MPI.Comm) -> None:
+def test_bridges_get_mirror_images(alone: MPI.Comm) -> None:
     """The shortest way from an island on the plane lies on one side only."""
-    part = cylinder(comm, 0.04, 0.02, 3e-3, planes=(1,))
+    part = cylinder(alone, 0.04, 0.02, 3e-3, planes=(1,))
     whole = mirrored(part, (1,))
     wall = part.panel_index("wall")
     left, low, right, top = panel_outline(whole.pattern, wall).bounds
@@ -136,18 +116,3 @@ def test_bridges_get_mirror_images(comm: MPI.Comm) -> None:
     assert len(cleaned.bridged) == 1
     after = checked(whole.pattern, cleaned)[wall]
     assert len(after.interiors) == 1, "two bridges enclose fabric"
-
-
-def test_cleaning_twice_changes_nothing(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.06, 0.02, 4e-3)
-    once = clean(pattern, flawed_tube(pattern, 60), island_area=20e-6)
-    twice = clean(pattern, once.regions, island_area=20e-6)
-    assert not twice.dropped
-    for one, two in zip(once.regions, twice.regions, strict=True):
-        assert one.symmetric_difference(two).area < 1e-4 * one.area
-
-
-@pytest.mark.parametrize("area", [-1e-6, np.nan])
-def test_the_area_must_not_be_negative(area: float) -> None:
-    with pytest.raises(ParameterError, match="island_area"):
-        clean(square(), [box(0, 0, 0.01, 0.01)], island_area=area)

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from helpers.scenes import shared
 from mpi4py import MPI
 
 from toros_fem.base.errors import PatternFileError
@@ -25,10 +24,10 @@ REGIONS = [
 
 
 @pytest.fixture
-def folder(comm: MPI.Comm, tmp_path: Path) -> Path:
-    place = shared(comm, tmp_path)
-    tube = cylinder(comm, 0.06, 0.02, 6e-3)
-    on_first_rank(comm, lambda: write_print_polygons(place / NAME, tube, REGIONS, LIMITS))
+def folder(alone: MPI.Comm, tmp_path: Path) -> Path:
+    place = tmp_path
+    tube = cylinder(alone, 0.06, 0.02, 6e-3)
+    on_first_rank(alone, lambda: write_print_polygons(place / NAME, tube, REGIONS, LIMITS))
     return place
 
 
@@ -44,7 +43,7 @@ def folder(comm: MPI.Comm, tmp_path: Path) -> Path:
     ],
 )
 def test_other_files_are_refused(
-    comm: MPI.Comm, folder: Path, changes: dict[str, Any], message: str
+    alone: MPI.Comm, folder: Path, changes: dict[str, Any], message: str
 ) -> None:
     path = folder / NAME
 
@@ -53,32 +52,13 @@ def test_other_files_are_refused(
             entries = {**archive, **changes}
         np.savez(path, **{key: value for key, value in entries.items() if value is not None})
 
-    on_first_rank(comm, rewrite)
+    on_first_rank(alone, rewrite)
     with pytest.raises(PatternFileError, match=message):
-        read_print_polygons(comm, folder)
+        read_print_polygons(alone, folder)
 
 
-def test_damaged_polygons(comm: MPI.Comm, folder: Path) -> None:
-    path = folder / NAME
-
-    def rewrite() -> None:
-        with np.load(path) as archive:
-            entries = dict(archive)
-        entries["region_bytes"] = 255 - entries["region_bytes"]
-        np.savez(path, **entries)
-
-    on_first_rank(comm, rewrite)
-    with pytest.raises(PatternFileError, match="the polygons cannot be read"):
-        read_print_polygons(comm, folder)
-
-
-def test_a_folder_without_a_print(comm: MPI.Comm, tmp_path: Path) -> None:
-    with pytest.raises(PatternFileError, match="Give the folder of a finished design"):
-        read_print_polygons(comm, tmp_path)
-
-
-def test_a_pattern_is_no_print(comm: MPI.Comm, folder: Path) -> None:
-    tube = cylinder(comm, 0.06, 0.02, 6e-3)
-    on_first_rank(comm, lambda: write_pattern(folder / NAME, tube))
+def test_a_pattern_is_no_print(alone: MPI.Comm, folder: Path) -> None:
+    tube = cylinder(alone, 0.06, 0.02, 6e-3)
+    on_first_rank(alone, lambda: write_pattern(folder / NAME, tube))
     with pytest.raises(PatternFileError, match="another kind of file"):
-        read_print_polygons(comm, folder)
+        read_print_polygons(alone, folder)

@@ -32,8 +32,8 @@ def test_nothing_printed() -> None:
     assert not printed_cells(pattern, regions_of(pattern, lambda p: 0 * p[:, 0])).any()
 
 
-def test_printed_cells(comm: MPI.Comm) -> None:
-    pattern = cylinder(comm, 0.04, 0.02, 3e-3)
+def test_printed_cells(alone: MPI.Comm) -> None:
+    pattern = cylinder(alone, 0.04, 0.02, 3e-3)
     values = np.random.default_rng(4).uniform(0, 1, len(pattern.panel))
     at_points = np.random.default_rng(5).uniform(0, 1, len(pattern.flat_points))
     regions = printed_regions(pattern, at_points, values, 0.5)
@@ -44,6 +44,22 @@ def test_limits_must_be_positive() -> None:
     assert PrintLimits(width=0.8e-3, gap=0.4e-3).resolution == pytest.approx(0.02e-3)
     with pytest.raises(ParameterError, match="gap = 0"):
         PrintLimits(gap=0)
+
+
+def test_lines_of_a_field(alone: MPI.Comm) -> None:
+    """A field linear across slanted lines keeps their widths and gaps, cut by the seam or not."""
+    pattern = cylinder(alone, 0.08, 0.02, 1.5e-3, caps=None)
+    along = np.array([np.sin(0.8), np.cos(0.8)])
+
+    def density(points: np.ndarray) -> np.ndarray:
+        return 0.5 + 40 * (0.002 - np.abs((points @ along) % 0.01 - 0.005))
+
+    found = printability(pattern, regions_of(pattern, density))
+    assert found.smallest_width is not None
+    assert found.smallest_gap is not None
+    # At the ridges of the field the mesh rounds; the contours lie in its linear parts.
+    assert found.smallest_width.width == pytest.approx(4e-3, rel=1e-3)
+    assert found.smallest_gap.width == pytest.approx(6e-3, rel=1e-3)
 
 
 def test_tube_with_flaws(comm: MPI.Comm) -> None:
@@ -61,35 +77,3 @@ def test_tube_with_flaws(comm: MPI.Comm) -> None:
     assert summary["narrow_places"] == summary["tight_places"] == 1
     assert summary["holes"] == 1
     assert summary["smallest_hole_mm2"] == pytest.approx(np.pi * 0.35**2, rel=1e-3)
-
-
-def test_lines_of_a_field(comm: MPI.Comm) -> None:
-    """A field linear across slanted lines keeps their widths and gaps, cut by the seam or not."""
-    pattern = cylinder(comm, 0.08, 0.02, 1.5e-3, caps=None)
-    along = np.array([np.sin(0.8), np.cos(0.8)])
-
-    def density(points: np.ndarray) -> np.ndarray:
-        return 0.5 + 40 * (0.002 - np.abs((points @ along) % 0.01 - 0.005))
-
-    found = printability(pattern, regions_of(pattern, density))
-    assert found.smallest_width is not None
-    assert found.smallest_gap is not None
-    # At the ridges of the field the mesh rounds; the contours lie in its linear parts.
-    assert found.smallest_width.width == pytest.approx(4e-3, rel=1e-3)
-    assert found.smallest_gap.width == pytest.approx(6e-3, rel=1e-3)
-
-
-def test_large_patterns(comm: MPI.Comm) -> None:
-    """Every triangle is handled by arrays: 48 000 of them take no longer than a moment."""
-    pattern = square(n=155, size=0.05)
-    wave = 2 * np.pi / 0.01
-    regions = regions_of(pattern, lambda p: 0.3 + np.cos(wave * p[:, 0]) * np.cos(wave * p[:, 1]))
-    found = printability(pattern, regions)
-    assert found.number_of_pieces == 61
-    assert found.smallest_gap is not None
-    # Along the diagonal through a saddle: sin² = 0.2 on either side.
-    saddle = 2 * np.sqrt(2) * np.arcsin(np.sqrt(0.2)) / wave
-    assert found.smallest_gap.width == pytest.approx(saddle, rel=0.02)
-    assert printed_cells(pattern, regions).mean() == pytest.approx(
-        sum(region.area for region in regions) / 0.05**2, rel=1e-2
-    )

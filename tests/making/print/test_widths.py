@@ -39,15 +39,8 @@ def wedge(angle: float, length: float = 10) -> Polygon:
     return Polygon([(0, 0), (length, half), (length, -half)])
 
 
-def test_noise_about_the_limit_is_one_place() -> None:
-    x = np.linspace(-10, 10, 100)
-    above = 0.3 + 0.02 * (-1.0) ** np.arange(100)
-    line = Polygon([*np.column_stack([x, above]), (10, -0.3), (-10, -0.3)])
-    assert len(measured(line)[0].narrow) == 1
-
-
-@pytest.mark.parametrize("angle", [0.0, 17.0, 45.0, 73.3])
-@pytest.mark.parametrize("width", [0.05, 0.3, 0.6, 1.0, 2.5])
+@pytest.mark.parametrize("angle", [0.0, 73.3])
+@pytest.mark.parametrize("width", [0.05, 0.6, 2.5])
 def test_bars(width: float, angle: float) -> None:
     widths, gaps = measured(rotate(bar(width), angle))
     assert widths.smallest is not None
@@ -132,14 +125,6 @@ def test_tapers() -> None:
     assert blunt > 4
     blunt_end = Polygon([(0, -1), (0, 1), (10, 0.25), (10, -0.25)])
     assert width_of(blunt_end) == pytest.approx(0.66, abs=0.02)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_jagged_borders(seed: int) -> None:
-    noise = np.random.default_rng(seed).uniform(-0.02, 0.02, (2, 400))
-    x = np.linspace(-10, 10, 400)
-    above, below = np.column_stack([x, 0.4 + noise[0]]), np.column_stack([x, -0.4 + noise[1]])
-    assert 0.75 < (width_of(rotate(Polygon([*above, *below[::-1]]), 30)) or 0) < 0.8
 
 
 def test_the_cut_is_no_side() -> None:

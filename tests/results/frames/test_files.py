@@ -3,11 +3,9 @@
 from pathlib import Path
 
 import numpy as np
-import pytest
 from helpers.runs import bent, regions_of, tube
 
-from toros_fem.base.errors import OutputError
-from toros_fem.results.frames import Frame, ShownSkin, read_frames, write_frame, write_skin
+from toros_fem.results.frames import Frame, ShownSkin, write_frame, write_skin
 from toros_fem.results.frames.files import MOST, forget_from, numbers, thin
 
 
@@ -43,17 +41,3 @@ def test_steps_that_are_done_again_are_forgotten(tmp_path: Path) -> None:
         write_frame(tmp_path, frame(number))
     forget_from(tmp_path, "iteration", 3)
     assert numbers(tmp_path, "iteration") == [0, 1, 2]
-
-
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut off", b"text"])
-def test_damaged_files_are_refused(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "iteration-000001.npz").write_bytes(content)
-    with pytest.raises(OutputError, match="cannot be read"):
-        read_frames(tmp_path, "iteration")
-    np.savez(tmp_path / "iteration-000001.npz", skin=np.array("x"))
-    with pytest.raises(OutputError, match="holds no 'positions'"):
-        read_frames(tmp_path, "iteration")
-    pickled = np.array([{"a": 1}], dtype=object)
-    np.savez(tmp_path / "iteration-000001.npz", skin=pickled)
-    with pytest.raises(OutputError, match="cannot be read"):
-        read_frames(tmp_path, "iteration")

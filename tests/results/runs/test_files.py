@@ -44,12 +44,6 @@ def test_newer_checkpoints_are_told(path: Path, monkeypatch: pytest.MonkeyPatch)
         read_checkpoint(path, OWNER)
 
 
-def test_pickled_objects_are_refused(path: Path) -> None:
-    np.savez(path, header=np.array([{"is": "anything"}], dtype=object))
-    with pytest.raises(CheckpointError):
-        read_checkpoint(path, OWNER)
-
-
 def test_a_file_is_forced_to_the_disk_before_its_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
