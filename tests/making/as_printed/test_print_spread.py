@@ -18,8 +18,8 @@ def test_angles_are_those_of_the_tolerances(alone: MPI.Comm) -> None:
     problem, printed = printed_tube(alone)
     found = print_spread(problem, printed, WIDTH / 2)
     assert found is not None
-    alone = ToleranceConfig(width=WIDTH, modulus=None, thickness=None, pressure_change=None)
-    wanted = {v.change: v.values for v in tolerances(problem, printed, alone).variants}
+    only = ToleranceConfig(width=WIDTH, modulus=None, thickness=None, pressure_change=None)
+    wanted = {v.change: v.values for v in tolerances(problem, printed, only).variants}
     for values, change in zip(found.metrics, (-WIDTH, WIDTH), strict=True):
         assert values["angle_deg"] == pytest.approx(wanted[change]["angle_deg"], abs=1e-3)
     narrow, wide = (values["angle_deg"] for values in found.metrics)
