@@ -9,7 +9,6 @@ from toros_fem.products.tiles import pulled_sheet as demo
 from toros_fem.products.tiles.printed_tile import write_tile
 
 SIZE = 0.01
-STRAIN = 0.1
 SMALL = demo.TileSheetConfig(along=3, across=1, strain_steps=2, edge_length=SIZE / 14)
 
 

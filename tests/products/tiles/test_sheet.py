@@ -18,9 +18,6 @@ from toros_fem.products.tiles.sheet import (
     tile_sheet,
 )
 
-SIZE = 0.01
-STRAIN = 0.1
-
 
 def test_remesh_keeps_the_print(alone: MPI.Comm) -> None:
     made = printed_tile(alone)

@@ -22,7 +22,6 @@ from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED, UNIAXIAL, Perio
 from toros_fem.products.tiles.solver import TileSolver, TileState
 from toros_fem.products.tiles.stiffness_profile import ALONG, effective_tensor
 
-SHEAR = np.array([[0.0, 1], [0, 0], [0, 0]])
 # Sides of an oblong tile.
 WIDE = (1.5, 1.0)
 # A mean deformation with shear and rotation, and the four components in the plane.

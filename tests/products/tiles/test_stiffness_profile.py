@@ -41,10 +41,6 @@ from toros_fem.products.tiles.stiffness_profile import (
 WIDE = (1.5, 1.0)
 
 
-# A mean deformation with shear and rotation.
-SKEWED = np.array([[1.08, 0.06], [-0.03, 0.95], [0, 0]])
-
-
 def owned(solver: TileSolver, density: np.ndarray) -> np.ndarray:
     return density[solver.skin.owned_cells]
 
@@ -202,7 +198,7 @@ def test_bad_profiles(comm: MPI.Comm) -> None:
             ProfileSolver(solver, ANGLES, 0.1, batch=comm)
 
 
-def test_bad_start_on_one_rank() -> None:
+def test_bad_start_on_one_rank(comm: MPI.Comm) -> None:
     """All ranks raise the error of one."""
     solver = profile_solver(True, np.zeros(1))
     density = random_density(solver.tile.skin, 0)
