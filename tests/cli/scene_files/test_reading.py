@@ -231,7 +231,7 @@ def test_files_that_cannot_be_read(alone: MPI.Comm, tmp_path: Path) -> None:
     )
     for name, message in (
         ("nothing.toml", "nothing.toml cannot be read: .*No such file"),
-        (".", "is a tmp_path; name a scene file"),
+        (".", "is a folder; name a scene file"),
         ("a\0b", "cannot be read"),
         ("latin.toml", "latin.toml, line 2: no UTF-8 text"),
         ("long.toml", "longer than 1000000 bytes"),

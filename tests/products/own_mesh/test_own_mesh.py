@@ -100,6 +100,9 @@ def test_what_counts(alone: MPI.Comm, finger: OwnSkin) -> None:
     sections = own_case(alone, free, finger)
     assert sections.cross_sections is not None
     assert sections.cross_sections.labels.max() == 12
+    across, _, axial = sections.cross_sections.position_weights.T
+    assert axial == pytest.approx(free.axial_weight * across)
+    assert free.axial_weight < 1
     assert [m.key for m in sections.metrics] == ["twist_deg"]
     named = own_case(alone, free.updated(metrics="shortening, twist, angle"), finger)
     assert [(m.key, m.target) for m in named.metrics] == [

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import numpy as np
+import pytest
 from helpers.tiles import printed_tile
 from mpi4py import MPI
 
@@ -21,4 +23,7 @@ def test_a_tile_from_a_file(alone: MPI.Comm, tmp_path: Path) -> None:
     assert list(summary["directions"]) == ["y"]
     assert summary["triangles"] == 3 * len(made.printed)
     assert summary["tile_m"] == made.size
+    share = made.tile(alone).pattern.areas[made.printed].sum() / np.prod(made.size)
+    for name in ("printed_share", "printed_share_simulated"):
+        assert summary[name] == pytest.approx(share, rel=1e-12)
     assert summary["inputs"]["tile"] == str(tmp_path)
