@@ -2,7 +2,6 @@
 
 import fcntl
 import os
-from collections.abc import Generator
 from pathlib import Path
 
 import pytest
@@ -21,7 +20,7 @@ def area(alone: MPI.Comm) -> ufl.Form:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Generator[Path]:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(compiled_forms, "form_cache", lambda: tmp_path)
     return tmp_path
 

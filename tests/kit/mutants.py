@@ -359,7 +359,8 @@ def try_all(
 
 def read_table() -> list[Mutant]:
     with TABLE.open(encoding="utf-8", newline="") as file:
-        return [Mutant(*(row[name] for name in COLUMNS)) for row in csv.DictReader(file)]
+        rows = csv.DictReader(file)
+        return [Mutant(row["file"], row["old"], row["new"], row["killer"]) for row in rows]
 
 
 def write_table(mutants: list[Mutant]) -> None:

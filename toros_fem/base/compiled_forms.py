@@ -20,6 +20,8 @@ from dolfinx import fem
 from dolfinx.jit import get_options
 
 LOCK = "compiling.lock"
+# s, while which another process may compile the same form, on a machine that is busy.
+PATIENCE = 300
 
 
 def compiled(form: ufl.Form) -> Any:
@@ -37,7 +39,7 @@ def compiled(form: ufl.Form) -> Any:
     """
     folder = form_cache()
     comm = form.ufl_domains()[0].ufl_cargo().comm
-    options = {"cache_dir": str(folder)}
+    options = {"cache_dir": str(folder), "timeout": PATIENCE}
     if comm.rank > 0:  # it reads what the first rank has compiled
         return fem.form(form, jit_options=options)
     with _compiling(folder):

@@ -75,7 +75,7 @@ def test_gradient_with_active_pairs(
     gradient = model.density_sensitivity(base.state, adjoint)
     change = 2e-3 * np.cos(1.0 * skin.owned_cells)
 
-    def value(step: int) -> float:
+    def value(step: float) -> float:
         there = solver.solve(density + 0.1 * step * change, 5e3, start=base.state)
         return total(comm, float(weights @ there.state))
 

@@ -126,11 +126,11 @@ def test_a_coarse_roof_snaps_through(alone: MPI.Comm) -> None:
     assert np.sum(change) == pytest.approx(energy[-1] - energy[0], rel=0.02)
     # Both stable branches are those that Newton's method finds at a fixed load.
     for point in (points[first.after], points[-1]):
-        alone = scene.solver.solve(
+        found = scene.solver.solve(
             scene.density, 0.0, force=point.load_factor * scene.force, start=point.result.state
         )
-        assert alone.steps <= 1
-        positions = scene.solver.skin.gather_vertices(alone.positions)
+        assert found.steps <= 1
+        positions = scene.solver.skin.gather_vertices(found.positions)
         assert positions == pytest.approx(point.positions, abs=1e-9)
 
 
@@ -147,13 +147,13 @@ def test_all_loads_are_scaled_by_one_factor(short_tube: Skin) -> None:
     assert points[-1].load_factor == 1
     assert points[0].result.pressure == pytest.approx(600)
     assert all(point.stable for point in points)
-    alone = solver.solve(density, 2e3, force=force)
-    positions = short_tube.gather_vertices(alone.positions)
+    direct = solver.solve(density, 2e3, force=force)
+    positions = short_tube.gather_vertices(direct.positions)
     assert points[-1].positions == pytest.approx(positions, abs=1e-7 * pattern.size)
     # And back down from there, with another start.
     options = ArcLengthOptions(first=1.0, first_increment=-0.3, largest_increment=0.4, lowest=0.3)
     back = list(
-        trace(solver, density, 2e3, start=alone, by="arc-length", force=force, options=options)
+        trace(solver, density, 2e3, start=direct, by="arc-length", force=force, options=options)
     )
     assert back[-1].load_factor == 0.3
     assert back[-1].positions == pytest.approx(points[0].positions, abs=1e-7 * pattern.size)

@@ -38,8 +38,8 @@ def test_supports_bear_the_weight_and_what_is_held(
     pull = heavy.reactions(result).sum(axis=0)
     expected = -mass * np.array(HEAVY.gravity) - [0.02, -0.01, 0.0]
     assert pull == pytest.approx(expected, abs=1e-8 * np.abs(expected).max())
-    alone = heavy.solve(density, 0.0)
-    assert heavy.reactions(alone).sum(axis=0) == pytest.approx(
+    by_weight = heavy.solve(density, 0.0)
+    assert heavy.reactions(by_weight).sum(axis=0) == pytest.approx(
         -mass * np.array(HEAVY.gravity), abs=1e-8
     )
 

@@ -91,7 +91,7 @@ def test_tangent_with_its_rows_of_the_mean_gradient(periodic: PeriodicModel) -> 
     assert tangent.periodic is not None
     by_gradient = tangent.periodic.force(entries, change) * model.free
 
-    def force(h: int) -> np.ndarray:
+    def force(h: float) -> np.ndarray:
         moved = state.copy()
         model.set_mean_gradient(moved, SKEWED + 1e-5 * h * change)
         return model.residual(moved)
