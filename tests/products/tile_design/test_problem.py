@@ -77,7 +77,7 @@ def full(batched: bool, objective: ProfileObjective, symmetry: str = "tetragonal
     )
 
 
-def test_ranks_share_tile_or_directions() -> None:
+def test_ranks_share_tile_or_directions(comm: MPI.Comm) -> None:
     """Both distributions give the same problem."""
     found = []
     for batched in (False, True):
@@ -104,7 +104,7 @@ def test_ranks_share_tile_or_directions() -> None:
     )
     # Each rank has an MMA of its own, so these must be equal to the last digit.
     rows = other.residuals.gradients
-    for theirs, others in MPI.COMM_WORLD.allgather((other.gradient, rows)):
+    for theirs, others in comm.allgather((other.gradient, rows)):
         assert (theirs == other.gradient).all()
         assert np.array_equal(others, rows)
 
