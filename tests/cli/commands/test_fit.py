@@ -46,6 +46,7 @@ def test_entry_of_a_library(alone: MPI.Comm, tmp_path: Path) -> None:
     assert found.stretch_range == pytest.approx((1.0, 1.8))
     assert (found.trust, found.source, found.kind) == ("measured", "three strips", "fabric")
     assert "R² of the stress 0.99" in str(found.note)
+    assert "young" not in str(found.note), "it is identified"
 
 
 def test_clamped_strip(alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -171,6 +171,7 @@ def test_several_starts(comm: MPI.Comm, tmp_path: Path, levels: int) -> None:
     assert [row.level for row in history] == [0] * 8 + [1] * 3
     assert history[7].objective == summary["starts"][str(summary["seed"])]
     assert made.problem.skin.comm.size == comm.size
+    assert made.problem.filter.radius == config.filter_radius
     comm.barrier()
     with (folder / "history.csv").open(encoding="utf-8") as file:
         assert [float(row["objective"]) for row in csv.DictReader(file)] == [
