@@ -11,7 +11,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -48,13 +47,10 @@ def main() -> None:
     if mark().exists():
         return
     parts = min(2, os.cpu_count() or 1)
-    with ThreadPoolExecutor(parts) as pool:
-        command = [sys.executable, "-m", "kit.warm"]
-        list(
-            pool.map(
-                lambda k: subprocess.run([*command, str(k), str(parts)], check=True), range(parts)
-            )
-        )
+    command = [sys.executable, "-m", "kit.warm"]
+    started = [subprocess.Popen([*command, str(k), str(parts)]) for k in range(parts)]
+    if any([process.wait() for process in started]):
+        sys.exit("the forms could not be compiled; what is above says why")
     mark().touch()
 
 

@@ -39,7 +39,8 @@ def compiled(form: ufl.Form) -> Any:
     """
     folder = form_cache()
     comm = form.ufl_domains()[0].ufl_cargo().comm
-    options = {"cache_dir": str(folder), "timeout": PATIENCE}
+    patience = max(PATIENCE, get_options()["timeout"])
+    options = {"cache_dir": str(folder), "timeout": patience}
     if comm.rank > 0:  # it reads what the first rank has compiled
         return fem.form(form, jit_options=options)
     with _compiling(folder):

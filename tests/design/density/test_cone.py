@@ -11,11 +11,11 @@ from toros_fem.design.density.cone import ConeFilter
 from toros_fem.meshes import Skin, cylinder, sew
 
 
-def test_filter_against_its_definition(tube: Skin) -> None:
-    pattern, radius = tube.pattern, 8e-3
-    cone = ConeFilter(tube, radius)
+def test_filter_against_its_definition(short_tube: Skin) -> None:
+    pattern, radius = short_tube.pattern, 8e-3
+    cone = ConeFilter(short_tube, radius)
     density = np.random.default_rng(0).random(len(pattern.panel))
-    found = tube.gather_cells(cone.forward(density[tube.owned_cells]))
+    found = short_tube.gather_cells(cone.forward(density[short_tube.owned_cells]))
     distance = np.linalg.norm(pattern.centroids[:, None] - pattern.centroids[None], axis=2)
     weight = np.maximum(radius - distance, 0) * pattern.areas
     weight *= pattern.panel[:, None] == pattern.panel[None]
@@ -43,22 +43,24 @@ def test_filter_of_a_half_plane(alone: MPI.Comm) -> None:
     assert np.abs(filtered[wall[inner]] - exact).mean() < 0.0012  # 0.0010 seen
 
 
-def test_at_points_is_the_filtered_field(tube: Skin) -> None:
+def test_at_points_is_the_filtered_field(short_tube: Skin) -> None:
     """Exact at the vertices; the value of the nearest triangle where none is within the radius."""
-    pattern = tube.pattern
+    pattern = short_tube.pattern
     density = np.random.default_rng(0).random(len(pattern.panel))
-    cone = ConeFilter(tube, 8e-3)
-    found = cone.at_points(density[tube.owned_cells])
+    cone = ConeFilter(short_tube, 8e-3)
+    found = cone.at_points(density[short_tube.owned_cells])
     for point in (0, 11, len(found) - 1):
         panel = pattern.panel[np.any(pattern.flat_triangles == point, axis=1)][0]
         distance = np.linalg.norm(pattern.flat_points[point] - pattern.centroids, axis=1)
         weight = np.maximum(8e-3 - distance, 0) * pattern.areas * (pattern.panel == panel)
         assert found[point] == pytest.approx(weight @ density / weight.sum(), rel=1e-12)
-    with warned(tube.comm, match="hardly filters"):
-        narrow = ConeFilter(tube, 1e-4)
-    assert narrow.forward(density[tube.owned_cells]) == pytest.approx(density[tube.owned_cells])
+    with warned(short_tube.comm, match="hardly filters"):
+        narrow = ConeFilter(short_tube, 1e-4)
+    assert narrow.forward(density[short_tube.owned_cells]) == pytest.approx(
+        density[short_tube.owned_cells]
+    )
     lone = narrow.at_points((pattern.panel == pattern.panel_index("tip")).astype(float)[
-        tube.owned_cells])  # fmt: skip
+        short_tube.owned_cells])  # fmt: skip
     tip = np.unique(pattern.flat_triangles[pattern.cells_of("tip")])
     assert np.all(lone[tip] == 1), "the nearest triangle is one of the same panel"
     assert lone.sum() == len(tip)
@@ -87,8 +89,8 @@ def test_cone_on_a_torus(alone: MPI.Comm) -> None:
         ConeFilter(tile, radius, lattice=np.ones(2))
 
 
-def test_a_radius_too_small_warns(tube: Skin) -> None:
-    with warned(tube.comm, match="under 1.5 edge lengths"):
-        ConeFilter(tube, 3e-3)
+def test_a_radius_too_small_warns(short_tube: Skin) -> None:
+    with warned(short_tube.comm, match="under 1.5 edge lengths"):
+        ConeFilter(short_tube, 3e-3)
     with pytest.raises(errors.ParameterError, match="radius = -1"):
-        ConeFilter(tube, -1.0)
+        ConeFilter(short_tube, -1.0)

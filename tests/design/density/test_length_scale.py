@@ -106,35 +106,37 @@ def test_thin_lines_and_gaps_are_caught_wide_ones_pass(
     assert values[wide][1] < limits.epsilon[1]
 
 
-def test_length_scale_parameters(tube: Skin) -> None:
-    flat = ConeFilter(tube, 8e-3)
-    designed = np.ones(len(tube.owned_cells), dtype=bool)
-    default = LengthScaleConstraints(tube, flat, LengthScale(), designed)
+def test_length_scale_parameters(short_tube: Skin) -> None:
+    flat = ConeFilter(short_tube, 8e-3)
+    designed = np.ones(len(short_tube.owned_cells), dtype=bool)
+    default = LengthScaleConstraints(short_tube, flat, LengthScale(), designed)
     assert default.solid_threshold == pytest.approx(0.7799, abs=1e-3)
     assert default.void_threshold == pytest.approx(1 - 0.7799, abs=1e-3)
     assert default.decay == pytest.approx(25 * 8e-3**2)
-    half = LengthScaleConstraints(tube, flat, LengthScale(), designed, parts=2)
+    half = LengthScaleConstraints(short_tube, flat, LengthScale(), designed, parts=2)
     np.testing.assert_allclose(half.epsilon, default.epsilon / 2)
-    paper = LengthScaleConstraints(tube, flat, LengthScale.paper(tube), designed)
+    paper = LengthScaleConstraints(short_tube, flat, LengthScale.paper(short_tube), designed)
     assert (paper.solid_threshold, paper.void_threshold) == pytest.approx((0.7, 0.3))
     assert np.all(paper.epsilon == 1e-3)
     # Each ε belongs to its own width; another η of the projection shifts both thresholds.
-    wide = LengthScaleConstraints(tube, flat, LengthScale(gap_width=4e-3), designed)
+    wide = LengthScaleConstraints(short_tube, flat, LengthScale(gap_width=4e-3), designed)
     assert wide.epsilon[0] == pytest.approx(default.epsilon[0])
     assert wide.epsilon[1] < 0.2 * default.epsilon[1]
-    low = LengthScaleConstraints(tube, flat, LengthScale(), designed, Projection(20.0, 0.3))
+    low = LengthScaleConstraints(short_tube, flat, LengthScale(), designed, Projection(20.0, 0.3))
     assert width_for_threshold("cone", low.solid_threshold, 0.3) == pytest.approx(1)
     assert width_for_threshold("cone", 1 - low.void_threshold, 0.7) == pytest.approx(1)
-    assert paper.decay == pytest.approx(100 * mean_edge(tube) ** 2)
+    assert paper.decay == pytest.approx(100 * mean_edge(short_tube) ** 2)
     with pytest.raises(ParameterError, match="cannot be enforced"):
-        LengthScaleConstraints(tube, flat, LengthScale(line_width=0.1), designed)
+        LengthScaleConstraints(short_tube, flat, LengthScale(line_width=0.1), designed)
     with pytest.raises(ParameterError, match="no triangle is designed"):
-        LengthScaleConstraints(tube, flat, LengthScale(), ~designed)
+        LengthScaleConstraints(short_tube, flat, LengthScale(), ~designed)
 
 
-def test_summary_says_whether_both_hold(tube: Skin) -> None:
-    designed = np.ones(len(tube.owned_cells), dtype=bool)
-    limits = LengthScaleConstraints(tube, ConeFilter(tube, 8e-3), LengthScale.paper(tube), designed)
+def test_summary_says_whether_both_hold(short_tube: Skin) -> None:
+    designed = np.ones(len(short_tube.owned_cells), dtype=bool)
+    limits = LengthScaleConstraints(
+        short_tube, ConeFilter(short_tube, 8e-3), LengthScale.paper(short_tube), designed
+    )
     found = limits.summary(np.array([1e-3, 2e-4]))
     assert found == {
         "g_r": 1e-3, "g_t": 2e-4, "epsilon_r": 1e-3, "epsilon_t": 1e-3, "eta_r": 0.7,

@@ -19,9 +19,9 @@ from toros_fem.meshes import Skin, mirrored, sew
 RADIUS = 8e-3
 
 
-def test_pairs_against_all_distances(tube: Skin, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pairs_against_all_distances(short_tube: Skin, monkeypatch: pytest.MonkeyPatch) -> None:
     """The pairs of one panel within the radius, for any number of rows searched at once."""
-    pattern = tube.pattern
+    pattern = short_tube.pattern
     offset = pattern.centroids[None] - pattern.centroids[:, None]
     distance = np.linalg.norm(offset, axis=2)
     near = (distance <= RADIUS) & (pattern.panel[:, None] == pattern.panel[None])
@@ -62,7 +62,7 @@ def test_a_part_has_the_neighbours_of_the_whole() -> None:
     assert cells.max() < count <= mirrors.max()
 
 
-def test_matrices_do_not_depend_on_ranks(shared_tube: Skin, comm: MPI.Comm) -> None:
+def test_matrices_do_not_depend_on_ranks(tube: Skin, comm: MPI.Comm) -> None:
     def weigh(pairs: Pairs) -> list[np.ndarray]:
         return [RADIUS - pairs.distance, pairs.offset[:, 0]]
 
@@ -73,16 +73,14 @@ def test_matrices_do_not_depend_on_ranks(shared_tube: Skin, comm: MPI.Comm) -> N
         acts = (multiply, multiply_transpose)
         return [skin.gather_cells(act(matrix, mine)) for matrix in matrices for act in acts]
 
-    one, other = np.random.default_rng(0).random((2, len(shared_tube.pattern.panel)))
-    alone = products(sew(MPI.COMM_SELF, shared_tube.pattern), one)
-    for found, expected in zip(products(shared_tube, one), alone, strict=True):
+    one, other = np.random.default_rng(0).random((2, len(tube.pattern.panel)))
+    alone = products(sew(MPI.COMM_SELF, tube.pattern), one)
+    for found, expected in zip(products(tube, one), alone, strict=True):
         assert found == pytest.approx(expected, rel=1e-12, abs=1e-14)
     assert alone[0] == pytest.approx(alone[1], rel=1e-12), "the distance is symmetric"
     assert alone[2] == pytest.approx(-alone[3], abs=1e-14), "the offset is antisymmetric"
-    matrix = neighbour_matrices(shared_tube, Neighbourhood(shared_tube.pattern, RADIUS), weigh, 2)[
-        1
-    ]
-    a, b = one[shared_tube.owned_cells], other[shared_tube.owned_cells]
+    matrix = neighbour_matrices(tube, Neighbourhood(tube.pattern, RADIUS), weigh, 2)[1]
+    a, b = one[tube.owned_cells], other[tube.owned_cells]
     there = dot(comm, multiply(matrix, a), b)
     assert dot(comm, a, multiply_transpose(matrix, b)) == pytest.approx(there, rel=1e-12)
 

@@ -31,25 +31,27 @@ def test_perimeter_of_stripes_on_a_torus(sharpness: float) -> None:
     assert term.forward(stripes) == pytest.approx(2 * np.sqrt(5) * size, rel=0.03)
 
 
-def test_the_papers_sum_by_its_definition(tube: Skin) -> None:
+def test_the_papers_sum_by_its_definition(short_tube: Skin) -> None:
     """Eqs. (15, 16) as printed, over the triangles of a panel without weights."""
-    pattern, window, w = tube.pattern, 7e-3, 0.5
+    pattern, window, w = short_tube.pattern, 7e-3, 0.5
     values = np.random.default_rng(3).random(len(pattern.panel))
-    found = Perimeter(tube, window, w, area_weighted=False).forward(values[tube.owned_cells])
+    found = Perimeter(short_tube, window, w, area_weighted=False).forward(
+        values[short_tube.owned_cells]
+    )
     distance = np.linalg.norm(pattern.centroids[:, None] - pattern.centroids[None], axis=2)
     near = (distance <= window) & (pattern.panel[:, None] == pattern.panel[None])
     mean = (near * np.exp(w * (1 - values))).sum(axis=1) / near.sum(axis=1)
     assert found == pytest.approx((values - (1 - np.log(mean) / w)).sum(), rel=1e-10)
 
 
-def test_perimeter_of_uniform_print_is_zero(tube: Skin) -> None:
-    make: Callable[[float], float] = lambda value: Perimeter(tube, 7e-3).forward(  # noqa: E731
-        np.full(len(tube.owned_cells), value)
+def test_perimeter_of_uniform_print_is_zero(short_tube: Skin) -> None:
+    make: Callable[[float], float] = lambda value: Perimeter(short_tube, 7e-3).forward(  # noqa: E731
+        np.full(len(short_tube.owned_cells), value)
     )
     assert abs(make(1.0)) < 1e-12
     assert abs(make(0.0)) < 1e-12
     with pytest.raises(ParameterError, match="sharpness = 0"):
-        Perimeter(tube, 7e-3, 0.0)
+        Perimeter(short_tube, 7e-3, 0.0)
 
 
 def test_erosion_of_fabric_counts_islands_more_than_of_print() -> None:
@@ -69,19 +71,23 @@ def test_erosion_of_fabric_counts_islands_more_than_of_print() -> None:
 
 
 @pytest.mark.parametrize("sharpness", [0.5, 20.0, -20.0])
-def test_no_pattern_shortens_the_border(sharpness: float, tube: Skin, alone: MPI.Comm) -> None:
+def test_no_pattern_shortens_the_border(
+    sharpness: float, short_tube: Skin, alone: MPI.Comm
+) -> None:
     """On any mesh and at the borders of panels the length is positive, and its slope 0 at none.
 
     With the paper's ρ̄ in place of its mean, print on some triangles has a negative length.
     """
-    areas = tube.pattern.areas[tube.owned_cells]
-    term = Perimeter(tube, 7e-3, sharpness)
+    areas = short_tube.pattern.areas[short_tube.owned_cells]
+    term = Perimeter(short_tube, 7e-3, sharpness)
     for uniform in (0.0, 0.4, 1.0):
         slope = term.backward(np.full(len(areas), uniform))
         assert np.abs(slope).max() < 1e-10 * areas.max() / abs(edge_factor(sharpness) * 7e-3)
-    steepest = Perimeter(tube, 7e-3, sharpness, area_weighted=False).backward(np.zeros(len(areas)))
+    steepest = Perimeter(short_tube, 7e-3, sharpness, area_weighted=False).backward(
+        np.zeros(len(areas))
+    )
     rewarded = (steepest < 0).astype(float)
     assert alone.allreduce(float(rewarded @ steepest)) < 0
     assert term.forward(rewarded) > 0.1
     for seed in range(3):
-        assert term.forward(random_density(tube, seed, spread=0.4)) > 0
+        assert term.forward(random_density(short_tube, seed, spread=0.4)) > 0

@@ -59,35 +59,35 @@ def check(make: Callable[[], DesignProblem], options: DesignOptions, *rows: int)
 
 
 @pytest.mark.slow
-def test_densities_go_on_bit_for_bit(tube: Skin) -> None:
+def test_densities_go_on_bit_for_bit(short_tube: Skin) -> None:
     """Inside a stage, at the start of one, and after the last row; turns of edges are kept."""
-    check(lambda: densities(tube, "midedge"), OPTIONS, 2, 4, 5)
+    check(lambda: densities(short_tube, "midedge"), OPTIONS, 2, 4, 5)
 
 
 @pytest.mark.slow
-def test_line_families_go_on_bit_for_bit(tube: Skin) -> None:
-    check(lambda: families(tube), DesignOptions((Stage(2),)), 2)
+def test_line_families_go_on_bit_for_bit(short_tube: Skin) -> None:
+    check(lambda: families(short_tube), DesignOptions((Stage(2),)), 2)
 
 
 @pytest.mark.slow
-def test_another_number_of_ranks_goes_on(comm: MPI.Comm, shared_tube: Skin) -> None:
+def test_another_number_of_ranks_goes_on(comm: MPI.Comm, tube: Skin) -> None:
     """What all ranks wrote, one alone goes on with, to the solver's tolerance; and vice versa."""
     options = DesignOptions((Stage(2, constrained=True),))
     alone = sew(MPI.COMM_SELF, cylinder(MPI.COMM_SELF, 0.06, 0.02, 4.5e-3))
-    whole = optimize(densities(shared_tube), options, seed=3)
-    together = stopped(lambda: densities(shared_tube), options, 2)
+    whole = optimize(densities(tube), options, seed=3)
+    together = stopped(lambda: densities(tube), options, 2)
     by_one = stopped(lambda: densities(alone), options, 2)
     again = optimize(densities(alone), options, seed=3, journal=OneEntry(saved=together))
-    back = optimize(densities(shared_tube), options, seed=3, journal=OneEntry(saved=by_one))
+    back = optimize(densities(tube), options, seed=3, journal=OneEntry(saved=by_one))
     assert again.final.objective == pytest.approx(whole.final.objective, rel=1e-4)
     assert back.final.objective == pytest.approx(whole.final.objective, rel=1e-4)
-    every = shared_tube.gather_cells(whole.density)
+    every = tube.gather_cells(whole.density)
     assert np.abs(alone.gather_cells(again.density) - every).max() < 1e-3
-    assert np.abs(shared_tube.gather_cells(back.density) - every).max() < 1e-3
+    assert np.abs(tube.gather_cells(back.density) - every).max() < 1e-3
 
 
-def test_what_does_not_fit_is_told(tube: Skin) -> None:
-    saved = stopped(lambda: densities(tube), DesignOptions((Stage(1),)), 1)
+def test_what_does_not_fit_is_told(short_tube: Skin) -> None:
+    saved = stopped(lambda: densities(short_tube), DesignOptions((Stage(1),)), 1)
     for arrays, numbers in (
         ({**saved.arrays, "unknowns": saved.arrays["unknowns"][:-1]}, saved.numbers),
         ({**saved.arrays, "x": saved.arrays["x"][:-7]}, saved.numbers),
@@ -97,12 +97,12 @@ def test_what_does_not_fit_is_told(tube: Skin) -> None:
     ):
         journal = OneEntry(saved=Checkpoint(arrays, numbers))
         with pytest.raises(CheckpointError, match="does not fit"):
-            optimize(densities(tube), DesignOptions((Stage(1),)), seed=3, journal=journal)
+            optimize(densities(short_tube), DesignOptions((Stage(1),)), seed=3, journal=journal)
 
 
-def test_a_signature_tells_problems_apart(alone: MPI.Comm, tube: Skin) -> None:
-    one = densities(tube)
+def test_a_signature_tells_problems_apart(alone: MPI.Comm, short_tube: Skin) -> None:
+    one = densities(short_tube)
     shorter = densities(sew(alone, cylinder(alone, 0.05, 0.02, 4.5e-3)))
-    assert signature_of(one, OPTIONS) == signature_of(densities(tube), OPTIONS)
+    assert signature_of(one, OPTIONS) == signature_of(densities(short_tube), OPTIONS)
     others = {signature_of(one), signature_of(shorter, OPTIONS), signature_of(one, Stage(1))}
     assert len(others | {signature_of(one, OPTIONS)}) == 4

@@ -20,12 +20,12 @@ from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin
 
 
-def test_stages_switch_constraints_on_and_pressure_moves(shared_tube: Skin) -> None:
-    solver = EquilibriumSolver(shared_tube, Composite(), clamp(shared_tube.pattern, ["base"]))
-    problem = full(shared_tube, solver, beta=20.0)
+def test_stages_switch_constraints_on_and_pressure_moves(tube: Skin) -> None:
+    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
+    problem = full(tube, solver, beta=20.0)
     problem = dataclasses.replace(problem, perimeter=None, perimeter_weight=None)
     stages = (Stage(6), Stage(12, constrained=True))
-    result = optimize(problem, DesignOptions(stages), start=random_density(shared_tube, 3))
+    result = optimize(problem, DesignOptions(stages), start=random_density(tube, 3))
     free, last = result.history[6], result.history[-1]
     assert free.stage == 0
     assert last.stage == 1
@@ -38,16 +38,16 @@ def test_stages_switch_constraints_on_and_pressure_moves(shared_tube: Skin) -> N
     assert np.abs(steps).max() <= 0.1 + 1e-9
 
 
-def test_a_run_goes_on_from_a_result(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    problem = full(tube, tube_solver, beta=20.0)
-    first = optimize(problem, DesignOptions((Stage(4),)), start=random_density(tube, 3))
+def test_a_run_goes_on_from_a_result(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
+    problem = full(short_tube, short_solver, beta=20.0)
+    first = optimize(problem, DesignOptions((Stage(4),)), start=random_density(short_tube, 3))
     more = optimize(problem, DesignOptions((Stage(3),)), start=first.density, after=first)
     assert [row.iteration for row in more.history] == [0, 1, 2, 3, 4, 4, 5, 6, 7]
     assert [row.stage for row in more.history] == [0] * 5 + [1] * 4
     assert more.history[5].objective == pytest.approx(first.final.objective, rel=1e-9)
     assert more.history[:5] == first.history
     assert first.initial is not None
-    started = tube.gather_cells(problem.with_passive(random_density(tube, 3)))
+    started = short_tube.gather_cells(problem.with_passive(random_density(short_tube, 3)))
     assert first.initial.density == pytest.approx(started)
     assert more.initial is first.initial
     assert more.final.objective < first.final.objective
@@ -55,10 +55,10 @@ def test_a_run_goes_on_from_a_result(tube: Skin, tube_solver: EquilibriumSolver)
 
 
 def test_a_design_that_is_good_enough_ends_a_stage(
-    tube: Skin, tube_solver: EquilibriumSolver
+    short_tube: Skin, short_solver: EquilibriumSolver
 ) -> None:
     """And not while its constraints are violated."""
-    problem, start = full(tube, tube_solver, beta=20.0), random_density(tube, 3)
+    problem, start = full(short_tube, short_solver, beta=20.0), random_density(short_tube, 3)
     every = optimize(problem, DesignOptions((Stage(5),)), start=start).history
     enough = every[2].objective * 1.001
     first = next(k for k, row in enumerate(every) if row.objective <= enough)
@@ -78,9 +78,9 @@ def test_a_design_that_is_good_enough_ends_a_stage(
     assert len(bound.history) > 2, "the constraints are not"
 
 
-def test_stages_that_are_alike_all_run(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+def test_stages_that_are_alike_all_run(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
     """And what is reported last is the design returned, also when a stage ends at its start."""
-    problem, start = make_problem(tube, tube_solver), random_density(tube, 3)
+    problem, start = make_problem(short_tube, short_solver), random_density(short_tube, 3)
     result = optimize(problem, DesignOptions((Stage(2),) * 3), start=start)
     assert [row.stage for row in result.history] == [0] * 3 + [1] * 3 + [2] * 3
     plain = 0 * start + 0.5
@@ -88,8 +88,8 @@ def test_stages_that_are_alike_all_run(tube: Skin, tube_solver: EquilibriumSolve
     assert late.history[-1].objective == late.final.objective != result.final.objective
 
 
-def test_stop_rules(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    problem, start = make_problem(tube, tube_solver), random_density(tube, 3)
+def test_stop_rules(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
+    problem, start = make_problem(short_tube, short_solver), random_density(short_tube, 3)
     for options, reason in (
         (DesignOptions((Stage(9),), x_tol=0.5), "No variable changes by more than 0.5"),
         (DesignOptions((Stage(9),), kkt_tol=1e3), "The KKT residual is under 1000"),
@@ -103,13 +103,15 @@ def test_stop_rules(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     assert slow.history[-1].iteration == 10, "it never falls by all of it"
 
 
-def test_loop_descends_and_is_reproducible(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+def test_loop_descends_and_is_reproducible(
+    short_tube: Skin, short_solver: EquilibriumSolver
+) -> None:
     seen = []
     runs = [
         optimize(
-            make_problem(tube, tube_solver),
+            make_problem(short_tube, short_solver),
             DesignOptions((Stage(6),)),
-            start=random_density(tube, 3),
+            start=random_density(short_tube, 3),
             callback=lambda row, _: seen.append(row.iteration),
         )
         for _ in range(2)
@@ -124,11 +126,11 @@ def test_loop_descends_and_is_reproducible(tube: Skin, tube_solver: EquilibriumS
 
 
 def test_a_design_without_equilibrium_is_stepped_back_from(
-    tube: Skin, tube_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
+    short_tube: Skin, short_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Failures of the solver on the way are retried; if they stay, the last design is kept."""
-    problem = make_problem(tube, tube_solver)
-    solve, count = tube_solver.solve, 0
+    problem = make_problem(short_tube, short_solver)
+    solve, count = short_solver.solve, 0
 
     def failing(broken: range) -> Any:
         def patched(*args: Any, **kwargs: Any) -> EquilibriumResult:
@@ -141,20 +143,20 @@ def test_a_design_without_equilibrium_is_stepped_back_from(
 
         return patched
 
-    monkeypatch.setattr(tube_solver, "solve", failing(range(2, 4)))
-    result = optimize(problem, DesignOptions((Stage(3),)), start=random_density(tube, 3))
+    monkeypatch.setattr(short_solver, "solve", failing(range(2, 4)))
+    result = optimize(problem, DesignOptions((Stage(3),)), start=random_density(short_tube, 3))
     assert [row.iteration for row in result.history] == [0, 1, 2, 3]
     assert result.history[1].rejected >= 2
     count = 0
-    monkeypatch.setattr(tube_solver, "solve", failing(range(3, 99)))
-    result = optimize(problem, DesignOptions((Stage(3),)), start=random_density(tube, 3))
+    monkeypatch.setattr(short_solver, "solve", failing(range(3, 99)))
+    result = optimize(problem, DesignOptions((Stage(3),)), start=random_density(short_tube, 3))
     assert [row.iteration for row in result.history] == [0, 1]
     assert "the last design with one" in result.reason
     assert result.final.objective == result.history[-1].objective
 
 
-def test_continuation_raises_beta(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    problem = make_problem(tube, tube_solver)
+def test_continuation_raises_beta(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
+    problem = make_problem(short_tube, short_solver)
     stages = [Stage(2, beta=beta) for beta in (2.0, 4.0, 8.0)]
     result = optimize(problem, stages, seed=3)
     # A row for the start of each stage, and one for each step.
@@ -164,9 +166,11 @@ def test_continuation_raises_beta(tube: Skin, tube_solver: EquilibriumSolver) ->
     assert problem.projection.beta == 6.0, "the problem is left as it was"
 
 
-def test_conservative_steps_descend(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+def test_conservative_steps_descend(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
     options = DesignOptions((Stage(6),), descent="conservative", retries=15)
-    result = optimize(make_problem(tube, tube_solver), options, start=random_density(tube, 3))
+    result = optimize(
+        make_problem(short_tube, short_solver), options, start=random_density(short_tube, 3)
+    )
     objectives = [row.objective for row in result.history]
     assert objectives == sorted(objectives, reverse=True)
     assert objectives[-1] < 0.5 * objectives[0]

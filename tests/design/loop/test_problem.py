@@ -17,18 +17,20 @@ from toros_fem.meshes import Skin
 
 
 def test_a_completed_trial_has_the_exact_gradient(
-    tube: Skin, alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+    short_tube: Skin, alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Trials with inexact Newton steps, completed, then differentiated."""
     monkeypatch.setattr("toros_fem.mechanics.equilibrium.newton.CG_COST", 0.3)
-    solver = EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"]))
-    problem = dataclasses.replace(full(tube, solver), perimeter=None, perimeter_weight=None)
-    density = random_density(tube, 2, spread=0.3)
-    start = problem.evaluate(random_density(tube, 2, spread=0.25)).equilibrium.state
+    solver = EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    problem = dataclasses.replace(full(short_tube, solver), perimeter=None, perimeter_weight=None)
+    density = random_density(short_tube, 2, spread=0.3)
+    start = problem.evaluate(random_density(short_tube, 2, spread=0.25)).equilibrium.state
     trial = problem.simulate(density, start, 4e3, trial=True)
     assert any(row.inexact for row in trial.equilibrium.history)
     base = problem.differentiate(problem.finish(trial))
-    exact = make_problem(tube, EquilibriumSolver(tube, Composite(), clamp(tube.pattern, ["base"])))
+    exact = make_problem(
+        short_tube, EquilibriumSolver(short_tube, Composite(), clamp(short_tube.pattern, ["base"]))
+    )
     direct = exact.evaluate(density, pressure=4e3)
     assert base.objective == pytest.approx(direct.objective, rel=1e-9)
     assert base.gradient is not None
@@ -37,9 +39,11 @@ def test_a_completed_trial_has_the_exact_gradient(
     assert gap < 1e-7 * norm(alone, direct.gradient)
 
 
-def test_binary_pattern_is_simulated_as_it_is(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    problem = make_problem(tube, tube_solver)
-    design = problem.simulate(random_density(tube, 3, spread=0.5))
+def test_binary_pattern_is_simulated_as_it_is(
+    short_tube: Skin, short_solver: EquilibriumSolver
+) -> None:
+    problem = make_problem(short_tube, short_solver)
+    design = problem.simulate(random_density(short_tube, 3, spread=0.5))
     printed = design.filtered > 0.5
     binary = problem.simulate_binary(printed, design)
     assert set(np.unique(binary.projected)) <= {0.0, 1.0}
@@ -49,9 +53,11 @@ def test_binary_pattern_is_simulated_as_it_is(tube: Skin, tube_solver: Equilibri
     assert binary.shape != design.shape
 
 
-def test_gradient_of_a_state_that_is_gone(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    problem = make_problem(tube, tube_solver)
-    first = problem.simulate(random_density(tube, 0))
-    problem.simulate(random_density(tube, 1))
+def test_gradient_of_a_state_that_is_gone(
+    short_tube: Skin, short_solver: EquilibriumSolver
+) -> None:
+    problem = make_problem(short_tube, short_solver)
+    first = problem.simulate(random_density(short_tube, 0))
+    problem.simulate(random_density(short_tube, 1))
     with pytest.raises(errors.ParameterError, match="another state"):
         problem.differentiate(first)

@@ -28,30 +28,30 @@ def robust(tube: Skin, weight: float = 1e4) -> ShapeProblem:
     return dataclasses.replace(plain, robust=made)
 
 
-def test_without_variants_nothing_differs(tube: Skin) -> None:
+def test_without_variants_nothing_differs(short_tube: Skin) -> None:
     """Stages that are not robust are those of the plain problem to the last bit."""
-    plain = optimize(full(tube, solver(tube)), [Stage(3)], seed=3)
-    off = optimize(robust(tube), [Stage(3, robust=False)], seed=3)
+    plain = optimize(full(short_tube, solver(short_tube)), [Stage(3)], seed=3)
+    off = optimize(robust(short_tube), [Stage(3, robust=False)], seed=3)
     assert [figures(r) for r in off.history] == [figures(r) for r in plain.history]
     assert np.array_equal(off.density, plain.density)
     assert not off.final.variants
 
 
-def test_a_stopped_design_goes_on_bit_for_bit(tube: Skin) -> None:
+def test_a_stopped_design_goes_on_bit_for_bit(short_tube: Skin) -> None:
     options = DesignOptions((Stage(3),))
-    whole = optimize(robust(tube), options, seed=3)
+    whole = optimize(robust(short_tube), options, seed=3)
     stopping = OneEntry(stop_at=2)
     with pytest.raises(Stopped):
-        optimize(robust(tube), options, seed=3, journal=stopping)
-    again = optimize(robust(tube), options, seed=3, journal=OneEntry(saved=stopping.kept))
+        optimize(robust(short_tube), options, seed=3, journal=stopping)
+    again = optimize(robust(short_tube), options, seed=3, journal=OneEntry(saved=stopping.kept))
     assert [figures(r) for r in again.history] == [figures(r) for r in whole.history]
     for one, two in zip(again.final.variants, whole.final.variants, strict=True):
         assert np.array_equal(one.state, two.state)
 
 
-def test_the_spread_falls(tube: Skin) -> None:
+def test_the_spread_falls(short_tube: Skin) -> None:
     """Plain steps, and as many robust ones from there."""
-    problem = robust(tube, 1e5)
+    problem = robust(short_tube, 1e5)
     plain = optimize(problem, [Stage(6, robust=False)], seed=3)
     before = problem.evaluate(plain.density, plain.final.equilibrium.state, plain.pressures)
     after = optimize(problem, [Stage(6)], after=plain).final
@@ -61,12 +61,12 @@ def test_the_spread_falls(tube: Skin) -> None:
     assert after.objective < before.objective
 
 
-def test_the_spread_of_a_print_that_is_known(tube: Skin) -> None:
-    problem, pattern = robust(tube, 1e5), tube.pattern
-    along = pattern.points[pattern.triangles].mean(axis=1)[tube.owned_cells, 2]
+def test_the_spread_of_a_print_that_is_known(short_tube: Skin) -> None:
+    problem, pattern = robust(short_tube, 1e5), short_tube.pattern
+    along = pattern.points[pattern.triangles].mean(axis=1)[short_tube.owned_cells, 2]
     density = 0.5 + 0.3 * np.sin(2 * np.pi * along / 0.03)
     before = problem.simulate(density)
-    printed = 0.3 * (before.equilibrium.positions - pattern.points[tube.owned_vertices])
+    printed = 0.3 * (before.equilibrium.positions - pattern.points[short_tube.owned_vertices])
     problem = problem.with_printed_spread(printed, before)
     x, forward = before.equilibrium.positions, problem.objective.forward
     expected = (forward(x + printed) + forward(x - printed)) / 2 - forward(x)

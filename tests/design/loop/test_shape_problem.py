@@ -12,15 +12,17 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
 
 
-def test_metrics_along_changes_of_the_density(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+def test_metrics_along_changes_of_the_density(
+    short_tube: Skin, short_solver: EquilibriumSolver
+) -> None:
     metrics = (
         Metric("bend", "rad", None, lambda of, x: bend_angle(of, x, sections=6)),
         Metric("length", "ratio", None, length_ratio),
     )
-    problem = dataclasses.replace(make_problem(tube, tube_solver), metrics=metrics)
-    density = random_density(tube, 2, spread=0.3)
-    pattern = tube.pattern
-    x, _, z = pattern.points[pattern.triangles[tube.owned_cells]].mean(axis=1).T
+    problem = dataclasses.replace(make_problem(short_tube, short_solver), metrics=metrics)
+    density = random_density(short_tube, 2, spread=0.3)
+    pattern = short_tube.pattern
+    x, _, z = pattern.points[pattern.triangles[short_tube.owned_cells]].mean(axis=1).T
     changes = [0.2 * np.sign(x), 0.2 * np.sign(z - pattern.points[:, 2].mean())]
     changes = [change * problem.designed for change in changes]
     base = problem.simulate(density)

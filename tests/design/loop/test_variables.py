@@ -14,35 +14,39 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
 
 
-def test_a_vector_and_back(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+def test_a_vector_and_back(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
     """Pressures enter as the logarithm between their bounds."""
-    problem = dataclasses.replace(make_problem(tube, tube_solver), pressure_bounds=(1e3, 9e3))
+    problem = dataclasses.replace(
+        make_problem(short_tube, short_solver), pressure_bounds=(1e3, 9e3)
+    )
     variables = Variables(problem, DesignOptions(pressure_move=0.25))
-    density = random_density(tube, 3)
+    density = random_density(short_tube, 3)
     x = variables.vector(density, (3e3,))
-    if tube.comm.rank == 0:
+    if short_tube.comm.rank == 0:
         assert x.array[-1] == pytest.approx(0.5), "3 is the geometric mean of 1 and 9"
         assert variables.move.array[-1] == 0.25
     back, pressures = variables.design(x)
     np.testing.assert_array_equal(back, density)
     assert pressures == pytest.approx((3e3,))
-    assert x.getSize() == len(tube.pattern.triangles) + 1
+    assert x.getSize() == len(short_tube.pattern.triangles) + 1
 
 
-def test_prescribed_densities_have_no_range(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    passive = np.where(tube.owned_cells % 3 == 0, 0.25, np.nan)
-    problem = dataclasses.replace(make_problem(tube, tube_solver), passive=passive)
+def test_prescribed_densities_have_no_range(
+    short_tube: Skin, short_solver: EquilibriumSolver
+) -> None:
+    passive = np.where(short_tube.owned_cells % 3 == 0, 0.25, np.nan)
+    problem = dataclasses.replace(make_problem(short_tube, short_solver), passive=passive)
     low, high = Variables(problem, DesignOptions()).bounds
     given = ~np.isnan(passive)
     np.testing.assert_array_equal(low.array, np.where(given, 0.25, 0.0))
     np.testing.assert_array_equal(high.array, np.where(given, 0.25, 1.0))
 
 
-def test_scaled_functions(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+def test_scaled_functions(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
     """T is 10 where a stage starts; constraints ask for half of their value, then for ε."""
-    problem = full(tube, tube_solver, beta=20.0)
+    problem = full(short_tube, short_solver, beta=20.0)
     variables = Variables(problem, DesignOptions())
-    base = problem.evaluate(random_density(tube, 3))
+    base = problem.evaluate(random_density(short_tube, 3))
     scaled = Scaled(problem, variables, constrained=True, target_objective=0.0, start=base)
     assert scaled.refer(base) == 1.0
     here, slopes = scaled.values(base), scaled.gradients(base)
@@ -58,4 +62,4 @@ def test_scaled_functions(tube: Skin, tube_solver: EquilibriumSolver) -> None:
     cells = slopes.objective.array[: len(base.gradient)]
     ratio = 10.0 / base.objective
     gap = cells - ratio * base.gradient
-    assert dot(tube.comm, gap, gap) < 1e-20 * dot(tube.comm, cells, cells)
+    assert dot(short_tube.comm, gap, gap) < 1e-20 * dot(short_tube.comm, cells, cells)

@@ -21,8 +21,10 @@ def test_stages() -> None:
         assert rules.min_relative_decrease == LEAST_DECREASE
 
 
-def test_two_stages_and_their_continuation(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    design = make_problem(tube, tube_solver)
+def test_two_stages_and_their_continuation(
+    short_tube: Skin, short_solver: EquilibriumSolver
+) -> None:
+    design = make_problem(short_tube, short_solver)
     options = RelaxedOptions(directions=4, iterations=(4, 3), more_iterations=2)
     found = find_lines(design, options, seed=1)
     assert found.field.families == 2

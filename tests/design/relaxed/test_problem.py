@@ -27,12 +27,14 @@ def variables(skin: Skin, families: FixedDirections | FreeDirections, seed: int)
     return drawn[skin.owned_cells].ravel()
 
 
-def test_factor_of_crossings_reaches_the_model(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    families, design = FixedDirections(4, 0.3), make_problem(tube, tube_solver)
+def test_factor_of_crossings_reaches_the_model(
+    short_tube: Skin, short_solver: EquilibriumSolver
+) -> None:
+    families, design = FixedDirections(4, 0.3), make_problem(short_tube, short_solver)
     moduli = []
     for crossing in (0.0, 0.2, 0.4):
         problem = relaxed_problem(design, families, 0.015, crossing=crossing)
-        found = problem.evaluate(problem.with_passive(variables(tube, families, 0)))
+        found = problem.evaluate(problem.with_passive(variables(short_tube, families, 0)))
         problem.solver.model.set_density(found.projected)
         moduli.append(problem.solver.model.mean_modulus())
     none, some, twice = moduli
@@ -41,9 +43,9 @@ def test_factor_of_crossings_reaches_the_model(tube: Skin, tube_solver: Equilibr
 
 
 def test_where_nothing_is_designed_there_are_no_lines(
-    tube: Skin, tube_solver: EquilibriumSolver
+    short_tube: Skin, short_solver: EquilibriumSolver
 ) -> None:
-    problem = made(tube, tube_solver, FixedDirections(4, 0.3))
+    problem = made(short_tube, short_solver, FixedDirections(4, 0.3))
     _, material = problem.fields(problem.start_density(3))
     given = ~problem.designed
     assert np.all(material[given, 0] == 1)
@@ -56,17 +58,17 @@ def test_where_nothing_is_designed_there_are_no_lines(
 
 
 def test_newton_steps_are_logged_as_those_of_the_design(
-    tube: Skin, tube_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
+    short_tube: Skin, short_solver: EquilibriumSolver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rows: list[NewtonStep] = []
-    monkeypatch.setattr(tube_solver, "log", rows.append)
-    problem = made(tube, tube_solver, FixedDirections(4, 0.3))
+    monkeypatch.setattr(short_solver, "log", rows.append)
+    problem = made(short_tube, short_solver, FixedDirections(4, 0.3))
     found = problem.simulate(problem.start_density(3))
     assert tuple(rows) == found.equilibrium.history
 
 
-def test_variables_are_checked(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    problem = made(tube, tube_solver, FixedDirections(4, 0.3))
+def test_variables_are_checked(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
+    problem = made(short_tube, short_solver, FixedDirections(4, 0.3))
     count = len(problem.designed)
     with pytest.raises(DensityError, match="4 of each owned triangle"):
         problem.simulate(np.zeros(count))

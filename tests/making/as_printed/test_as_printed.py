@@ -20,17 +20,19 @@ from toros_fem.meshes import Pattern, Skin
 
 
 @pytest.fixture(scope="module")
-def result(tube: Skin, tube_solver: EquilibriumSolver) -> DesignResult:
-    problem = full(tube, tube_solver, beta=20.0)
-    return optimize(problem, DesignOptions((Stage(2),)), start=random_density(tube, 3))
+def result(short_tube: Skin, short_solver: EquilibriumSolver) -> DesignResult:
+    problem = full(short_tube, short_solver, beta=20.0)
+    return optimize(problem, DesignOptions((Stage(2),)), start=random_density(short_tube, 3))
 
 
-def test_contours_are_of_the_filters_own_field(tube: Skin, tube_solver: EquilibriumSolver) -> None:
-    problem = full(tube, tube_solver)
-    density = random_density(tube, 3, spread=0.5)
+def test_contours_are_of_the_filters_own_field(
+    short_tube: Skin, short_solver: EquilibriumSolver
+) -> None:
+    problem = full(short_tube, short_solver)
+    density = random_density(short_tube, 3, spread=0.5)
     at_points, at_centroids = contour_values(problem, density)
-    pattern, wall = tube.pattern, tube.pattern.cells_of("wall")
-    filtered = tube.gather_cells(problem.filter.forward(problem.with_passive(density)))
+    pattern, wall = short_tube.pattern, short_tube.pattern.cells_of("wall")
+    filtered = short_tube.gather_cells(problem.filter.forward(problem.with_passive(density)))
     assert at_centroids[wall] == pytest.approx(filtered[wall])
     caps = np.setdiff1d(np.arange(len(pattern.panel)), wall)
     assert np.all(at_centroids[caps] == 1)
@@ -40,13 +42,13 @@ def test_contours_are_of_the_filters_own_field(tube: Skin, tube_solver: Equilibr
     assert at_points[points] == pytest.approx(exact[points])
 
 
-def test_given_triangles_inside_a_panel(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+def test_given_triangles_inside_a_panel(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
     """A point among given triangles is given, one at their border is the filter's."""
-    pattern = tube.pattern
+    pattern = short_tube.pattern
     given = (pattern.panel == pattern.panel_index("wall")) & (pattern.centroids[:, 1] < 0.02)
-    passive = np.where(given, 0.0, np.nan)[tube.owned_cells]
-    problem = dataclasses.replace(full(tube, tube_solver), passive=passive)
-    at_points, at_centroids = contour_values(problem, np.ones(len(tube.owned_cells)))
+    passive = np.where(given, 0.0, np.nan)[short_tube.owned_cells]
+    problem = dataclasses.replace(full(short_tube, short_solver), passive=passive)
+    at_points, at_centroids = contour_values(problem, np.ones(len(short_tube.owned_cells)))
     assert np.all(at_centroids[given] == 0)
     inside = np.setdiff1d(pattern.flat_triangles[given], pattern.flat_triangles[~given])
     border = np.intersect1d(pattern.flat_triangles[given], pattern.flat_triangles[~given])
@@ -54,14 +56,16 @@ def test_given_triangles_inside_a_panel(tube: Skin, tube_solver: EquilibriumSolv
     assert np.all((at_points[border] > 0) & (at_points[border] < 1))
 
 
-def test_printed_design(tube: Skin, tube_solver: EquilibriumSolver, result: DesignResult) -> None:
-    problem = full(tube, tube_solver, beta=20.0)
+def test_printed_design(
+    short_tube: Skin, short_solver: EquilibriumSolver, result: DesignResult
+) -> None:
+    problem = full(short_tube, short_solver, beta=20.0)
     printed = as_printed(problem, result, PrintLimits(), island_area=math.inf)
     assert not printed.after.free_islands
     assert not printed.after.narrow_lines
     assert not printed.after.narrow_gaps
     assert printed.evaluation is not None
-    mine = printed.cells[tube.owned_cells]
+    mine = printed.cells[short_tube.owned_cells]
     assert np.array_equal(printed.evaluation.projected > 0.5, mine)
 
     # Contours alone are the projected density rounded.
@@ -70,20 +74,24 @@ def test_printed_design(tube: Skin, tube_solver: EquilibriumSolver, result: Desi
 
     bare = as_printed(problem, result, PrintLimits(), cleaner=as_it_is)
     rounded = result.final.filtered > 0.5
-    assert np.array_equal(bare.cells[tube.owned_cells][problem.designed], rounded[problem.designed])
+    assert np.array_equal(
+        bare.cells[short_tube.owned_cells][problem.designed], rounded[problem.designed]
+    )
 
 
-def test_islands_are_taken_out_of_the_density(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+def test_islands_are_taken_out_of_the_density(
+    short_tube: Skin, short_solver: EquilibriumSolver
+) -> None:
     """A body, a spot near it and one far from it: the body alone stays, as it was."""
-    problem = full(tube, tube_solver, beta=20.0)
-    pattern, radius = tube.pattern, problem.filter.radius
+    problem = full(short_tube, short_solver, beta=20.0)
+    pattern, radius = short_tube.pattern, problem.filter.radius
     u, v = pattern.centroids.T
     width = pattern.corners[pattern.cells_of("wall")][..., 0].max()
     spots = [(0.2 * width, 0.047), (0.8 * width, 0.042)]
     whole = (v < 0.03) & (v > 0.01)
     for x, y in spots:
         whole |= np.hypot(u - x, v - y) < 0.8 * radius
-    density = whole.astype(float)[tube.owned_cells]
+    density = whole.astype(float)[short_tube.owned_cells]
     chosen = DesignResult(problem, density, problem.simulate(density), (), "", {})
     printed = as_printed(problem, chosen, PrintLimits())
     assert len(printed.before.free_islands) == 2
@@ -97,17 +105,17 @@ def test_islands_are_taken_out_of_the_density(tube: Skin, tube_solver: Equilibri
 
 
 def test_pattern_without_equilibrium_is_said(
-    tube: Skin,
-    tube_solver: EquilibriumSolver,
+    short_tube: Skin,
+    short_solver: EquilibriumSolver,
     result: DesignResult,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    problem = full(tube, tube_solver, beta=20.0)
+    problem = full(short_tube, short_solver, beta=20.0)
 
     def fails(*_: object, **__: object) -> None:
         raise EquilibriumError("made to fail", result.final.equilibrium)
 
-    monkeypatch.setattr(tube_solver, "solve", fails)
+    monkeypatch.setattr(short_solver, "solve", fails)
     printed = as_printed(problem, result, PrintLimits())
     assert printed.evaluation is None
     assert printed.failure == "made to fail"

@@ -87,26 +87,28 @@ def test_lines_of_other_panels_are_refused(alone: MPI.Comm) -> None:
         regions_on(capped, [NOTHING] * 3, bare)
 
 
-def test_contours_of_a_design_are_printed_alike(tube: Skin, tube_solver: EquilibriumSolver) -> None:
+def test_contours_of_a_design_are_printed_alike(
+    short_tube: Skin, short_solver: EquilibriumSolver
+) -> None:
     """The same polygons, by way of a density or given directly, make the same print."""
-    problem = make_problem(tube, tube_solver, beta=20.0)
-    density = random_density(tube, 3, spread=0.5)
+    problem = make_problem(short_tube, short_solver, beta=20.0)
+    density = random_density(short_tube, 3, spread=0.5)
     result = DesignResult(problem, density, problem.simulate(density), (), "", {})
     limits = PrintLimits()
     first = as_printed(problem, result, limits, island_area=math.inf)
-    near = tube.pattern, problem.shape_of(result.final.equilibrium)
+    near = short_tube.pattern, problem.shape_of(result.final.equilibrium)
     lines = printed_lines(
-        problem, tube.pattern, first.regions, limits, island_area=math.inf, near=near
+        problem, short_tube.pattern, first.regions, limits, island_area=math.inf, near=near
     )
     assert first.cleaned.dropped
     assert lines.cells.tolist() == first.cells.tolist()
     other: dict[str, Any] = {"cleaned": first.cleaned, "pressure": 3e3}
-    cold = printed_lines(problem, tube.pattern, first.regions, **other)
+    cold = printed_lines(problem, short_tube.pattern, first.regions, **other)
     assert cold.after.summary() == first.after.summary()
     assert cold.evaluation is not None
     assert cold.evaluation.equilibrium.pressure == 3e3
-    there = tube.pattern, problem.shape_of(cold.evaluation.equilibrium)
-    warm = printed_lines(problem, tube.pattern, first.regions, near=there, **other)
+    there = short_tube.pattern, problem.shape_of(cold.evaluation.equilibrium)
+    warm = printed_lines(problem, short_tube.pattern, first.regions, near=there, **other)
     assert warm.evaluation is not None
     assert warm.evaluation.equilibrium.steps < cold.evaluation.equilibrium.steps
     assert first.evaluation is not None
