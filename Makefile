@@ -8,7 +8,7 @@ demo:
 	$(FENICSX) python3 demos/bend.py --coarse --output output/bend
 
 test: forms
-	$(FENICSX) env OMP_NUM_THREADS=1 $(PYTEST) -q -n 2 --dist loadgroup --no-loadscope-reorder
+	$(FENICSX) env OMP_NUM_THREADS=1 $(PYTEST) -q -n 2 --dist loadfile --no-loadscope-reorder
 	$(FENICSX) mpirun -n 2 $(PYTEST) -q --color=no
 
 # Contracts, and the tests of the folders that changed, without those marked slow.

@@ -39,7 +39,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
-@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leave out of several ranks what takes no communicator; run the longest files first."""
     ranks = MPI.COMM_WORLD.size
@@ -47,9 +46,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         alone = [item for item in items if "comm" not in item.fixturenames]  # type: ignore[attr-defined]
         config.hook.pytest_deselected(items=alone)
         items[:] = [item for item in items if item not in set(alone)]
-    for item in items:  # of several workers, one takes all tests of a file, for its fixtures
-        if item.get_closest_marker("xdist_group") is None:
-            item.add_marker(pytest.mark.xdist_group(item.nodeid.split("::")[0]))
     order_by_durations(items, ranks)
 
 

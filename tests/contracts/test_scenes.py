@@ -57,7 +57,7 @@ def few_pictures() -> Generator[None]:
 
 @pytest.fixture(
     scope="module",
-    params=[pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in (*SCENES, *ALONE)],
+    params=[*SCENES, *ALONE],
 )
 def done(
     request: pytest.FixtureRequest,

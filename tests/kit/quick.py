@@ -43,7 +43,7 @@ def main() -> None:
     folders = {one for one in folders if not any(one.is_relative_to(o) for o in folders - {one})}
     names = sorted(str(folder.relative_to(ROOT)) for folder in folders)
     print("quick:", *names)
-    words = ["-q", "-n", "2", "--dist", "loadgroup", "--no-loadscope-reorder", "-m", "not slow"]
+    words = ["-q", "-n", "2", "--dist", "loadfile", "--no-loadscope-reorder", "-m", "not slow"]
     sys.exit(subprocess.run([sys.executable, "-m", "pytest", *words, *names], cwd=ROOT).returncode)
 
 

@@ -130,7 +130,6 @@ SHORT = (
 
 
 @pytest.mark.slow
-@pytest.mark.xdist_group("tutorial")
 def test_commands_of_the_tutorial_run_one_after_the_other(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "tutorial" / "first_design.md").read_text(encoding="utf-8")
     lines = re.findall(r"^toros (.+)$", text, re.MULTILINE)
