@@ -16,7 +16,7 @@ from toros_fem.meshes import Skin, bend
 
 RADIUS = 7e-3
 # Short designs leave the curve over the pressure out, which would take as long as they do, and the
-# refined mesh: tests/actuators/test_pressure_curve.py and test_run.py look at them.
+# refined mesh: tests/products/actuators looks at them.
 DESIGN_ALONE: dict[str, Any] = {"curve_pressure": None, "estimate_error": False}
 
 
