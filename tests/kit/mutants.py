@@ -27,6 +27,8 @@ from pathlib import Path
 from queue import Queue
 from typing import Any
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 TABLE = ROOT / "tests" / "mutants.csv"
 COLUMNS = ("file", "old", "new", "killer")
@@ -47,7 +49,7 @@ ARITHMETIC: dict[type, type] = {
 class Mutant:
     """A statement of a file, what it becomes, and what came of it.
 
-    `killer` is a test, or a sentence that begins with "equivalent:" or "survives:".
+    `killer` is a test, or a sentence that begins with "equivalent", "survives" or "gone".
     """
 
     file: str
@@ -59,7 +61,8 @@ class Mutant:
 
     @property
     def dead(self) -> bool:
-        return bool(self.killer) and not self.killer.startswith(("equivalent", "survives"))
+        others = ("equivalent", "survives", "gone")
+        return bool(self.killer) and not self.killer.startswith(others)
 
 
 def header(statement: ast.stmt) -> str:
@@ -248,6 +251,8 @@ class Copy:
             return f"{tests[0].split('::')[0]} (does not end)"
         if done.returncode == 0:
             return ""
+        if done.returncode in (pytest.ExitCode.USAGE_ERROR, pytest.ExitCode.NO_TESTS_COLLECTED):
+            return "gone: no such test"
         for line in done.stdout.splitlines():
             if line.startswith(("FAILED ", "ERROR ")):
                 return line.split(" ", 1)[1].split(" - ")[0]

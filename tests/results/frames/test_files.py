@@ -1,12 +1,17 @@
 """Frames come back as they were written, and are thinned evenly."""
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 from helpers.runs import bent, regions_of, tube
 
-from toros_fem.results.frames import Frame, ShownSkin, write_frame, write_skin
+from toros_fem.base.errors import OutputError
+from toros_fem.results.frames import Frame, ShownSkin, read_skin, write_frame, write_skin
 from toros_fem.results.frames.files import MOST, forget_from, numbers, thin
+from toros_fem.results.frames.shown_skin import BODY, RINGS
 
 
 def frame(number: int) -> Frame:
@@ -14,15 +19,37 @@ def frame(number: int) -> Frame:
     return Frame("iteration", number, "skin-1.npz", positions, np.array([0.5]), {"a_mm": 1.5}, "ä.")
 
 
-def test_a_skin_has_one_file(tmp_path: Path) -> None:
+def full_skin() -> ShownSkin:
+    """A skin that has all that can be shown."""
     pattern = tube()
     passive = np.where(pattern.panel == 0, 1.0, np.nan)
     body = np.eye(3), np.array([[0, 1, 2]])
-    regions = regions_of(pattern)
-    skin = ShownSkin(pattern, bent(pattern, 1.0), True, passive, regions, body)
-    name = write_skin(tmp_path, skin)
-    assert write_skin(tmp_path, skin) == name
-    assert write_skin(tmp_path, ShownSkin(pattern)) != name
+    return ShownSkin(pattern, bent(pattern, 1.0), True, passive, regions_of(pattern), body)
+
+
+def test_the_name_of_a_skin_is_that_of_its_content(tmp_path: Path) -> None:
+    """Equal skins have one file; of two that differ in one number, each has its own."""
+    skin = full_skin()
+    assert skin.target is not None
+    assert skin.body is not None
+    changes: list[dict[str, Any]] = [
+        {}, {"target": 1.001 * skin.target}, {"aligned": False}, {"passive": None},
+        {"passive": np.zeros(len(skin.pattern.triangles))}, {"regions": None},
+        {"body": (2 * np.eye(3), skin.body[1])},
+    ]  # fmt: skip
+    names = [write_skin(tmp_path, replace(skin, **change)) for change in changes]
+    assert len(set(names)) == len(changes)
+    assert write_skin(tmp_path, full_skin()) == names[0]
+
+
+@pytest.mark.parametrize("lost", [*RINGS, *BODY])
+def test_a_skin_that_lost_an_array_is_refused(tmp_path: Path, lost: str) -> None:
+    path = tmp_path / write_skin(tmp_path, full_skin())
+    with np.load(path) as file:
+        kept = {name: file[name] for name in file.files if name != lost}
+    np.savez(path, **kept)
+    with pytest.raises(OutputError, match=f"holds no '{lost}'"):
+        read_skin(path)
 
 
 def test_long_runs_keep_few_frames_at_even_distances(tmp_path: Path) -> None:
