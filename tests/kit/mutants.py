@@ -1,7 +1,7 @@
 """Mutants: small faults put into the package one at a time, and the tests that see them.
 
 `scripts/mutants` tries each row of tests/mutants.csv again with the test that killed it;
-`scripts/mutants --sample 300` draws new ones and writes the table. Rows are kept by what a
+`scripts/mutants --sample 300` draws new ones and adds them. Rows are kept by what a
 statement says, not by its line, so that they hold while a file moves on.
 """
 
@@ -375,6 +375,16 @@ def write_table(mutants: list[Mutant]) -> None:
         writer.writerows([getattr(mutant, name) for name in COLUMNS] for mutant in mutants)
 
 
+def merged(kept: list[Mutant], drawn: list[Mutant]) -> list[Mutant]:
+    """Return the rows of a table with those just drawn; a reason that somebody wrote stays."""
+    rows = {(row.file, row.old, row.new): row for row in kept}
+    for row in drawn:
+        name = (row.file, row.old, row.new)
+        if row.dead or name not in rows or rows[name].dead:
+            rows[name] = row
+    return [rows[name] for name in sorted(rows)]
+
+
 def summary(mutants: list[Mutant]) -> str:
     """Return how many died, and those that did not."""
     real = [mutant for mutant in mutants if not mutant.killer.startswith("equivalent")]
@@ -387,7 +397,7 @@ def summary(mutants: list[Mutant]) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="scripts/mutants", description=__doc__)
-    parser.add_argument("--sample", type=int, metavar="N", help="draw N and write the table anew")
+    parser.add_argument("--sample", type=int, metavar="N", help="draw N and add them to the table")
     parser.add_argument("--seed", type=int, default=48, help="of the draw")
     parser.add_argument("--workers", type=int, default=2, help="mutants tried at a time")
     parser.add_argument("--only", default="", help="files whose path has this part")
@@ -398,7 +408,7 @@ def main() -> None:
         if given.sample:
             mutants = [m for m in drawn(given.sample, given.seed) if given.only in m.file]
             found = try_all(mutants, copies, lines_run(mutants, copies[0]))
-            write_table(found)
+            write_table(merged(read_table(), found))
         else:
             rows = [row for row in read_table() if given.only in row.file]
             tried = iter(try_all([row for row in rows if row.dead], copies, None))
