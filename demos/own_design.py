@@ -16,13 +16,13 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem.base.config import Config, quantity
+from toros_fem.base.keys import Count, Distance, In, Length, Modulus, Number, Table, key
 from toros_fem.cli.command_line.scripts import run_from_command_line
 from toros_fem.measures.body_axis import body_axis
 from toros_fem.results.runs import journal_of
@@ -31,27 +31,25 @@ FINGER = Path(__file__).parent / "surfaces" / "finger.stl"
 
 
 @dataclass(frozen=True)
-class OwnDesignConfig(Config):
+class OwnDesignConfig(Table):
     """Numbers of this script; SI units."""
 
-    scale: float = quantity(1e-3, "length of the file's unit", "m", above=0)
-    angle: float = quantity(60.0, "bend angle of the target", "deg", above=-360, below=360)
-    fixed_height: float = quantity(4e-3, "the skin is fixed below this height", "m", at_least=0)
-    pressure: float = quantity(8e3, "first guess of the pressure", "Pa", above=0)
-    pressure_max: float = quantity(20e3, "largest pressure", "Pa", above=0)
-    filter_radius: float = quantity(
-        3.9e-3, "radius R of the filter on the file's mesh", "m", above=0
+    scale: Length = key(1e-3, "length of the file's unit")
+    angle: Annotated[float, In("deg", above=-360, below=360)] = key(
+        60.0, "bend angle of the target"
     )
-    levels: int = quantity(
-        1, "number of meshes: the file's own, then each triangle divided into four", at_least=1
+    fixed_height: Distance = key(4e-3, "the skin is fixed below this height")
+    pressure: Modulus = key(8e3, "first guess of the pressure")
+    pressure_max: Modulus = key(20e3, "largest pressure")
+    filter_radius: Length = key(3.9e-3, "radius R of the filter on the file's mesh")
+    levels: Count = key(1, "number of meshes: the file's own, then each triangle divided into four")
+    iterations: Count = key(30, "design steps before the width constraints act")
+    constrained_iterations: Count = key(20, "design steps with them")
+    level_iterations: Count = key(10, "design steps on each further mesh")
+    island_area: Annotated[float, In("m²", at_least=0)] = key(
+        50e-6, "free islands smaller than this are not printed"
     )
-    iterations: int = quantity(30, "design steps before the width constraints act", at_least=1)
-    constrained_iterations: int = quantity(20, "design steps with them", at_least=1)
-    level_iterations: int = quantity(10, "design steps on each further mesh", at_least=1)
-    island_area: float = quantity(
-        50e-6, "free islands smaller than this are not printed", "m²", at_least=0
-    )
-    seed: int = quantity(0, "seed of the random start", at_least=0)
+    seed: Number = key(0, "seed of the random start")
 
 
 def run(

@@ -20,13 +20,13 @@ import sys
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.config import quantity
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import In, Place, Positive, key
 from toros_fem.cli.command_line.scripts import run_from_command_line
 from toros_fem.meshes import bend
 from toros_fem.products.actuators.case import ActuatorCase
@@ -46,17 +46,17 @@ WITHOUT_AND_WITH = ("projection", "perimeter", "widths", "widths and perimeter")
 class ThreeFieldConfig(TubeConfig):
     """Numbers of the six bending tubes; SI units."""
 
-    angle: float = quantity(180.0, "bend angle of the target", "deg", at_least=-720, at_most=720)
-    neutral: float = quantity(
-        0.01, "offset of the line that keeps its length, towards the inner side", "m"
+    angle: Annotated[float, In("deg", at_least=-720, at_most=720)] = key(
+        180.0, "bend angle of the target"
     )
+    neutral: Place = key(0.01, "offset of the line that keeps its length, towards the inner side")
     # The bare variants are compared, after the same steps on one mesh.
     levels: int | None = TubeConfig.redefault("levels", 1)
     design_pressure: bool = TubeConfig.redefault("design_pressure", True)
     polish_iterations: int = TubeConfig.redefault("polish_iterations", 0)
     curve_pressure: float | None = TubeConfig.redefault("curve_pressure", None)
-    perimeter_weight: float | None = quantity(
-        1e-4, "weight of the perimeter term in the variants that have it", above=0
+    perimeter_weight: Positive | None = key(
+        1e-4, "weight of the perimeter term in the variants that have it"
     )
 
 

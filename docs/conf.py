@@ -1,6 +1,5 @@
 """Settings of the documentation site, `make docs`."""
 
-import dataclasses
 import os
 import re
 import sys
@@ -12,7 +11,7 @@ from sphinx import addnodes
 from sphinx.domains.python import PyObject
 
 from toros_fem import __version__
-from toros_fem.base.config import Config
+from toros_fem.base.keys import Table
 
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 
@@ -90,7 +89,7 @@ def readable_signature(
     returns: str | None,
 ) -> tuple[str | None, str | None]:
     """Name array types as the source does; leave out what tells nothing."""
-    if what == "class" and (getattr(obj, "_is_protocol", False) or issubclass(obj, Config)):
+    if what == "class" and (getattr(obj, "_is_protocol", False) or issubclass(obj, Table)):
         return "", returns
     plain = [
         text and re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text).replace("<factory>", "...")
@@ -101,16 +100,13 @@ def readable_signature(
 
 def list_settings(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
     """List the fields of a configuration: they have their meaning as data, not in a docstring."""
-    if what != "class" or not issubclass(obj, Config) or obj is Config:
+    if what != "class" or not issubclass(obj, Table) or obj is Table:
         return
     lines.append("")
-    for field in dataclasses.fields(obj):
-        spec = obj.quantity(field.name)
-        unit = f", in {spec.unit}" if spec.unit else ""
-        bounds = f"; {spec.bounds}" if spec.bounds else ""
-        lines.append(
-            f":ivar {field.name}: {spec.meaning}{unit}{bounds}; default ``{field.default}``"
-        )
+    lines += [
+        f":ivar {one.name}: {one.help}; default ``{one.default}``"
+        for one in obj.described().values()
+    ]
     lines.append("")
 
 

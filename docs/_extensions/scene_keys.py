@@ -9,22 +9,9 @@ from docutils.statemachine import StringList
 from sphinx.util.docutils import SphinxDirective
 from sphinx.util.nodes import nested_parse_with_titles
 
-from toros_fem.base.units import write_quantity
 from toros_fem.cli.scene_files.materials import KIND_OF, TABLE, roles_of
 from toros_fem.cli.scene_files.sections import TITLES, sections_of
-from toros_fem.cli.scene_files.writing import description
 from toros_fem.products.kinds import KINDS, Kind
-
-
-def default_of(kind: Kind, key: str) -> str:
-    """Return the default of a key as a scene file has it."""
-    value = getattr(kind.config, key)
-    if value is None:
-        return "none"
-    if isinstance(value, bool):
-        return str(value).lower()
-    unit = kind.config.quantity(key).unit
-    return str(value) if unit is None or isinstance(value, int) else write_quantity(value, unit)
 
 
 def page_of(kind: Kind) -> list[str]:
@@ -36,14 +23,17 @@ def page_of(kind: Kind) -> list[str]:
         for role in roles_of(kind.config) if section == TABLE else ():
             lines.append(f"| `{role}` | name of a {KIND_OF[role]}, for its numbers | none |")
         for key in keys:
-            spec = kind.config.quantity(key)
-            meaning = f"{spec.meaning}; {spec.bounds}" if spec.bounds else spec.meaning
-            default = default_of(kind, key).replace(" ", "&nbsp;")
-            lines.append(f"| `{key}` | {meaning.replace('|', '&#124;')} | {default} |")
+            one = kind.config.described()[key]
+            default = one.written(getattr(kind.config, key)).strip('"').replace(" ", "&nbsp;")
+            lines.append(f"| `{key}` | {one.help.replace('|', '&#124;')} | {default} |")
         lines.append("")
     for name, (of, meaning) in kind.config.entries().items():
         lines += [f"**[{name}]** {meaning}; may stand several times", "", "| key | meaning |"]
-        lines += ["|---|---|", *(f"| `{key}` | {description(of, key)} |" for key in of.kinds()), ""]
+        lines += [
+            "|---|---|",
+            *(f"| `{key}` | {one.help} |" for key, one in of.described().items()),
+            "",
+        ]
     return lines
 
 

@@ -24,9 +24,9 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 from toros_fem.base import errors
-from toros_fem.base.config import Config
 from toros_fem.base.errors import TorosError
 from toros_fem.base.files import reason
+from toros_fem.base.keys import Table
 from toros_fem.base.units import DIMENSIONS, read_quantity, write_quantity
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.cli.scene_files.writing import scene_text
@@ -192,7 +192,7 @@ def scenes(draw: st.DrawFn) -> dict[str, Any]:
     """A kind's example with some other numbers."""
     name = draw(st.sampled_from(sorted(KINDS)))
     config = KINDS[name].example
-    numbers = [key for key, (kind, _) in config.kinds().items() if kind is float]
+    numbers = [name for name, key in config.described().items() if key.kind is float]
     for key in draw(st.lists(st.sampled_from(numbers), max_size=3)):
         value = getattr(config, key) or 1.0
         try:
@@ -267,7 +267,7 @@ def write_tile_of(folder: Path, x: PrintedTile) -> Path:
     return folder / "tile.npz"
 
 
-def fields_of(kind: str, config: Config) -> dict[str, Any]:
+def fields_of(kind: str, config: Table) -> dict[str, Any]:
     """A scene as one table."""
     return {"kind": kind, **{f.name: getattr(config, f.name) for f in dataclasses.fields(config)}}
 

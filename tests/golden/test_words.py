@@ -125,13 +125,15 @@ def keys(kind: Kind) -> Iterator[tuple[str, str]]:
             yield f"{kind.name} [{section}] {name}", text
     for table, (of, meaning) in config.entries().items():
         yield f"{kind.name} [{table}]", meaning
-        for name in of.kinds():
+        for name in of.described():
             yield f"{kind.name} [{table}] {name}", said(of, name)
 
 
 def said(config: Any, name: str) -> str:
     """Return type, meaning, unit, bounds and default of a key."""
-    return f"{config.kinds()[name][0].__name__}: {option_help(config, name).replace('%%', '%')}"
+    one = config.described()[name]
+    default = getattr(config, name, one.default)
+    return f"{one.kind.__name__}: {option_help(one, default).replace('%%', '%')}"
 
 
 def test_scene_keys(pinned: Callable[..., None]) -> None:

@@ -8,7 +8,16 @@ class TorosError(Exception):
 
 
 class ParameterError(TorosError, ValueError):
-    """A parameter is outside its admissible range."""
+    """A parameter is outside its admissible range.
+
+    Args:
+        message: The message.
+        key: Name of the parameter, for files and command lines that know where it stands.
+    """
+
+    def __init__(self, message: str, key: str | None = None) -> None:
+        super().__init__(message)
+        self.key = key
 
 
 class MeshSizeError(ParameterError):
@@ -20,8 +29,8 @@ class MeshSizeError(ParameterError):
     """
 
     def __init__(self, message: str, area: float) -> None:
-        super().__init__(message, area)
-        self.area = area
+        super().__init__(message)
+        self.args, self.area = (message, area), area
 
     def __str__(self) -> str:
         return str(self.args[0])

@@ -63,6 +63,15 @@ DIMENSIONS: Mapping[str, tuple[str, Mapping[str, Decimal]]] = MappingProxyType(
                 "g/m2": Decimal("1e-3"),
             },
         ),
+        "kg/m³": (
+            "a density",
+            {
+                "kg/m³": Decimal(1),
+                "kg/m3": Decimal(1),
+                "g/cm³": Decimal("1e3"),
+                "g/cm3": Decimal("1e3"),
+            },
+        ),
         "N/m": (
             "a force per length",
             {"N/m": Decimal(1), "N/mm": Decimal("1e3"), "kN/m": Decimal("1e3")},
@@ -133,6 +142,7 @@ SHOWN: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "deg": ("deg",),
         "kg": ("g",),
         "kg/m²": ("g/m²",),
+        "kg/m³": ("kg/m³",),
         "N/m": ("N/m",),
         "%": ("%",),
     }

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from toros_fem.base.config import Config
+from toros_fem.base.keys import Table
 from toros_fem.products.actuators.config import ActuatorConfig
 from toros_fem.products.actuators.problem import CaseMaker
 from toros_fem.products.actuators.run import summary_sentence
@@ -57,16 +57,16 @@ class Kind:
 
     name: str
     about: str
-    config: Config
+    config: Table
     coarse: Callable[[Any], Any]
     design: Action | None
     simulate: Action | None
     cases: Callable[..., tuple[CaseMaker[Any], Any]] | None = None
-    shown: Config | None = None
+    shown: Table | None = None
     example_files: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def example(self) -> Config:
+    def example(self) -> Table:
         """Configuration of a new scene file."""
         return self.config if self.shown is None else self.shown
 

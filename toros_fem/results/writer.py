@@ -12,8 +12,8 @@ from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.config import Config
 from toros_fem.base.files import write_json, write_table, write_together
+from toros_fem.base.keys import Table
 from toros_fem.base.validation import require_kind
 from toros_fem.base.versions import versions
 from toros_fem.design.lines.field import LineField
@@ -40,7 +40,7 @@ def write_results(
     result: DesignResult,
     printed: PrintedDesign,
     *,
-    config: Config | None = None,
+    config: Table | None = None,
     figures: Mapping[str, Any] | None = None,
     seconds: Mapping[str, float] | None = None,
     field: LineField | None = None,
@@ -258,7 +258,7 @@ def write_pressure_path(
     *,
     whole: Mirrored | None = None,
     composite: Composite | None = None,
-    config: Config | None = None,
+    config: Table | None = None,
     figures: Mapping[str, Any] | None = None,
     seconds: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:

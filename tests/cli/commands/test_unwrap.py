@@ -36,9 +36,9 @@ def test_pattern_of_the_finger(
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (("--scale", "0"), 2, "scale = 0.0 m must be a finite number, above 0"),
+        (("--scale", "0"), 2, "scale = 0 m must be a finite number, above 0"),
         ((), 2, "Millimetres? Give scale = 1e-3."),
-        (("--crease-angle", "-5"), 2, "crease_angle = -5.0 deg"),
+        (("--crease-angle", "-5"), 2, "crease_angle = -5 deg"),
         (("--scale", "1e-3", "--component", "3"), 2, "component = 3"),
         (("--scale", "1e-3", "--output", "/proc/nowhere"), 4, "/proc/nowhere could not be written"),
     ],

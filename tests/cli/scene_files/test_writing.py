@@ -25,9 +25,9 @@ def test_new_file_holds_all_keys_once(tmp_path: Path, name: str) -> None:
     assert {key: value.name for key, value in found.files.items()} == kind.example_files
     body, _, quick = path.read_text(encoding="utf-8").partition("\n[coarse]\n")
     keys = re.findall(r"^#?(\w+) = ", body, re.MULTILINE)
-    regions = {key for of, _ in kind.config.entries().values() for key in of.kinds()}
+    regions = {key for of, _ in kind.config.entries().values() for key in of.described()}
     once = [key for key in keys if key not in regions and key not in ("kind", *kind.files)]
-    assert sorted(once) == sorted(kind.config.kinds()), "each key stands in the file, and once"
+    assert sorted(once) == sorted(kind.config.described()), "each key stands in the file, and once"
     assert max(map(len, body.splitlines())) <= WIDTH
     # Taking the # away before all keys changes nothing: what stands behind them is the default.
     live = re.sub(r"^#(?=\w+ = )", "", body.replace("#[", "["), flags=re.MULTILINE)
@@ -49,7 +49,7 @@ def test_each_field_has_its_table() -> None:
         tables = sections_of(name, kind.config)
         assert set(tables) <= set(TITLES)
         names = [field for fields in tables.values() for field in fields]
-        assert sorted(names) == sorted(kind.config.kinds()), name
+        assert sorted(names) == sorted(kind.config.described()), name
 
 
 def test_other_values_are_read_again(tmp_path: Path) -> None:

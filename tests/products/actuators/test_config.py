@@ -3,12 +3,12 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import pytest
 
 from toros_fem import errors
-from toros_fem.base.config import quantity
+from toros_fem.base.keys import In, key
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.materials.sheet import Bending, Bladder, Knit
 from toros_fem.products.actuators.config import ActuatorConfig
@@ -39,7 +39,7 @@ def test_pressure_bounds() -> None:
 
 @dataclass(frozen=True)
 class Tilted(TubeConfig):
-    angle: float = quantity(30.0, "angle of the target", "deg", above=0)
+    angle: Annotated[float, In("deg", above=0)] = key(30.0, "angle of the target")
 
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
 

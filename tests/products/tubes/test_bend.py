@@ -28,7 +28,7 @@ def test_a_script_refuses_in_one_line(tmp_path: Path) -> None:
     done = subprocess.run([*script, *words], text=True, capture_output=True, check=False)
     assert done.returncode == 2
     assert done.stderr.splitlines() == [
-        "ParameterError: pressure = -3.0 Pa must be a finite number, at least 0."
+        "bend.py: argument --pressure: pressure = -3 Pa must be a finite number, at least 0."
     ]
 
 

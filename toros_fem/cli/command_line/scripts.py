@@ -12,14 +12,15 @@ from typing import Any, NoReturn, TypeVar
 
 from mpi4py import MPI
 
-from toros_fem.base.config import Config
-from toros_fem.base.errors import RunStoppedError, TorosError
+from toros_fem.base.errors import ParameterError, RunStoppedError, TorosError
+from toros_fem.base.keys import Key, Table, plain_value
 from toros_fem.base.mpi import ending_together
 from toros_fem.cli.scene_files.materials import FILE, KIND_OF, NamedMaterials, roles_of
 from toros_fem.materials.library import read_library
 from toros_fem.results.runs.folder import open_run
 
-C = TypeVar("C", bound=Config)
+C = TypeVar("C", bound=Table)
+METAVARS, QUOTE = {float: "X", int: "N", str: "NAME"}, '"'
 
 
 class UsageError(TorosError, ValueError):
@@ -149,7 +150,7 @@ def run_from_command_line(
     return run_guarded(comm, action)
 
 
-def _add_material_options(parser: argparse.ArgumentParser, config: Config) -> None:
+def _add_material_options(parser: argparse.ArgumentParser, config: Table) -> None:
     """Add the names of materials, in the place of their numbers."""
     roles = roles_of(config)
     if not roles:
@@ -168,7 +169,7 @@ def _add_material_options(parser: argparse.ArgumentParser, config: Config) -> No
 
 
 def _with_materials(
-    comm: MPI.Comm, default: Config, config: Config, given: Mapping[str, Any], path: Path | None
+    comm: MPI.Comm, default: Table, config: Table, given: Mapping[str, Any], path: Path | None
 ) -> dict[str, Any]:
     """Return the given values with numbers in the place of names of materials (collective)."""
     if path is None and not any(role in given for role in KIND_OF):
@@ -181,81 +182,56 @@ def _with_materials(
     return materials.resolve(config, default, given)
 
 
-def add_options(parser: argparse.ArgumentParser, config: Config) -> None:
-    """Add an option for each field, in groups by the class that defines it.
+def add_options(parser: argparse.ArgumentParser, settings: Table) -> None:
+    """Add an option for each key, in groups by the table that defines it.
 
-    The help of an option is the field's meaning, unit, bounds and default. Options that are not
-    given are absent from the parsed result.
+    A value may have a unit, as in files. Options that are not given are absent from the result.
     """
-    kinds = config.kinds()
-    bases = [base for base in type(config).__mro__ if issubclass(base, Config)]
-    added: dict[str, Any] = {}
-    for base in bases:
-        names = [name for name in kinds if _defined_by(name, bases) is base]
-        if names:
-            title = (base.__doc__ or base.__name__).partition("\n")[0].rstrip(".")
-            group = parser.add_argument_group(title)
-            added.update(dict.fromkeys(names, group))
-    for name, group in added.items():
-        _add_option(group, config, name)
+    bases = [base for base in type(settings).__mro__ if issubclass(base, Table)]
+    homes = {
+        name: next(base for base in reversed(bases) if name in base.__dataclass_fields__)
+        for name in settings.described()
+    }
+    groups: dict[type[Table], Any] = {}
+    for base in (base for base in bases if base in homes.values()):
+        title = (base.__doc__ or base.__name__).partition("\n")[0].rstrip(".")
+        groups[base] = parser.add_argument_group(title)
+    for name, one in settings.described().items():
+        form: dict[str, Any] = {"type": _reader(one), "metavar": METAVARS.get(one.kind)}
+        if one.kind is bool:
+            form = {"action": argparse.BooleanOptionalAction}
+        text = option_help(one, getattr(settings, name))
+        flag = "--" + name.replace("_", "-")
+        groups[homes[name]].add_argument(flag, default=argparse.SUPPRESS, help=text, **form)
 
 
 def given_config(given: argparse.Namespace, config: C) -> C:
-    """Return a configuration with the values of the options that were given.
+    """Return settings with the values of the options that were given.
 
     Args:
         given: Parsed options, of `add_options`.
         config: All other values.
 
     Raises:
-        ParameterError: A value is out of its bounds.
+        ParameterError: Values do not fit each other.
     """
-    names = config.kinds()
-    return config.updated(**{name: v for name, v in vars(given).items() if name in names})
+    known = config.described()
+    return config.updated(**{name: v for name, v in vars(given).items() if name in known})
 
 
-def _defined_by(name: str, bases: list[type[Config]]) -> type[Config]:
-    """Return the class that defines a field first; classes derived from it come before it."""
-    return [base for base in bases if name in base.__dataclass_fields__][-1]
+def option_help(one: Key, default: Any) -> str:
+    """Return the help of a key as an option."""
+    shown = {True: "yes", False: "no"}.get(default) if one.kind is bool else None
+    return f"{one.help}; default {shown or one.written(default).strip(QUOTE)}".replace("%", "%%")
 
 
-def _add_option(group: Any, config: Config, name: str) -> None:
-    kind, optional = config.kinds()[name]
-    flag, text = "--" + name.replace("_", "-"), option_help(config, name)
-    if kind is bool:
-        action = argparse.BooleanOptionalAction
-        group.add_argument(flag, action=action, default=argparse.SUPPRESS, help=text)
-        return
-    group.add_argument(
-        flag,
-        type=_reader(kind, optional=optional),
-        default=argparse.SUPPRESS,
-        help=text,
-        metavar={float: "X", int: "N", str: "NAME"}[kind],
-    )
-
-
-def option_help(config: Config, name: str) -> str:
-    """Return the help of a field: its meaning, unit, bounds and default."""
-    kind, optional = config.kinds()[name]
-    spec, default = config.quantity(name), getattr(config, name)
-    if default is None:
-        shown = "none"
-    elif kind is bool:
-        shown = "yes" if default else "no"
-    else:
-        shown = f"{default:g}" if kind is float else str(default)
-    unit = f"; in {spec.unit}" if spec.unit else ""
-    bounds = f"; {spec.bounds}" if spec.bounds else ""
-    none = (", or none" if spec.bounds else "; or none") if optional else ""
-    return f"{spec.meaning}{unit}{bounds}{none}; default {shown}".replace("%", "%%")
-
-
-def _reader(kind: type, *, optional: bool) -> Callable[[str], Any]:
+def _reader(one: Key) -> Callable[[str], Any]:
     def read(text: str) -> Any:
-        return None if optional and text.lower() == "none" else kind(text)
+        try:
+            return one.read(text if one.kind is str else plain_value(text))
+        except ParameterError as caught:
+            raise argparse.ArgumentTypeError(str(caught)) from None
 
-    read.__name__ = {float: "number", int: "whole number", str: "word"}[kind]  # argparse shows it
     return read
 
 

@@ -99,7 +99,8 @@ def _failed(error: BaseException) -> Answer:
     if isinstance(error, KeyboardInterrupt):
         text = "stopped"
     names = {"file": "path", "line": "line", "key": "key"}
-    places = {name: getattr(error, of) for name, of in names.items() if hasattr(error, of)}
+    found = {name: getattr(error, of, None) for name, of in names.items()}
+    places = {name: place for name, place in found.items() if place is not None}
     figures = {"error": {"type": kind, "message": str(error), **places}}
     return Answer(text, figures, exit_code(error))
 

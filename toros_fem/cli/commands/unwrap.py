@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import shapely
 from mpi4py import MPI
 
-from toros_fem.base.config import Config, quantity
 from toros_fem.base.files import write_json, write_together
+from toros_fem.base.keys import In, Length, Number, OneOf, Positive, Table, key
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.cli.command_line.scripts import add_options, given_config
 from toros_fem.making.panels.svg import write_svg
@@ -26,27 +26,23 @@ from toros_fem.results.writer import if_plotting
 
 
 @dataclass(frozen=True)
-class UnwrapConfig(Config):
+class UnwrapConfig(Table):
     """How a surface is read, cut and laid flat."""
 
-    scale: float = quantity(1.0, "length of the file's unit", "m", above=0)
-    component: int | None = quantity(
-        None, "connected component, 0 for the largest; none: the file holds only one", at_least=0
+    scale: Length = key(1.0, "length of the file's unit")
+    component: Number | None = key(
+        None, "connected component, 0 for the largest; none: the file holds only one"
     )
-    seams: str = quantity(
-        "given",
-        "seams of the file, found if it has none, or always found",
-        choices=("given", "auto"),
+    seams: Annotated[str, OneOf(("given", "auto"))] = key(
+        "given", "seams of the file, found if it has none, or always found"
     )
-    method: str = quantity("auto", "how panels are laid flat", choices=METHODS)
-    crease_angle: float = quantity(
-        45.0, "angle between normals above which a found seam follows an edge", "deg",
-        above=0, at_most=180,
-    )  # fmt: skip
-    max_stretch: float | None = quantity(
-        None, "largest stretch of a panel; none: 0.15 with found seams, no bound with given ones",
-        above=0,
-    )  # fmt: skip
+    method: Annotated[str, OneOf(METHODS)] = key("auto", "how panels are laid flat")
+    crease_angle: Annotated[float, In("deg", above=0, at_most=180)] = key(
+        45.0, "angle between normals above which a found seam follows an edge"
+    )
+    max_stretch: Positive | None = key(
+        None, "largest stretch of a panel; none: 0.15 with found seams, no bound with given ones"
+    )
 
 
 def unwrap_surface(

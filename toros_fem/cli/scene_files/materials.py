@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from toros_fem.base.config import Config
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import Table
 from toros_fem.materials.library import LibraryMaterial, named, print_offset, reinforced
 from toros_fem.materials.sheet import Material
 
@@ -44,9 +44,9 @@ SHEET = ("fabric_young", "poisson", "thickness", "c1", "c2")
 OFFSET = "print_offset"
 
 
-def roles_of(config: Config | type[Config]) -> tuple[str, ...]:
+def roles_of(config: Table | type[Table]) -> tuple[str, ...]:
     """Return the roles that materials have in a configuration; none where it has no materials."""
-    return tuple(role for role, names in FIELDS.items() if next(iter(names)) in config.kinds())
+    return tuple(role for role, names in FIELDS.items() if next(iter(names)) in config.described())
 
 
 @dataclass
@@ -88,7 +88,7 @@ class NamedMaterials:
                 return role, number
         return None
 
-    def resolve(self, config: Config, default: Config, values: Mapping[str, Any]) -> dict[str, Any]:
+    def resolve(self, config: Table, default: Table, values: Mapping[str, Any]) -> dict[str, Any]:
         """Return a further layer of values, with numbers in the place of names.
 
         A name replaces earlier numbers, a number those of an earlier name.
@@ -117,7 +117,7 @@ class NamedMaterials:
         """The material of each role that has a name, the fabric first."""
         return {role: self.entry(role, self.names[role]) for role in FIELDS if role in self.names}
 
-    def _numbers(self, config: Config, default: Config) -> dict[str, Any]:
+    def _numbers(self, config: Table, default: Table) -> dict[str, Any]:
         """Return the fields of a configuration that names and numbers stand for.
 
         A print that is the printed layer alone goes onto the fabric of the configuration.
@@ -129,7 +129,7 @@ class NamedMaterials:
         Raises:
             ParameterError: A value has no field in the configuration.
         """
-        known, found = config.kinds(), dict[str, Any]()
+        known, found = config.described(), dict[str, Any]()
         for role, entry in self.entries.items():
             values = _values(role, entry)
             for key in values:

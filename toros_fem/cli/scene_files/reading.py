@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import re
-import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,12 +10,11 @@ from typing import Any, NoReturn
 
 from mpi4py import MPI
 
-from toros_fem.base.config import Config
 from toros_fem.base.errors import LibraryError, ParameterError, SceneError
+from toros_fem.base.keys import NONE, Table, plain_value
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.toml_files.document import Document, nearest, read_text
 from toros_fem.base.toml_files.lines import Place, line_of
-from toros_fem.base.toml_files.values import NONE, field_value
 from toros_fem.cli.scene_files.materials import FILE, KIND_OF, TABLE, NamedMaterials, roles_of
 from toros_fem.cli.scene_files.sections import sections_of
 from toros_fem.materials.library import LibraryMaterial, read_library
@@ -40,7 +37,7 @@ class Scene:
 
     path: Path
     kind: Kind
-    config: Config
+    config: Table
     files: Mapping[str, Path]
     lines: Mapping[str, int]
     materials: Mapping[str, LibraryMaterial] = field(default_factory=dict)
@@ -174,7 +171,7 @@ class _Reader(Document):
                 "name or the number.",
             )
 
-    def entries(self, name: str, of: type[Config]) -> tuple[Config, ...]:
+    def entries(self, name: str, of: type[Table]) -> tuple[Table, ...]:
         """Return the entries of a table that may stand several times, as [name] or [[name]]."""
         given = self.content.get(name, [])
         tables = [given] if isinstance(given, dict) else given
@@ -185,14 +182,12 @@ class _Reader(Document):
             at: Place = (name,) if isinstance(given, dict) else (name, k)
             values: dict[str, Any] = {}
             for key, value in table.items():
-                self.known([key], tuple(of.kinds()), at, {})
+                self.known([key], tuple(of.described()), at, {})
                 values[key] = self.value(of, key, value, (*at, key))
             try:
                 found.append(of(**values))
             except ParameterError as caught:
-                named = re.match(r"\w+(?=:)", str(caught))
-                place = (*at, named.group()) if named and named.group() in table else at
-                self.fail(place, str(caught))
+                self.fail((*at, caught.key or "") if caught.key in table else at, str(caught))
         return tuple(found)
 
     def kind(self) -> Kind:
@@ -240,7 +235,7 @@ class _Reader(Document):
                     advice = nearest(name, names)
             self.fail((*within, name), f"unknown {word} {name!r}; {advice}")
 
-    def value(self, config: Config | type[Config], name: str, value: Any, place: Place) -> Any:
+    def value(self, config: Table | type[Table], name: str, value: Any, place: Place) -> Any:
         """Return the value of a field, in its unit, or the name of a material."""
         try:
             return _value(config, name, value)
@@ -250,20 +245,18 @@ class _Reader(Document):
     def updated(
         self,
         kind: Kind,
-        config: Config,
+        config: Table,
         values: Mapping[str, Any],
         places: Mapping[str, Place],
-        variant: Callable[[Config], Config] = lambda config: config,
-    ) -> Config:
+        variant: Callable[[Table], Table] = lambda config: config,
+    ) -> Table:
         """Return a variant of a configuration with other values, which may not fit each other."""
         try:
             return variant(config).updated(**self.materials.resolve(config, kind.config, values))
         except ParameterError as caught:
-            named = re.match(r"\w+", str(caught))
-            name = named.group() if named else ""
-            if name in places:
-                self.fail(places[name], str(caught))
-            raise SceneError(f"{self.path}: {caught}", self.path, key=name or None) from None
+            if (place := places.get(caught.key or "")) is not None:
+                self.fail(place, str(caught))
+            raise SceneError(f"{self.path}: {caught}", self.path, key=caught.key) from None
 
     def files(self, kind: Kind) -> dict[str, Path]:
         known = (*kind.files, FILE) if roles_of(kind.config) else tuple(kind.files)
@@ -306,12 +299,12 @@ class _Reader(Document):
             if section in entries:
                 now = values.get(section, getattr(scene.config, section))
                 of = entries[section][0]
-                if name not in of.kinds():
-                    _refuse(change, f"unknown key; {nearest(name, of.kinds())}", key)
+                if name not in of.described():
+                    _refuse(change, f"unknown key; {nearest(name, of.described())}", key)
                 if len(now) > 1:
                     _refuse(change, f"the file has {len(now)} tables {section}; edit it.", key)
                 try:
-                    value = field_value(of, name, _plain(text.strip()))
+                    value = of.described()[name].read(plain_value(text.strip()))
                     one = of(**{name: value}) if not now else now[0].updated(**{name: value})
                 except ParameterError as caught:
                     _refuse(change, str(caught), key)
@@ -324,7 +317,7 @@ class _Reader(Document):
             if name not in names:
                 _refuse(change, f"unknown key; {nearest(name, names)}", key)
             try:
-                values[name] = _value(scene.config, name, _plain(text.strip()))
+                values[name] = _value(scene.config, name, plain_value(text.strip()))
                 if (found := self.materials.conflict(values)) is not None:
                     _refuse(change, "{} stands for {} too; keep one of both.".format(*found), key)
             except (ParameterError, LibraryError) as caught:
@@ -344,28 +337,20 @@ def _refuse(change: str, why: str, key: str) -> NoReturn:
 
 def _path(change: str, text: str, key: str) -> str:
     """Return the path that a change gives."""
-    value = _plain(text.strip())
+    value = plain_value(text.strip())
     if not isinstance(value, str) or not value or "\0" in value:
         _refuse(change, "the value must be a path.", key)
     return value
 
 
-def _value(config: Config | type[Config], name: str, value: Any) -> Any:
+def _value(config: Table | type[Table], name: str, value: Any) -> Any:
     """Return the value of a field, in its unit, or the name of a material.
 
     Raises:
         ParameterError: It has another type or unit, or is out of its bounds.
     """
     if name not in KIND_OF:
-        return field_value(config, name, value)
+        return config.described()[name].read(value)
     if not isinstance(value, str):
         raise ParameterError(f"{value!r} must be the name of a material, in quotes.")
     return value
-
-
-def _plain(text: str) -> Any:
-    """Return a value as TOML would read it; what is none is text."""
-    try:
-        return tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
-    except (ValueError, RecursionError):
-        return text

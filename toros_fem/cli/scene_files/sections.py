@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from toros_fem.base.config import Config
+from toros_fem.base.keys import Table
 
 # Titles of the tables, in the order in which they are written.
 TITLES: Mapping[str, str] = MappingProxyType(
@@ -66,7 +66,7 @@ _OTHERWISE = {
 }
 
 
-def sections_of(kind: str, config: Config) -> dict[str, tuple[str, ...]]:
+def sections_of(kind: str, config: Table) -> dict[str, tuple[str, ...]]:
     """Return the fields of a kind by the table they stand in, in the order of writing.
 
     Args:
@@ -75,6 +75,6 @@ def sections_of(kind: str, config: Config) -> dict[str, tuple[str, ...]]:
     """
     order = {name: k for k, name in enumerate(_SECTION)}
     found: dict[str, list[str]] = {title: [] for title in TITLES}
-    for name in sorted(config.kinds(), key=order.__getitem__):
+    for name in sorted(config.described(), key=order.__getitem__):
         found[_OTHERWISE.get((kind, name), _SECTION[name])].append(name)
     return {section: tuple(names) for section, names in found.items() if names}

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from toros_fem.base.config import Config
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.toml_files.values import quoted, written_value
+from toros_fem.base.keys import Table, quoted
 from toros_fem.cli.scene_files.materials import TABLE, roles_of
 from toros_fem.cli.scene_files.sections import SHOWN, TITLES, sections_of
 from toros_fem.materials.library import LibraryMaterial
@@ -27,7 +25,7 @@ EXAMPLES = {"fabric": "jersey-light", "reinforcement": "tpu-95a", "bladder": "dr
 
 def scene_text(
     kind: Kind,
-    config: Config | None = None,
+    config: Table | None = None,
     files: Mapping[str, str | Path] | None = None,
     materials: Mapping[str, LibraryMaterial] | None = None,
 ) -> str:
@@ -64,6 +62,7 @@ def scene_text(
             path = (files or {}).get(name)
             lines += _comment(text)
             lines.append(f'#{name} = ""' if path is None else f"{name} = {quoted(str(path))}")
+    keys = config.described()
     for section, names in sections_of(kind.name, config).items():
         lines += ["", *_comment(TITLES[section]), f"[{section}]"]
         if section == TABLE:
@@ -71,8 +70,8 @@ def scene_text(
         for name in names:
             value, default = getattr(config, name), getattr(kind.config, name)
             hidden = section not in SHOWN and value == default
-            lines += _comment(description(config, name))
-            lines.append(f"{'#' * hidden}{name} = {written_value(config, name, value)}")
+            lines += _comment(keys[name].help)
+            lines.append(f"{'#' * hidden}{name} = {keys[name].written(value)}")
         if section == "skin":
             for name, (of, meaning) in config.entries().items():
                 lines += _entries(name, of, meaning, getattr(config, name))
@@ -80,14 +79,14 @@ def scene_text(
     lines.append("[coarse]")
     quick = kind.coarse(config)
     lines += [
-        f"#{name} = {written_value(config, name, getattr(quick, name))}"
-        for name in config.kinds()
+        f"#{name} = {keys[name].written(getattr(quick, name))}"
+        for name in keys
         if getattr(quick, name) != getattr(config, name)
     ]
     return "\n".join(lines) + "\n"
 
 
-def _materials(config: Config, materials: Mapping[str, LibraryMaterial]) -> list[str]:
+def _materials(config: Table, materials: Mapping[str, LibraryMaterial]) -> list[str]:
     """Return comments on names of materials: those that numbers come from, or how to name any."""
     if not materials:
         names = ", ".join(f"{role} = {quoted(EXAMPLES[role])}" for role in roles_of(config))
@@ -104,38 +103,21 @@ def _materials(config: Config, materials: Mapping[str, LibraryMaterial]) -> list
     return lines
 
 
-def _entries(name: str, of: type[Config], meaning: str, values: Sequence[Config]) -> list[str]:
+def _entries(name: str, of: type[Table], meaning: str, values: Sequence[Table]) -> list[str]:
     """Return the tables of a field that holds several configurations."""
     lines = ["", *_comment(f"{meaning}; one table [{name}], or several [[{name}]]")]
-    for key in of.kinds():
-        lines += _comment(f"{key}: {description(of, key)}")
-    defaults = {key: of.__dataclass_fields__[key].default for key in of.kinds()}
+    keys = of.described().values()
+    for one in keys:
+        lines += _comment(f"{one.name}: {one.help}")
     if not values:
         lines.append(f"#[{name}]")
-        lines += [f"#{key} = {written_value(of, key, value)}" for key, value in defaults.items()]
+        lines += [f"#{one.name} = {one.written(one.default)}" for one in keys]
     for value in values:
         lines.append(f"[{name}]" if len(values) == 1 else f"[[{name}]]")
-        for key, default in defaults.items():
-            own = getattr(value, key)
-            lines.append(f"{'#' * (own == default)}{key} = {written_value(of, key, own)}")
+        for one in keys:
+            own = getattr(value, one.name)
+            lines.append(f"{'#' * (own == one.default)}{one.name} = {one.written(own)}")
     return lines
-
-
-def description(config: Config | type[Config], name: str) -> str:
-    """Return the meaning of a field, its unit, its bounds, and whether it may be none."""
-    kind, optional = config.kinds()[name]
-    spec = config.quantity(name)
-    parts = [spec.meaning]
-    if spec.unit:
-        parts.append(f"in {spec.unit}")
-    if kind is bool:
-        parts.append("true or false")
-    if spec.bounds:
-        parts.append(spec.bounds)
-    text = "; ".join(parts)
-    if not optional or re.search(r"\bnone\b", spec.meaning):
-        return text
-    return f"{text}, or none" if spec.bounds else f"{text}; or none"
 
 
 def _comment(text: str) -> list[str]:

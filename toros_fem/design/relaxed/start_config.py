@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from toros_fem.base.config import quantity
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import Count, In, Length, Number, OneOf, Positive, key
 from toros_fem.design.lines.options import LineOptions
 from toros_fem.design.loop.config import DesignConfig
 from toros_fem.design.relaxed.find import RelaxedOptions
@@ -17,53 +18,45 @@ STARTS = ("random", "relaxed")
 class StartConfig(DesignConfig):
     """Start of the densities: relaxed design of line families, printable lines; SI units."""
 
-    start: str = quantity(
+    start: Annotated[str, OneOf(STARTS)] = key(
         "random",
         "what the densities start from: noise, or the printable lines of a relaxed design; this "
         "and its print have meshes of their own, so that edge length, levels, filter radius and "
         "the steps of random densities play no part",
-        choices=STARTS,
     )
-    relaxed_edge_length: float = quantity(
-        4e-3, "edge length of the relaxed design's mesh", "m", above=0
+    relaxed_edge_length: Length = key(4e-3, "edge length of the relaxed design's mesh")
+    relaxed_iterations: Count = key(
+        40, "largest number of steps of either stage of the relaxed design"
     )
-    relaxed_iterations: int = quantity(
-        40, "largest number of steps of either stage of the relaxed design", at_least=1
+    directions: Annotated[int, In(at_least=2)] = key(
+        12, "number of fixed directions in the first stage of the relaxed design"
     )
-    directions: int = quantity(
-        12, "number of fixed directions in the first stage of the relaxed design", at_least=2
+    share_limit: Annotated[float, In(above=0, at_most=0.9)] = key(
+        0.35,
+        "limit on the part of the area that the lines of all directions cover in the first "
+        "stage of the relaxed design",
     )
-    share_limit: float = quantity(
-        0.35, "limit on the part of the area that the lines of all directions cover in the first "
-        "stage of the relaxed design", above=0, at_most=0.9,
-    )  # fmt: skip
-    smoothing_radius: float | None = quantity(
-        None, "radius of the smoothing of shares and directions; none takes a tenth of the "
-        "skin's size", "m", above=0,
-    )  # fmt: skip
-    laid_width: float = quantity(
+    smoothing_radius: Length | None = key(
+        None,
+        "radius of the smoothing of shares and directions; none takes a tenth of the skin's size",
+    )
+    laid_width: Length = key(
         0.9e-3,
         "width of the lines along the first family, the one nearer to the second axis of the panel",
-        "m",
-        above=0,
     )
-    second_laid_width: float | None = quantity(
-        None, "width of those along the second family; none takes the same", "m", above=0
+    second_laid_width: Length | None = key(
+        None, "width of those along the second family; none takes the same"
     )
 
-    print_edge_length: float = quantity(
-        0.75e-3, "edge length of the mesh that printed lines are simulated on", "m", above=0
+    print_edge_length: Length = key(
+        0.75e-3, "edge length of the mesh that printed lines are simulated on"
     )
-    corrections: int = quantity(
-        0, "how often the design is asked again for what its print misses", at_least=0
+    corrections: Number = key(0, "how often the design is asked again for what its print misses")
+    density_iterations: Number = key(
+        0, "steps of the densities that start from these lines; kept only if the print gets better"
     )
-    density_iterations: int = quantity(
-        0,
-        "steps of the densities that start from these lines; kept only if the print gets better",
-        at_least=0,
-    )
-    share_weight: float | None = quantity(
-        0.01, "weight of the lines' share in the relaxed objective; none leaves it out", above=0
+    share_weight: Positive | None = key(
+        0.01, "weight of the lines' share in the relaxed objective; none leaves it out"
     )
 
     @property
@@ -88,7 +81,8 @@ class StartConfig(DesignConfig):
         if self.print_edge_length > min(self.laid_widths):
             raise ParameterError(
                 f"print_edge_length = {self.print_edge_length} m is over {min(self.laid_widths)} "
-                "m, the width of the lines: their print cannot be simulated. Give shorter edges."
+                "m, the width of the lines: their print cannot be simulated. Give shorter edges.",
+                "print_edge_length",
             )
         return LineOptions(widths=self.laid_widths, print_width=self.print_width)
 

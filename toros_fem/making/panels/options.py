@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
-from toros_fem.base.config import Config, quantity
+from toros_fem.base.keys import Angle, Count, Distance, In, Length, OneOf, Table, key
 from toros_fem.base.validation import require_kind
 from toros_fem.materials.sheet import PRINT_SIDES
 
@@ -15,55 +16,48 @@ OUTSIDE, INSIDE = "outside", "inside"
 
 
 @dataclass(frozen=True)
-class ManufactureOptions(Config):
+class ManufactureOptions(Table):
     """Settings of the machine files.
 
     Raises:
         ParameterError: A value is out of its bounds.
     """
 
-    layer_height: float = quantity(0.4e-3, "height of the print above the fabric", "m", above=0)
-    print_density: float = quantity(1.22e3, "density of the print", "kg/m³", above=0)
-    print_side: str = quantity(
-        OUTSIDE, "face of the fabric that is printed, and seen on the drawings", choices=PRINT_SIDES
+    layer_height: Length = key(0.4e-3, "height of the print above the fabric")
+    print_density: Annotated[float, In("kg/m³", above=0)] = key(1.22e3, "density of the print")
+    print_side: Annotated[str, OneOf(PRINT_SIDES)] = key(
+        OUTSIDE, "face of the fabric that is printed, and seen on the drawings"
     )
-    fabric_offset: float | None = quantity(
-        None,
-        "height of the print's lower face above the bed, by the fabric",
-        "m",
-        at_least=0,
+    fabric_offset: Distance | None = key(
+        None, "height of the print's lower face above the bed, by the fabric"
     )
-    seam_allowance: float | None = quantity(
-        5e-3, "fabric beyond the seam line; none cuts on the line, without notches", "m", above=0
+    seam_allowance: Length | None = key(
+        5e-3, "fabric beyond the seam line; none cuts on the line, without notches"
     )
-    allowance_at: str = quantity(
-        SEAMS, "edges that get an allowance: those that are sewn, or all", choices=(SEAMS, ALL)
+    allowance_at: Annotated[str, OneOf((SEAMS, ALL))] = key(
+        SEAMS, "edges that get an allowance: those that are sewn, or all"
     )
-    notch_distance: float = quantity(30e-3, "largest distance of notches on a seam", "m", above=0)
-    cross_size: float = quantity(4e-3, "size of a registration cross", "m", above=0)
-    grain: float | None = quantity(
-        90.0, "direction of the grain on the flat panels, from x; none leaves it free", "deg"
+    notch_distance: Length = key(30e-3, "largest distance of notches on a seam")
+    cross_size: Length = key(4e-3, "size of a registration cross")
+    grain: Angle | None = key(
+        90.0, "direction of the grain on the flat panels, from x; none leaves it free"
     )
-    bed_width: float = quantity(0.25, "width of the printer's bed", "m", above=0)
-    bed_depth: float = quantity(0.21, "depth of the printer's bed", "m", above=0)
-    sheet_width: float | None = quantity(
-        None, "width of a sheet of fabric and of the cutter; none takes the bed's", "m", above=0
+    bed_width: Length = key(0.25, "width of the printer's bed")
+    bed_depth: Length = key(0.21, "depth of the printer's bed")
+    sheet_width: Length | None = key(
+        None, "width of a sheet of fabric and of the cutter; none takes the bed's"
     )
-    sheet_depth: float | None = quantity(
-        None, "depth of a sheet, along the grain; none takes the bed's", "m", above=0
+    sheet_depth: Length | None = key(
+        None, "depth of a sheet, along the grain; none takes the bed's"
     )
-    sheet_margin: float = quantity(
-        10e-3, "border of a sheet and of the bed that stays free", "m", at_least=0
+    sheet_margin: Distance = key(10e-3, "border of a sheet and of the bed that stays free")
+    copies: Count = key(1, "number of skins to make, such as fingers")
+    panel_gap: Distance = key(5e-3, "least distance of two panels on a sheet")
+    weld_allowance: Length = key(6e-3, "film of the bladder beyond the panels, for its weld")
+    connector_width: Length | None = key(
+        8e-3, "width of the bladder's tab for its tube; none leaves it out"
     )
-    copies: int = quantity(1, "number of skins to make, such as fingers", at_least=1)
-    panel_gap: float = quantity(5e-3, "least distance of two panels on a sheet", "m", at_least=0)
-    weld_allowance: float = quantity(
-        6e-3, "film of the bladder beyond the panels, for its weld", "m", above=0
-    )
-    connector_width: float | None = quantity(
-        8e-3, "width of the bladder's tab for its tube; none leaves it out", "m", above=0
-    )
-    connector_length: float = quantity(20e-3, "length of the tab beyond the weld", "m", above=0)
+    connector_length: Length = key(20e-3, "length of the tab beyond the weld")
 
     @property
     def drawn_grain(self) -> float | None:

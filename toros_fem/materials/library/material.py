@@ -6,9 +6,10 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from types import MappingProxyType
+from typing import Annotated
 
-from toros_fem.base.config import Config, quantity
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import In, OneOf, Poisson, Table, key
 from toros_fem.base.validation import checked_floats, require_flag, shown
 from toros_fem.materials.sheet import STIFFEST, Bladder, Material
 
@@ -30,35 +31,36 @@ LARGEST_STRETCH = 20.0
 
 
 @dataclass(frozen=True)
-class MaterialValues(Config):
+class MaterialValues(Table):
     """Values of a material as its file holds them; SI units."""
 
-    kind: str = quantity("fabric", "what it is", choices=MATERIAL_KINDS)
-    title: str = quantity("", "what it is called")
-    young: float = quantity(
-        1.0, "Young's modulus E at small strain", "Pa", above=0, at_most=STIFFEST
+    kind: Annotated[str, OneOf(MATERIAL_KINDS)] = key("fabric", "what it is")
+    title: str = key("", "what it is called")
+    young: Annotated[float, In("Pa", above=0, at_most=STIFFEST)] = key(
+        1.0, "Young's modulus E at small strain"
     )
-    poisson: float = quantity(0.0, "Poisson's ratio ν", at_least=0, at_most=0.5)
-    thickness: float = quantity(1e-3, "thickness", "m", above=0, at_most=0.05)
-    c1: float | None = quantity(
-        None, "bound on a principal stretch, eq. (1)", above=1, at_most=LARGEST_STRETCH
+    poisson: Poisson = key(0.0, "Poisson's ratio ν")
+    thickness: Annotated[float, In("m", above=0, at_most=0.05)] = key(1e-3, "thickness")
+    c1: Annotated[float, In(above=1, at_most=LARGEST_STRETCH)] | None = key(
+        None, "bound on a principal stretch, eq. (1)"
     )
-    c2: float | None = quantity(
-        None,
-        "bound on the sum of both principal stretches less 1",
-        above=1,
-        at_most=2 * LARGEST_STRETCH,
+    c2: Annotated[float, In(above=1, at_most=2 * LARGEST_STRETCH)] | None = key(
+        None, "bound on the sum of both principal stretches less 1"
     )
-    knit_ratio: float | None = quantity(
-        None, "modulus along the courses over that along the wales", at_least=1, at_most=100
+    knit_ratio: Annotated[float, In(at_least=1, at_most=100)] | None = key(
+        None, "modulus along the courses over that along the wales"
     )
-    density: float | None = quantity(None, "mass per flat area", "kg/m²", above=0, at_most=100)
-    with_fabric: bool = quantity(
+    density: Annotated[float, In("kg/m²", above=0, at_most=100)] | None = key(
+        None, "mass per flat area"
+    )
+    with_fabric: bool = key(
         False, "whether the values are those of a print and its fabric as one sheet"
     )
-    trust: str = quantity("estimate", "how far the values may be trusted", choices=tuple(TRUSTS))
-    source: str = quantity("", "where the values come from")
-    note: str | None = quantity(None, "what else is to be known")
+    trust: Annotated[str, OneOf(tuple(TRUSTS))] = key(
+        "estimate", "how far the values may be trusted"
+    )
+    source: str = key("", "where the values come from")
+    note: str | None = key(None, "what else is to be known")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,7 +109,8 @@ class LibraryMaterial:
         if not isinstance(self.name, str) or not NAME.fullmatch(self.name) or self.name == "none":
             raise ParameterError(
                 f"name = {shown(self.name)} must be letters, digits, - and _, at most 40, and not "
-                "'none'."
+                "'none'.",
+                "name",
             )
         require_flag(with_fabric=self.with_fabric)
         names = [entry.name for entry in fields(MaterialValues)]
@@ -123,7 +126,7 @@ class LibraryMaterial:
         text = getattr(self, name)
         if text is not None and not (0 < len(text) <= most and text.isprintable() and text.strip()):
             raise ParameterError(
-                f"{name} = {shown(text)} must be one line of 1 to {most} characters."
+                f"{name} = {shown(text)} must be one line of 1 to {most} characters.", name
             )
 
     def _check_range(self) -> None:
@@ -132,12 +135,14 @@ class LibraryMaterial:
         if not 0 < low <= 1 < high <= LARGEST_STRETCH:
             raise ParameterError(
                 f"stretch_range = [{low:g}, {high:g}] must be a least stretch above 0 and at most "
-                f"1, and a largest one above 1 and at most {LARGEST_STRETCH:g}."
+                f"1, and a largest one above 1 and at most {LARGEST_STRETCH:g}.",
+                "stretch_range",
             )
         if self.c1 is not None and high > self.c1:
             raise ParameterError(
                 f"stretch_range ends at {high:g}, beyond the bound c1 = {self.c1:g}, which no "
-                "stretch reaches. Shorten the range, or raise c1."
+                "stretch reaches. Shorten the range, or raise c1.",
+                "stretch_range",
             )
         object.__setattr__(self, "stretch_range", (low, high))
 
@@ -147,18 +152,21 @@ class LibraryMaterial:
             if getattr(self, name) not in (None, False) and self.kind != kind:
                 raise ParameterError(
                     f"{name} = {getattr(self, name)} belongs to a {kind}, and this is a "
-                    f"{self.kind}. Leave it out."
+                    f"{self.kind}. Leave it out.",
+                    name,
                 )
         if self.kind == "rubber":
             for name in ("c1", "c2"):
                 if getattr(self, name) is not None:
                     raise ParameterError(
                         f"{name} = {getattr(self, name)} belongs to eq. (1); a rubber is "
-                        "neo-Hookean and has no bounds. Leave it out."
+                        "neo-Hookean and has no bounds. Leave it out.",
+                        name,
                     )
             if self.poisson != 0.5:
                 raise ParameterError(
-                    f"poisson = {self.poisson}: a rubber is incompressible here; write 0.5."
+                    f"poisson = {self.poisson}: a rubber is incompressible here; write 0.5.",
+                    "poisson",
                 )
 
     @property

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -13,7 +12,6 @@ from mpi4py import MPI
 from toros_fem.base.errors import LibraryError, ParameterError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.toml_files.document import Document, nearest, read_text
-from toros_fem.base.toml_files.values import field_value
 from toros_fem.base.validation import checked_path
 from toros_fem.materials.library.material import LibraryMaterial, MaterialValues
 
@@ -112,7 +110,7 @@ def _entry(document: Document, name: str, values: Any) -> LibraryMaterial:
             if key == RANGE:
                 given[key] = _range(value)
             else:
-                given[key] = field_value(MaterialValues, key, value)
+                given[key] = MaterialValues.described()[key].read(value)
         except ParameterError as caught:
             document.fail((name, key), str(caught))
     missing = [key for key in NEEDED if key not in given]
@@ -121,9 +119,7 @@ def _entry(document: Document, name: str, values: Any) -> LibraryMaterial:
     try:
         return LibraryMaterial(name=name, **given)
     except ParameterError as caught:
-        found = re.match(r"\w+", str(caught))
-        key = found.group() if found else ""
-        document.fail((name, key) if key in values else (name,), str(caught))
+        document.fail((name, caught.key or "") if caught.key in values else (name,), str(caught))
 
 
 def _range(value: Any) -> tuple[float, float]:

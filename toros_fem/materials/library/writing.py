@@ -10,7 +10,6 @@ from pathlib import Path
 from toros_fem.base.errors import LibraryError, OutputError
 from toros_fem.base.toml_files.document import read_text
 from toros_fem.base.toml_files.lines import key_lines
-from toros_fem.base.toml_files.values import written_value
 from toros_fem.base.validation import checked_path, require_kind
 from toros_fem.materials.library.material import LibraryMaterial, MaterialValues
 from toros_fem.materials.library.reading import KEYS, NEEDED, RANGE, materials_of
@@ -65,7 +64,7 @@ def material_text(entry: LibraryMaterial) -> str:
         if key == RANGE:
             lines.append(f"{key} = [{value[0]!r}, {value[1]!r}]")
         elif key in NEEDED or value not in (None, False):
-            lines.append(f"{key} = {written_value(MaterialValues, key, value)}")
+            lines.append(f"{key} = {MaterialValues.described()[key].written(value)}")
     return "\n".join(lines) + "\n"
 
 

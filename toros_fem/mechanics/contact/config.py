@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from toros_fem.base.config import Config, quantity
+from toros_fem.base.keys import Length, Positive, Table, key
 
 
 @dataclass(frozen=True)
-class ContactConfig(Config):
+class ContactConfig(Table):
     """Friction and distance of contact; SI units."""
 
-    friction: float | None = quantity(
-        None, "coefficient of Coulomb's friction on ground and bodies; none for none", above=0
+    friction: Positive | None = key(
+        None, "coefficient of Coulomb's friction on ground and bodies; none for none"
     )
-    contact_distance: float | None = quantity(
+    contact_distance: Length | None = key(
         None,
         "distance of two faces from which on contact acts; none takes half of the fabric's "
         "thickness",
-        "m",
-        above=0,
     )

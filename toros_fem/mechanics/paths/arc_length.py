@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.config import Config, quantity
 from toros_fem.base.errors import ParameterError, TorosError
+from toros_fem.base.keys import In, Positive, Table, key
 from toros_fem.base.mpi import dot, largest, norm
 from toros_fem.measures.metrics import Metric
 from toros_fem.mechanics.equilibrium.diagnostics import condition_of
@@ -37,26 +38,24 @@ TURN = 0.7
 
 
 @dataclass(frozen=True)
-class ArcLengthOptions(Config):
+class ArcLengthOptions(Table):
     """Where a path by arc length begins and ends, and how densely it is followed.
 
     Raises:
         ParameterError: A value is outside its bounds, or the first increment is zero.
     """
 
-    first: float = quantity(0.05, "load factor of the first point")
-    first_increment: float = quantity(
+    first: float = key(0.05, "load factor of the first point")
+    first_increment: float = key(
         0.05, "change of the load factor to the second point; negative: the path begins downwards"
     )
-    largest_increment: float = quantity(
-        0.1, "largest change of the load factor between two points", above=0
+    largest_increment: Positive = key(0.1, "largest change of the load factor between two points")
+    largest_movement: Positive = key(
+        0.02, "largest movement of a vertex between two points, over the skin's size"
     )
-    largest_movement: float = quantity(
-        0.02, "largest movement of a vertex between two points, over the skin's size", above=0
-    )
-    lowest: float | None = quantity(0.0, "load factor at which the path ends when it falls to it")
-    highest: float | None = quantity(1.0, "load factor at which the path ends when it rises to it")
-    max_points: int | None = quantity(200, "largest number of points", at_least=2)
+    lowest: float | None = key(0.0, "load factor at which the path ends when it falls to it")
+    highest: float | None = key(1.0, "load factor at which the path ends when it rises to it")
+    max_points: Annotated[int, In(at_least=2)] | None = key(200, "largest number of points")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -4,12 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import ClassVar, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 
-from toros_fem.base.config import Config, quantity
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import (
+    Angle,
+    Count,
+    Distance,
+    Factor,
+    Fraction,
+    In,
+    Length,
+    Modulus,
+    Number,
+    OneOf,
+    Positive,
+    Pressure,
+    Table,
+    key,
+)
 from toros_fem.base.validation import require_between
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.loop.config import DesignConfig, MaterialConfig
@@ -35,45 +50,36 @@ from toros_fem.materials.sheet import (
 class SkinConfig(MaterialConfig):
     """Bending and wrinkling of the sheets, side of the print, seams, bladder, knit; SI units."""
 
-    bladder_young: float = quantity(
-        0.29e6, "Young's modulus of a rubber bladder that moves with the skin", "Pa", above=0
+    bladder_young: Modulus = key(
+        0.29e6, "Young's modulus of a rubber bladder that moves with the skin"
     )
-    bladder_thickness: float | None = quantity(
-        None, "thickness of the bladder; none leaves it out", "m", above=0
+    bladder_thickness: Length | None = key(None, "thickness of the bladder; none leaves it out")
+    bending: Annotated[str, OneOf(CURVATURES)] | None = key(
+        Bending.curvature, "curvature term of the sheet; none for a membrane"
     )
-    bending: str | None = quantity(
-        Bending.curvature, "curvature term of the sheet; none for a membrane", choices=CURVATURES
+    seams: Annotated[str, OneOf(SEAMS)] = key(Bending.seams, "how seams carry moments")
+    wrinkling: Annotated[str, OneOf(WRINKLINGS)] | None = key(
+        None, "fine wrinkles, which carry no compression; none leaves wrinkles to the mesh"
     )
-    seams: str = quantity(Bending.seams, "how seams carry moments", choices=SEAMS)
-    wrinkling: str | None = quantity(
-        None,
-        "fine wrinkles, which carry no compression; none leaves wrinkles to the mesh",
-        choices=WRINKLINGS,
-    )
-    print_side: str | None = quantity(
+    print_side: Annotated[str, OneOf(PRINT_SIDES)] | None = key(
         None,
         "face of the fabric that carries the print, seen from the pressure; none takes the print "
         "in the fabric's middle",
-        choices=PRINT_SIDES,
     )
-    print_offset: float | None = quantity(
+    print_offset: Length | None = key(
         None,
         "distance from the middle of the fabric to that of the print on its face; none takes the "
         "mean of both thicknesses",
-        "m",
-        above=0,
     )
-    knit_ratio: float | None = quantity(
+    knit_ratio: Annotated[float, In(at_least=1)] | None = key(
         None,
         "modulus of the fabric along its courses over that along its wales; none for an isotropic "
         "fabric",
-        at_least=1,
     )
-    grain_angle: float = quantity(
+    grain_angle: Angle = key(
         0.0,
         "angle of the courses from the first axis of the flat panels; on a tube 0 is around and 90 "
         "along it",
-        "deg",
     )
 
     @property
@@ -92,17 +98,12 @@ class SkinConfig(MaterialConfig):
 
 
 @dataclass(frozen=True)
-class TipWeights(Config):
+class TipWeights(Table):
     """Weights of the tip in the objective; SI units."""
 
-    tip_weight: float = quantity(
-        1.0, "weight of the tip's position over that of all the rest", at_least=0
-    )
-    orientation_length: float = quantity(
-        0.03,
-        "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length",
-        "m",
-        at_least=0,
+    tip_weight: Factor = key(1.0, "weight of the tip's position over that of all the rest")
+    orientation_length: Distance = key(
+        0.03, "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length"
     )
 
 
@@ -128,72 +129,55 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
             densities.
     """
 
-    pressure: float = quantity(
-        5e3, "pressure, the first guess where it is designed", "Pa", at_least=0
-    )
-    design_pressure: bool = quantity(False, "design the pressure too, within its bounds")
-    pressure_min: float = quantity(1e3, "least pressure where it is designed", "Pa", above=0)
-    pressure_max: float = quantity(20e3, "largest pressure where it is designed", "Pa", above=0)
-    levels: int | None = quantity(
+    pressure: Pressure = key(5e3, "pressure, the first guess where it is designed")
+    design_pressure: bool = key(False, "design the pressure too, within its bounds")
+    pressure_min: Modulus = key(1e3, "least pressure where it is designed")
+    pressure_max: Modulus = key(20e3, "largest pressure where it is designed")
+    levels: Count | None = key(
         None,
         "number of meshes, from coarse to fine: edges and filter radius halve from each to the "
         "next; none takes as many as the size allows",
-        at_least=1,
     )
-    starts: int = quantity(
+    starts: Count = key(
         1,
         "number of random starts on the coarsest mesh, shared out over the ranks; the best goes on",
-        at_least=1,
     )
-    level_iterations: int = quantity(
-        10, "steps on each mesh but the coarsest, with the width constraints", at_least=1
+    level_iterations: Count = key(
+        10, "steps on each mesh but the coarsest, with the width constraints"
     )
-    level_move_limit: float = quantity(
-        0.05, "largest change of a density in one step on these meshes", above=0, at_most=1
+    level_move_limit: Fraction = key(
+        0.05, "largest change of a density in one step on these meshes"
     )
-    iterations: int = quantity(
-        60, "steps on the coarsest mesh before the width constraints act", at_least=1
+    iterations: Count = key(60, "steps on the coarsest mesh before the width constraints act")
+    constrained_iterations: Number = key(
+        40, "further steps there with the width constraints; 0 leaves them out"
     )
-    constrained_iterations: int = quantity(
-        40, "further steps there with the width constraints; 0 leaves them out", at_least=0
-    )
-    min_decrease: float | None = quantity(
+    min_decrease: Fraction | None = key(
         0.05,
         "a stage ends when the objective falls by a smaller fraction in ten steps; none leaves "
         "this rule out",
-        above=0,
-        at_most=1,
     )
-    polish_iterations: int = quantity(
-        20,
-        "steps on a mesh after all free islands are removed or connected; 0 leaves them",
-        at_least=0,
+    polish_iterations: Number = key(
+        20, "steps on a mesh after all free islands are removed or connected; 0 leaves them"
     )
-    width_tolerance: float | None = quantity(
+    width_tolerance: Length | None = key(
         None,
         "difference of printed widths from the drawn ones, either way, that the design is made "
         "robust against: each border moves by half of it; none leaves this out",
-        "m",
-        above=0,
     )
-    spread_weight: float = quantity(
+    spread_weight: Positive = key(
         SPREAD_WEIGHT,
         "weight of the spread over these widths in the objective, where there is a tolerance",
-        above=0,
     )
-    estimate_error: bool = quantity(
+    estimate_error: bool = key(
         True, "estimate the discretisation error of the metrics on a refined mesh"
     )
-    curve_pressure: float | None = quantity(
+    curve_pressure: Modulus | None = key(
         20e3,
         "largest pressure up to which the metrics of the print are followed; none leaves this "
         "curve out",
-        "Pa",
-        above=0,
     )
-    curve_steps: int = quantity(
-        10, "number of equal steps of the curve from 0 to that pressure", at_least=1
-    )
+    curve_steps: Count = key(10, "number of equal steps of the curve from 0 to that pressure")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -207,19 +191,22 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
             )
             raise ParameterError(
                 f"levels = {self.levels} is too many: {reason}. At most {most} are possible; "
-                "levels = None takes them."
+                "levels = None takes them.",
+                "levels",
             )
         if self.start == "relaxed":
             if self.starts > 1:
                 raise ParameterError(
                     f"starts = {self.starts}, but a relaxed design has one start. Set starts = 1 "
-                    "and try several seeds, or start = 'random'."
+                    "and try several seeds, or start = 'random'.",
+                    "starts",
                 )
             _ = self.line_options  # wrong widths are told before the design, not after it
             if self.width_tolerance is not None and not self.density_iterations:
                 raise ParameterError(
                     f"width_tolerance = {self.width_tolerance} m would not count: lines that are "
-                    "laid have their widths given. Set density_iterations, or start = 'random'."
+                    "laid have their widths given. Set density_iterations, or start = 'random'.",
+                    "width_tolerance",
                 )
 
     # Field that holds the target of a metric, by the metric's key.
@@ -234,11 +221,11 @@ class ActuatorConfig(StartConfig, SkinConfig, DesignConfig):
         Raises:
             ParameterError: No field holds the target of a metric, or its value is out of bounds.
         """
-        for key in targets:
-            if key not in self.TARGETS:
+        for metric in targets:
+            if metric not in self.TARGETS:
                 known = ", ".join(self.TARGETS) or "none"
-                raise ParameterError(f"no field holds the target of {key!r}; known are {known}.")
-        return self.updated(**{self.TARGETS[key]: value for key, value in targets.items()})
+                raise ParameterError(f"no field holds the target of {metric!r}; known are {known}.")
+        return self.updated(**{self.TARGETS[metric]: value for metric, value in targets.items()})
 
     @property
     def coarsest_edge(self) -> float | None:

@@ -126,7 +126,7 @@ def probe_config(config: C) -> C:
     if edge is None or longest is None:
         return config.at_level(0)
     factor = max(1.0, longest / PROBE_FINER / edge)
-    known = config.kinds()
+    known = config.described()
     lengths = {name: getattr(config, name) for name in MESH_LENGTHS if name in known}
     scaled = {name: factor * h for name, h in lengths.items() if h is not None}
     return config.updated(levels=1, **scaled)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.config import Config, quantity
 from toros_fem.base.errors import MeasurementError
+from toros_fem.base.keys import In, Number, OneOf, Stretch, Table, key
 from toros_fem.products.fitting.parameters import Scales
 from toros_fem.products.fitting.tensile_test import BRANCHES, FEWEST, TensileTest
 from toros_fem.products.fitting.uniaxial import tension
@@ -32,28 +32,24 @@ INTERVALS = ("bootstrap", "hessian")
 
 
 @dataclass(frozen=True)
-class FitOptions(Config):
+class FitOptions(Table):
     """How a material is fitted to tensile tests."""
 
-    branch: str = quantity(
-        "last-loading", "branch of the load cycles that is fitted", choices=BRANCHES
+    branch: Annotated[str, OneOf(BRANCHES)] = key(
+        "last-loading", "branch of the load cycles that is fitted"
     )
-    up_to: float | None = quantity(None, "largest stretch that is fitted; none takes all", above=1)
-    loss: str = quantity(
-        "soft-l1", "loss of the residuals; the first two bound what an outlier counts",
-        choices=LOSSES,
-    )  # fmt: skip
-    intervals: str = quantity(
-        "bootstrap",
-        "source of the 95 % intervals: tests drawn again, or the curvature of the loss",
-        choices=INTERVALS,
+    up_to: Stretch | None = key(None, "largest stretch that is fitted; none takes all")
+    loss: Annotated[str, OneOf(LOSSES)] = key(
+        "soft-l1", "loss of the residuals; the first two bound what an outlier counts"
     )
-    draws: int = quantity(400, "draws of the bootstrap", at_least=40, at_most=100_000)
-    seed: int = quantity(0, "seed of the bootstrap", at_least=0)
-    points: int = quantity(
-        60, "points that each curve is averaged to, even over the stretch", at_least=10,
-        at_most=10_000,
-    )  # fmt: skip
+    intervals: Annotated[str, OneOf(INTERVALS)] = key(
+        "bootstrap", "source of the 95 % intervals: tests drawn again, or the curvature of the loss"
+    )
+    draws: Annotated[int, In(at_least=40, at_most=100000)] = key(400, "draws of the bootstrap")
+    seed: Number = key(0, "seed of the bootstrap")
+    points: Annotated[int, In(at_least=10, at_most=10000)] = key(
+        60, "points that each curve is averaged to, even over the stretch"
+    )
 
 
 @dataclass(frozen=True, eq=False)

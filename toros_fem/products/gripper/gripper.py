@@ -17,16 +17,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.config import quantity
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import write_json, write_together
+from toros_fem.base.keys import Count, Distance, Factor, In, Length, OneOf, Positive, key
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.measures.gap import SHAPES, Body
 from toros_fem.measures.metrics import Metric
@@ -69,74 +69,57 @@ class GripperConfig(ContactConfig, ActuatorConfig):
             ends before the root or beyond the finger.
     """
 
-    shape: str = quantity("sphere", "shape of the object", choices=SHAPES)
-    size: float = quantity(0.04, "diameter of the sphere or edge of the box", "m", above=0)
-    finger_length: float = quantity(0.09, "length of a finger", "m", above=0)
-    finger_width: float = quantity(0.025, "width of a finger", "m", above=0)
-    root_length: float = quantity(0.015, "length of a finger in the mount", "m", above=0)
-    stem_length: float = quantity(
-        0.025, "length of a finger whose inner panel the mount's stem carries", "m", above=0
+    shape: Annotated[str, OneOf(SHAPES)] = key("sphere", "shape of the object")
+    size: Length = key(0.04, "diameter of the sphere or edge of the box")
+    finger_length: Length = key(0.09, "length of a finger")
+    finger_width: Length = key(0.025, "width of a finger")
+    root_length: Length = key(0.015, "length of a finger in the mount")
+    stem_length: Length = key(
+        0.025, "length of a finger whose inner panel the mount's stem carries"
     )
-    backbone_width: float = quantity(
-        6e-3, "width of the line along the inner panel that is always printed", "m", at_least=0
+    backbone_width: Distance = key(
+        6e-3, "width of the line along the inner panel that is always printed"
     )
-    edge_length: float = quantity(1.2e-3, "edge length of the mesh", "m", above=0)
-    inflated_depth: float = quantity(
-        0.016, "depth of the inflated finger where it is straight, a first guess", "m", at_least=0
+    edge_length: Length = key(1.2e-3, "edge length of the mesh")
+    inflated_depth: Distance = key(
+        0.016, "depth of the inflated finger where it is straight, a first guess"
     )
-    wrap_angle: float | None = quantity(
+    wrap_angle: Annotated[float, In("deg", above=0, at_most=360)] | None = key(
         None,
         "angle by which a finger goes around the object; none takes 90 at a sphere and 60 at a box",
-        "deg",
-        above=0,
-        at_most=360,
     )
-    tip_angle: float | None = quantity(
-        None,
-        "angle by which the finger's outer quarter is to turn; none takes that at the object",
-        "deg",
-        above=0,
-        at_most=360,
+    tip_angle: Annotated[float, In("deg", above=0, at_most=360)] | None = key(
+        None, "angle by which the finger's outer quarter is to turn; none takes that at the object"
     )
-    edge_bend_radius: float = quantity(
-        0.03, "radius around which a finger bends at a box, whose edges are sharper", "m", above=0
+    edge_bend_radius: Length = key(
+        0.03, "radius around which a finger bends at a box, whose edges are sharper"
     )
-    edge_angle: float = quantity(
-        45.0,
-        "angle by which a finger has turned where it touches a box's edge",
-        "deg",
-        above=0,
-        at_most=180,
+    edge_angle: Annotated[float, In("deg", above=0, at_most=180)] = key(
+        45.0, "angle by which a finger has turned where it touches a box's edge"
     )
-    tail_length: float = quantity(
-        0.01, "length of a finger that is straight below a box", "m", at_least=0
-    )
-    cross_sections: int = quantity(4, "number of cross-sections of a finger", at_least=1)
-    centreline_weight: float = quantity(
-        0.05, "weight of the finger's centre line over that of its orientation", at_least=0
+    tail_length: Distance = key(0.01, "length of a finger that is straight below a box")
+    cross_sections: Count = key(4, "number of cross-sections of a finger")
+    centreline_weight: Factor = key(
+        0.05, "weight of the finger's centre line over that of its orientation"
     )
     orientation_length: float = TipWeights.redefault("orientation_length", 0.02)
-    contact_weight: float = quantity(
-        5.0, "weight of the inner panel's distance from the object", at_least=0
-    )
-    mass: float = quantity(0.1, "mass of the object", "kg", above=0)
+    contact_weight: Factor = key(5.0, "weight of the inner panel's distance from the object")
+    mass: Annotated[float, In("kg", above=0)] = key(0.1, "mass of the object")
     friction: float | None = ContactConfig.redefault("friction", 0.6)
-    holding_factor: float = quantity(
-        4.0, "holding force that the design asks for, over the object's weight", above=0
+    holding_factor: Positive = key(
+        4.0, "holding force that the design asks for, over the object's weight"
     )
-    holding_weight: float = quantity(1.0, "weight of the holding force that is missing", at_least=0)
-    object_mesh: str | None = quantity(
+    holding_weight: Factor = key(1.0, "weight of the holding force that is missing")
+    object_mesh: str | None = key(
         None,
         "mesh file of an object to be lifted in the place of the shape that is designed for, its z "
         "upwards; none lifts that shape",
     )
-    object_scale: float = quantity(1e-3, "length of the mesh file's unit", "m", above=0)
-    lift_distance: float | None = quantity(
-        0.05, "distance by which the mounts move up; none leaves the lift out", "m", above=0
+    object_scale: Length = key(1e-3, "length of the mesh file's unit")
+    lift_distance: Length | None = key(
+        0.05, "distance by which the mounts move up; none leaves the lift out"
     )
-    slip_limit: float = quantity(
-        5e-3, "sliding of the object up to which it counts as held", "m", above=0
-    )
+    slip_limit: Length = key(5e-3, "sliding of the object up to which it counts as held")
     seams: str = ActuatorConfig.redefault("seams", "hinged")
     levels: int | None = ActuatorConfig.redefault("levels", 1)
     pressure: float = ActuatorConfig.redefault("pressure", 10e3)
@@ -152,7 +135,8 @@ class GripperConfig(ContactConfig, ActuatorConfig):
         if not self.root_length <= self.stem_length < self.finger_length:
             raise ParameterError(
                 f"stem_length = {self.stem_length} m must be at least root_length = "
-                f"{self.root_length} m and less than finger_length = {self.finger_length} m."
+                f"{self.root_length} m and less than finger_length = {self.finger_length} m.",
+                "stem_length",
             )
         if self.bend_start < self.root_length:
             raise ParameterError(

@@ -5,14 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.config import entries, quantity
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import (
+    Count,
+    Distance,
+    Factor,
+    In,
+    Length,
+    Number,
+    OneOf,
+    Place,
+    Positive,
+    entries,
+    key,
+)
 from toros_fem.measures.body_axis import DIRECTIONS, BodyAxis, body_axis
 from toros_fem.measures.cross_sections import CrossSections
 from toros_fem.measures.metrics import Metric, distance
@@ -47,10 +59,9 @@ TARGET = {
 class HeldConfig(RegionConfig):
     """A region whose vertices are held."""
 
-    components: str = quantity(
-        "xyz", "components of the position that are held, of the others the skin is free",
-        choices=COMPONENTS,
-    )  # fmt: skip
+    components: Annotated[str, OneOf(COMPONENTS)] = key(
+        "xyz", "components of the position that are held, of the others the skin is free"
+    )
 
 
 @dataclass(frozen=True)
@@ -61,73 +72,65 @@ class OwnMeshConfig(TipWeights, ActuatorConfig):
         ParameterError: As in `ActuatorConfig`, or a metric is unknown.
     """
 
-    scale: float = quantity(1e-3, "length of the mesh file's unit; a pattern is in m", "m", above=0)
-    component: int | None = quantity(
-        None, "connected component of the file, 0 for the largest; none: it holds only one",
-        at_least=0,
-    )  # fmt: skip
-    refinements: int = quantity(
-        0, "how often each triangle of the file is divided into four", at_least=0, at_most=6
+    scale: Length = key(1e-3, "length of the mesh file's unit; a pattern is in m")
+    component: Number | None = key(
+        None, "connected component of the file, 0 for the largest; none: it holds only one"
     )
-    cuts: str = quantity(
-        "given", "where the surface is cut into panels: at the lines and parts of the file, found "
-        "if it has none, or always found", choices=("given", "auto"),
-    )  # fmt: skip
-    method: str = quantity("auto", "how panels are laid flat", choices=METHODS)
-    crease_angle: float = quantity(
-        45.0, "angle between normals above which a found cut follows an edge", "deg", above=0,
-        at_most=180,
-    )  # fmt: skip
-    max_stretch: float | None = quantity(
-        None, "largest stretch of a panel; none: 0.15 with found cuts, no bound with given ones",
-        above=0,
-    )  # fmt: skip
+    refinements: Annotated[int, In(at_least=0, at_most=6)] = key(
+        0, "how often each triangle of the file is divided into four"
+    )
+    cuts: Annotated[str, OneOf(("given", "auto"))] = key(
+        "given",
+        "where the surface is cut into panels: at the lines and parts of the file, found "
+        "if it has none, or always found",
+    )
+    method: Annotated[str, OneOf(METHODS)] = key("auto", "how panels are laid flat")
+    crease_angle: Annotated[float, In("deg", above=0, at_most=180)] = key(
+        45.0, "angle between normals above which a found cut follows an edge"
+    )
+    max_stretch: Positive | None = key(
+        None, "largest stretch of a panel; none: 0.15 with found cuts, no bound with given ones"
+    )
     held: tuple[HeldConfig, ...] = entries(HeldConfig, "Where the skin is held")
     printed: tuple[RegionConfig, ...] = entries(RegionConfig, "Where it is printed all over")
     plain: tuple[RegionConfig, ...] = entries(RegionConfig, "Where nothing is printed")
 
-    axis: str = quantity("z", "direction from root to tip", choices=DIRECTIONS)
-    toward: str = quantity("x", "direction that a bend goes to", choices=DIRECTIONS)
-    begin: float = quantity(
-        0.0, "distance from the near end at which the target begins to deform the body", "m",
-        at_least=0,
-    )  # fmt: skip
-    end: float | None = quantity(
-        None, "distance at which it ends; none takes the far end, or where a round tip begins",
-        "m", above=0,
-    )  # fmt: skip
-    bend: float | None = quantity(
-        None, "bend angle of the target", "deg", at_least=-720, at_most=720
+    axis: Annotated[str, OneOf(DIRECTIONS)] = key("z", "direction from root to tip")
+    toward: Annotated[str, OneOf(DIRECTIONS)] = key("x", "direction that a bend goes to")
+    begin: Distance = key(
+        0.0, "distance from the near end at which the target begins to deform the body"
     )
-    twist: float | None = quantity(
-        None, "twist of the target, positive if counter-clockwise seen from the tip", "deg",
-        at_least=-2160, at_most=2160,
-    )  # fmt: skip
-    shorten: float | None = quantity(None, "shortening of the target", "%", below=100)
-    neutral: float | None = quantity(
+    end: Length | None = key(
+        None, "distance at which it ends; none takes the far end, or where a round tip begins"
+    )
+    bend: Annotated[float, In("deg", at_least=-720, at_most=720)] | None = key(
+        None, "bend angle of the target"
+    )
+    twist: Annotated[float, In("deg", at_least=-2160, at_most=2160)] | None = key(
+        None, "twist of the target, positive if counter-clockwise seen from the tip"
+    )
+    shorten: Annotated[float, In("%", below=100)] | None = key(None, "shortening of the target")
+    neutral: Place | None = key(
         None,
         "distance of the line that keeps its length from the axis, towards the inner side; none "
         "takes the inner side itself",
-        "m",
     )
 
-    counted: str = quantity(
-        "shape", "what counts: the whole shape, or cross-sections only, which may swell freely",
-        choices=COUNTED,
-    )  # fmt: skip
-    cross_sections: int = quantity(12, "number of cross-sections", at_least=1)
-    axial_weight: float = quantity(
-        1.0, "weight of the cross-sections' positions along the axis over that across", at_least=0
+    counted: Annotated[str, OneOf(COUNTED)] = key(
+        "shape", "what counts: the whole shape, or cross-sections only, which may swell freely"
     )
-    metrics: str | None = quantity(
+    cross_sections: Count = key(12, "number of cross-sections")
+    axial_weight: Factor = key(
+        1.0, "weight of the cross-sections' positions along the axis over that across"
+    )
+    metrics: str | None = key(
         None,
         f"numbers to judge by, of {', '.join(METRICS)}, with commas between them; none takes those "
         "of the target",
     )
-    filter_radius: float | None = quantity(  # type: ignore[assignment]
-        None, "radius R of the filter on the finest mesh; none takes one and a half edge lengths",
-        "m", above=0,
-    )  # fmt: skip
+    filter_radius: Length | None = key(  # type: ignore[assignment]
+        None, "radius R of the filter on the finest mesh; none takes one and a half edge lengths"
+    )
 
     TARGETS: ClassVar[Mapping[str, str]] = {
         "angle_deg": "bend",
@@ -140,7 +143,8 @@ class OwnMeshConfig(TipWeights, ActuatorConfig):
         for name in self.metric_names or ():
             if name not in METRICS:
                 raise ParameterError(
-                    f"metrics = {self.metrics!r} names {name!r}; known are {', '.join(METRICS)}."
+                    f"metrics = {self.metrics!r} names {name!r}; known are {', '.join(METRICS)}.",
+                    "metrics",
                 )
 
     @property

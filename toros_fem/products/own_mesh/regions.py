@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 
 from toros_fem.base.array_types import Bools, Floats, Ints
-from toros_fem.base.config import Config, quantity
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import Table, key
 from toros_fem.base.units import DIMENSIONS
 from toros_fem.meshes.pattern import Pattern
 
@@ -272,17 +272,17 @@ def _compare(how: Callable[[Floats, Floats], Bools], a: _Node, b: _Node) -> _Nod
 
 
 @dataclass(frozen=True)
-class RegionConfig(Config):
+class RegionConfig(Table):
     """A region of a skin.
 
     Raises:
         ParameterError: Neither a condition nor panels are given, or the condition is wrong.
     """
 
-    where: str | None = quantity(
+    where: str | None = key(
         None, 'condition on the coordinates of the assembled skin, "z < 5 mm" for instance'
     )
-    panels: str | None = quantity(
+    panels: str | None = key(
         None,
         "names of panels, or of parts of the mesh file, with commas between them; with a "
         "condition, where it holds on them",
@@ -296,7 +296,7 @@ class RegionConfig(Config):
             try:
                 Expression(self.where)
             except ParameterError as caught:
-                raise ParameterError(f"where: {caught}") from None
+                raise ParameterError(f"where: {caught}", "where") from None
 
     def vertices(self, pattern: Pattern) -> Bools:
         """Return which assembled vertices lie in the region, (n,).

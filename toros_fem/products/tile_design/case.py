@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated
 
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.config import quantity
+from toros_fem.base.keys import Count, In, Number, Positive, key
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.perimeter import Perimeter
@@ -39,29 +40,25 @@ class TileConfig(DesignConfig):
 
     filter_radius: float = DesignConfig.redefault("filter_radius", 0.7e-3)
     island_area: float = DesignConfig.redefault("island_area", 0.1e-6)
-    strain: float = quantity(0.1, "strain λ − 1 at which stiffness is computed", above=-1)
-    starts: int = quantity(
-        8, "largest number of random starts, lines and waves by turns", at_least=1
+    strain: Annotated[float, In(above=-1)] = key(0.1, "strain λ − 1 at which stiffness is computed")
+    starts: Count = key(8, "largest number of random starts, lines and waves by turns")
+    trial_iterations: Count = key(
+        12, "largest number of steps of each start, at β and again at 4 β"
     )
-    trial_iterations: int = quantity(
-        12, "largest number of steps of each start, at β and again at 4 β", at_least=1
+    draft_iterations: Count = key(
+        40, "largest number of further steps of the two best starts, coarse mesh"
     )
-    draft_iterations: int = quantity(
-        40, "largest number of further steps of the two best starts, coarse mesh", at_least=1
+    finish_iterations: Count = key(
+        15, "largest number of steps on the design's mesh, at 4 β and again at 8 β"
     )
-    finish_iterations: int = quantity(
-        15, "largest number of steps on the design's mesh, at 4 β and again at 8 β", at_least=1
+    corrections: Number = key(
+        3, "largest number of corrections of the target by the print's deviation"
     )
-    corrections: int = quantity(
-        3, "largest number of corrections of the target by the print's deviation", at_least=0
+    correction_iterations: Count = key(15, "largest number of steps after each correction")
+    tolerance: Positive = key(
+        0.02, "relative deviation of a printed stiffness that needs no correction"
     )
-    correction_iterations: int = quantity(
-        15, "largest number of steps after each correction", at_least=1
-    )
-    tolerance: float = quantity(
-        0.02, "relative deviation of a printed stiffness that needs no correction", above=0
-    )
-    constrained: bool = quantity(True, "width constraints in all steps")
+    constrained: bool = key(True, "width constraints in all steps")
 
     @property
     def print_limits(self) -> PrintLimits:

@@ -16,13 +16,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.config import quantity
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import Count, In, Length, OneOf, key
 from toros_fem.meshes import tile
 from toros_fem.meshes.tile import KINDS
 from toros_fem.products.tile_design.as_printed import measure_print
@@ -55,28 +55,26 @@ STIFFNESSES = {
 class TargetTileConfig(TileConfig):
     """Target and mesh of the tile; SI units."""
 
-    target: str = quantity("tetragonal", "target of the design", choices=tuple(SYMMETRIES))
-    size: float = quantity(0.01, "side of the square tile", "m", above=0)
-    edge_length: float = quantity(
-        0.125e-3, "edge length; twice as long for the starts, half as long for prints", "m", above=0
+    target: Annotated[str, OneOf(tuple(SYMMETRIES))] = key("tetragonal", "target of the design")
+    size: Length = key(0.01, "side of the square tile")
+    edge_length: Length = key(
+        0.125e-3, "edge length; twice as long for the starts, half as long for prints"
     )
-    mesh: str = quantity("crossed", "kind of mesh", choices=KINDS)
-    directions: int = quantity(
-        3, "number of angles between directions, in 45° (tetragonal) or in each half of 90°",
-        at_least=1,
-    )  # fmt: skip
-    stiffness_0: float | None = quantity(
-        None, "target stiffness along x; none takes that of --target", "N/m", above=0
+    mesh: Annotated[str, OneOf(KINDS)] = key("crossed", "kind of mesh")
+    directions: Count = key(
+        3, "number of angles between directions, in 45° (tetragonal) or in each half of 90°"
     )
-    stiffness_45: float | None = quantity(
-        None, "target stiffness at 45°; none takes that of --target", "N/m", above=0
+    stiffness_0: Annotated[float, In("N/m", above=0)] | None = key(
+        None, "target stiffness along x; none takes that of --target"
     )
-    stiffness_90: float | None = quantity(
-        None, "target stiffness along y, if orthotropic; none takes that of --target", "N/m",
-        above=0,
-    )  # fmt: skip
-    contraction: float = quantity(
-        -0.2, "lateral contraction of the auxetic target", at_least=-1, at_most=1
+    stiffness_45: Annotated[float, In("N/m", above=0)] | None = key(
+        None, "target stiffness at 45°; none takes that of --target"
+    )
+    stiffness_90: Annotated[float, In("N/m", above=0)] | None = key(
+        None, "target stiffness along y, if orthotropic; none takes that of --target"
+    )
+    contraction: Annotated[float, In(at_least=-1, at_most=1)] = key(
+        -0.2, "lateral contraction of the auxetic target"
     )
 
     def __post_init__(self) -> None:
@@ -84,7 +82,8 @@ class TargetTileConfig(TileConfig):
         if self.edge_length > self.size / 5:
             raise ParameterError(
                 f"edge_length = {self.edge_length:g} m must be at most {self.size / 5:g} m, a "
-                "fifth of the tile: the mesh of the starts has edges twice as long."
+                "fifth of the tile: the mesh of the starts has edges twice as long.",
+                "edge_length",
             )
 
 

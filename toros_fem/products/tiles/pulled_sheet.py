@@ -14,13 +14,13 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.config import Config, quantity
 from toros_fem.base.files import write_json, write_table, write_together
+from toros_fem.base.keys import Count, Distance, Length, OneOf, Positive, Table, key
 from toros_fem.base.versions import versions
 from toros_fem.making.panels.options import ManufactureOptions
 from toros_fem.making.panels.svg import write_svg
@@ -37,19 +37,17 @@ SIDE, EDGES, LINE_WIDTH = 0.01, 28, 1e-3
 
 
 @dataclass(frozen=True)
-class TileSheetConfig(Config):
+class TileSheetConfig(Table):
     """Sheet and pull test; SI units."""
 
-    direction: str = quantity("both", "direction of the pull", choices=(*DIRECTIONS, "both"))
-    along: int = quantity(10, "number of tiles along the pull", at_least=1)
-    across: int = quantity(5, "number of tiles across the pull", at_least=1)
-    strain: float = quantity(0.1, "largest strain λ − 1 of the clamps' distance", above=0)
-    strain_steps: int = quantity(5, "number of equal steps up to this strain", at_least=1)
-    margin: float = quantity(
-        0.02, "length of unprinted cloth at both ends of the print", "m", at_least=0
-    )
-    edge_length: float | None = quantity(
-        None, "edge length of the simulated sheet; none takes the tile's own mesh", "m", above=0
+    direction: Annotated[str, OneOf((*DIRECTIONS, "both"))] = key("both", "direction of the pull")
+    along: Count = key(10, "number of tiles along the pull")
+    across: Count = key(5, "number of tiles across the pull")
+    strain: Positive = key(0.1, "largest strain λ − 1 of the clamps' distance")
+    strain_steps: Count = key(5, "number of equal steps up to this strain")
+    margin: Distance = key(0.02, "length of unprinted cloth at both ends of the print")
+    edge_length: Length | None = key(
+        None, "edge length of the simulated sheet; none takes the tile's own mesh"
     )
 
 

@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from toros_fem.base.config import Config, quantity
+from toros_fem.base.keys import In, Table, key
 
 
 @dataclass(frozen=True)
-class ToleranceConfig(Config):
+class ToleranceConfig(Table):
     """Tolerances of printer, material and pressure; SI units."""
 
-    width: float | None = quantity(
+    width: Annotated[float, In("m", above=0, at_most=0.01)] | None = key(
         1e-4,
         "width by which lines are off; each border by half of it, and twice as much is simulated "
         "too; none leaves it out",
-        "m",
-        above=0,
-        at_most=1e-2,
     )
-    modulus: float | None = quantity(
-        0.2, "fraction by which moduli are off; none leaves them out", above=0, at_most=0.9
+    modulus: Annotated[float, In(above=0, at_most=0.9)] | None = key(
+        0.2, "fraction by which moduli are off; none leaves them out"
     )
-    thickness: float | None = quantity(
-        0.2, "fraction by which thicknesses are off; none leaves them out", above=0, at_most=0.9
+    thickness: Annotated[float, In(above=0, at_most=0.9)] | None = key(
+        0.2, "fraction by which thicknesses are off; none leaves them out"
     )
-    pressure_change: float | None = quantity(
-        0.05, "fraction by which the pressure is off; none leaves it out", above=0, at_most=0.9
+    pressure_change: Annotated[float, In(above=0, at_most=0.9)] | None = key(
+        0.05, "fraction by which the pressure is off; none leaves it out"
     )

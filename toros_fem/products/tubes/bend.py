@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.config import quantity
+from toros_fem.base.keys import In, Place, key
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import bend
 from toros_fem.products.actuators.case import ActuatorCase
@@ -29,11 +29,11 @@ MEASURED = (Measurement("angle_deg", 180.0, 13e3, 150.0, "paper, measured"),)
 class BendConfig(SymmetricConfig, TubeConfig):
     """Numbers of the bending tube; SI units."""
 
-    angle: float = quantity(180.0, "bend angle of the target", "deg", at_least=-720, at_most=720)
-    neutral: float = quantity(
-        0.01,
-        "distance of the line that keeps its length from the axis, towards the inner side",
-        "m",
+    angle: Annotated[float, In("deg", at_least=-720, at_most=720)] = key(
+        180.0, "bend angle of the target"
+    )
+    neutral: Place = key(
+        0.01, "distance of the line that keeps its length from the axis, towards the inner side"
     )
 
     corrections: int = TubeConfig.redefault("corrections", 6)

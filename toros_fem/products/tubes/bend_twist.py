@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.config import quantity
+from toros_fem.base.keys import In, Place, key
 from toros_fem.meshes import bend, compose, twist
 from toros_fem.products.actuators.case import ActuatorCase
 from toros_fem.products.actuators.run import design_run
@@ -28,18 +28,14 @@ from toros_fem.products.tubes.tube import (
 class BendTwistConfig(CrossSectionTubeConfig):
     """Numbers of the tube that bends and twists; SI units."""
 
-    angle: float = quantity(90.0, "bend angle of the target", "deg", at_least=-720, at_most=720)
-    twist: float = quantity(
-        60.0,
-        "twist of the target, positive if counter-clockwise seen from the tip",
-        "deg",
-        at_least=-2160,
-        at_most=2160,
+    angle: Annotated[float, In("deg", at_least=-720, at_most=720)] = key(
+        90.0, "bend angle of the target"
     )
-    neutral: float = quantity(
-        0.01,
-        "distance of the line that keeps its length from the axis, towards the inner side",
-        "m",
+    twist: Annotated[float, In("deg", at_least=-2160, at_most=2160)] = key(
+        60.0, "twist of the target, positive if counter-clockwise seen from the tip"
+    )
+    neutral: Place = key(
+        0.01, "distance of the line that keeps its length from the axis, towards the inner side"
     )
     pressure: float = CrossSectionTubeConfig.redefault("pressure", 10e3)
     # Few lines would answer to a correction by leaps.

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.config import quantity
+from toros_fem.base.keys import In, key
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import contract
 from toros_fem.products.actuators.case import ActuatorCase
@@ -33,7 +33,7 @@ MEASURED = (Measurement("shortening_percent", 8.0, 10e3, 7.8, "paper, measured")
 class ContractConfig(SymmetricConfig, CrossSectionTubeConfig):
     """Numbers of the tube that shortens; SI units."""
 
-    contraction: float = quantity(8.0, "shortening of the target", "%", below=100)
+    contraction: Annotated[float, In("%", below=100)] = key(8.0, "shortening of the target")
     tip_weight: float = CrossSectionTubeConfig.redefault("tip_weight", 10.0)
     iterations: int = CrossSectionTubeConfig.redefault("iterations", 90)
     pressure: float = CrossSectionTubeConfig.redefault("pressure", 10e3)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.config import quantity
 from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import In, Modulus, key
 from toros_fem.measures.metrics import Metric, shortening, swelling
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
@@ -38,16 +38,17 @@ class InflateConfig(SymmetricConfig, TubeSizes, SkinConfig):
         ParameterError: As in `Config`, or the curve ends below the pressure.
     """
 
-    pressure: float = quantity(10e3, "the tube counts as saturated above", "Pa", above=0)
-    highest_pressure: float = quantity(20e3, "last pressure", "Pa", above=0)
-    levels: int = quantity(40, "number of pressures", at_least=2)
+    pressure: Modulus = key(10e3, "the tube counts as saturated above")
+    highest_pressure: Modulus = key(20e3, "last pressure")
+    levels: Annotated[int, In(at_least=2)] = key(40, "number of pressures")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.pressure < self.highest_pressure:
             raise ParameterError(
                 f"pressure = {self.pressure:g} Pa must be below highest_pressure = "
-                f"{self.highest_pressure:g} Pa, where the curve ends. Raise highest_pressure."
+                f"{self.highest_pressure:g} Pa, where the curve ends. Raise highest_pressure.",
+                "pressure",
             )
 
     @property

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Annotated, TypeVar
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.config import Config, quantity
 from toros_fem.base.errors import ParameterError, TargetError
+from toros_fem.base.keys import Count, Factor, Length, OneOf, Table, key
 from toros_fem.materials.sheet import Bending
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
 from toros_fem.measures.metrics import (
@@ -39,20 +39,22 @@ LEAST_ALONG = 6
 
 
 @dataclass(frozen=True)
-class TubeSizes(Config):
+class TubeSizes(Table):
     """Sizes and mesh of the tube; SI units."""
 
-    length: float = quantity(0.15, "length of the tube", "m", above=0)
-    diameter: float = quantity(0.02, "diameter of the tube", "m", above=0)
-    edge_length: float = quantity(1.4e-3, "edge length of the mesh", "m", above=0)
-    mesh: str = quantity("unstructured", "mesh of the wall", choices=("unstructured", "structured"))
+    length: Length = key(0.15, "length of the tube")
+    diameter: Length = key(0.02, "diameter of the tube")
+    edge_length: Length = key(1.4e-3, "edge length of the mesh")
+    mesh: Annotated[str, OneOf(("unstructured", "structured"))] = key(
+        "unstructured", "mesh of the wall"
+    )
 
 
 @dataclass(frozen=True)
-class SymmetricConfig(Config):
+class SymmetricConfig(Table):
     """Choice between a part and the whole, for scenes with a symmetric target."""
 
-    whole: bool = quantity(False, "simulate the whole tube and not its part between the planes")
+    whole: bool = key(False, "simulate the whole tube and not its part between the planes")
 
 
 @dataclass(frozen=True)
@@ -72,11 +74,9 @@ class CrossSectionTubeConfig(TubeConfig):
     # From noise, densities of these tubes end in traps.
     start: str = TubeConfig.redefault("start", "relaxed")
     corrections: int = TubeConfig.redefault("corrections", 6)
-    cross_sections: int = quantity(
-        12, "number of cross-sections along the wall; the tip is one more", at_least=1
-    )
-    axial_weight: float = quantity(
-        1.0, "weight of the cross-sections' positions along the axis over that across", at_least=0
+    cross_sections: Count = key(12, "number of cross-sections along the wall; the tip is one more")
+    axial_weight: Factor = key(
+        1.0, "weight of the cross-sections' positions along the axis over that across"
     )
 
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.config import quantity
+from toros_fem.base.keys import Factor, In, Length, Positive, key
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import compose, contract, twist
 from toros_fem.products.actuators.case import ActuatorCase
@@ -35,28 +35,21 @@ MEASURED = (Measurement("twist_deg", 300.0, 15e3, 300.0, "paper, measured"),)
 class TwistConfig(CrossSectionTubeConfig):
     """Numbers of the twisting tube; SI units."""
 
-    twist: float = quantity(
-        300.0,
-        "twist of the target, positive if counter-clockwise seen from the tip",
-        "deg",
-        at_least=-2160,
-        at_most=2160,
+    twist: Annotated[float, In("deg", at_least=-2160, at_most=2160)] = key(
+        300.0, "twist of the target, positive if counter-clockwise seen from the tip"
     )
-    keep_length: bool = quantity(False, "let the tube keep its length, or have the one given")
-    length_ratio: float = quantity(
-        1.0, "length of the target over that of the tube, if the length is kept", above=0
+    keep_length: bool = key(False, "let the tube keep its length, or have the one given")
+    length_ratio: Positive = key(
+        1.0, "length of the target over that of the tube, if the length is kept"
     )
-    axial_weight: float = quantity(
+    axial_weight: Factor = key(
         60.0,
         "weight of the cross-sections' positions along the axis over that across, if the length "
         "is kept",
-        at_least=0,
     )
     pressure: float = CrossSectionTubeConfig.redefault("pressure", 15e3)
     # Few wide lines along the tube hold the helices less than many thin ones.
-    axial_width: float = quantity(
-        3e-3, "width of the lines of the first family, if the length is kept", "m", above=0
-    )
+    axial_width: Length = key(3e-3, "width of the lines of the first family, if the length is kept")
 
     print_edge_length: float = CrossSectionTubeConfig.redefault("print_edge_length", 0.65e-3)
 

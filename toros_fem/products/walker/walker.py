@@ -11,15 +11,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
-from toros_fem.base.config import quantity
 from toros_fem.base.files import write_json, write_together
+from toros_fem.base.keys import Count, Factor, In, Length, OneOf, Place, Positive, key
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
 from toros_fem.measures.metrics import Metric
@@ -72,50 +72,49 @@ MEASURED_STRIDE = ("paper, measured", 0.025)
 class WalkerConfig(ActuatorConfig, ContactConfig):
     """Numbers of the walker; SI units."""
 
-    motion: str = quantity("stand", "what the legs are designed for", choices=tuple(ANGLE))
-    angle: float | None = quantity(
-        None, "angle by which legs bend; none takes 90 to stand and 60 to crawl", "deg", above=0
+    motion: Annotated[str, OneOf(tuple(ANGLE))] = key("stand", "what the legs are designed for")
+    angle: Annotated[float, In("deg", above=0)] | None = key(
+        None, "angle by which legs bend; none takes 90 to stand and 60 to crawl"
     )
-    leg_length: float = quantity(0.06, "length of a leg from the body's circle", "m", above=0)
-    leg_width: float = quantity(0.024, "width of a leg", "m", above=0)
-    body_radius: float = quantity(0.02, "radius of the body", "m", above=0)
-    fillet: float = quantity(6e-3, "radius of the fillets between body and legs", "m", above=0)
-    edge_length: float = quantity(1.8e-3, "edge length of the mesh", "m", above=0)
-    bent_length: float = quantity(
-        0.03, "length of a leg that bends, from its root; the rest stays straight", "m", above=0
+    leg_length: Length = key(0.06, "length of a leg from the body's circle")
+    leg_width: Length = key(0.024, "width of a leg")
+    body_radius: Length = key(0.02, "radius of the body")
+    fillet: Length = key(6e-3, "radius of the fillets between body and legs")
+    edge_length: Length = key(1.8e-3, "edge length of the mesh")
+    bent_length: Length = key(
+        0.03, "length of a leg that bends, from its root; the rest stays straight"
     )
-    foot_length: float | None = quantity(
-        None, "length of a leg's end that is printed; none leaves it to the design", "m", above=0
+    foot_length: Length | None = key(
+        None, "length of a leg's end that is printed; none leaves it to the design"
     )
-    cross_sections: int = quantity(6, "number of cross-sections of the leg", at_least=1)
-    centreline_weight: float = quantity(
-        0.02, "weight of the leg's centre line over that of its orientation", at_least=0
+    cross_sections: Count = key(6, "number of cross-sections of the leg")
+    centreline_weight: Factor = key(
+        0.02, "weight of the leg's centre line over that of its orientation"
     )
     orientation_length: float = TipWeights.redefault("orientation_length", 0.03)
-    reach: float = quantity(
-        6e-3, "distance along x by which the body reaches out to either side if it crawls", "m"
+    reach: Place = key(
+        6e-3, "distance along x by which the body reaches out to either side if it crawls"
     )
-    aim: str = quantity(
-        "shape", "what is designed: the shape of the legs, or the stride", choices=AIMS
+    aim: Annotated[str, OneOf(AIMS)] = key(
+        "shape", "what is designed: the shape of the legs, or the stride"
     )
-    gait_steps: int | None = quantity(
-        8, "number of equilibria in each phase of the gait; none leaves the gait out", at_least=1
+    gait_steps: Count | None = key(
+        8, "number of equilibria in each phase of the gait; none leaves the gait out"
     )
-    feet: str = quantity(
-        "one-way", "feet with pads that slide forwards, or without", choices=tuple(PHASES)
+    feet: Annotated[str, OneOf(tuple(PHASES))] = key(
+        "one-way", "feet with pads that slide forwards, or without"
     )
     friction: float | None = ContactConfig.redefault("friction", 0.8)
-    pad_friction: float = quantity(
+    pad_friction: Positive = key(
         0.2,
         "coefficient of friction of the pads that slide forwards; backwards it is that of "
         "all faces",
-        above=0,
     )
-    pad_length: float = quantity(0.015, "length of a leg's end that carries pads", "m", above=0)
-    fabric_mass: float = quantity(
-        0.25, "mass of the fabric and of a bladder, by area", "kg/m²", at_least=0
+    pad_length: Length = key(0.015, "length of a leg's end that carries pads")
+    fabric_mass: Annotated[float, In("kg/m²", at_least=0)] = key(
+        0.25, "mass of the fabric and of a bladder, by area"
     )
-    print_mass: float = quantity(0.6, "mass of the print, by area", "kg/m²", at_least=0)
+    print_mass: Annotated[float, In("kg/m²", at_least=0)] = key(0.6, "mass of the print, by area")
     seams: str = ActuatorConfig.redefault("seams", "hinged")
     levels: int | None = ActuatorConfig.redefault("levels", 1)
     filter_radius: float = ActuatorConfig.redefault("filter_radius", 2.75e-3)

@@ -1,0 +1,100 @@
+"""Each key of each settings class takes what its type says, and refuses all else by name."""
+
+import json
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+import toros_fem.products.kinds  # noqa: F401 - all settings are loaded
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import NONE, Key, Table
+from toros_fem.cli.commands import export, fit, tolerance, unwrap  # noqa: F401
+from toros_fem.mechanics.paths import arc_length  # noqa: F401
+
+
+def tables(of: type[Table] = Table) -> Iterator[type[Table]]:
+    for one in of.__subclasses__():
+        if one.__module__.startswith("toros_fem."):
+            yield one
+        yield from tables(one)
+
+
+TABLES = sorted(set(tables()), key=lambda one: (one.__module__, one.__name__))
+OF_TABLES = pytest.mark.parametrize("table", TABLES, ids=lambda one: one.__name__)
+OTHERS: dict[type, tuple[Any, ...]] = {
+    float: ("5", None, True, [1.0], {}, math.nan, math.inf, -math.inf, 10**400, 1j),
+    int: ("5", None, True, [1], 2.0, math.nan, 10**400, np.float64(3)),
+    bool: ("true", None, 1, 0, [True]),
+    str: (5, True, [""], 1.0, b"x"),
+}
+
+
+MORE: dict[type, list[Any]] = {
+    float: [0.1234567890123456, 7, np.float32(0.5)],
+    int: [np.int64(3)],
+    bool: [True, False],
+    str: ['a "b" \\ ü', ""],
+}
+
+
+def near(key: Key) -> Iterator[tuple[float, bool]]:
+    """Yield numbers at and beside each bound, and whether they are allowed."""
+    step = 1 if key.kind is int else 1e-9
+    for name in ("above", "below", "at_least", "at_most"):
+        bound = getattr(key.within, name)
+        if math.isfinite(bound):
+            outwards = -1 if name in ("above", "at_least") else 1
+            yield bound, name.startswith("at_")
+            yield bound + outwards * step * max(1, abs(bound)), False
+            if bound - outwards * step * max(1, abs(bound)) in key.within:
+                yield bound - outwards * step * max(1, abs(bound)), True
+
+
+def test_settings_are_found() -> None:
+    assert len(TABLES) > 25
+    assert {"BendConfig", "FitOptions", "ManufactureOptions"} <= {one.__name__ for one in TABLES}
+
+
+@OF_TABLES
+def test_wrong_values_are_refused_by_name(table: type[Table]) -> None:
+    for key in table.described().values():
+        wrong = [value for value in OTHERS[key.kind] if not (value is None and key.optional)]
+        wrong += [value for value, allowed in near(key) if not allowed]
+        wrong += ["no such word"] if key.words else []
+        for value in wrong:
+            with pytest.raises(ParameterError, match=rf"^{key.name} = ") as caught:
+                key.checked(value)
+            assert caught.value.key == key.name
+            assert len(str(caught.value)) < 400
+
+
+@OF_TABLES
+def test_values_are_written_and_read_again(table: type[Table]) -> None:
+    """Of numpy's types too, which become plain ones; what is read from a file is in its unit."""
+    for key in table.described().values():
+        values: list[Any] = [key.default, *key.words, *([None] if key.optional else [])]
+        values += [value for value, allowed in near(key) if allowed]
+        values += [] if key.words else MORE[key.kind]
+        for value in values:
+            if isinstance(value, str | bool | None) or value in key.within:
+                found = key.checked(value)
+                assert type(found) in (key.kind, type(None))
+                assert key.read(json.loads(key.written(found))) == found
+        if key.optional:
+            assert key.read(NONE.upper()) is None
+
+
+@OF_TABLES
+def test_tables_are_values(table: type[Table]) -> None:
+    """With the defaults of their own, which need not fit each other for all of them."""
+    made = table(**({"where": "z < 5 mm"} if "where" in table.described() else {}))
+    assert made == table(**json.loads(json.dumps(made.as_dict())))
+    assert hash(made) == hash(made.updated())
+    with pytest.raises(ParameterError, match=r"unknown parameter 'sise'; (did you mean|known are)"):
+        made.updated(sise=1.0)
+    for one in table.described().values():
+        assert one.meaning[0].islower() or one.meaning[0] in "EFPXYZTwY'", one.meaning
+        assert not one.meaning.endswith("."), one.meaning

@@ -1,0 +1,334 @@
+"""Keys: type, unit, bounds, meaning and default of each value that a user gives, declared once."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import json
+import math
+import re
+import tomllib
+import types
+import typing
+from collections.abc import Iterable, Mapping
+from dataclasses import MISSING, asdict, dataclass, field, fields, replace
+from typing import Annotated, Any, NoReturn, Self, get_args, get_origin
+
+import numpy as np
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.units import read_quantity, write_quantity
+from toros_fem.base.validation import shown
+
+# The word for None, and the largest whole number, far beyond what makes sense.
+NONE, LARGEST = "none", 10**15
+TYPES: Mapping[type, tuple[type, ...]] = types.MappingProxyType(
+    {
+        float: (int, float, np.integer, np.floating),
+        int: (int, np.integer),
+        bool: (bool,),
+        str: (str,),
+    }
+)
+WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "a word"}
+ENTRIES = "entries"
+
+
+@dataclass(frozen=True)
+class In:
+    """Unit and bounds of a number, which its type carries.
+
+    Attributes:
+        unit: SI unit, or "deg" or "%"; None for pure numbers.
+        above, at_least, below, at_most: Bounds; infinite where there is none.
+    """
+
+    unit: str | None = None
+    above: float = -math.inf
+    at_least: float = -math.inf
+    below: float = math.inf
+    at_most: float = math.inf
+
+    def __contains__(self, value: float) -> bool:
+        inside = self.above < value < self.below and self.at_least <= value <= self.at_most
+        return math.isfinite(value) and inside
+
+    def __str__(self) -> str:
+        names = ("above", "at_least", "below", "at_most")
+        bounds = ((name.replace("_", " "), getattr(self, name)) for name in names)
+        return " and ".join(f"{word} {end:g}" for word, end in bounds if math.isfinite(end))
+
+
+@dataclass(frozen=True)
+class OneOf:
+    """The words that a text may be, which its type carries."""
+
+    words: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return "one of " + ", ".join(self.words)
+
+
+Length = Annotated[float, In("m", above=0)]
+Distance = Annotated[float, In("m", at_least=0)]
+Place = Annotated[float, In("m")]
+Modulus = Annotated[float, In("Pa", above=0)]
+Pressure = Annotated[float, In("Pa", at_least=0)]
+Angle = Annotated[float, In("deg")]
+Stretch = Annotated[float, In(above=1)]
+Positive = Annotated[float, In(above=0)]
+Factor = Annotated[float, In(at_least=0)]
+Fraction = Annotated[float, In(above=0, at_most=1)]
+Poisson = Annotated[float, In(at_least=0, at_most=0.5)]
+Count = Annotated[int, In(at_least=1)]
+Number = Annotated[int, In(at_least=0)]
+
+
+def key(default: Any, meaning: str) -> Any:
+    """Return the dataclass field of a key: its default, and its meaning in one line."""
+    return field(default=default, metadata={"meaning": meaning})
+
+
+@dataclass(frozen=True)
+class Key:
+    """What is known of a key.
+
+    Attributes:
+        name: Its name, in files and in Python.
+        kind: float, int, bool or str.
+        optional: Whether it may be None, "none" in files.
+        within: Unit and bounds of a number.
+        words: The words that a text may be; empty for free text.
+        default: Value where none is given.
+        meaning: One line, without unit and bounds.
+    """
+
+    name: str
+    kind: type
+    optional: bool
+    within: In
+    words: tuple[str, ...]
+    default: Any
+    meaning: str
+
+    @property
+    def bounds(self) -> str:
+        """The allowed values in words; empty where all are."""
+        return str(OneOf(self.words)) if self.words else str(self.within)
+
+    @property
+    def help(self) -> str:
+        """Meaning, unit, bounds, and whether it may be none, for files, options and pages."""
+        parts = [self.meaning]
+        parts += [f"in {self.within.unit}"] if self.within.unit else []
+        parts += [WORDS[bool]] if self.kind is bool else []
+        parts += [self.bounds] if self.bounds else []
+        text = "; ".join(parts)
+        if not self.optional or re.search(rf"\b{NONE}\b", self.meaning):
+            return text
+        return f"{text}, or {NONE}" if self.bounds else f"{text}; or {NONE}"
+
+    def checked(self, value: Any) -> Any:
+        """Return a value in its type: numpy's numbers become plain ones, which JSON can hold.
+
+        Raises:
+            ParameterError: It has another type or is outside its bounds.
+        """
+        if value is None and self.optional:
+            return None
+        truth = isinstance(value, bool)
+        if truth != (self.kind is bool) or not isinstance(value, TYPES[self.kind]):
+            none = f", or {None if value is None else NONE}" if self.optional else ""
+            self.refuse(value, f"must be {WORDS[self.kind]}{none}")
+        if self.words and value not in self.words:
+            self.refuse(value, f"must be one of {', '.join(map(repr, self.words))}")
+        if self.kind in (float, int):
+            return self._number(value)
+        return value
+
+    def _number(self, value: Any) -> float:
+        if self.kind is int and abs(value) > LARGEST:
+            self.refuse(value, f"must have less than {len(str(LARGEST))} digits")
+        try:
+            number: float = self.kind(value)
+        except OverflowError:
+            self.refuse(value, "must be smaller")
+        if number not in self.within:
+            bounds = f", {self.within}" if str(self.within) else ""
+            unit = f" {self.within.unit}" if self.within.unit else ""
+            raise ParameterError(
+                f"{self.name} = {shown(value)}{unit} must be a finite number{bounds}.", self.name
+            )
+        return number
+
+    def read(self, value: Any) -> Any:
+        """Return a value from what a file or a command line holds: 0.3, "5 kPa", "none".
+
+        Raises:
+            ParameterError: It has another type or unit, or is outside its bounds.
+        """
+        if self.optional and isinstance(value, str) and value.lower() == NONE:
+            return None
+        if self.kind is float and isinstance(value, str):
+            try:
+                value = read_quantity(value, self.within.unit)
+            except ParameterError as caught:
+                raise ParameterError(str(caught), self.name) from None
+        return self.checked(value)
+
+    def written(self, value: Any) -> str:
+        """Return a value as a file holds it, in a handy unit."""
+        if value is None or isinstance(value, str):
+            return quoted(NONE if value is None else value)
+        if isinstance(value, bool):
+            return str(value).lower()
+        if isinstance(value, float) and self.within.unit is not None:
+            return f'"{write_quantity(value, self.within.unit)}"'
+        return repr(value)
+
+    def refuse(self, value: Any, why: str) -> NoReturn:
+        """Raise the error of a value."""
+        raise ParameterError(f"{self.name} = {shown(value)} {why}.", self.name)
+
+
+def quoted(text: str) -> str:
+    """Return a text as a TOML string; JSON's rules are those of TOML for all but one character."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def plain_value(text: str) -> Any:
+    """Return a value of a command line as TOML would read it; what is none is text."""
+    text = text.strip()
+    try:
+        return tomllib.loads(f"value = {text}")["value"] if "\n" not in text else text
+    except (ValueError, RecursionError):
+        return text
+
+
+@dataclass(frozen=True)
+class Table:
+    """Base of all settings: frozen, and checked on construction, by type and by bounds.
+
+    A field is made by `key`. Its type is float, int, bool or str, one of these or None, or one with
+    unit and bounds, as `Length`. Validation, files, command lines and pages read this one place. A
+    field made by `entries` is a tuple of other tables, which may also come as mappings; only files
+    hold these.
+
+    Raises:
+        ParameterError: A name is unknown, a value has another type, or it is outside its bounds.
+    """
+
+    def __new__(cls, *args: Any, **values: Any) -> Self:
+        """Return new settings, if all names are known."""
+        cls._require_known(values)
+        return super().__new__(cls)
+
+    def __post_init__(self) -> None:
+        for name, one in self.described().items():
+            object.__setattr__(self, name, one.checked(getattr(self, name)))
+        for name, (of, _) in self.entries().items():
+            object.__setattr__(self, name, _entries(name, getattr(self, name), of))
+
+    @classmethod
+    def described(cls) -> Mapping[str, Key]:
+        """Return what is known of each key, by name."""
+        return _keys(cls)  # type: ignore[arg-type]
+
+    @classmethod
+    def entries(cls) -> dict[str, tuple[type[Table], str]]:
+        """Return type and meaning of each field made by `entries`."""
+        found = {entry.name: entry.metadata.get(ENTRIES) for entry in fields(cls)}
+        return {name: of for name, of in found.items() if of is not None}
+
+    @classmethod
+    def redefault(cls, name: str, default: Any) -> Any:
+        """Return a key of this table with another default, for a derived class."""
+        metadata = {"of": cls, **cls.__dataclass_fields__[name].metadata}
+        return field(default=default, metadata=metadata)
+
+    def updated(self, **changes: Any) -> Self:
+        """Return a copy with other values.
+
+        Raises:
+            ParameterError: A name is unknown; the nearest known one is suggested.
+        """
+        self._require_known(changes)
+        return replace(self, **changes)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all values by name, as summaries hold them."""
+        return asdict(self)
+
+    @classmethod
+    def _require_known(cls, names: Iterable[str]) -> None:
+        known = cls.__dataclass_fields__
+        for name in names:
+            if name not in known:
+                raise ParameterError(f"unknown parameter {name!r}; {nearest(name, known)}", name)
+
+
+def entries(of: type[Table], meaning: str) -> Any:
+    """Return a dataclass field that holds any number of tables of a type, by default none.
+
+    Args:
+        of: Their type.
+        meaning: What each of them is, in one line.
+    """
+    return field(default=(), metadata={ENTRIES: (of, meaning)})
+
+
+def nearest(word: Any, known: Iterable[str]) -> str:
+    """Return the advice for an unknown word: the nearest known one, or all of them."""
+    words = list(known)
+    if near := difflib.get_close_matches(str(word), words, n=1):
+        return f"did you mean {near[0]!r}?"
+    return f"known are {', '.join(words)}." if words else "none is known here."
+
+
+@functools.cache
+def _keys(table: type[Table]) -> Mapping[str, Key]:
+    """Return the keys of a table, of all fields but those made by `entries`.
+
+    Raises:
+        TypeError: The table itself is wrong: a field has another type, or was not made by `key`.
+    """
+    found = {}
+    for one in (one for one in fields(table) if ENTRIES not in one.metadata):
+        hints = typing.get_type_hints(one.metadata.get("of", table), include_extras=True)
+        kind, optional, limits = _typed(hints[one.name])
+        if kind not in WORDS or "meaning" not in one.metadata or one.default is MISSING:
+            raise TypeError(
+                f"{table.__name__}.{one.name} must be a float, int, bool or str (or None), with "
+                "its default and meaning given by key(…)."
+            )
+        within = limits if isinstance(limits, In) else In()
+        words = limits.words if isinstance(limits, OneOf) else ()
+        found[one.name] = Key(
+            one.name, kind, optional, within, words, one.default, one.metadata["meaning"]
+        )
+    return types.MappingProxyType(found)
+
+
+def _typed(hint: Any) -> tuple[Any, bool, In | OneOf | None]:
+    """Return the plain type that a hint names, whether it allows None, and its limits."""
+    parts = get_args(hint) if get_origin(hint) in (typing.Union, types.UnionType) else (hint,)
+    plain = [part for part in parts if part is not types.NoneType]
+    if get_origin(plain[0]) is Annotated:
+        kind, limits = get_args(plain[0])[:2]
+        return kind, len(plain) < len(parts), limits
+    return plain[0], len(plain) < len(parts), None
+
+
+def _entries(name: str, values: Any, of: type[Table]) -> tuple[Table, ...]:
+    """Return the entries of a field, those that come as mappings made to tables.
+
+    Raises:
+        ParameterError: They are no list, or one of them is something else.
+    """
+    if not isinstance(values, list | tuple):
+        raise ParameterError(f"{name} = {shown(values)} must be a list of {of.__name__}.", name)
+    made = [of(**value) if isinstance(value, Mapping) else value for value in values]
+    for value in made:
+        if type(value) is not of:
+            raise ParameterError(f"{name} has {shown(value)} in it; it must be a {of.__name__}.")
+    return tuple(made)
