@@ -34,7 +34,7 @@ from toros_fem.making.print.printability import printability, printed_cells
 from toros_fem.mechanics.skin.load_case import LoadCase
 from toros_fem.meshes import bend
 from toros_fem.products.actuators.problem import actuator_problem
-from toros_fem.products.tubes.tube import TubeConfig, TubeSizes, bend_metric, tube_case
+from toros_fem.products.tubes.tube import Tube, TubeScene, bend_metric, tube_case
 from toros_fem.results.files import write_fields
 from toros_fem.results.pictures.pattern_plot import plot_pattern, plot_printability
 from toros_fem.results.pictures.shape_plot import plot_shape
@@ -87,7 +87,7 @@ def peak() -> float:
 
 def edge_for(triangles: int) -> float:
     """Return the edge length in m at which the default tube has about so many triangles."""
-    tube = TubeSizes()
+    tube = Tube()
     area = np.pi * tube.diameter * (tube.length + tube.diameter / 2)
     return float(np.sqrt(4 / np.sqrt(3) * area / triangles))
 
@@ -95,7 +95,7 @@ def edge_for(triangles: int) -> float:
 def _config(edge: float) -> Any:
     """Return the configuration of the tube with edges of this length in m."""
     radius = REACH * edge
-    return TubeConfig().updated(
+    return TubeScene().updated(
         edge_length=edge, filter_radius=radius, perimeter_weight=0.1, print_width=radius
     )
 
@@ -103,7 +103,7 @@ def _config(edge: float) -> Any:
 def _made(edge: float) -> tuple[Any, Any, float, Any, float]:
     """Return configuration, case and problem with edges of this length, each with its seconds."""
     comm, config = MPI.COMM_SELF, _config(edge)
-    target = bend(np.pi, config.length)
+    target = bend(np.pi, config.skin.length)
     case, mesh = cpu(lambda: tube_case(comm, config, target, [bend_metric(180.0)]))
     problem, setup = cpu(lambda: actuator_problem(comm, case, config))
     return config, case, mesh, problem, setup
@@ -126,7 +126,7 @@ def measure(triangles: int) -> Iterator[Row]:
     factor._factors = None  # room for those of a second analysis
     row["analysis_s"] = cpu(factor._choose)[1]
     row["unknowns"] = problem.solver.model.space.dofmap.index_map.size_global
-    row["radius_mm"] = 1e3 * config.filter_radius
+    row["radius_mm"] = 1e3 * config.design.filter_radius
     size = f"{len(case.pattern.triangles)}"
     for name, value in row.items():
         unit = name.rpartition("_")[2]
@@ -139,7 +139,7 @@ def _design_step(problem: Any, config: Any) -> dict[str, float]:
     density = problem.with_passive(problem.start_density(0))
     filtered, projected = problem.fields(density)
     model.set_density(projected)
-    model.set_load(LoadCase(np.array([config.pressure])))
+    model.set_load(LoadCase(np.array([config.pressure.pressure])))
     rng = np.random.default_rng(0)
     state = model.assembled
     positions = model.positions(state)
@@ -217,8 +217,8 @@ def helices(pattern: Any, count: int, angle: float, width: float) -> Any:
 
 def _end(problem: Any, case: Any, config: Any) -> dict[str, float]:
     """Return the seconds from a design to its files; lines twice as wide as R, crossing."""
-    pattern, radius = case.pattern, config.filter_radius
-    count = max(2, round(np.pi * config.diameter / (8 * radius)))
+    pattern, radius = case.pattern, config.design.filter_radius
+    count = max(2, round(np.pi * config.skin.diameter / (8 * radius)))
     lines = [
         helices(pattern, count, sign * np.radians(30), min(2 * radius, 3e-3)) for sign in (1, -1)
     ]
@@ -228,7 +228,7 @@ def _end(problem: Any, case: Any, config: Any) -> dict[str, float]:
         values = contour_values(problem, density)
         regions = printed_regions(pattern, *values, 0.5)
         cleaned = clean(pattern, regions)
-        found = printability(pattern, cleaned.regions, config.print_limits)
+        found = printability(pattern, cleaned.regions, config.print.limits)
         return cleaned.regions, found, printed_cells(pattern, cleaned.regions)
 
     (regions, found, cells), seconds = cpu(made)
@@ -240,7 +240,7 @@ def _end(problem: Any, case: Any, config: Any) -> dict[str, float]:
             write_svg(folder / "pattern.svg", pattern, regions)
             write_fields(folder / "skin.vtu", pattern, positions, {"printed": cells * 1.0})
             plot_pattern(folder / "pattern.png", pattern, regions)
-            plot_printability(folder / "made.png", pattern, regions, found, config.print_limits)
+            plot_printability(folder / "made.png", pattern, regions, found, config.print.limits)
             plot_shape(folder / "shape.png", pattern, positions, case.target, regions, "")
 
     return {"print_s": seconds, "files_s": cpu(write)[1]}

@@ -25,7 +25,7 @@ from mpi4py import MPI
 
 from toros_fem.cli.command_line.scripts import run_from_command_line
 from toros_fem.products.actuators.run import summary_sentence
-from toros_fem.products.tubes.bend import BendConfig, run
+from toros_fem.products.tubes.bend import BendScene, run
 from toros_fem.products.tubes.tube import coarse_tube
 
 if __name__ == "__main__":
@@ -33,7 +33,7 @@ if __name__ == "__main__":
         run_from_command_line(
             MPI.COMM_WORLD,
             __doc__,
-            BendConfig(),
+            BendScene(),
             run,
             Path("output/bend"),
             coarse=coarse_tube,

@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from toros_fem.cli.command_line.scripts import run_from_command_line
 from toros_fem.products.actuators.run import summary_sentence
-from toros_fem.products.tubes.bend_twist import BendTwistConfig, run
+from toros_fem.products.tubes.bend_twist import BendTwistScene, run
 from toros_fem.products.tubes.tube import coarse_tube
 
 if __name__ == "__main__":
@@ -22,7 +22,7 @@ if __name__ == "__main__":
         run_from_command_line(
             MPI.COMM_WORLD,
             __doc__,
-            BendTwistConfig(),
+            BendTwistScene(),
             run,
             Path("output/bend_twist"),
             coarse=coarse_tube,

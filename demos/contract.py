@@ -16,7 +16,7 @@ from mpi4py import MPI
 
 from toros_fem.cli.command_line.scripts import run_from_command_line
 from toros_fem.products.actuators.run import summary_sentence
-from toros_fem.products.tubes.contract import ContractConfig, run
+from toros_fem.products.tubes.contract import ContractScene, run
 from toros_fem.products.tubes.tube import coarse_tube
 
 if __name__ == "__main__":
@@ -24,7 +24,7 @@ if __name__ == "__main__":
         run_from_command_line(
             MPI.COMM_WORLD,
             __doc__,
-            ContractConfig(),
+            ContractScene(),
             run,
             Path("output/contract"),
             coarse=coarse_tube,

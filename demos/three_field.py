@@ -20,18 +20,20 @@ import sys
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import In, Place, Positive, key
 from toros_fem.cli.command_line.scripts import run_from_command_line
 from toros_fem.meshes import bend
 from toros_fem.products.actuators.case import ActuatorCase
 from toros_fem.products.actuators.run import design_actuator
-from toros_fem.products.tubes.tube import TubeConfig, bend_metric, coarse_tube, tube_case
+from toros_fem.products.tables.loads import Pressing, Results
+from toros_fem.products.tables.steps import Designing
+from toros_fem.products.tubes.bend import BendTarget
+from toros_fem.products.tubes.tube import TubeScene, bend_metric, coarse_tube, tube_case
 from toros_fem.results.writer import write_comparison, write_pictures
 
 # β of almost 0 makes the projection the identity.
@@ -43,45 +45,43 @@ WITHOUT_AND_WITH = ("projection", "perimeter", "widths", "widths and perimeter")
 
 
 @dataclass(frozen=True)
-class ThreeFieldConfig(TubeConfig):
-    """Numbers of the six bending tubes; SI units."""
+class ThreeFieldScene(TubeScene):
+    """The six bending tubes.
 
-    angle: Annotated[float, In("deg", at_least=-720, at_most=720)] = key(
-        180.0, "bend angle of the target"
-    )
-    neutral: Place = key(0.01, "offset of the line that keeps its length, towards the inner side")
-    # The bare variants are compared, after the same steps on one mesh.
-    levels: int | None = TubeConfig.redefault("levels", 1)
-    design_pressure: bool = TubeConfig.redefault("design_pressure", True)
-    polish_iterations: int = TubeConfig.redefault("polish_iterations", 0)
-    curve_pressure: float | None = TubeConfig.redefault("curve_pressure", None)
-    perimeter_weight: Positive | None = key(
-        1e-4, "weight of the perimeter term in the variants that have it"
-    )
+    The bare variants are compared, after the same steps on one mesh. The weight of the perimeter is
+    that of the variants that have it.
+    """
+
+    target: BendTarget = BendTarget()
+    pressure: Pressing = Pressing(design_pressure=True)
+    design: Designing = Designing(levels=1, polish_iterations=0, perimeter_weight=1e-4)
+    results: Results = Results(curve_pressure=None)
 
 
-def case(comm: MPI.Comm, config: ThreeFieldConfig) -> ActuatorCase:
+def case(comm: MPI.Comm, config: ThreeFieldScene) -> ActuatorCase:
     """Return the tube and its target."""
-    target = bend(np.radians(config.angle), config.length, neutral=config.neutral)
-    return tube_case(comm, config, target, [bend_metric(config.angle)])
+    target = bend(
+        np.radians(config.target.angle), config.skin.length, neutral=config.target.neutral
+    )
+    return tube_case(comm, config, target, [bend_metric(config.target.angle)])
 
 
-def variants(config: ThreeFieldConfig) -> dict[str, ThreeFieldConfig]:
+def variants(config: ThreeFieldScene) -> dict[str, ThreeFieldScene]:
     """Return the configuration of each variant; all may take the same number of steps.
 
     Raises:
         ParameterError: There is no weight for the perimeter.
     """
-    if config.perimeter_weight is None:
+    if config.design.perimeter_weight is None:
         raise ParameterError(
             "perimeter_weight = None leaves the perimeter out, but two variants need it. Give a "
             "number above 0."
         )
-    steps = config.iterations + config.constrained_iterations
+    steps = config.design.iterations + config.design.constrained_iterations
     free = config.updated(iterations=steps, constrained_iterations=0)
     linear = free.updated(perimeter_weight=None, beta=PLAIN)
     return {
-        "no filter": linear.updated(filter_radius=UNFILTERED * config.edge_length),
+        "no filter": linear.updated(filter_radius=UNFILTERED * config.skin.edge_length),
         "filter only": linear,
         "projection": free.updated(perimeter_weight=None),
         "widths": config.updated(perimeter_weight=None),
@@ -93,7 +93,7 @@ def variants(config: ThreeFieldConfig) -> dict[str, ThreeFieldConfig]:
 def run(
     comm: MPI.Comm,
     output: Path | str,
-    config: ThreeFieldConfig | None = None,
+    config: ThreeFieldScene | None = None,
     *,
     verbose: bool = False,
 ) -> dict[str, Any]:
@@ -105,7 +105,7 @@ def run(
         config: Numbers of this comparison; None takes the defaults.
         verbose: Whether to print every Newton step.
     """
-    output, config = Path(output), config or ThreeFieldConfig()
+    output, config = Path(output), config or ThreeFieldScene()
     rows: list[dict[str, Any]] = []
     prints, fields = [], []
     for name, variant in variants(config).items():
@@ -203,7 +203,7 @@ if __name__ == "__main__":
         run_from_command_line(
             MPI.COMM_WORLD,
             __doc__,
-            ThreeFieldConfig(),
+            ThreeFieldScene(),
             run,
             Path("output/three_field"),
             coarse=coarse_tube,

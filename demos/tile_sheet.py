@@ -18,14 +18,14 @@ from pathlib import Path
 from mpi4py import MPI
 
 from toros_fem.cli.command_line.scripts import run_from_command_line
-from toros_fem.products.tiles.pulled_sheet import TileSheetConfig, coarse, run, sentence
+from toros_fem.products.tiles.pulled_sheet import TileSheetScene, coarse, run, sentence
 
 if __name__ == "__main__":
     sys.exit(
         run_from_command_line(
             MPI.COMM_WORLD,
             __doc__,
-            TileSheetConfig(),
+            TileSheetScene(),
             run,
             Path("output/tile_sheet"),
             coarse=coarse,

@@ -17,14 +17,14 @@ from mpi4py import MPI
 from toros_fem.cli.command_line.scripts import run_from_command_line
 from toros_fem.products.actuators.run import summary_sentence
 from toros_fem.products.tubes.tube import coarse_tube
-from toros_fem.products.tubes.twist import TwistConfig, run
+from toros_fem.products.tubes.twist import TwistScene, run
 
 if __name__ == "__main__":
     sys.exit(
         run_from_command_line(
             MPI.COMM_WORLD,
             __doc__,
-            TwistConfig(),
+            TwistScene(),
             run,
             Path("output/twist"),
             coarse=coarse_tube,

@@ -17,14 +17,14 @@ from pathlib import Path
 from mpi4py import MPI
 
 from toros_fem.cli.command_line.scripts import run_from_command_line
-from toros_fem.products.walker.walker import WalkerConfig, coarse, run, sentence
+from toros_fem.products.walker.walker import WalkerScene, coarse, run, sentence
 
 if __name__ == "__main__":
     sys.exit(
         run_from_command_line(
             MPI.COMM_WORLD,
             __doc__,
-            WalkerConfig(),
+            WalkerScene(),
             run,
             Path("output/walker"),
             coarse=coarse,

@@ -253,7 +253,7 @@ def _solve(found: Outcome, seed: int) -> None:
 
 def design_cases(*, coarse: bool) -> dict[str, tuple[Any, Any]]:
     """Return case and configuration of a gripper and of a walker, both in contact."""
-    grip, legs = gripper.GripperConfig(), walker.WalkerConfig()
+    grip, legs = gripper.GripperScene(), walker.WalkerScene()
     if coarse:
         grip, legs = gripper.coarse(grip), walker.coarse(legs)
     quarter = replace(walker.case(MPI.COMM_SELF, legs), contact=Contact())

@@ -10,25 +10,23 @@ from sphinx.util.docutils import SphinxDirective
 from sphinx.util.nodes import nested_parse_with_titles
 
 from toros_fem.cli.scene_files.materials import KIND_OF, TABLE, roles_of
-from toros_fem.cli.scene_files.sections import TITLES, sections_of
 from toros_fem.products.kinds import KINDS, Kind
 
 
 def page_of(kind: Kind) -> list[str]:
     """Return heading and tables of a kind in Markdown."""
     lines = [f"## {kind.name}", "", f"{kind.about[0].upper()}{kind.about[1:]}.", ""]
-    for section, keys in sections_of(kind.name, kind.config).items():
-        lines += [f"**[{section}]** {TITLES[section]}", "", "| key | meaning | default |"]
+    for section, of in kind.config.tables().items():
+        lines += [f"**[{section}]** {of.holds()}", "", "| key | meaning | default |"]
         lines.append("|---|---|---|")
         for role in roles_of(kind.config) if section == TABLE else ():
             lines.append(f"| `{role}` | name of a {KIND_OF[role]}, for its numbers | none |")
-        for key in keys:
-            one = kind.config.described()[key]
-            default = one.written(getattr(kind.config, key)).strip('"').replace(" ", "&nbsp;")
+        for key, one in of.described().items():
+            default = one.written(kind.config.value(key)).strip('"').replace(" ", "&nbsp;")
             lines.append(f"| `{key}` | {one.help.replace('|', '&#124;')} | {default} |")
         lines.append("")
-    for name, (of, meaning) in kind.config.entries().items():
-        lines += [f"**[{name}]** {meaning}; may stand several times", "", "| key | meaning |"]
+    for name, of in kind.config.entries().items():
+        lines += [f"**[{name}]** {of.holds()}; may stand several times", "", "| key | meaning |"]
         lines += [
             "|---|---|",
             *(f"| `{key}` | {one.help} |" for key, one in of.described().items()),

@@ -4,13 +4,13 @@ import copy
 import json
 import pickle
 from dataclasses import FrozenInstanceError, dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import pytest
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import Count, In, Length, OneOf, Table, entries, key
+from toros_fem.base.keys import Count, In, Length, OneOf, Table, key
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,6 @@ class LongSample(Sample):
     """Numbers of a long sample."""
 
     length: Length = key(4.0, "length of the sample")
-    count: int = Sample.redefault("count", 7)
 
 
 def test_messages_name_value_unit_and_bounds() -> None:
@@ -72,7 +71,7 @@ def test_numbers_become_plain_ones() -> None:
 
 def test_derived_classes_take_over_meaning_and_bounds() -> None:
     found = LongSample()
-    assert (found.count, found.length, found.width) == (7, 4.0, 0.5)
+    assert (found.count, found.length, found.width) == (3, 4.0, 0.5)
     assert LongSample.described()["count"].within == Sample.described()["count"].within
     with pytest.raises(ParameterError, match="count = 0"):
         LongSample(count=0)
@@ -112,42 +111,3 @@ def test_a_class_with_another_type_is_refused() -> None:
     for kind in (Wrong, Bare):
         with pytest.raises(TypeError, match=r"size.* must be a float, int, bool or str"):
             kind()
-
-
-@dataclass(frozen=True)
-class Part(Table):
-    """A part of a set."""
-
-    size: Length = key(1.0, "size of the part")
-
-
-@dataclass(frozen=True)
-class Parts(Table):
-    """A set of parts."""
-
-    count: Count = key(3, "number of samples")
-    parts: tuple[Part, ...] = entries(Part, "A part")
-
-
-def test_fields_that_hold_other_configurations() -> None:
-    """They are no options, and come back from what summaries hold."""
-    assert list(Parts.described()) == ["count"]
-    assert Parts.entries() == {"parts": (Part, "A part")}
-
-    def made(*parts: Any) -> Parts:
-        return Parts(parts=parts)
-
-    no_list: Any = 3
-    both = Parts(parts=(Part(size=2.0), Part()))
-    assert Parts(**json.loads(json.dumps(both.as_dict()))) == both
-    assert made(Part(size=2.0), {"size": 1.0}) == both
-    assert pickle.loads(pickle.dumps(both)) == both
-    assert hash(both) == hash(copy.deepcopy(both))
-    with pytest.raises(ParameterError, match="size = -1.0 m must be a finite number, above 0"):
-        made({"size": -1.0})
-    with pytest.raises(ParameterError, match="unknown parameter 'sise'; did you mean 'size'"):
-        made({"sise": 1.0})
-    with pytest.raises(ParameterError, match="parts = 3 must be a list of Part"):
-        Parts(parts=no_list)
-    with pytest.raises(ParameterError, match=r"parts has Sample\(.* in it; it must be a Part"):
-        made(Sample())

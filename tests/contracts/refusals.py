@@ -27,13 +27,11 @@ from toros_fem.materials.library import LibraryMaterial, named, read_library, wr
 from toros_fem.mechanics.equilibrium.solver import EquilibriumResult
 from toros_fem.mechanics.skin.chambers import chambers_of_panels
 from toros_fem.products.actuators.problem import actuator_problem
-from toros_fem.products.gripper.gripper import GripperConfig
 from toros_fem.products.tiles import PrintedTile, read_tile
-from toros_fem.products.tubes.bend import BendConfig
+from toros_fem.products.tubes.bend import BendScene
 from toros_fem.products.tubes.bend import case as bend_case
-from toros_fem.products.tubes.inflate import InflateConfig
-from toros_fem.products.tubes.twist import TwistConfig
-from toros_fem.products.walker.walker import WalkerConfig
+from toros_fem.products.tubes.inflate import InflateScene
+from toros_fem.products.walker.walker import WalkerScene
 from toros_fem.results.files import write_fields
 from toros_fem.results.writer import write_pictures
 
@@ -542,28 +540,18 @@ OUTPUTS: Table = {
 
 
 def _island(s: Scene) -> object:
-    config = BendConfig(edge_length=5e-3, filter_radius=0.01, island_area=1.0, levels=1)
+    config = BendScene.of(edge_length=5e-3, filter_radius=0.01, island_area=1.0, levels=1)
     return actuator_problem(s.comm, bend_case(s.comm, config), config)
 
 
 SCENES: Table = {
-    "curve ends below the pressure": lambda s: InflateConfig(pressure=50e3),
-    "inflation in one level": lambda s: InflateConfig(levels=1),
-    "inflation in no level": lambda s: InflateConfig(levels=0),
-    "twist of no sections": lambda s: TwistConfig(cross_sections=0),
-    "twist of many turns": lambda s: TwistConfig(twist=1e5),
-    "bend of many turns": lambda s: BendConfig(angle=1e4),
-    "bend of a scene is text": lambda s: BendConfig(angle="90"),
-    "bend of an unknown number": lambda s: BendConfig(angel=90.0),
-    "bend of half a seed": lambda s: BendConfig(seed=0.5),
-    "gripper lifts less than nothing": lambda s: GripperConfig(mass=-1.0),
-    "gripper wraps by NaN": lambda s: GripperConfig(wrap_angle=NAN),
-    "walker slides without friction": lambda s: WalkerConfig(pad_friction=0.0),
-    "walker flies": lambda s: WalkerConfig(motion="fly"),
+    "curve ends below the pressure": lambda s: InflateScene.of(pressure=50e3),
+    "bend of an unknown number": lambda s: BendScene.of(angel=90.0),
+    "walker flies": lambda s: WalkerScene.of(motion="fly"),
     "islands of a scene larger than its skin": _island,
-    "Poisson's ratio of a scene": lambda s: BendConfig(poisson=0.6),
-    "fabric of a scene without stiffness": lambda s: BendConfig(fabric_young=0.0),
-    "threshold of a scene": lambda s: BendConfig(eta=1.0),
+    "Poisson's ratio of a scene": lambda s: BendScene.of(poisson=0.6),
+    "fabric of a scene without stiffness": lambda s: BendScene.of(fabric_young=0.0),
+    "threshold of a scene": lambda s: BendScene.of(eta=1.0),
 }
 
 

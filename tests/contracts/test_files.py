@@ -26,7 +26,7 @@ from mpi4py import MPI
 from toros_fem.base import errors
 from toros_fem.base.errors import TorosError
 from toros_fem.base.files import reason
-from toros_fem.base.keys import Table
+from toros_fem.base.scene import Scene
 from toros_fem.base.units import DIMENSIONS, read_quantity, write_quantity
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.cli.scene_files.writing import scene_text
@@ -194,7 +194,7 @@ def scenes(draw: st.DrawFn) -> dict[str, Any]:
     config = KINDS[name].example
     numbers = [name for name, key in config.described().items() if key.kind is float]
     for key in draw(st.lists(st.sampled_from(numbers), max_size=3)):
-        value = getattr(config, key) or 1.0
+        value = config.value(key) or 1.0
         try:
             config = config.updated(**{key: value * draw(st.floats(0.97, 1.03))})
         except TorosError:  # it does not fit the others
@@ -267,7 +267,7 @@ def write_tile_of(folder: Path, x: PrintedTile) -> Path:
     return folder / "tile.npz"
 
 
-def fields_of(kind: str, config: Table) -> dict[str, Any]:
+def fields_of(kind: str, config: Scene) -> dict[str, Any]:
     """A scene as one table."""
     return {"kind": kind, **{f.name: getattr(config, f.name) for f in dataclasses.fields(config)}}
 

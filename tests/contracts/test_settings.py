@@ -55,7 +55,7 @@ def near(key: Key) -> Iterator[tuple[float, bool]]:
 
 def test_settings_are_found() -> None:
     assert len(TABLES) > 25
-    assert {"BendConfig", "FitOptions", "ManufactureOptions"} <= {one.__name__ for one in TABLES}
+    assert {"Pressing", "FitOptions", "ManufactureOptions"} <= {one.__name__ for one in TABLES}
 
 
 @OF_TABLES

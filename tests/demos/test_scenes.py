@@ -7,7 +7,7 @@ from helpers.scenes import ROOT
 
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.own_mesh.own_mesh import OwnMeshConfig
+from toros_fem.products.own_mesh.own_mesh import OwnMeshScene
 
 FOLDER = ROOT / "demos" / "scenes"
 CONFIGS = {
@@ -38,11 +38,11 @@ def test_scene_has_the_numbers_of_the_demo(name: str) -> None:
 def test_example_of_a_finger() -> None:
     found = read_scene(ROOT / "examples" / "finger.toml")
     config = found.config
-    assert isinstance(config, OwnMeshConfig)
+    assert isinstance(config, OwnMeshScene)
     assert found.files["mesh"].resolve() == ROOT / "demos" / "surfaces" / "finger.stl"
     assert (len(config.held), len(config.printed), len(config.plain)) == (1, 2, 1)
     assert config.level_count == 2
     quick = read_scene(found.path, coarse=True).config
-    assert isinstance(quick, OwnMeshConfig)
+    assert isinstance(quick, OwnMeshScene)
     assert quick.level_count == 1
-    assert (quick.filter_radius, config.filter_radius) == (4e-3, 2e-3)
+    assert (quick.design.filter_radius, config.design.filter_radius) == (4e-3, 2e-3)

@@ -14,7 +14,7 @@ from toros_fem import errors
 from toros_fem.design.density.field import random_density
 from toros_fem.products.actuators.problem import actuator_problem
 
-SMALL = three_field.ThreeFieldConfig(
+SMALL = three_field.ThreeFieldScene.of(
     length=0.08,
     edge_length=6e-3,
     filter_radius=9e-3,
@@ -27,9 +27,16 @@ SMALL = three_field.ThreeFieldConfig(
 
 def test_variants_take_the_same_number_of_steps() -> None:
     found = three_field.variants(SMALL)
-    assert {c.iterations + c.constrained_iterations for c in found.values()} == {2}
-    assert [c.perimeter_weight for c in found.values()] == [None, None, None, None, 1e-4, 1e-4]
-    assert [bool(c.constrained_iterations) for c in found.values()] == [
+    assert {c.design.iterations + c.design.constrained_iterations for c in found.values()} == {2}
+    assert [c.design.perimeter_weight for c in found.values()] == [
+        None,
+        None,
+        None,
+        None,
+        1e-4,
+        1e-4,
+    ]
+    assert [bool(c.design.constrained_iterations) for c in found.values()] == [
         False, False, False, True, False, True,
     ]  # fmt: skip
     with pytest.raises(errors.ParameterError, match="perimeter_weight = None"):

@@ -121,14 +121,14 @@ def test_hard_solve(seed: int, pinned: Callable[..., None]) -> None:
 def test_stride(pinned: Callable[..., None]) -> None:
     """Three equilibria of a walker on the ground, with pads."""
     pytest.importorskip("ipctk")
-    config = walking.WalkerConfig(edge_length=7e-3, pressure=10e3)
-    half = walker(MPI.COMM_SELF, config.edge_length, config.star, planes=(1,))
+    config = walking.WalkerScene.of(edge_length=7e-3, pressure=10e3)
+    half = walker(MPI.COMM_SELF, config.skin.edge_length, config.star, planes=(1,))
     whole = mirrored(half, (1,))
     reach = (plane_centroids(whole.pattern) @ config.star.directions.T).max(axis=1)
     printed = (whole.pattern.panel == whole.pattern.panel_index("bottom")) & (reach > 0.02)
     gait = Gait(walking.CHAMBERS, np.array([[1.0, 1, 1], [0.4, 0.4, 0.4]]), 1)
     points, walk, failure = walking.follow_gait(
-        MPI.COMM_SELF, config, gait, half, whole, printed, 3 * [config.pressure]
+        MPI.COMM_SELF, config, gait, half, whole, printed, 3 * [config.pressure.pressure]
     )
     assert walk is not None
     figures = {
@@ -148,7 +148,7 @@ def test_stride(pinned: Callable[..., None]) -> None:
 def test_lift(pinned: Callable[..., None]) -> None:
     """The force by which printed fingers hold their object, over its depth."""
     pytest.importorskip("ipctk")
-    config = gripper.GripperConfig(
+    config = gripper.GripperScene.of(
         edge_length=3e-3, filter_radius=4.6e-3, stem_length=0.045, slip_limit=5e-4,
         lift_distance=5e-4, mass=0.02,
     )  # fmt: skip

@@ -36,7 +36,7 @@ def scene(name: str, families: int | None = None, **changes: Any) -> Maker:
         case = maker(comm, config)
         return EquilibriumSolver(
             sew(comm, case.pattern),
-            config.composite,
+            config.material.composite,
             case.supports,
             chambers=case.chambers,
             contact=case.contact,

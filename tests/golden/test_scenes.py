@@ -41,31 +41,31 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("kept_meshes")]
 TUBE: dict[str, Any] = {"edge_length": 5.5e-3, "filter_radius": 8.5e-3}
 STAR: dict[str, Any] = {"edge_length": 3.6e-3, "filter_radius": 5.5e-3}
 FINGER: dict[str, Any] = {"edge_length": 3e-3, "filter_radius": 4.6e-3}
-HELD = own_mesh.HeldConfig(where="z < 4 mm")
+HELD = own_mesh.Held(where="z < 4 mm")
 # Configuration of each scene, and what makes its case.
 ACTUATORS: dict[str, tuple[Callable[..., Any], Any]] = {
-    "bend": (bend.case, bend.BendConfig(**TUBE)),
-    "bend whole": (bend.case, bend.BendConfig(**TUBE, whole=True, design_pressure=True)),
-    "bend robust": (bend.case, bend.BendConfig(**TUBE, width_tolerance=4e-4)),
+    "bend": (bend.case, bend.BendScene.of(**TUBE)),
+    "bend whole": (bend.case, bend.BendScene.of(**TUBE, whole=True, design_pressure=True)),
+    "bend robust": (bend.case, bend.BendScene.of(**TUBE, width_tolerance=4e-4)),
     "bend wrinkling": (
         bend.case,
-        bend.BendConfig(**TUBE, wrinkling="tension-field", filter="helmholtz"),
+        bend.BendScene.of(**TUBE, wrinkling="tension-field", filter="helmholtz"),
     ),
     "bend knit bladder": (
         bend.case,
-        bend.BendConfig(**TUBE, knit_ratio=3.0, bladder_thickness=3e-4, print_side="outside"),
+        bend.BendScene.of(**TUBE, knit_ratio=3.0, bladder_thickness=3e-4, print_side="outside"),
     ),
-    "contract": (contract.case, contract.ContractConfig(**TUBE)),
-    "twist": (twist.case, twist.TwistConfig(**TUBE)),
-    "twist length": (twist.case, twist.TwistConfig(**TUBE, keep_length=True)),
-    "bend-twist": (bend_twist.case, bend_twist.BendTwistConfig(**TUBE)),
-    "walker": (walking.case, walking.WalkerConfig(**STAR)),
+    "contract": (contract.case, contract.ContractScene.of(**TUBE)),
+    "twist": (twist.case, twist.TwistScene.of(**TUBE)),
+    "twist length": (twist.case, twist.TwistScene.of(**TUBE, keep_length=True)),
+    "bend-twist": (bend_twist.case, bend_twist.BendTwistScene.of(**TUBE)),
+    "walker": (walking.case, walking.WalkerScene.of(**STAR)),
     "walker stride": (
         walking.case,
-        walking.WalkerConfig(**STAR, motion="crawl", aim="stride", design_pressure=True),
+        walking.WalkerScene.of(**STAR, motion="crawl", aim="stride", design_pressure=True),
     ),
-    "gripper": (gripper.case, gripper.GripperConfig(**FINGER)),
-    "gripper box": (gripper.case, gripper.GripperConfig(**FINGER, shape="box")),
+    "gripper": (gripper.case, gripper.GripperScene.of(**FINGER)),
+    "gripper box": (gripper.case, gripper.GripperScene.of(**FINGER, shape="box")),
 }
 RELAXED: dict[str, FixedDirections | FreeDirections] = {
     "contract": FixedDirections(),
@@ -168,7 +168,7 @@ def test_relaxed(comm: MPI.Comm, name: str, pinned: Callable[..., None]) -> None
 
 
 def test_own_mesh(comm: MPI.Comm, pinned: Callable[..., None]) -> None:
-    config = own_mesh.OwnMeshConfig(scale=1e-3, held=(HELD,), bend=60.0, cross_sections=6)
+    config = own_mesh.OwnMeshScene.of(scale=1e-3, held=(HELD,), bend=60.0, cross_sections=6)
     case, config = own_mesh.cases(comm, config, mesh=ROOT / "demos" / "surfaces" / "finger.stl")
     problem = actuator_problem(comm, case(comm, config), config)
     density = waves(problem.skin)
@@ -179,11 +179,11 @@ def test_own_mesh(comm: MPI.Comm, pinned: Callable[..., None]) -> None:
 
 @pytest.mark.parametrize("target", ["tetragonal", "auxetic", "anisotropic"])
 def test_tile(comm: MPI.Comm, target: str, pinned: Callable[..., None]) -> None:
-    config = tile.TargetTileConfig(
+    config = tile.TileScene.of(
         target=target, edge_length=1e-3, filter_radius=1.5e-3, perimeter_weight=1e-3
     )
     problem = tile_problem(comm, tile.tile_case(comm, config), config)
-    x, y = 2 * np.pi * problem.skin.pattern.centroids.T / config.size
+    x, y = 2 * np.pi * problem.skin.pattern.centroids.T / config.skin.size
     density = 0.5 + 0.25 * (np.cos(x) + np.sin(x + 2 * y))[problem.skin.owned_cells]
     density = np.clip(density, 0.02, 0.98)
     at = problem.differentiate(problem.simulate(density))
@@ -211,10 +211,10 @@ def test_tile_sheet(comm: MPI.Comm, pinned: Callable[..., None]) -> None:
 
 @pytest.mark.parametrize("wrinkling", [None, "tension-field"])
 def test_inflated(comm: MPI.Comm, wrinkling: str | None, pinned: Callable[..., None]) -> None:
-    config = inflate.InflateConfig(edge_length=5.5e-3, mesh="structured", wrinkling=wrinkling)
-    pattern, supports, density = plain_tube(comm, config)
+    config = inflate.InflateScene.of(edge_length=5.5e-3, mesh="structured", wrinkling=wrinkling)
+    pattern, supports, density = plain_tube(comm, config.skin)
     skin = sew(comm, pattern)
-    solver = EquilibriumSolver(skin, config.composite, supports)
+    solver = EquilibriumSolver(skin, config.material.composite, supports)
     pressures = [2e2, 5e3, 10e3, 20e3]
     figures = {
         f"{point.result.pressure:g} Pa": state_figures(skin, point.result) | point.metrics

@@ -13,11 +13,11 @@ import pytest
 from helpers.scenes import ROOT
 from mpi4py import MPI
 
+from toros_fem.base.scene import Scene
 from toros_fem.cli.command_line.exit_codes import MEANING
 from toros_fem.cli.command_line.scripts import option_help
 from toros_fem.cli.commands.main import COMMANDS, run
 from toros_fem.cli.scene_files.materials import FILE, TABLE, roles_of
-from toros_fem.cli.scene_files.sections import sections_of
 from toros_fem.products.kinds import KINDS, Kind
 
 DEMOS = sorted((ROOT / "demos").glob("*.py"))
@@ -116,15 +116,15 @@ def keys(kind: Kind) -> Iterator[tuple[str, str]]:
         yield f"{kind.name} [files] {FILE}", "a file of materials"
     for role in roles:
         yield f"{kind.name} [{TABLE}] {role}", "a material by name"
-    for section, names in sections_of(kind.name, config).items():
-        for name in names:
+    for section, of in config.tables().items():
+        for name in of.described():
             text = said(config, name)
             for where, other in (("coarse", quick), ("in a new file", kind.example)):
-                if getattr(other, name) != getattr(config, name):
+                if other.value(name) != config.value(name):
                     text += f"; {where} {said(other, name).rpartition('default ')[2]}"
             yield f"{kind.name} [{section}] {name}", text
-    for table, (of, meaning) in config.entries().items():
-        yield f"{kind.name} [{table}]", meaning
+    for table, of in config.entries().items():
+        yield f"{kind.name} [{table}]", of.holds()
         for name in of.described():
             yield f"{kind.name} [{table}] {name}", said(of, name)
 
@@ -132,7 +132,7 @@ def keys(kind: Kind) -> Iterator[tuple[str, str]]:
 def said(config: Any, name: str) -> str:
     """Return type, meaning, unit, bounds and default of a key."""
     one = config.described()[name]
-    default = getattr(config, name, one.default)
+    default = config.value(name) if isinstance(config, Scene) else one.default
     return f"{one.kind.__name__}: {option_help(one, default).replace('%%', '%')}"
 
 

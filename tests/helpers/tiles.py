@@ -13,7 +13,7 @@ from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.skin.periodicity import UNIAXIAL, Periodic
 from toros_fem.meshes import Tile, sew, tile
 from toros_fem.products.tile_design.as_printed import PrintSimulation
-from toros_fem.products.tile_design.case import TileCase, TileConfig, TileResult, tile_problem
+from toros_fem.products.tile_design.case import TileCase, TileDesignScene, TileResult, tile_problem
 from toros_fem.products.tiles.objectives import Contrast, ProfileTarget
 from toros_fem.products.tiles.printed_tile import MEMBRANE, PrintedTile
 from toros_fem.products.tiles.solver import TileSolver
@@ -247,7 +247,7 @@ def small_case(comm: MPI.Comm, edge_length: float = 0.8e-3) -> TileCase:
     return TileCase(own, angles, target, "tetragonal", coarse, fine)
 
 
-SMALL = TileConfig(
+SMALL = TileDesignScene.of(
     filter_radius=2e-3,
     starts=2,
     trial_iterations=2,

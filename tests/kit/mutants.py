@@ -252,6 +252,9 @@ class Copy:
         if done.returncode == 0:
             return ""
         if done.returncode in (pytest.ExitCode.USAGE_ERROR, pytest.ExitCode.NO_TESTS_COLLECTED):
+            known = [name for name in tests if f"{name}\n" not in done.stdout]
+            if known and len(known) < len(tests):
+                return self.first_failure(known, seconds, ranks)
             return "gone: no such test"
         for line in done.stdout.splitlines():
             if line.startswith(("FAILED ", "ERROR ")):

@@ -6,9 +6,9 @@ import dataclasses
 import pytest
 from mpi4py import MPI
 
-from toros_fem.design.loop.config import DesignConfig
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import PrintedDesign
+from toros_fem.products.tables.steps import Filtering
 from toros_fem.results.summary import design_summary, level_figures, shape_problem
 
 
@@ -32,7 +32,7 @@ def test_summary_is_equal_on_all_ranks_and_changes_nothing(
     """Each rank has its own clock, yet all return the first one's."""
     figures, seconds = {"note": [1]}, {"total": float(comm.rank)}
     before = copy.deepcopy((figures, seconds, result.seconds))
-    config = DesignConfig(seed=5)
+    config = Filtering(seed=5)
     summary = design_summary(result, printed, config=config, figures=figures, seconds=seconds)
     assert (figures, seconds, result.seconds) == before
     assert summary == comm.bcast(summary, root=0)

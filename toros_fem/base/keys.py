@@ -31,7 +31,6 @@ TYPES: Mapping[type, tuple[type, ...]] = types.MappingProxyType(
     }
 )
 WORDS = {float: "a number", int: "a whole number", bool: "true or false", str: "a word"}
-ENTRIES = "entries"
 
 
 @dataclass(frozen=True)
@@ -210,9 +209,7 @@ class Table:
     """Base of all settings: frozen, and checked on construction, by type and by bounds.
 
     A field is made by `key`. Its type is float, int, bool or str, one of these or None, or one with
-    unit and bounds, as `Length`. Validation, files, command lines and pages read this one place. A
-    field made by `entries` is a tuple of other tables, which may also come as mappings; only files
-    hold these.
+    unit and bounds, as `Length`. Validation, files, command lines and pages read this one place.
 
     Raises:
         ParameterError: A name is unknown, a value has another type, or it is outside its bounds.
@@ -226,8 +223,6 @@ class Table:
     def __post_init__(self) -> None:
         for name, one in self.described().items():
             object.__setattr__(self, name, one.checked(getattr(self, name)))
-        for name, (of, _) in self.entries().items():
-            object.__setattr__(self, name, _entries(name, getattr(self, name), of))
 
     @classmethod
     def described(cls) -> Mapping[str, Key]:
@@ -235,16 +230,9 @@ class Table:
         return _keys(cls)  # type: ignore[arg-type]
 
     @classmethod
-    def entries(cls) -> dict[str, tuple[type[Table], str]]:
-        """Return type and meaning of each field made by `entries`."""
-        found = {entry.name: entry.metadata.get(ENTRIES) for entry in fields(cls)}
-        return {name: of for name, of in found.items() if of is not None}
-
-    @classmethod
-    def redefault(cls, name: str, default: Any) -> Any:
-        """Return a key of this table with another default, for a derived class."""
-        metadata = {"of": cls, **cls.__dataclass_fields__[name].metadata}
-        return field(default=default, metadata=metadata)
+    def holds(cls) -> str:
+        """Return what the table holds: the first line of its docstring."""
+        return (cls.__doc__ or cls.__name__).partition("\n")[0].rstrip(".")
 
     def updated(self, **changes: Any) -> Self:
         """Return a copy with other values.
@@ -254,6 +242,10 @@ class Table:
         """
         self._require_known(changes)
         return replace(self, **changes)
+
+    def value(self, name: str) -> Any:
+        """Return the value of a key."""
+        return getattr(self, name)
 
     def as_dict(self) -> dict[str, Any]:
         """Return all values by name, as summaries hold them."""
@@ -267,16 +259,6 @@ class Table:
                 raise ParameterError(f"unknown parameter {name!r}; {nearest(name, known)}", name)
 
 
-def entries(of: type[Table], meaning: str) -> Any:
-    """Return a dataclass field that holds any number of tables of a type, by default none.
-
-    Args:
-        of: Their type.
-        meaning: What each of them is, in one line.
-    """
-    return field(default=(), metadata={ENTRIES: (of, meaning)})
-
-
 def nearest(word: Any, known: Iterable[str]) -> str:
     """Return the advice for an unknown word: the nearest known one, or all of them."""
     words = list(known)
@@ -287,14 +269,13 @@ def nearest(word: Any, known: Iterable[str]) -> str:
 
 @functools.cache
 def _keys(table: type[Table]) -> Mapping[str, Key]:
-    """Return the keys of a table, of all fields but those made by `entries`.
+    """Return the keys of a table.
 
     Raises:
         TypeError: The table itself is wrong: a field has another type, or was not made by `key`.
     """
-    found = {}
-    for one in (one for one in fields(table) if ENTRIES not in one.metadata):
-        hints = typing.get_type_hints(one.metadata.get("of", table), include_extras=True)
+    found, hints = {}, typing.get_type_hints(table, include_extras=True)
+    for one in fields(table):
         kind, optional, limits = _typed(hints[one.name])
         if kind not in WORDS or "meaning" not in one.metadata or one.default is MISSING:
             raise TypeError(
@@ -317,18 +298,3 @@ def _typed(hint: Any) -> tuple[Any, bool, In | OneOf | None]:
         kind, limits = get_args(plain[0])[:2]
         return kind, len(plain) < len(parts), limits
     return plain[0], len(plain) < len(parts), None
-
-
-def _entries(name: str, values: Any, of: type[Table]) -> tuple[Table, ...]:
-    """Return the entries of a field, those that come as mappings made to tables.
-
-    Raises:
-        ParameterError: They are no list, or one of them is something else.
-    """
-    if not isinstance(values, list | tuple):
-        raise ParameterError(f"{name} = {shown(values)} must be a list of {of.__name__}.", name)
-    made = [of(**value) if isinstance(value, Mapping) else value for value in values]
-    for value in made:
-        if type(value) is not of:
-            raise ParameterError(f"{name} has {shown(value)} in it; it must be a {of.__name__}.")
-    return tuple(made)

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from toros_fem.base.keys import Table
-from toros_fem.products.actuators.config import ActuatorConfig
+from toros_fem.base.scene import Scene
 from toros_fem.products.actuators.problem import CaseMaker
 from toros_fem.products.actuators.run import summary_sentence
+from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.actuators.simulate import FILES, simulation_run, simulation_sentence
 from toros_fem.products.gripper import gripper
 from toros_fem.products.own_mesh import own_mesh
@@ -57,16 +57,16 @@ class Kind:
 
     name: str
     about: str
-    config: Table
+    config: Scene
     coarse: Callable[[Any], Any]
     design: Action | None
     simulate: Action | None
     cases: Callable[..., tuple[CaseMaker[Any], Any]] | None = None
-    shown: Table | None = None
+    shown: Scene | None = None
     example_files: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def example(self) -> Table:
+    def example(self) -> Scene:
         """Configuration of a new scene file."""
         return self.config if self.shown is None else self.shown
 
@@ -77,7 +77,7 @@ class Kind:
         return {name: text for action in actions for name, text in action.files.items()}
 
 
-def _simulation(case: CaseMaker[Any], default: ActuatorConfig) -> Action:
+def _simulation(case: CaseMaker[Any], default: ActuatorScene) -> Action:
     return Action(simulation_run(case, default), simulation_sentence, FILES)
 
 
@@ -90,43 +90,43 @@ def _kinds() -> dict[str, Kind]:
         Kind(
             "bend",
             "a tube that bends",
-            bend.BendConfig(),
+            bend.BendScene(),
             coarse_tube,
             Action(bend.run, summary_sentence),
-            _simulation(bend.case, bend.BendConfig()),
+            _simulation(bend.case, bend.BendScene()),
             _cases(bend.case),
         ),
         Kind(
             "bend-twist",
             "a tube that bends and twists at once",
-            bend_twist.BendTwistConfig(),
+            bend_twist.BendTwistScene(),
             coarse_tube,
             Action(bend_twist.run, summary_sentence),
-            _simulation(bend_twist.case, bend_twist.BendTwistConfig()),
+            _simulation(bend_twist.case, bend_twist.BendTwistScene()),
             _cases(bend_twist.case),
         ),
         Kind(
             "contract",
             "a tube that shortens",
-            contract.ContractConfig(),
+            contract.ContractScene(),
             coarse_tube,
             Action(contract.run, summary_sentence),
-            _simulation(contract.case, contract.ContractConfig()),
+            _simulation(contract.case, contract.ContractScene()),
             _cases(contract.case),
         ),
         Kind(
             "twist",
             "a tube that twists",
-            twist.TwistConfig(),
+            twist.TwistScene(),
             coarse_tube,
             Action(twist.run, summary_sentence),
-            _simulation(twist.case, twist.TwistConfig()),
+            _simulation(twist.case, twist.TwistScene()),
             _cases(twist.case),
         ),
         Kind(
             "inflate",
             "a tube without reinforcement that swells",
-            inflate.InflateConfig(),
+            inflate.InflateScene(),
             inflate.coarse,
             None,
             Action(inflate.run, inflate.sentence),
@@ -134,25 +134,25 @@ def _kinds() -> dict[str, Kind]:
         Kind(
             "walker",
             "an X-shaped robot that stands up or crawls",
-            walker.WalkerConfig(),
+            walker.WalkerScene(),
             walker.coarse,
             Action(walker.run, walker.sentence),
-            _simulation(walker.case, walker.WalkerConfig()),
+            _simulation(walker.case, walker.WalkerScene()),
             _cases(walker.case),
         ),
         Kind(
             "gripper",
             "a gripper whose fingers close on an object",
-            gripper.GripperConfig(),
+            gripper.GripperScene(),
             gripper.coarse,
             Action(gripper.run, gripper.sentence),
-            _simulation(gripper.case, gripper.GripperConfig()),
+            _simulation(gripper.case, gripper.GripperScene()),
             _cases(gripper.case),
         ),
         Kind(
             "tile",
             "a periodic fabric of designed stiffness",
-            tile.TargetTileConfig(),
+            tile.TileScene(),
             tile.coarse,
             Action(tile.run, tile.sentence),
             None,
@@ -160,7 +160,7 @@ def _kinds() -> dict[str, Kind]:
         Kind(
             "tile-sheet",
             "a pull test of a sheet of tiles",
-            pulled_sheet.TileSheetConfig(),
+            pulled_sheet.TileSheetScene(),
             pulled_sheet.coarse,
             None,
             Action(
@@ -172,7 +172,7 @@ def _kinds() -> dict[str, Kind]:
         Kind(
             "own-mesh",
             "a skin of your own, from a mesh file",
-            own_mesh.OwnMeshConfig(),
+            own_mesh.OwnMeshScene(),
             own_mesh.coarse,
             Action(own_mesh.run, summary_sentence, own_mesh.DESIGN_FILES),
             Action(own_mesh.simulate, simulation_sentence, own_mesh.SIMULATION_FILES),

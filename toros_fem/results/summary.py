@@ -9,6 +9,7 @@ import numpy as np
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Table
+from toros_fem.base.scene import Scene
 from toros_fem.base.validation import require_kind
 from toros_fem.base.versions import versions
 from toros_fem.design.loop.loop import DesignResult
@@ -55,7 +56,7 @@ def design_summary(
     result: DesignResult,
     printed: PrintedDesign,
     *,
-    config: Table | None = None,
+    config: Scene | Table | None = None,
     figures: Mapping[str, Any] | None = None,
     seconds: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:

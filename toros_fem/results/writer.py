@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 from toros_fem.base.array_types import Floats
 from toros_fem.base.files import write_json, write_table, write_together
 from toros_fem.base.keys import Table
+from toros_fem.base.scene import Scene
 from toros_fem.base.validation import require_kind
 from toros_fem.base.versions import versions
 from toros_fem.design.lines.field import LineField
@@ -40,7 +41,7 @@ def write_results(
     result: DesignResult,
     printed: PrintedDesign,
     *,
-    config: Table | None = None,
+    config: Scene | Table | None = None,
     figures: Mapping[str, Any] | None = None,
     seconds: Mapping[str, float] | None = None,
     field: LineField | None = None,
@@ -258,7 +259,7 @@ def write_pressure_path(
     *,
     whole: Mirrored | None = None,
     composite: Composite | None = None,
-    config: Table | None = None,
+    config: Scene | Table | None = None,
     figures: Mapping[str, Any] | None = None,
     seconds: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:

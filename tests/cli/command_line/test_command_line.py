@@ -14,7 +14,7 @@ from toros_fem.base.errors import OutputError
 from toros_fem.base.keys import Count, In, Length, OneOf, Table, key
 from toros_fem.cli.command_line.scripts import option_help, run_from_command_line
 from toros_fem.materials.library import read_library, reinforced
-from toros_fem.products.tubes.bend import BendConfig
+from toros_fem.products.tubes.bend import BendScene
 from toros_fem.products.tubes.tube import coarse_tube
 
 
@@ -34,7 +34,6 @@ class Sample(Base):
     count: Count = key(3, "number of samples")
     kind: Annotated[str, OneOf(("round", "square"))] = key("round", "shape")
     rigid: bool = key(False, "also stiffen the sample")
-    width: float = Base.redefault("width", 0.25)
 
 
 class Script:
@@ -119,7 +118,7 @@ def test_materials_by_name(
 ) -> None:
     chosen: list[Any] = []
 
-    def run(comm: MPI.Comm, output: Path, config: BendConfig, *, verbose: bool) -> dict[str, Any]:
+    def run(comm: MPI.Comm, output: Path, config: BendScene, *, verbose: bool) -> dict[str, Any]:
         chosen.append(config)
         return {}
 
@@ -128,7 +127,7 @@ def test_materials_by_name(
     code = run_from_command_line(
         MPI.COMM_SELF,
         "A tube.",
-        BendConfig(),
+        BendScene(),
         run,
         Path("out"),
         coarse=coarse_tube,
@@ -141,7 +140,7 @@ def test_materials_by_name(
     record = json.loads(Path("out/state/run.json").read_text(encoding="utf-8"))
     assert record["inputs"]["materials"]["reinforcement"] == "tpu-85a"
     composite, library = chosen[0].composite, read_library()
-    assert chosen[0].edge_length == coarse_tube(BendConfig()).edge_length
+    assert chosen[0].skin == coarse_tube(BendScene()).skin
     assert composite.reinforcement == reinforced(composite.fabric, library["tpu-85a"].material)
     assert composite.bladder == library["dragon-skin-20"].bladder
 
@@ -194,20 +193,19 @@ def test_only_the_first_rank_prints(
     assert bool(captured.out) == bool(captured.err) == (comm.rank == 0)
 
 
-def test_help_groups_options_by_class(script: Script, capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_groups_options(script: Script, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         script("--help")
     assert caught.value.code == 0
     text = capsys.readouterr().out
     assert text.startswith("usage: sample.py [options]\n\nA sample.\n")
-    own, base = text.index("Numbers of this sample:"), text.index("Numbers of all samples;")
-    assert own < text.index("--count") < text.index("--rigid") < base < text.index("--width")
+    assert text.index("Numbers of this sample:") < text.index("--width") < text.index("--count")
     assert "growth of the sample; in %; below 100; default 8 %" in text
 
 
 def test_help_of_a_field() -> None:
     wanted = {
-        "width": "width of the sample; in m; above 0; default 250 mm",
+        "width": "width of the sample; in m; above 0; default 500 mm",
         "load": "load; none leaves it out; in N; above 0; default none",
         "kind": "shape; one of round, square; default round",
         "rigid": "also stiffen the sample; true or false; default no",

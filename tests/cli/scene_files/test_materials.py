@@ -13,7 +13,7 @@ from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.materials.library import print_offset, read_library, reinforced, write_material
 from toros_fem.materials.sheet import Bladder, Material
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.tubes.bend import BendConfig
+from toros_fem.products.tubes.bend import BendScene
 
 LIBRARY = read_library()
 
@@ -32,7 +32,7 @@ def sheet(name: str) -> Material:
 def test_names_of_the_defaults_are_the_defaults(tmp_path: Path) -> None:
     text = '[material]\nfabric = "jersey-light"\nreinforcement = "tpu-95a-on-jersey"\n'
     found = scene(tmp_path, text)
-    assert found.config.composite == BendConfig().composite
+    assert found.config.material.composite == BendScene().composite
     assert {role: entry.name for role, entry in found.materials.items()} == {
         "fabric": "jersey-light",
         "reinforcement": "tpu-95a-on-jersey",
@@ -48,7 +48,7 @@ def test_numbers_of_names(tmp_path: Path) -> None:
         bladder_thickness = "0.3 mm"
         c1 = 1.7
         """
-    composite = scene(tmp_path, text).config.composite
+    composite = scene(tmp_path, text).config.material.composite
     knit, layer = LIBRARY["rib-knit"], LIBRARY["tpu-85a"]
     assert composite.fabric == knit.material
     assert composite.knit.ratio == knit.knit_ratio
@@ -61,7 +61,7 @@ def test_numbers_of_names(tmp_path: Path) -> None:
 
 def test_a_print_goes_onto_a_fabric_of_numbers(tmp_path: Path) -> None:
     text = '[material]\nreinforcement = "tpu-85a"\nfabric_young = "1 MPa"\nthickness = "0.8 mm"\n'
-    composite = scene(tmp_path, text).config.composite
+    composite = scene(tmp_path, text).config.material.composite
     layer = LIBRARY["tpu-85a"].material
     assert composite.reinforcement == reinforced(composite.fabric, layer)
     assert composite.fabric.young == 1e6
@@ -78,21 +78,21 @@ def test_later_layers(tmp_path: Path) -> None:
         reinforcement_young = "3 MPa"
         """
     jersey, layer = sheet("jersey-light"), LIBRARY["tpu-85a"].material
-    quick = scene(tmp_path, text, coarse=True).config.composite
+    quick = scene(tmp_path, text, coarse=True).config.material.composite
     assert quick.knit is None
     assert quick.fabric == jersey
     assert quick.reinforcement.young == 3e6
     assert quick.reinforcement.thickness == reinforced(jersey, layer).thickness
     found = scene(tmp_path, text, changes=["fabric_young=0.4 MPa", "material.c2=2.2"])
     plain = replace(LIBRARY["swimsuit-knit"].material, young=0.4e6)
-    assert found.config.composite.fabric == plain
-    assert found.config.composite.reinforcement == reinforced(plain, layer)
-    assert found.config.c2 == 2.2
+    assert found.config.material.composite.fabric == plain
+    assert found.config.material.composite.reinforcement == reinforced(plain, layer)
+    assert found.config.material.c2 == 2.2
     found = scene(tmp_path, text, coarse=True, changes=["reinforcement = tpu-95a-on-jersey"])
-    assert found.config.composite.reinforcement == LIBRARY["tpu-95a-on-jersey"].material
-    assert found.config.print_offset is None
+    assert found.config.material.composite.reinforcement == LIBRARY["tpu-95a-on-jersey"].material
+    assert found.config.material.print_offset is None
     found = scene(tmp_path, text, changes=["print_offset=0.2 mm"])
-    assert found.config.print_offset == 0.2e-3
+    assert found.config.material.print_offset == 0.2e-3
 
 
 def test_bounds_of_a_print(tmp_path: Path) -> None:
@@ -106,13 +106,13 @@ def test_bounds_of_a_print(tmp_path: Path) -> None:
         reinforcement = "narrow"
         """
     config = scene(tmp_path, text).config
-    assert (config.reinforcement_c1, config.reinforcement_c2) == (1.4, None)
-    assert config.composite.reinforcement_bounds == (1.4, 2.6)
-    assert config.composite.fabric_bounds == (1.9, 2.6)
+    assert (config.material.reinforcement_c1, config.material.reinforcement_c2) == (1.4, None)
+    assert config.material.composite.reinforcement_bounds == (1.4, 2.6)
+    assert config.material.composite.fabric_bounds == (1.9, 2.6)
     config = scene(tmp_path, text, changes=["c1=1.3"]).config
-    assert config.composite.reinforcement_bounds == (1.3, 2.6)
+    assert config.material.composite.reinforcement_bounds == (1.3, 2.6)
     config = scene(tmp_path, text, changes=["reinforcement=tpu-95a-on-jersey"]).config
-    assert config.composite.shares_bounds
+    assert config.material.composite.shares_bounds
 
 
 def test_a_file_of_ones_own(alone: MPI.Comm, tmp_path: Path) -> None:

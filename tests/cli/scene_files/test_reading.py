@@ -10,9 +10,8 @@ from mpi4py import MPI
 from toros_fem.base.errors import SceneError
 from toros_fem.cli.scene_files.reading import read_scene
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.own_mesh.own_mesh import HeldConfig, OwnMeshConfig
-from toros_fem.products.own_mesh.regions import RegionConfig
-from toros_fem.products.tubes.bend import BendConfig
+from toros_fem.products.own_mesh.own_mesh import Held, OwnMeshScene, Printed
+from toros_fem.products.tubes.bend import BendScene
 
 
 def scene(folder: Path, text: str, **options: Any) -> Any:
@@ -37,9 +36,9 @@ def test_values_with_and_without_units(tmp_path: Path) -> None:
         """,
     )
     assert found.kind is KINDS["bend"]
-    assert found.config.angle == pytest.approx(np.degrees(3.5), rel=1e-15)
-    assert found.config == BendConfig(
-        angle=found.config.angle, neutral=0.008, pressure=6e3, length=0.12,
+    assert found.config.target.angle == pytest.approx(np.degrees(3.5), rel=1e-15)
+    assert found.config == BendScene.of(
+        angle=found.config.target.angle, neutral=0.008, pressure=6e3, length=0.12,
         whole=True, seed=3,
     )  # fmt: skip
     assert found.files == {}
@@ -54,9 +53,9 @@ def test_quick_variant_is_that_of_the_kind(tmp_path: Path, name: str) -> None:
 
 def test_what_the_quick_variant_changes_may_be_given(tmp_path: Path) -> None:
     text = 'kind = "bend"\n[design]\nseed = 5\n[coarse]\niterations = 7\nedge_length = "4 mm"\n'
-    assert scene(tmp_path, text).config == BendConfig(seed=5)
+    assert scene(tmp_path, text).config == BendScene.of(seed=5)
     found = scene(tmp_path, text, coarse=True).config
-    plain = KINDS["bend"].coarse(BendConfig(seed=5))
+    plain = KINDS["bend"].coarse(BendScene.of(seed=5))
     assert found == plain.updated(iterations=7, edge_length=4e-3)
 
 
@@ -68,11 +67,11 @@ def test_changes_override_all_else(tmp_path: Path) -> None:
         "metrics = angle, twist",
     ]  # fmt: skip
     found = scene(tmp_path, text, coarse=True, changes=changes)
-    assert found.config.pressure == 7e3
-    assert found.config.bend == 30.0
-    assert found.config.iterations == 4
-    assert found.config.metric_names == ("angle", "twist")
-    assert found.config.held == (HeldConfig(where="z < 2 mm and x > 0", components="xy"),)
+    assert found.config.pressure.pressure == 7e3
+    assert found.config.target.bend == 30.0
+    assert found.config.design.iterations == 4
+    assert found.config.objective.metric_names == ("angle", "twist")
+    assert found.config.held == (Held(where="z < 2 mm and x > 0", components="xy"),)
     # Paths of the file are relative to it, those of the command line to the current folder.
     assert found.files == {"mesh": tmp_path / "a/b.stl", "target": Path("c.ply")}
 
@@ -89,12 +88,12 @@ def test_tables_that_may_stand_several_times(tmp_path: Path) -> None:
         panels = "base, tip"
         """
     found = scene(tmp_path, text).config
-    assert isinstance(found, OwnMeshConfig)
+    assert isinstance(found, OwnMeshScene)
     assert found.held == (
-        HeldConfig(where="z < 5 mm"),
-        HeldConfig(panels="tip", components="xy"),
+        Held(where="z < 5 mm"),
+        Held(panels="tip", components="xy"),
     )
-    assert found.printed == (RegionConfig(panels="base, tip"),)
+    assert found.printed == (Printed(panels="base, tip"),)
     assert found.plain == ()
 
 
@@ -229,7 +228,7 @@ def test_files_that_cannot_be_read(alone: MPI.Comm, tmp_path: Path) -> None:
         with pytest.raises(SceneError, match=message):
             read_scene(tmp_path / name, comm=alone)
     found = read_scene(tmp_path / "dos.toml", comm=alone).config
-    assert found == BendConfig(length=1.0)
+    assert found == BendScene.of(length=1.0)
     assert alone.allgather(found) == [found] * alone.size
 
 

@@ -7,12 +7,10 @@ import pytest
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.cli.scene_files.reading import read_scene
-from toros_fem.cli.scene_files.sections import TITLES, sections_of
 from toros_fem.cli.scene_files.writing import WIDTH, scene_text
 from toros_fem.products.kinds import KINDS
-from toros_fem.products.own_mesh.own_mesh import HeldConfig, OwnMeshConfig
-from toros_fem.products.own_mesh.regions import RegionConfig
-from toros_fem.products.tubes.bend import BendConfig
+from toros_fem.products.own_mesh.own_mesh import Held, OwnMeshScene, Printed
+from toros_fem.products.tubes.bend import BendScene
 
 
 @pytest.mark.parametrize("name", list(KINDS))
@@ -25,7 +23,7 @@ def test_new_file_holds_all_keys_once(tmp_path: Path, name: str) -> None:
     assert {key: value.name for key, value in found.files.items()} == kind.example_files
     body, _, quick = path.read_text(encoding="utf-8").partition("\n[coarse]\n")
     keys = re.findall(r"^#?(\w+) = ", body, re.MULTILINE)
-    regions = {key for of, _ in kind.config.entries().values() for key in of.described()}
+    regions = {key for of in kind.config.entries().values() for key in of.described()}
     once = [key for key in keys if key not in regions and key not in ("kind", *kind.files)]
     assert sorted(once) == sorted(kind.config.described()), "each key stands in the file, and once"
     assert max(map(len, body.splitlines())) <= WIDTH
@@ -44,19 +42,11 @@ def test_new_file_holds_all_keys_once(tmp_path: Path, name: str) -> None:
     assert read_scene(path, coarse=True).config == kind.coarse(kind.example)
 
 
-def test_each_field_has_its_table() -> None:
-    for name, kind in KINDS.items():
-        tables = sections_of(name, kind.config)
-        assert set(tables) <= set(TITLES)
-        names = [field for fields in tables.values() for field in fields]
-        assert sorted(names) == sorted(kind.config.described()), name
-
-
 def test_other_values_are_read_again(tmp_path: Path) -> None:
-    config = OwnMeshConfig(
+    config = OwnMeshScene.of(
         scale=1e-2 / 3,
-        held=(HeldConfig(where='z < 5 mm'), HeldConfig(panels='a"b, c\\d', components="x")),
-        printed=(RegionConfig(where="x > 0", panels="ä"),),
+        held=(Held(where='z < 5 mm'), Held(panels='a"b, c\\d', components="x")),
+        printed=(Printed(where="x > 0", panels="ä"),),
         bend=1 / 3,
         bending=None,
         perimeter_weight=1e-4,
@@ -72,7 +62,7 @@ def test_other_values_are_read_again(tmp_path: Path) -> None:
 
 
 def test_what_is_refused() -> None:
-    with pytest.raises(ParameterError, match="config is a BendConfig; .* a OwnMeshConfig"):
-        scene_text(KINDS["own-mesh"], BendConfig())
+    with pytest.raises(ParameterError, match="config is a BendScene; .* a OwnMeshScene"):
+        scene_text(KINDS["own-mesh"], BendScene())
     with pytest.raises(ParameterError, match="files names 'mash'"):
         scene_text(KINDS["own-mesh"], files={"mash": "a"})

@@ -2,18 +2,18 @@
 
 from toros_fem.design.lines.options import LineOptions
 from toros_fem.design.relaxed.find import RelaxedOptions
-from toros_fem.products.actuators.config import ActuatorConfig
+from toros_fem.products.actuators.scene import ActuatorScene
 
 
 def test_defaults_are_those_of_the_options() -> None:
-    config = ActuatorConfig()
+    config = ActuatorScene()
     assert config.relaxed_options == RelaxedOptions(share_weight=0.01)
     lines, plain = config.line_options, LineOptions()
     assert lines == LineOptions(widths=(*plain.widths, *plain.widths))
 
 
 def test_numbers_reach_the_options() -> None:
-    config = ActuatorConfig(
+    config = ActuatorScene.of(
         relaxed_iterations=7, directions=24, share_limit=0.5, smoothing_radius=5e-3,
         laid_width=4e-3, second_laid_width=0.8e-3, print_width=0.5e-3,
     )  # fmt: skip

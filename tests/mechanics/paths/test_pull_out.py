@@ -18,15 +18,15 @@ pytest.importorskip("ipctk")
 
 @pytest.mark.slow
 def test_forces_of_a_pull_are_balanced(alone: MPI.Comm) -> None:
-    config = gripper.GripperConfig(edge_length=3e-3, stem_length=0.045)
+    config = gripper.GripperScene.of(edge_length=3e-3, stem_length=0.045)
     case = gripper.case(alone, config)
-    skin, contact = sew(alone, case.pattern), config.contact
+    skin, contact = sew(alone, case.pattern), config.held_contact
     inner = case.pattern.panel == case.pattern.panel_index("top")
     density = inner[skin.owned_cells].astype(np.float64)
-    closing = EquilibriumSolver(skin, config.composite, case.supports, contact=contact)
+    closing = EquilibriumSolver(skin, config.material.composite, case.supports, contact=contact)
     closed = closing.solve(density, 15e3)
     solver = EquilibriumSolver(
-        skin, config.composite, case.supports, contact=replace(contact, friction=0.3)
+        skin, config.material.composite, case.supports, contact=replace(contact, friction=0.3)
     )
     points = []
     for point in pull_out(
@@ -37,7 +37,12 @@ def test_forces_of_a_pull_are_balanced(alone: MPI.Comm) -> None:
         assert point.force == pytest.approx(-supports, rel=1e-5)
     first, sticking, sliding = points
     holding = HoldingObjective(
-        skin, contact, contact.sizes(config.composite), case.supports.fixed, [-1, 0, 0], 1.0
+        skin,
+        contact,
+        contact.sizes(config.material.composite),
+        case.supports.fixed,
+        [-1, 0, 0],
+        1.0,
     )
     assert holding.force(closed.positions) == pytest.approx(first.force, rel=1e-6)
     assert first.force < sticking.force < sliding.force

@@ -24,12 +24,12 @@ from toros_fem.measures.shape import ShapeObjective
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import WALKER, Pattern, Skin, bend, cylinder, sew, stand, walker
 from toros_fem.products.actuators.case import ActuatorCase, Touching
-from toros_fem.products.actuators.config import ActuatorConfig
 from toros_fem.products.actuators.legs import rest_on_body
 from toros_fem.products.actuators.problem import actuator_problem
-from toros_fem.products.tubes.tube import CrossSectionTubeConfig, bend_metric, cross_section_case
+from toros_fem.products.actuators.scene import ActuatorScene
+from toros_fem.products.tubes.tube import SectionTubeScene, bend_metric, cross_section_case
 
-LEG = ActuatorConfig(
+LEG = ActuatorScene.of(
     seams="hinged",
     filter_radius=0.011,
     pressure=4e3,
@@ -115,7 +115,7 @@ def test_an_aligned_objective_ignores_rigid_motion(tube: Skin) -> None:
 
 def test_a_case_whose_mesh_follows_lines(alone: MPI.Comm) -> None:
     """Targets move with the vertices; the print of lines on half a tube is that of the whole."""
-    config = CrossSectionTubeConfig(length=0.06, edge_length=3e-3, filter_radius=6e-3, pressure=4e3)
+    config = SectionTubeScene.of(length=0.06, edge_length=3e-3, filter_radius=6e-3, pressure=4e3)
     target = bend(np.radians(60), 0.06, neutral=0.01)
     case = cross_section_case(alone, config, target, [bend_metric(60.0)], (1,))
     corners = case.pattern.corners[case.pattern.cells_of("wall")]

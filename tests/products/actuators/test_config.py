@@ -8,80 +8,88 @@ from typing import Annotated, ClassVar
 import pytest
 
 from toros_fem import errors
-from toros_fem.base.keys import In, key
+from toros_fem.base.keys import In, Table, key
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.materials.sheet import Bending, Bladder, Knit
-from toros_fem.products.actuators.config import ActuatorConfig
-from toros_fem.products.tubes.tube import TubeConfig
+from toros_fem.products.actuators.scene import ActuatorScene
+from toros_fem.products.tubes.tube import TubeScene
 
 
 def test_composite() -> None:
-    plain = ActuatorConfig().composite
+    plain = ActuatorScene().composite
     assert plain.bending == Bending()
     assert plain.bladder is None
-    assert ActuatorConfig(bending=None).composite.bending is None
-    hinged = ActuatorConfig(bending="average", seams="hinged").composite
+    assert ActuatorScene.of(bending=None).composite.bending is None
+    hinged = ActuatorScene.of(bending="average", seams="hinged").composite
     assert hinged.bending == Bending("average", "hinged")
-    lined = ActuatorConfig(bladder_thickness=2e-4, bladder_young=1e5).composite
+    lined = ActuatorScene.of(bladder_thickness=2e-4, bladder_young=1e5).composite
     assert lined.bladder == Bladder(1e5, 2e-4)
     assert plain.knit is None
-    assert ActuatorConfig(grain_angle=30.0).composite.knit is None
-    knitted = ActuatorConfig(knit_ratio=3.0, grain_angle=90.0).composite
+    assert ActuatorScene.of(grain_angle=30.0).composite.knit is None
+    knitted = ActuatorScene.of(knit_ratio=3.0, grain_angle=90.0).composite
     assert knitted.knit == Knit(3.0, math.pi / 2)
-    assert ActuatorConfig(fabric_young=3e5).composite.fabric.young == 3e5
+    assert ActuatorScene.of(fabric_young=3e5).composite.fabric.young == 3e5
 
 
 def test_pressure_bounds() -> None:
-    assert ActuatorConfig().pressure_bounds is None
-    designed = ActuatorConfig(design_pressure=True, pressure_max=9e3)
-    assert designed.pressure_bounds == (1e3, 9e3)
+    assert ActuatorScene().pressure.bounds is None
+    designed = ActuatorScene.of(design_pressure=True, pressure_max=9e3)
+    assert designed.pressure.bounds == (1e3, 9e3)
 
 
 @dataclass(frozen=True)
-class Tilted(TubeConfig):
+class TiltedTarget(Table):
+    """A target."""
+
     angle: Annotated[float, In("deg", above=0)] = key(30.0, "angle of the target")
+
+
+@dataclass(frozen=True)
+class Tilted(TubeScene):
+    target: TiltedTarget = TiltedTarget()
 
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
 
 
 def test_other_targets() -> None:
-    assert Tilted(seed=5).asked({"angle_deg": 36.0}) == Tilted(seed=5, angle=36.0)
+    assert Tilted.of(seed=5).asked({"angle_deg": 36.0}) == Tilted.of(seed=5, angle=36.0)
     assert Tilted().asked({}) == Tilted()
     with pytest.raises(errors.ParameterError, match="target of 'twist_deg'; known are angle_deg"):
         Tilted().asked({"twist_deg": 1.0})
     with pytest.raises(errors.ParameterError, match="target of 'angle_deg'; known are none"):
-        TubeConfig().asked({"angle_deg": 1.0})
+        TubeScene().asked({"angle_deg": 1.0})
     with pytest.raises(errors.ParameterError, match="angle = -1.0 deg"):
         Tilted().asked({"angle_deg": -1.0})
 
 
 def test_options_and_widths() -> None:
-    both = ActuatorConfig(iterations=7, constrained_iterations=5, move_limit=0.1, line_width=1e-3)
+    both = ActuatorScene.of(iterations=7, constrained_iterations=5, move_limit=0.1, line_width=1e-3)
     (options,) = both.options
     assert [(s.iterations, s.constrained) for s in options.stages] == [(7, False), (5, True)]
     assert options.mma.move == 0.1
-    assert both.length_scale == LengthScale(line_width=1e-3)
+    assert both.design.length_scale == LengthScale(line_width=1e-3)
     free = both.updated(constrained_iterations=0)
     assert [s.iterations for s in free.options[0].stages] == [7]
-    assert free.length_scale is None
-    limits = ActuatorConfig(print_width=0.4e-3).print_limits
+    assert free.design.length_scale is None
+    limits = ActuatorScene.of(print_width=0.4e-3).print.limits
     assert (limits.width, limits.gap) == (0.4e-3, 0.4e-3)
 
 
 def test_levels_of_a_tube() -> None:
-    config = TubeConfig(
+    config = TubeScene.of(
         edge_length=1.4e-3, filter_radius=2e-3, line_width=1e-3, iterations=9, level_iterations=3,
         level_move_limit=0.05,
     )  # fmt: skip
     assert config.level_count == 2, "with three there would be fewer than eighteen edges around"
     lengths = [
-        (c.edge_length, c.filter_radius, c.line_width) for c in map(config.at_level, range(2))
+        (c.skin.edge_length, c.design.filter_radius, c.design.line_width)
+        for c in map(config.at_level, range(2))
     ]
     assert lengths == [(2.8e-3, 4e-3, 2e-3), (1.4e-3, 2e-3, 1e-3)]
     assert config.at_level(1).level_count == 1
-    assert config.at_level(1).gap_width is None
+    assert config.at_level(1).design.gap_width is None
     coarse, *finer = config.updated(levels=2).options
-    assert coarse.iterations == 9 + config.constrained_iterations
+    assert coarse.iterations == 9 + config.design.constrained_iterations
     (fine,) = finer
     assert [(s.iterations, s.constrained) for s in fine.stages] == [(3, True)]
     assert fine.mma.move == 0.05
@@ -94,26 +102,26 @@ def test_levels_of_a_tube() -> None:
 
 def test_too_many_levels() -> None:
     with pytest.raises(errors.ParameterError, match="levels = 3 is too many: edges of more than"):
-        TubeConfig(edge_length=1.4e-3, levels=3)
+        TubeScene.of(edge_length=1.4e-3, levels=3)
     with pytest.raises(errors.ParameterError, match="levels = 2 is too many: the mesh is given"):
-        ActuatorConfig(levels=2)
-    assert ActuatorConfig().level_count == 1
-    assert TubeConfig(edge_length=8e-3).level_count == 1
+        ActuatorScene.of(levels=2)
+    assert ActuatorScene().level_count == 1
+    assert TubeScene.of(edge_length=8e-3).level_count == 1
 
 
 def test_a_tolerance_of_widths_is_for_densities() -> None:
     """Not for line families and their prints, but for the densities that come last."""
-    assert TubeConfig().robust_against is None
-    given = TubeConfig(width_tolerance=1e-4, spread_weight=7.0).robust_against
+    assert TubeScene().design.robust_against is None
+    given = TubeScene.of(width_tolerance=1e-4, spread_weight=7.0).design.robust_against
     assert given is not None
     assert (given.width, given.offset, given.weight) == (1e-4, 5e-5, 7.0)
     with pytest.raises(errors.ParameterError, match="Set density_iterations"):
-        TubeConfig(start="relaxed", width_tolerance=1e-4)
-    lines = TubeConfig(start="relaxed", width_tolerance=1e-4, density_iterations=5)
-    assert lines.of_relaxed.robust_against is None
-    assert lines.of_print.robust_against is None
-    assert lines.of_densities.robust_against is not None
-    plain, constrained = TubeConfig(width_tolerance=1e-4).options[0].stages
+        TubeScene.of(start="relaxed", width_tolerance=1e-4)
+    lines = TubeScene.of(start="relaxed", width_tolerance=1e-4, density_iterations=5)
+    assert lines.of_relaxed.design.robust_against is None
+    assert lines.of_print.design.robust_against is None
+    assert lines.of_densities.design.robust_against is not None
+    plain, constrained = TubeScene.of(width_tolerance=1e-4).options[0].stages
     assert (plain.robust, constrained.robust) == (False, True)
-    (only,) = TubeConfig(width_tolerance=1e-4, constrained_iterations=0).options[0].stages
+    (only,) = TubeScene.of(width_tolerance=1e-4, constrained_iterations=0).options[0].stages
     assert only.robust

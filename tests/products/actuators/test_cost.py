@@ -1,7 +1,5 @@
 """Cost of a design before it runs."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -19,16 +17,16 @@ from toros_fem.products.actuators.cost import (
 )
 from toros_fem.products.tubes import bend, contract
 
-SMALL = bend.BendConfig(length=0.06, edge_length=1e-3, filter_radius=2e-3)
+SMALL = bend.BendScene.of(length=0.06, edge_length=1e-3, filter_radius=2e-3)
 
 
 def test_the_probe_has_a_coarse_mesh() -> None:
     """Two edges of the coarsest useful mesh; lengths of filter and widths grow alike."""
     coarse = probe_config(SMALL)
-    assert coarse.edge_length == pytest.approx(SMALL.coarsest_edge / 2)
-    factor = coarse.edge_length / SMALL.edge_length
-    assert coarse.filter_radius == pytest.approx(factor * SMALL.filter_radius)
-    assert probe_config(SMALL.updated(edge_length=3e-3)).edge_length == 3e-3
+    assert coarse.skin.edge_length == pytest.approx(SMALL.coarsest_edge / 2)
+    factor = coarse.skin.edge_length / SMALL.skin.edge_length
+    assert coarse.design.filter_radius == pytest.approx(factor * SMALL.design.filter_radius)
+    assert probe_config(SMALL.updated(edge_length=3e-3)).skin.edge_length == 3e-3
 
 
 def test_triangles_of_the_finest_mesh(alone: MPI.Comm) -> None:
@@ -48,10 +46,10 @@ def test_parts_of_a_design(alone: MPI.Comm) -> None:
     parts = {part.name: part for part in cost(SMALL, made, 1).parts}
     first, second = parts["design, mesh 1 of 2"], parts["design, mesh 2 of 2"]
     assert second.triangles == pytest.approx(4 * first.triangles, rel=0.01)
-    assert first.newton_steps[0] > SMALL.iterations
-    longer = cost(SMALL.updated(iterations=2 * SMALL.iterations), made, 1)
+    assert first.newton_steps[0] > SMALL.design.iterations
+    longer = cost(SMALL.updated(iterations=2 * SMALL.design.iterations), made, 1)
     assert longer.parts[0].newton_steps[0] > first.newton_steps[0]
-    config = contract.ContractConfig()
+    config = contract.ContractScene()
     lines = cost(config, sized(alone, contract.case, probe_config(config), config), 1)
     assert [part.name for part in lines.parts][:2] == ["relaxed design", "laying of lines"]
 
@@ -81,8 +79,8 @@ def test_a_probe_makes_real_steps(alone: MPI.Comm) -> None:
 def test_meshes_are_checked_before_the_first_is_made(alone: MPI.Comm) -> None:
     made = []
 
-    def case(comm: MPI.Comm, config: bend.BendConfig) -> object:
-        made.append(config.edge_length)
+    def case(comm: MPI.Comm, config: bend.BendScene) -> object:
+        made.append(config.skin.edge_length)
         return bend.case(comm, config)
 
     coarse = SMALL.at_level(0)
@@ -93,7 +91,7 @@ def test_meshes_are_checked_before_the_first_is_made(alone: MPI.Comm) -> None:
     maker = affordable(case, SMALL)  # type: ignore[arg-type,type-var]
     made.clear()
     maker(alone, coarse)
-    assert made == [coarse.edge_length], "the mesh that was checked is taken"
+    assert made == [coarse.skin.edge_length], "the mesh that was checked is taken"
 
 
 def test_a_first_mesh_that_is_too_large_itself(alone: MPI.Comm) -> None:
@@ -103,6 +101,6 @@ def test_a_first_mesh_that_is_too_large_itself(alone: MPI.Comm) -> None:
             sized(alone, bend.case, SMALL, SMALL)
         area = caught.value.area
     assert area == pytest.approx(np.pi * 0.02 * 0.07 / 2)
-    other = replace(SMALL, edge_length=2e-3)
+    other = SMALL.updated(edge_length=2e-3)
     found = sized(alone, bend.case, other, other)
     assert found.area == pytest.approx(area, rel=0.02)

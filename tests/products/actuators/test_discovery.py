@@ -28,7 +28,7 @@ from toros_fem.products.tubes import twist
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
-TINY = twist.TwistConfig().updated(
+TINY = twist.TwistScene().updated(
     start="relaxed",
     length=0.06,
     relaxed_edge_length=5e-3,
@@ -113,12 +113,12 @@ def test_densities_go_on_from_the_lines(alone: MPI.Comm, found: Discovery) -> No
     designed = densities_last(alone, TINY, found)
     assert designed is not None
     rows = [row for row in designed[0].history if row.level == 1]
-    assert len(rows) == 1 + TINY.density_iterations
+    assert len(rows) == 1 + TINY.lines.density_iterations
     assert rows[0].g_r > 0, "the widths are constrained"
 
 
 @dataclass(frozen=True)
-class Untold(twist.TwistConfig):
+class Untold(twist.TwistScene):
     """Numbers of a tube whose targets are in no field."""
 
     TARGETS: ClassVar[Mapping[str, str]] = {}
@@ -126,7 +126,7 @@ class Untold(twist.TwistConfig):
 
 @pytest.mark.slow
 def test_targets_that_cannot_be_asked_for_end_after_a_round(alone: MPI.Comm) -> None:
-    config = Untold(**TINY.updated(relaxed_iterations=1, corrections=3).as_dict())
+    config = Untold.of(**TINY.updated(relaxed_iterations=1, corrections=3).as_dict())
     assert len(discover(alone, twist.case, config).rounds) == 1
 
 

@@ -22,12 +22,12 @@ from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, Equilibriu
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.supports import clamp
 from toros_fem.meshes import Skin, cylinder, sew
-from toros_fem.products.actuators.config import ActuatorConfig
 from toros_fem.products.actuators.pressure_curve import (
     PressureCurve,
     curve_figures,
     trace_pressure_curve,
 )
+from toros_fem.products.actuators.scene import ActuatorScene
 
 ANGLE = Metric("angle", "deg", 60.0, lambda of, x: float(np.degrees(bend_angle(of, x, sections=5))))
 Print = Evaluation[EquilibriumResult]
@@ -113,7 +113,7 @@ def printed_as(made: Print | None) -> Any:
     )
 
 
-CONFIG = ActuatorConfig(curve_pressure=4e3, curve_steps=2)
+CONFIG = ActuatorScene.of(curve_pressure=4e3, curve_steps=2)
 
 
 @pytest.mark.slow

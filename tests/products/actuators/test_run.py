@@ -23,12 +23,12 @@ from toros_fem.products.actuators.problem import actuator_problem
 from toros_fem.products.actuators.run import design_actuator, summary_sentence
 from toros_fem.products.actuators.space_mapping import asked_next
 from toros_fem.products.tubes import bend as bend_demo
-from toros_fem.products.tubes.tube import TubeConfig, bend_metric, tube_case
+from toros_fem.products.tubes.tube import TubeScene, bend_metric, tube_case
 from toros_fem.results.reporter import DesignReporter
 
 pytestmark = pytest.mark.usefixtures("without_pictures")
 
-SHORT = TubeConfig(
+SHORT = TubeScene.of(
     length=0.08,
     edge_length=4.5e-3,
     filter_radius=7e-3,
@@ -143,13 +143,13 @@ def test_a_reporter_made_earlier_counts_the_set_up(
 ) -> None:
     reporter = DesignReporter(alone, tmp_path)
     made = design_actuator(alone, tmp_path, lambda *_: tube_to_bend, SHORT, reporter)
-    assert made.summary["seed"] == SHORT.seed
+    assert made.summary["seed"] == SHORT.design.seed
     assert made.summary["inputs"] == SHORT.as_dict()
     assert 0 < made.summary["seconds"]["setup"] < made.summary["seconds"]["total"]
     assert made.result.history[-1].metrics["angle_deg"] == made.summary["design"]["angle_deg"]
 
 
-def case(comm: MPI.Comm, config: TubeConfig) -> ActuatorCase:
+def case(comm: MPI.Comm, config: TubeScene) -> ActuatorCase:
     target = bend(np.radians(45), 0.08, neutral=0.01)
     return tube_case(comm, config, target, [bend_metric(45.0)])
 
@@ -171,7 +171,7 @@ def test_several_starts(comm: MPI.Comm, tmp_path: Path, levels: int) -> None:
     assert [row.level for row in history] == [0] * 8 + [1] * 3
     assert history[7].objective == summary["starts"][str(summary["seed"])]
     assert made.problem.skin.comm.size == comm.size
-    assert made.problem.filter.radius == config.filter_radius
+    assert made.problem.filter.radius == config.design.filter_radius
     comm.barrier()
     with (folder / "history.csv").open(encoding="utf-8") as file:
         assert [float(row["objective"]) for row in csv.DictReader(file)] == [
@@ -184,14 +184,14 @@ def test_a_corrected_design(
     alone: MPI.Comm, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its objective is the problem's own; a metric that no field holds is not asked for."""
-    config = bend_demo.BendConfig(
+    config = bend_demo.BendScene.of(
         length=0.06, edge_length=5e-3, filter_radius=8e-3, levels=1, angle=40.0, seed=1,
         iterations=4, constrained_iterations=0, polish_iterations=0, level_iterations=2,
         corrections=1, **DESIGN_ALONE,
     )  # fmt: skip
     height = Metric("height", "mm", 50.0, lambda _, x: float(1e3 * x[:, 2].max()), scale=1e6)
 
-    def case(comm: MPI.Comm, config: bend_demo.BendConfig) -> ActuatorCase:
+    def case(comm: MPI.Comm, config: bend_demo.BendScene) -> ActuatorCase:
         bent = bend_demo.case(comm, config)
         return replace(bent, metrics=(*bent.metrics, height))
 

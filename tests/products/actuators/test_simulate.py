@@ -11,7 +11,7 @@ from toros_fem.meshes.pattern_file import write_pattern
 from toros_fem.products.actuators.simulate import simulate_actuator, simulation_sentence
 from toros_fem.products.tubes import bend, inflate
 
-SMALL = bend.BendConfig(
+SMALL = bend.BendScene.of(
     length=0.08,
     edge_length=4.5e-3,
     filter_radius=7e-3,
@@ -32,7 +32,7 @@ def test_plain_skin_is_that_of_inflate(alone: MPI.Comm, tmp_path: Path) -> None:
     """The same tube by another way: its length at the same pressure is the same."""
     found = simulate_actuator(alone, tmp_path / "bend", bend.case, SMALL)
     assert found["angle_deg"] == pytest.approx(0, abs=0.5)
-    config = inflate.InflateConfig(
+    config = inflate.InflateScene.of(
         length=0.08, edge_length=4.5e-3, highest_pressure=5e3, pressure=2.5e3, levels=2
     )
     other = inflate.run(alone, tmp_path / "inflate", config.updated(whole=True))

@@ -7,7 +7,7 @@ from mpi4py import MPI
 from toros_fem import errors
 from toros_fem.products.gripper import gripper as demo
 
-SMALL = demo.GripperConfig(edge_length=4e-3)
+SMALL = demo.GripperScene.of(edge_length=4e-3)
 
 
 @pytest.mark.parametrize("shape", ["sphere", "box"])
@@ -33,13 +33,13 @@ def test_target_goes_around_the_object(alone: MPI.Comm, shape: str) -> None:
     assert inside.min() > -0.5e-3, "the target does not enter the object"
 
 
-def farthest(config: demo.GripperConfig, half: float) -> float:
+def farthest(config: demo.GripperScene, half: float) -> float:
     """Return in mm how far the target leaves a box's edge at a distance along the finger."""
     return float(1e3 * half**2 / 2 * (1 / config.body.radius - 1 / config.bend_radius))
 
 
 def test_finger_starts_to_bend_where_its_tip_comes_to_end() -> None:
-    config = demo.GripperConfig(finger_length=0.09, size=0.04, wrap_angle=90.0)
+    config = demo.GripperScene.of(finger_length=0.09, size=0.04, wrap_angle=90.0)
     assert config.bend_start == pytest.approx(0.09 - np.pi / 2 * 0.02)
     box = config.updated(shape="box", tail_length=0.012, edge_bend_radius=0.03)
     assert box.bend_start == pytest.approx(0.09 - 0.012 - np.pi / 2 * 0.03)
@@ -48,7 +48,7 @@ def test_finger_starts_to_bend_where_its_tip_comes_to_end() -> None:
 @pytest.mark.parametrize("angle", [45.0, 70.0])
 def test_edge_of_the_box_is_where_the_finger_has_turned(angle: float) -> None:
     """The edge's surface and the bend have one point and one tangent in common."""
-    config = demo.GripperConfig(shape="box", edge_angle=angle, inflated_depth=0.0)
+    config = demo.GripperScene.of(shape="box", edge_angle=angle, inflated_depth=0.0)
     turn, bend = np.radians(angle), config.bend_radius
     out = np.array([np.sin(turn), 0.0, -np.cos(turn)])
     centre = np.array([config.bend_start, 0.0, bend])
@@ -64,7 +64,7 @@ def test_touching_strip_and_backbone(alone: MPI.Comm) -> None:
     assert case.contact is not None
     x, y, _ = case.pattern.points[case.touching.weights > 0].T
     assert np.all(x > SMALL.bend_start)
-    assert np.all(np.abs(y) < SMALL.finger_width / 6)
+    assert np.all(np.abs(y) < SMALL.skin.finger_width / 6)
     top = case.pattern.cells_of("top")
     assert np.all(np.isnan(np.delete(case.passive, top)))
     assert np.nanmin(case.passive[top]) == 1.0
@@ -75,8 +75,10 @@ def test_mount_carries_the_inner_panel_on_its_stem(alone: MPI.Comm) -> None:
     held = np.asarray(case.supports.fixed.all(axis=1))
     x, inner = case.pattern.points[:, 0], np.zeros(len(held), dtype=bool)
     inner[case.pattern.vertices_of("top")] = True
-    assert x[held & inner].max() == pytest.approx(SMALL.stem_length, abs=SMALL.edge_length)
-    assert x[held & ~inner].max() == pytest.approx(SMALL.root_length)
+    assert x[held & inner].max() == pytest.approx(
+        SMALL.skin.stem_length, abs=SMALL.skin.edge_length
+    )
+    assert x[held & ~inner].max() == pytest.approx(SMALL.skin.root_length)
     with pytest.raises(errors.ParameterError, match="stem_length = 0.01 m must be at least root"):
         SMALL.updated(stem_length=0.01)
 

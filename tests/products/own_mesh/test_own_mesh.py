@@ -12,23 +12,24 @@ from mpi4py import MPI
 from toros_fem import errors
 from toros_fem.products.kinds import KINDS
 from toros_fem.products.own_mesh.own_mesh import (
-    HeldConfig,
-    OwnMeshConfig,
+    Held,
+    OwnMeshScene,
     OwnSkin,
+    Plain,
+    Printed,
     cases,
     own_case,
     read_skin,
     run,
     simulate,
 )
-from toros_fem.products.own_mesh.regions import RegionConfig
 
 FINGER = ROOT / "demos" / "surfaces" / "finger.stl"
 FINGER_SKIN = meshio.read(FINGER)
-CONFIG = OwnMeshConfig(
-    held=(HeldConfig(where="z < 4 mm"),),
-    printed=(RegionConfig(where="z < 0.01 mm or z > 89.99 mm"),),
-    plain=(RegionConfig(where="x < -7 mm and 30 mm < z < 40 mm"),),
+CONFIG = OwnMeshScene.of(
+    held=(Held(where="z < 4 mm"),),
+    printed=(Printed(where="z < 0.01 mm or z > 89.99 mm"),),
+    plain=(Plain(where="x < -7 mm and 30 mm < z < 40 mm"),),
     bend=60.0,
     pressure=8e3,
     iterations=2,
@@ -67,8 +68,8 @@ def test_meshes_from_coarse_to_fine(alone: MPI.Comm, finger: OwnSkin) -> None:
     assert fine.level_count == 3
     for level, times in enumerate(range(3)):
         one = fine.at_level(level)
-        assert (one.refinements, one.level_count) == (times, 1)
-        assert one.filter_radius == 1e-3 * 2 ** (2 - level)
+        assert (one.skin.refinements, one.level_count) == (times, 1)
+        assert one.design.filter_radius == 1e-3 * 2 ** (2 - level)
     middle = own_case(alone, fine.at_level(1), finger)
     assert len(middle.pattern.panel) == 4 * len(finger.pattern.panel)
     values = [m.measure(middle.pattern, middle.target) for m in middle.metrics]
@@ -76,11 +77,11 @@ def test_meshes_from_coarse_to_fine(alone: MPI.Comm, finger: OwnSkin) -> None:
     with pytest.raises(errors.ParameterError, match="levels = 4 is too many"):
         fine.updated(levels=4)
     quick = KINDS["own-mesh"].coarse(fine)
-    assert (quick.refinements, quick.filter_radius) == (0, 4e-3)
+    assert (quick.skin.refinements, quick.design.filter_radius) == (0, 4e-3)
 
 
 def test_supports_by_component(alone: MPI.Comm, finger: OwnSkin) -> None:
-    held = (HeldConfig(where="z < 4 mm"), HeldConfig(where="z > 80 mm", components="yz"))
+    held = (Held(where="z < 4 mm"), Held(where="z > 80 mm", components="yz"))
     fixed = own_case(alone, CONFIG.updated(held=held), finger).supports.fixed
     height = finger.pattern.points[:, 2]
     np.testing.assert_array_equal(fixed[:, 0], height < 4e-3)
@@ -144,11 +145,11 @@ def test_target_from_a_file(alone: MPI.Comm, tmp_path: Path, finger: OwnSkin) ->
     ("changes", "message"),
     [
         ({"held": ()}, "nothing holds the skin: give held"),
-        ({"held": (HeldConfig(where="z < 5"),)}, "held holds every vertex, .* a plain number is i"),
-        ({"held": (HeldConfig(where="z < -5 mm"),)}, "holds nothing; the skin has x from -9 to 9"),
+        ({"held": (Held(where="z < 5"),)}, "held holds every vertex, .* a plain number is i"),
+        ({"held": (Held(where="z < -5 mm"),)}, "holds nothing; the skin has x from -9 to 9"),
         ({"bend": None}, "there is no target: give bend, twist or shorten, or a target file"),
-        ({"plain": (RegionConfig(where="z < 5 mm"),)}, "both in printed and in plain"),
-        ({"printed": (RegionConfig(where="z < 1"),), "plain": ()}, "leave nothing to design"),
+        ({"plain": (Plain(where="z < 5 mm"),)}, "both in printed and in plain"),
+        ({"printed": (Printed(where="z < 1"),), "plain": ()}, "leave nothing to design"),
         ({"begin": 0.1}, "begin = 0.1 m and end = 0.09 m must lie in this order"),
         ({"toward": "z"}, "toward = 'z' must be perpendicular"),
     ],
@@ -182,4 +183,4 @@ def test_filter_of_a_mesh(alone: MPI.Comm) -> None:
     for times in (0, 1):
         config = CONFIG.updated(refinements=times)
         _, made = cases(alone, config, mesh=FINGER)
-        assert made.filter_radius == pytest.approx(1.5 * edge / 2**times, rel=1e-5)
+        assert made.design.filter_radius == pytest.approx(1.5 * edge / 2**times, rel=1e-5)

@@ -7,7 +7,7 @@ from mpi4py import MPI
 from toros_fem.base.errors import PanelError, ParameterError
 from toros_fem.meshes import cylinder
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.products.own_mesh.regions import Expression, RegionConfig
+from toros_fem.products.own_mesh.regions import Expression, Region
 
 X, Y, Z = POINTS = np.random.default_rng(3).uniform(-0.02, 0.02, (3, 500))
 
@@ -76,22 +76,22 @@ def test_longest_conditions_can_be_evaluated() -> None:
 
 def test_regions_of_a_skin(alone: MPI.Comm) -> None:
     tube = cylinder(alone, 0.06, 0.02, 5e-3)
-    low = RegionConfig(where="z < 10 mm").vertices(tube)
+    low = Region(where="z < 10 mm").vertices(tube)
     np.testing.assert_array_equal(low, tube.points[:, 2] < 0.01)
-    caps = RegionConfig(panels="base, tip").cells(tube)
+    caps = Region(panels="base, tip").cells(tube)
     np.testing.assert_array_equal(caps, tube.panel != tube.panel_index("wall"))
-    both = RegionConfig(panels="base,tip", where="z > 30 mm").cells(tube)
+    both = Region(panels="base,tip", where="z > 30 mm").cells(tube)
     np.testing.assert_array_equal(both, tube.panel == tube.panel_index("tip"))
     # Triangles go by their centroids: those of the wall that only touch the plane are outside.
     np.testing.assert_array_equal(
-        RegionConfig(where="z < 0.01 mm").cells(tube), tube.panel == tube.panel_index("base")
+        Region(where="z < 0.01 mm").cells(tube), tube.panel == tube.panel_index("base")
     )
     with pytest.raises(ParameterError, match=r"'z < -5' holds nothing; .* z from 0 to 60 mm"):
-        RegionConfig(where="z < -5").vertices(tube)
+        Region(where="z < -5").vertices(tube)
     divided = Pattern(
         tube.flat_points, tube.flat_triangles, tube.panel, tube.sewn, tube.points,
         ("wall", "cap-1", "cap-2"),
     )  # fmt: skip
-    np.testing.assert_array_equal(RegionConfig(panels="cap").cells(divided), caps)
+    np.testing.assert_array_equal(Region(panels="cap").cells(divided), caps)
     with pytest.raises(PanelError, match="no panel is named 'side'"):
-        RegionConfig(panels="side").cells(tube)
+        Region(panels="side").cells(tube)

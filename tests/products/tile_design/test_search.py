@@ -55,7 +55,7 @@ def test_design(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     # Families of lines whose T is the smallest of eight pairs, then waves.
     problem, _, start, result = runs[0]
     assert case.coarse is not None
-    rng, owned = np.random.default_rng(SMALL.seed), problem.skin.owned_cells
+    rng, owned = np.random.default_rng(SMALL.design.seed), problem.skin.owned_cells
     pairs = [random_lines(case.coarse, rng, case.symmetry, 2.5e-3)[owned] for _ in range(8)]
     objectives = [problem.simulate(density, trial=True).objective for density in pairs]
     assert (start == pairs[int(np.argmin(objectives))]).all()

@@ -10,7 +10,7 @@ from toros_fem.products.tile_design import tile as demo
 
 @pytest.mark.parametrize("target", list(demo.SYMMETRIES))
 def test_targets(alone: MPI.Comm, target: str) -> None:
-    case = demo.tile_case(alone, demo.TargetTileConfig(target=target, edge_length=1e-3))
+    case = demo.tile_case(alone, demo.TileScene.of(target=target, edge_length=1e-3))
     assert case.coarse is not None
     assert case.fine is not None
     assert 4 * len(case.coarse.pattern.panel) == len(case.tile.pattern.panel)
@@ -22,7 +22,7 @@ def test_targets(alone: MPI.Comm, target: str) -> None:
 
 def test_own_stiffnesses(alone: MPI.Comm) -> None:
     """Options override the target's own values."""
-    config = demo.TargetTileConfig(target="orthotropic", edge_length=1e-3, stiffness_90=900.0)
+    config = demo.TileScene.of(target="orthotropic", edge_length=1e-3, stiffness_90=900.0)
     case = demo.tile_case(alone, config)
     assert case.target is not None
     assert case.target.stiffness is not None
@@ -30,8 +30,12 @@ def test_own_stiffnesses(alone: MPI.Comm) -> None:
 
 
 def test_coarse_variant() -> None:
-    small = demo.coarse(demo.TargetTileConfig(target="auxetic", seed=5))
-    assert (small.target, small.seed, small.edge_length) == ("auxetic", 5, 0.2e-3)
+    small = demo.coarse(demo.TileScene.of(target="auxetic", seed=5))
+    assert (small.target.target, small.design.seed, small.skin.edge_length) == (
+        "auxetic",
+        5,
+        0.2e-3,
+    )
 
 
 def test_linear_profile() -> None:

@@ -11,7 +11,7 @@ from toros_fem.products.tiles import pulled_sheet as demo
 from toros_fem.products.tiles.printed_tile import write_tile
 
 SIZE = 0.01
-SMALL = demo.TileSheetConfig(along=3, across=1, strain_steps=2, edge_length=SIZE / 14)
+SMALL = demo.TileSheetScene.of(along=3, across=1, strain_steps=2, edge_length=SIZE / 14)
 
 
 def test_a_tile_from_a_file(alone: MPI.Comm, tmp_path: Path) -> None:

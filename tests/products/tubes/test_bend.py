@@ -12,7 +12,7 @@ from toros_fem import errors
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.products.tubes import bend
 
-SMALL = bend.BendConfig(length=0.06, edge_length=6e-3, filter_radius=9e-3, iterations=1)
+SMALL = bend.BendScene.of(length=0.06, edge_length=6e-3, filter_radius=9e-3, iterations=1)
 
 
 def test_output_that_cannot_be_written(alone: MPI.Comm, tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ from mpi4py import MPI
 from toros_fem import errors
 from toros_fem.meshes import Pattern, bend, contract, cylinder, twist
 from toros_fem.products.tubes.tube import (
-    CrossSectionTubeConfig,
-    TubeConfig,
+    SectionTubeScene,
+    TubeScene,
     bend_metric,
     coarse_tube,
     cross_section_case,
@@ -30,7 +30,7 @@ def prism(alone: MPI.Comm) -> Pattern:
 
 def test_tube_case_weighs_the_plate(alone: MPI.Comm) -> None:
     """A small turn about y costs what `orientation_length` says, wherever the ring is."""
-    config = TubeConfig(**SHORT, orientation_length=0.03, tip_weight=0.5)  # type: ignore[arg-type]
+    config = TubeScene.of(**SHORT, orientation_length=0.03, tip_weight=0.5)  # type: ignore[arg-type]
     case = tube_case(alone, config, lambda points: points, [])
     pattern = case.pattern
     assert case.weights is not None
@@ -49,19 +49,19 @@ def test_tube_case_weighs_the_plate(alone: MPI.Comm) -> None:
 
 
 def test_caps_are_printed_and_the_wall_is_designed(alone: MPI.Comm) -> None:
-    config = TubeConfig(**SHORT)  # type: ignore[arg-type]
+    config = TubeScene.of(**SHORT)  # type: ignore[arg-type]
     case = tube_case(alone, config, lambda points: points, [])
     assert case.passive is not None
     wall = case.pattern.panel == case.pattern.panel_index("wall")
     assert np.array_equal(np.isnan(case.passive), wall)
     assert np.all(case.passive[~wall] == 1.0)
-    pattern, supports, density = plain_tube(alone, config)
+    pattern, supports, density = plain_tube(alone, config.skin)
     assert np.array_equal(density, np.where(wall, 0.0, 1.0))
     assert np.array_equal(np.flatnonzero(supports.fixed.all(axis=1)), pattern.vertices_of("base"))
 
 
 def test_cross_section_case(alone: MPI.Comm) -> None:
-    config = CrossSectionTubeConfig(
+    config = SectionTubeScene.of(
         length=0.06, edge_length=3e-3, cross_sections=4, axial_weight=0.25, tip_weight=3.0
     )
     case = cross_section_case(alone, config, twist(1.0, 0.06), [twist_metric(60.0)])
@@ -74,7 +74,7 @@ def test_cross_section_case(alone: MPI.Comm) -> None:
     assert np.allclose(case.pattern.points[found.labels == 4, 2], 0.06)
     assert found.position_weights[:, 0] == pytest.approx([0.25] * 4 + [3.0])
     assert found.position_weights[:, 2] == pytest.approx(0.25 * found.position_weights[:, 0])
-    ratio = (config.orientation_length / case.pattern.size) ** 2
+    ratio = (config.objective.orientation_length / case.pattern.size) ** 2
     assert found.orientation_weights == pytest.approx(5 * 3.0 * ratio)
 
 
@@ -95,7 +95,7 @@ def test_metrics_of_exact_targets(prism: Pattern) -> None:
 
 def test_length_is_watched(alone: MPI.Comm) -> None:
     """Once, also where it has a target."""
-    config = CrossSectionTubeConfig(**SHORT)  # type: ignore[arg-type]
+    config = SectionTubeScene.of(**SHORT)  # type: ignore[arg-type]
     case = cross_section_case(alone, config, twist(1.0, 0.06), [twist_metric(60.0)])
     assert [(m.key, m.target) for m in case.metrics] == [("twist_deg", 60), ("length_ratio", None)]
     kept = cross_section_case(alone, config, twist(1.0, 0.06), [length_metric(1.0)])
@@ -103,7 +103,7 @@ def test_length_is_watched(alone: MPI.Comm) -> None:
 
 
 def test_coarse_variant_changes_the_mesh_and_the_steps_alone() -> None:
-    config = TubeConfig(length=0.1, seed=5)
+    config = TubeScene.of(length=0.1, seed=5)
     coarse = coarse_tube(config)
     changed = {k for k, v in coarse.as_dict().items() if v != config.as_dict()[k]}
     assert changed == {
@@ -113,13 +113,13 @@ def test_coarse_variant_changes_the_mesh_and_the_steps_alone() -> None:
 
 
 def test_planes_that_are_none_of_symmetry(alone: MPI.Comm) -> None:
-    config = TubeConfig(**SHORT)  # type: ignore[arg-type]
-    oblique = CrossSectionTubeConfig(**SHORT, knit_ratio=3.0, grain_angle=30.0)  # type: ignore[arg-type]
+    config = TubeScene.of(**SHORT)  # type: ignore[arg-type]
+    oblique = SectionTubeScene.of(**SHORT, knit_ratio=3.0, grain_angle=30.0)  # type: ignore[arg-type]
     with pytest.raises(errors.ParameterError, match="other part would have the mirrored grain"):
         cross_section_case(alone, oblique, lambda points: points, [], (1,))
     with pytest.raises(errors.TargetError, match=r"not symmetric about the planes \(1,\)"):
         tube_case(alone, config, twist(1.0, 0.06), [], (1,))
     with pytest.raises(errors.ParameterError, match="a hinge at x < 0 alone"):
-        plain_tube(alone, config, (0, 1), seams="hinged")
+        plain_tube(alone, config.skin, (0, 1), seams="hinged")
     assert plain_planes("hinged") == (1,)
     assert plain_planes("continuous") == (0, 1)

@@ -7,7 +7,7 @@ from mpi4py import MPI
 from toros_fem.meshes import walker
 from toros_fem.products.walker import walker as demo
 
-SMALL = demo.WalkerConfig(edge_length=6e-3)
+SMALL = demo.WalkerScene.of(edge_length=6e-3)
 
 
 @pytest.mark.parametrize("motion", ["stand", "crawl"])
@@ -36,8 +36,8 @@ def test_feet_are_printed(alone: MPI.Comm) -> None:
     foot = case.passive == 1
     along = case.pattern.points @ [*config.star.directions[0], 0.0]
     begin = config.star.reach - 0.02
-    assert along[case.pattern.triangles[foot]].min() > begin - config.edge_length
-    assert along[case.pattern.triangles[~foot]].max() < begin + config.edge_length
+    assert along[case.pattern.triangles[foot]].min() > begin - config.skin.edge_length
+    assert along[case.pattern.triangles[~foot]].max() < begin + config.skin.edge_length
     assert np.isnan(case.passive[~foot]).all()
     assert demo.case(alone, config.updated(foot_length=None)).passive is None
 
@@ -59,7 +59,7 @@ def test_sections_of_a_stride(alone: MPI.Comm) -> None:
     assert weights[-1, 0] == 1 > weights[:-1].max()
     assert stride.cross_sections.orientation_weights.max() > 0
     foot = stride.cross_sections.labels == len(weights) - 1
-    assert stride.target[foot, 0].mean() == pytest.approx(SMALL.leg_width / 2)
+    assert stride.target[foot, 0].mean() == pytest.approx(SMALL.skin.leg_width / 2)
     assert (stride.target[~foot] == shape.target[~foot]).all()
     (metric,) = stride.metrics
     assert metric.key == "foot_mm"
@@ -86,5 +86,5 @@ def test_ground_and_pads(alone: MPI.Comm, feet: str) -> None:
         return
     assert contact.pads is not None
     reach = np.hypot(*pattern.points[contact.pads.vertices, :2].T)
-    assert reach.min() > SMALL.star.reach - config.pad_length - 1e-9
+    assert reach.min() > SMALL.star.reach - config.contact.pad_length - 1e-9
     assert (contact.pads.forward, contact.pads.backward) == (0.1, 0.8)

@@ -21,7 +21,7 @@ from toros_fem.results.runs.folder import open_run
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("without_pictures")]
 
-TWO_LEVELS = bend.BendConfig(
+TWO_LEVELS = bend.BendScene.of(
     length=0.04,
     angle=40.0,
     edge_length=1.7e-3,
@@ -87,7 +87,7 @@ def test_several_starts(comm: MPI.Comm, tmp_path: Path) -> None:
     with pytest.raises(RunStoppedError):
         design(comm, folder / "stopped", bend, config, total - 1)
     kept = {p.name for p in (folder / "stopped" / "state").iterdir()}
-    assert {f"seed-{config.seed + k}.000.npz" for k in range(2)} | {"000.npz"} <= kept
+    assert {f"seed-{config.design.seed + k}.000.npz" for k in range(2)} | {"000.npz"} <= kept
     comm.barrier()
     design(comm, folder / "stopped", bend, config)
     assert content(folder / "stopped")[1:] == content(folder / "whole")[1:]
@@ -95,7 +95,7 @@ def test_several_starts(comm: MPI.Comm, tmp_path: Path) -> None:
 
 def test_lines_from_a_random_start(alone: MPI.Comm, tmp_path: Path) -> None:
     """Inside a stage of the relaxed design, and after a print, which is not simulated again."""
-    config = twist.TwistConfig(
+    config = twist.TwistScene.of(
         start="relaxed",
         length=0.06,
         relaxed_edge_length=6e-3,

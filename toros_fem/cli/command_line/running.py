@@ -15,7 +15,7 @@ from toros_fem.base.errors import CheckpointError, SceneError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.command_line.command import Answer
 from toros_fem.cli.command_line.scripts import UsageError
-from toros_fem.cli.scene_files.reading import Scene, read_scene
+from toros_fem.cli.scene_files.reading import SceneFile, read_scene
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.products.kinds import KINDS, Action
 from toros_fem.results.runs.folder import EVERY, SCENE, open_run, read_run
@@ -23,7 +23,7 @@ from toros_fem.results.runs.folder import EVERY, SCENE, open_run, read_run
 log = logging.getLogger(__name__)
 
 
-def action_of(scene: Scene, name: str) -> Action:
+def action_of(scene: SceneFile, name: str) -> Action:
     """Return an action of a scene's kind.
 
     Args:
@@ -45,7 +45,7 @@ def action_of(scene: Scene, name: str) -> Action:
 
 def run_scene(
     comm: MPI.Comm,
-    scene: Scene,
+    scene: SceneFile,
     name: str,
     folder: Path,
     *,
@@ -104,7 +104,7 @@ def resume_scene(comm: MPI.Comm, folder: Path, *, every: int, verbose: bool) -> 
     return run_scene(comm, scene, name, folder, every=every, verbose=verbose, resume=True)
 
 
-def _inputs(scene: Scene, name: str, files: Mapping[str, Path]) -> dict[str, Any]:
+def _inputs(scene: SceneFile, name: str, files: Mapping[str, Path]) -> dict[str, Any]:
     """Return all inputs, as JSON has them; files by their content, folders by their place."""
     found: dict[str, Any] = {
         "command": name,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from toros_fem.cli.scene_files.reading import Scene, read_scene
+from toros_fem.cli.scene_files.reading import SceneFile, read_scene
 from toros_fem.meshes.triangle_limit import MOST_TRIANGLES, triangle_limit
 from toros_fem.results.runs.folder import EVERY
 
@@ -63,7 +63,7 @@ def add_progress_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def scene_of(comm: MPI.Comm, given: argparse.Namespace) -> Scene:
+def scene_of(comm: MPI.Comm, given: argparse.Namespace) -> SceneFile:
     """Read the scene that the options name (collective).
 
     Raises:

@@ -15,11 +15,13 @@ from mpi4py import MPI
 from toros_fem.base.errors import ParameterError, RunStoppedError, TorosError
 from toros_fem.base.keys import Key, Table, plain_value
 from toros_fem.base.mpi import ending_together
+from toros_fem.base.scene import Scene
 from toros_fem.cli.scene_files.materials import FILE, KIND_OF, NamedMaterials, roles_of
 from toros_fem.materials.library import read_library
 from toros_fem.results.runs.folder import open_run
 
-C = TypeVar("C", bound=Table)
+C = TypeVar("C", bound=Table | Scene)
+T = TypeVar("T", bound=Table)
 METAVARS, QUOTE = {float: "X", int: "N", str: "NAME"}, '"'
 
 
@@ -150,7 +152,7 @@ def run_from_command_line(
     return run_guarded(comm, action)
 
 
-def _add_material_options(parser: argparse.ArgumentParser, config: Table) -> None:
+def _add_material_options(parser: argparse.ArgumentParser, config: Table | Scene) -> None:
     """Add the names of materials, in the place of their numbers."""
     roles = roles_of(config)
     if not roles:
@@ -169,7 +171,11 @@ def _add_material_options(parser: argparse.ArgumentParser, config: Table) -> Non
 
 
 def _with_materials(
-    comm: MPI.Comm, default: Table, config: Table, given: Mapping[str, Any], path: Path | None
+    comm: MPI.Comm,
+    default: Table | Scene,
+    config: Table | Scene,
+    given: Mapping[str, Any],
+    path: Path | None,
 ) -> dict[str, Any]:
     """Return the given values with numbers in the place of names of materials (collective)."""
     if path is None and not any(role in given for role in KIND_OF):
@@ -182,30 +188,29 @@ def _with_materials(
     return materials.resolve(config, default, given)
 
 
-def add_options(parser: argparse.ArgumentParser, settings: Table) -> None:
+def add_options(parser: argparse.ArgumentParser, settings: Table | Scene) -> None:
     """Add an option for each key, in groups by the table that defines it.
 
     A value may have a unit, as in files. Options that are not given are absent from the result.
     """
-    bases = [base for base in type(settings).__mro__ if issubclass(base, Table)]
-    homes = {
-        name: next(base for base in reversed(bases) if name in base.__dataclass_fields__)
-        for name in settings.described()
-    }
-    groups: dict[type[Table], Any] = {}
-    for base in (base for base in bases if base in homes.values()):
-        title = (base.__doc__ or base.__name__).partition("\n")[0].rstrip(".")
-        groups[base] = parser.add_argument_group(title)
+    homes = _homes(type(settings))
+    groups = {of: parser.add_argument_group(of.holds()) for of in homes.values()}
     for name, one in settings.described().items():
         form: dict[str, Any] = {"type": _reader(one), "metavar": METAVARS.get(one.kind)}
         if one.kind is bool:
             form = {"action": argparse.BooleanOptionalAction}
-        text = option_help(one, getattr(settings, name))
+        text = option_help(one, settings.value(name))
         flag = "--" + name.replace("_", "-")
         groups[homes[name]].add_argument(flag, default=argparse.SUPPRESS, help=text, **form)
 
 
-def given_config(given: argparse.Namespace, config: C) -> C:
+def _homes(settings: type[Table | Scene]) -> dict[str, type[Table]]:
+    """Return the table of each key."""
+    tables = settings.tables().values() if issubclass(settings, Scene) else (settings,)
+    return {name: of for of in tables for name in of.described()}
+
+
+def given_config(given: argparse.Namespace, config: T) -> T:
     """Return settings with the values of the options that were given.
 
     Args:

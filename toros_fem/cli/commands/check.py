@@ -14,7 +14,7 @@ from mpi4py import MPI
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.cli.command_line.scene_options import add_scene_options, meshes_allowed, scene_of
 from toros_fem.cli.commands.doctor import memory_gib
-from toros_fem.cli.scene_files.reading import Scene
+from toros_fem.cli.scene_files.reading import SceneFile
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import sew
 from toros_fem.meshes.triangle_limit import expected_triangles, require_affordable
@@ -30,8 +30,8 @@ from toros_fem.products.actuators.cost import (
     sized,
 )
 from toros_fem.products.tile_design.case import tile_problem
-from toros_fem.products.tile_design.tile import TargetTileConfig, tile_case
-from toros_fem.products.tubes.inflate import InflateConfig
+from toros_fem.products.tile_design.tile import TileScene, tile_case
+from toros_fem.products.tubes.inflate import InflateScene
 from toros_fem.products.tubes.tube import plain_planes, plain_tube
 
 log = logging.getLogger(__name__)
@@ -69,11 +69,11 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
             found, tried = _of_actuator(comm, scene, probing=not given.no_probe)
             figures |= _figures(comm, found, tried)
             lines += _lines(comm, found, tried)
-        elif isinstance(scene.config, TargetTileConfig):
+        elif isinstance(scene.config, TileScene):
             found, tried = _of_tile(comm, scene.config, probing=not given.no_probe)
             figures |= _figures(comm, found, tried)
             lines += _lines(comm, found, tried)
-        elif isinstance(scene.config, InflateConfig):
+        elif isinstance(scene.config, InflateScene):
             found, tried = _of_inflation(comm, scene.config, probing=not given.no_probe)
             figures |= _figures(comm, found, tried)
             lines += _lines(comm, found, tried)
@@ -82,7 +82,7 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     return Answer("\n".join(lines), figures)
 
 
-def _of_actuator(comm: MPI.Comm, scene: Scene, *, probing: bool) -> tuple[Cost, Probe | None]:
+def _of_actuator(comm: MPI.Comm, scene: SceneFile, *, probing: bool) -> tuple[Cost, Probe | None]:
     """Return the cost of a design, and the probe that its time comes from (collective)."""
     assert scene.kind.cases is not None
     assert scene.kind.design is not None
@@ -95,19 +95,20 @@ def _of_actuator(comm: MPI.Comm, scene: Scene, *, probing: bool) -> tuple[Cost, 
     return cost(config, made, comm.size), tried
 
 
-def _of_tile(
-    comm: MPI.Comm, config: TargetTileConfig, *, probing: bool
-) -> tuple[Cost, Probe | None]:
+def _of_tile(comm: MPI.Comm, config: TileScene, *, probing: bool) -> tuple[Cost, Probe | None]:
     """Return the cost of the design of a tile, and its probe on the mesh of the starts."""
-    require_affordable(config.size**2, config.edge_length / 2)  # the mesh of the prints
+    require_affordable(config.skin.size**2, config.skin.edge_length / 2)  # the mesh of the prints
     case = tile_case(comm, config)
     assert case.coarse is not None
     assert case.fine is not None
     pattern = case.tile.pattern
-    count, rounds = len(pattern.panel), config.corrections
-    trials = 2 * config.starts * config.trial_iterations + 2 * config.draft_iterations
-    finish = 2 * config.finish_iterations + 2
-    most = 2 * (finish + rounds * (config.correction_iterations + 1))
+    count, rounds = len(pattern.panel), config.design.corrections
+    trials = (
+        2 * config.design.starts * config.design.trial_iterations
+        + 2 * config.design.draft_iterations
+    )
+    finish = 2 * config.design.finish_iterations + 2
+    most = 2 * (finish + rounds * (config.design.correction_iterations + 1))
     parts = (
         Part("random starts", len(case.coarse.pattern.panel), (3 * trials, 12 * trials)),
         Part("design and corrections", count, (3 * finish, 10 * most)),
@@ -116,31 +117,38 @@ def _of_tile(
     tried = None
     if probing:
         problem = tile_problem(comm, replace(case, tile=case.coarse), config)
-        tried = probe_problem(problem, len(case.coarse.pattern.panel), config.seed)
+        tried = probe_problem(problem, len(case.coarse.pattern.panel), config.design.seed)
     unknowns = 3 * len(pattern.points)
     return simple_cost(count, len(case.fine.pattern.panel), unknowns, comm.size, parts), tried
 
 
 def _of_inflation(
-    comm: MPI.Comm, config: InflateConfig, *, probing: bool
+    comm: MPI.Comm, config: InflateScene, *, probing: bool
 ) -> tuple[Cost, Probe | None]:
     """Return the cost of inflating a tube, and the probe: one equilibrium of a coarser one."""
-    planes = () if config.whole else plain_planes(config.seams)
-    area = np.pi * config.diameter * (config.length + config.diameter / 2) / 2 ** len(planes)
-    require_affordable(area, config.edge_length)
-    triangles = round(expected_triangles(area, config.edge_length))
-    longest = min(np.pi * config.diameter / PROBE_AROUND, config.length / 6)
-    coarse = config.updated(edge_length=max(config.edge_length, float(longest)))
-    pattern, supports, density = plain_tube(comm, coarse, planes, seams=coarse.seams)
+    planes = () if config.skin.whole else plain_planes(config.material.seams)
+    area = (
+        np.pi
+        * config.skin.diameter
+        * (config.skin.length + config.skin.diameter / 2)
+        / 2 ** len(planes)
+    )
+    require_affordable(area, config.skin.edge_length)
+    triangles = round(expected_triangles(area, config.skin.edge_length))
+    longest = min(np.pi * config.skin.diameter / PROBE_AROUND, config.skin.length / 6)
+    coarse = config.updated(edge_length=max(config.skin.edge_length, float(longest)))
+    pattern, supports, density = plain_tube(comm, coarse.skin, planes, seams=coarse.material.seams)
     tried = None
     if probing:
         skin = sew(comm, pattern)
-        solver = EquilibriumSolver(skin, coarse.composite, supports)
+        solver = EquilibriumSolver(skin, coarse.material.composite, supports)
         begin = time.perf_counter()
-        found = solver.solve(density[skin.owned_cells], coarse.pressure)
+        found = solver.solve(density[skin.owned_cells], coarse.pressure.pressure)
         seconds = comm.bcast(time.perf_counter() - begin)
         tried = Probe(len(pattern.panel), found.steps, seconds)
-    parts = (Part("pressures", triangles, (4 * config.levels, 15 * config.levels)),)
+    parts = (
+        Part("pressures", triangles, (4 * config.pressure.levels, 15 * config.pressure.levels)),
+    )
     return simple_cost(triangles, triangles, 3 * triangles, comm.size, parts), tried
 
 

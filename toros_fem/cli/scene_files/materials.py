@@ -9,6 +9,7 @@ from typing import Any
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Table
+from toros_fem.base.scene import Scene
 from toros_fem.materials.library import LibraryMaterial, named, print_offset, reinforced
 from toros_fem.materials.sheet import Material
 
@@ -44,7 +45,7 @@ SHEET = ("fabric_young", "poisson", "thickness", "c1", "c2")
 OFFSET = "print_offset"
 
 
-def roles_of(config: Table | type[Table]) -> tuple[str, ...]:
+def roles_of(config: Table | Scene) -> tuple[str, ...]:
     """Return the roles that materials have in a configuration; none where it has no materials."""
     return tuple(role for role, names in FIELDS.items() if next(iter(names)) in config.described())
 
@@ -88,7 +89,9 @@ class NamedMaterials:
                 return role, number
         return None
 
-    def resolve(self, config: Table, default: Table, values: Mapping[str, Any]) -> dict[str, Any]:
+    def resolve(
+        self, config: Table | Scene, default: Table | Scene, values: Mapping[str, Any]
+    ) -> dict[str, Any]:
         """Return a further layer of values, with numbers in the place of names.
 
         A name replaces earlier numbers, a number those of an earlier name.
@@ -117,7 +120,7 @@ class NamedMaterials:
         """The material of each role that has a name, the fabric first."""
         return {role: self.entry(role, self.names[role]) for role in FIELDS if role in self.names}
 
-    def _numbers(self, config: Table, default: Table) -> dict[str, Any]:
+    def _numbers(self, config: Table | Scene, default: Table | Scene) -> dict[str, Any]:
         """Return the fields of a configuration that names and numbers stand for.
 
         A print that is the printed layer alone goes onto the fabric of the configuration.
@@ -138,12 +141,12 @@ class NamedMaterials:
                         f"{role}: {entry.name!r} has a {key}, which scenes of this kind have not. "
                         "Give its other numbers instead of its name."
                     )
-            found |= {key: getattr(default, key) for key in FIELDS[role] if key in known}
+            found |= {key: default.value(key) for key in FIELDS[role] if key in known}
             found |= values
             if role == "reinforcement":
                 names = [key for key in FIELDS["fabric"] if key in known]
-                fabric = {key: getattr(config, key) for key in names} | found | self.numbers
-                laid = _laid(fabric, entry, getattr(default, OFFSET, None))
+                fabric = {key: config.value(key) for key in names} | found | self.numbers
+                laid = _laid(fabric, entry, default.value(OFFSET) if OFFSET in known else None)
                 found |= {key: value for key, value in laid.items() if key in known}
         return {**found, **self.numbers}
 

@@ -13,16 +13,16 @@ from mpi4py import MPI
 from toros_fem.base.errors import LibraryError, ParameterError, SceneError
 from toros_fem.base.keys import NONE, Table, plain_value
 from toros_fem.base.mpi import on_first_rank
+from toros_fem.base.scene import Scene
 from toros_fem.base.toml_files.document import Document, nearest, read_text
 from toros_fem.base.toml_files.lines import Place, line_of
 from toros_fem.cli.scene_files.materials import FILE, KIND_OF, TABLE, NamedMaterials, roles_of
-from toros_fem.cli.scene_files.sections import sections_of
 from toros_fem.materials.library import LibraryMaterial, read_library
 from toros_fem.products.kinds import KINDS, Kind
 
 
 @dataclass(frozen=True)
-class Scene:
+class SceneFile:
     """A scene that was read.
 
     Attributes:
@@ -37,7 +37,7 @@ class Scene:
 
     path: Path
     kind: Kind
-    config: Table
+    config: Scene
     files: Mapping[str, Path]
     lines: Mapping[str, int]
     materials: Mapping[str, LibraryMaterial] = field(default_factory=dict)
@@ -69,10 +69,10 @@ def read_scene(
     comm: MPI.Comm | None = None,
     coarse: bool = False,
     changes: Sequence[str] = (),
-) -> Scene:
+) -> SceneFile:
     """Read a scene file.
 
-    Paths in it are relative to the file. `Scene.require_files` checks whether they exist.
+    Paths in it are relative to the file. `SceneFile.require_files` checks whether they exist.
 
     Args:
         path: The file, in TOML.
@@ -104,10 +104,10 @@ class _Reader(Document):
         super().__init__(path, text, SceneError)
         self.comm = comm
 
-    def scene(self, coarse: bool, changes: Sequence[str]) -> Scene:
+    def scene(self, coarse: bool, changes: Sequence[str]) -> SceneFile:
         kind = self.kind()
         roles = roles_of(kind.config)
-        sections = sections_of(kind.name, kind.config)
+        sections = {name: tuple(of.described()) for name, of in kind.config.tables().items()}
         if roles:
             sections[TABLE] = (*roles, *sections[TABLE])
         tables = (*sections, *kind.config.entries(), "files", "coarse")
@@ -121,7 +121,7 @@ class _Reader(Document):
                 self.known([name], names, (section,), sections)
                 places[name] = (section, name)
                 values[name] = self.value(kind.config, name, value, (section, name))
-        for name, (of, _) in kind.config.entries().items():
+        for name, of in kind.config.entries().items():
             places[name] = (name,)
             values[name] = self.entries(name, of)
         self.check_names(values, places)
@@ -136,7 +136,7 @@ class _Reader(Document):
         if coarse:
             config = self.updated(kind, config, over, places, kind.coarse)
         lines = {name: line_of(self.lines, ("files", name)) or 0 for name in files}
-        scene = Scene(self.path, kind, config, files, lines)
+        scene = SceneFile(self.path, kind, config, files, lines)
         scene = self.changed(scene, sections, changes)
         return replace(scene, materials=self.materials.entries)
 
@@ -235,7 +235,7 @@ class _Reader(Document):
                     advice = nearest(name, names)
             self.fail((*within, name), f"unknown {word} {name!r}; {advice}")
 
-    def value(self, config: Table | type[Table], name: str, value: Any, place: Place) -> Any:
+    def value(self, config: Scene | type[Table], name: str, value: Any, place: Place) -> Any:
         """Return the value of a field, in its unit, or the name of a material."""
         try:
             return _value(config, name, value)
@@ -245,11 +245,11 @@ class _Reader(Document):
     def updated(
         self,
         kind: Kind,
-        config: Table,
+        config: Scene,
         values: Mapping[str, Any],
         places: Mapping[str, Place],
-        variant: Callable[[Table], Table] = lambda config: config,
-    ) -> Table:
+        variant: Callable[[Scene], Scene] = lambda config: config,
+    ) -> Scene:
         """Return a variant of a configuration with other values, which may not fit each other."""
         try:
             return variant(config).updated(**self.materials.resolve(config, kind.config, values))
@@ -272,8 +272,8 @@ class _Reader(Document):
         return None if value == NONE else value
 
     def changed(
-        self, scene: Scene, sections: Mapping[str, Sequence[str]], changes: Sequence[str]
-    ) -> Scene:
+        self, scene: SceneFile, sections: Mapping[str, Sequence[str]], changes: Sequence[str]
+    ) -> SceneFile:
         """Return the scene with the values of the command line."""
         values: dict[str, Any] = {}
         files = dict(scene.files)
@@ -298,7 +298,7 @@ class _Reader(Document):
             entries = scene.config.entries()
             if section in entries:
                 now = values.get(section, getattr(scene.config, section))
-                of = entries[section][0]
+                of = entries[section]
                 if name not in of.described():
                     _refuse(change, f"unknown key; {nearest(name, of.described())}", key)
                 if len(now) > 1:
@@ -343,7 +343,7 @@ def _path(change: str, text: str, key: str) -> str:
     return value
 
 
-def _value(config: Table | type[Table], name: str, value: Any) -> Any:
+def _value(config: Scene | type[Table], name: str, value: Any) -> Any:
     """Return the value of a field, in its unit, or the name of a material.
 
     Raises:

@@ -9,13 +9,13 @@ from mpi4py import MPI
 from toros_fem.base.errors import OutputError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.cli.scene_files.reading import read_scene
-from toros_fem.products.actuators.config import ActuatorConfig
+from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.kinds import KINDS, Kind
 from toros_fem.products.tolerance.of_run import finished_summary
 from toros_fem.results.runs.folder import SCENE, SUMMARY
 
 
-def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[Kind, ActuatorConfig, dict[str, Path]]:
+def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[Kind, ActuatorScene, dict[str, Path]]:
     """Return kind, configuration and files of a design (collective).
 
     A script leaves no scene file: its kind is the one with the same numbers.
@@ -42,7 +42,7 @@ def scene_of_run(comm: MPI.Comm, run: Path | str) -> tuple[Kind, ActuatorConfig,
             )
         kind = min(known, key=lambda k: len(k.config.as_dict()))
         config, files = kind.config.updated(**given), {}
-    if kind.cases is None or not isinstance(config, ActuatorConfig):
+    if kind.cases is None or not isinstance(config, ActuatorScene):
         raise OutputError(
             f"{folder} is a run of the kind {kind.name!r}; tolerances are those of designs of "
             f"{', '.join(k.name for k in KINDS.values() if k.cases is not None)}."

@@ -8,12 +8,14 @@ from pathlib import Path
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Table, quoted
+from toros_fem.base.scene import Scene
 from toros_fem.cli.scene_files.materials import TABLE, roles_of
-from toros_fem.cli.scene_files.sections import SHOWN, TITLES, sections_of
 from toros_fem.materials.library import LibraryMaterial
 from toros_fem.products.kinds import Kind
 
 WIDTH = 96
+# Tables that a new file shows with their values; those of the others are shown as comments.
+SHOWN = ("target", "object", "skin", "material", "pressure", "contact", "pull")
 HEAD = """\
 Values have a unit, as in "5 kPa" or "0.6 mm", or are plain numbers: in SI units, angles in degrees,
 and in per cent where the text says so. "none" leaves a thing out. A key behind # has its default
@@ -25,7 +27,7 @@ EXAMPLES = {"fabric": "jersey-light", "reinforcement": "tpu-95a", "bladder": "dr
 
 def scene_text(
     kind: Kind,
-    config: Table | None = None,
+    config: Scene | None = None,
     files: Mapping[str, str | Path] | None = None,
     materials: Mapping[str, LibraryMaterial] | None = None,
 ) -> str:
@@ -38,7 +40,7 @@ def scene_text(
         kind: The kind.
         config: Its numbers; None takes those of the kind's example, with its files.
         files: Files and folders by name; by default None.
-        materials: Materials of the library that the numbers come from, as of `Scene`; a comment
+        materials: Materials of the library that the numbers come from, as of `SceneFile`; a comment
             names them. By default none.
 
     Raises:
@@ -63,30 +65,30 @@ def scene_text(
             lines += _comment(text)
             lines.append(f'#{name} = ""' if path is None else f"{name} = {quoted(str(path))}")
     keys = config.described()
-    for section, names in sections_of(kind.name, config).items():
-        lines += ["", *_comment(TITLES[section]), f"[{section}]"]
+    for section, of in config.tables().items():
+        lines += ["", *_comment(of.holds()), f"[{section}]"]
         if section == TABLE:
             lines += _materials(config, materials or {})
-        for name in names:
-            value, default = getattr(config, name), getattr(kind.config, name)
+        for name in of.described():
+            value, default = config.value(name), kind.config.value(name)
             hidden = section not in SHOWN and value == default
             lines += _comment(keys[name].help)
             lines.append(f"{'#' * hidden}{name} = {keys[name].written(value)}")
         if section == "skin":
-            for name, (of, meaning) in config.entries().items():
-                lines += _entries(name, of, meaning, getattr(config, name))
+            for name, several in config.entries().items():
+                lines += _entries(name, several, getattr(config, name))
     lines += ["", *_comment("Values of the quick variant, --coarse, instead of those above")]
     lines.append("[coarse]")
     quick = kind.coarse(config)
     lines += [
-        f"#{name} = {keys[name].written(getattr(quick, name))}"
+        f"#{name} = {keys[name].written(quick.value(name))}"
         for name in keys
-        if getattr(quick, name) != getattr(config, name)
+        if quick.value(name) != config.value(name)
     ]
     return "\n".join(lines) + "\n"
 
 
-def _materials(config: Table, materials: Mapping[str, LibraryMaterial]) -> list[str]:
+def _materials(config: Scene, materials: Mapping[str, LibraryMaterial]) -> list[str]:
     """Return comments on names of materials: those that numbers come from, or how to name any."""
     if not materials:
         names = ", ".join(f"{role} = {quoted(EXAMPLES[role])}" for role in roles_of(config))
@@ -103,9 +105,9 @@ def _materials(config: Table, materials: Mapping[str, LibraryMaterial]) -> list[
     return lines
 
 
-def _entries(name: str, of: type[Table], meaning: str, values: Sequence[Table]) -> list[str]:
+def _entries(name: str, of: type[Table], values: Sequence[Table]) -> list[str]:
     """Return the tables of a field that holds several configurations."""
-    lines = ["", *_comment(f"{meaning}; one table [{name}], or several [[{name}]]")]
+    lines = ["", *_comment(f"{of.holds()}; one table [{name}], or several [[{name}]]")]
     keys = of.described().values()
     for one in keys:
         lines += _comment(f"{one.name}: {one.help}")

@@ -1,6 +1,5 @@
 """The design problem, its gradient and the loop that solves it, eqs. (11-19)."""
 
-from toros_fem.design.loop.config import DesignConfig
 from toros_fem.design.loop.levels import optimize_levels, refinements
 from toros_fem.design.loop.loop import DesignResult, optimize
 from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
@@ -10,7 +9,6 @@ from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.design.loop.shape_problem import ShapeProblem
 
 __all__ = [
-    "DesignConfig",
     "DesignOptions",
     "DesignProblem",
     "DesignResult",

@@ -10,7 +10,6 @@ import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.versions import versions
-from toros_fem.design.loop.config import MaterialConfig
 from toros_fem.making.panels.marks import notch_arcs
 from toros_fem.making.panels.options import ManufactureOptions
 from toros_fem.making.panels.panel_drawing import PanelDrawing
@@ -20,8 +19,12 @@ from toros_fem.making.sheets.sheets import Layout
 
 NAME = "manufacture.json"
 FORMAT, VERSION = "toros_fem manufacture", 1
-# Further inputs of a run that say what it is made of.
-MATERIALS = ("bladder_young", "bladder_thickness", "knit_ratio", "grain_angle")
+# Inputs of a run that say what it is made of.
+MATERIALS = (
+    "fabric_young", "reinforcement_young", "poisson", "reinforcement_poisson", "thickness",
+    "reinforcement_thickness", "c1", "reinforcement_c1", "c2", "reinforcement_c2", "bladder_young",
+    "bladder_thickness", "knit_ratio", "grain_angle",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -70,7 +73,6 @@ def manifest(
     names = [one.name for one in layout.drawings]
     run = dict(summary or {})
     inputs = run.get("inputs") or {}
-    materials = (*MaterialConfig.__dataclass_fields__, *MATERIALS)
     metrics = [key for key in run if key.replace("_target_", "_") in run and "_target_" in key]
     found = {key.replace("_target_", "_"): run[key.replace("_target_", "_")] for key in metrics}
     printed = float(sum(one.printed.area for one in layout.drawings))
@@ -112,7 +114,7 @@ def manifest(
         "bladder": _film(film),
         "print": _print(printed, options),
         "options": options.as_dict(),
-        "materials": {name: inputs[name] for name in materials if name in inputs},
+        "materials": {name: inputs[name] for name in MATERIALS if name in inputs},
         "pressure_pa": run.get("pressure_pa"),
         "metrics": found,
         "versions": versions(),

@@ -43,7 +43,7 @@ class Touching:
 
 @dataclass(frozen=True, eq=False)
 class ActuatorCase:
-    """A pattern, its target shape and the objective; the numbers are in `ActuatorConfig`.
+    """A pattern, its target shape and the objective; the numbers are in `ActuatorScene`.
 
     Attributes:
         pattern: Panels and seams.

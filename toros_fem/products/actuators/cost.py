@@ -16,12 +16,12 @@ from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.loop.problem import DesignProblem
 from toros_fem.meshes.triangle_limit import expected_triangles, lowered_limit, require_affordable
 from toros_fem.products.actuators.case import ActuatorCase
-from toros_fem.products.actuators.config import MESH_LENGTHS, ActuatorConfig
 from toros_fem.products.actuators.pressure_curve import HALVINGS
 from toros_fem.products.actuators.problem import CaseMaker, actuator_problem
+from toros_fem.products.actuators.scene import MESH_LENGTHS, ActuatorScene
 
 log = logging.getLogger(__name__)
-C = TypeVar("C", bound=ActuatorConfig)
+C = TypeVar("C", bound=ActuatorScene)
 
 # Memory in bytes, measured on designs of 1.5 to 73 thousand simulated triangles: of a rank with all
 # libraries, and for each triangle of a design and of the refined mesh of the error estimate.
@@ -127,12 +127,12 @@ def probe_config(config: C) -> C:
         return config.at_level(0)
     factor = max(1.0, longest / PROBE_FINER / edge)
     known = config.described()
-    lengths = {name: getattr(config, name) for name in MESH_LENGTHS if name in known}
+    lengths = {name: config.value(name) for name in MESH_LENGTHS if name in known}
     scaled = {name: factor * h for name, h in lengths.items() if h is not None}
     return config.updated(levels=1, **scaled)
 
 
-def probe(comm: MPI.Comm, case: ActuatorCase, config: ActuatorConfig) -> Probe:
+def probe(comm: MPI.Comm, case: ActuatorCase, config: ActuatorScene) -> Probe:
     """Make a few steps of a design from noise and take their time (collective).
 
     Args:
@@ -144,7 +144,7 @@ def probe(comm: MPI.Comm, case: ActuatorCase, config: ActuatorConfig) -> Probe:
         NoEquilibriumError: The start has no equilibrium.
     """
     problem = actuator_problem(comm, case, config)
-    return probe_problem(problem, len(case.pattern.panel), config.seed)
+    return probe_problem(problem, len(case.pattern.panel), config.design.seed)
 
 
 def probe_problem(problem: DesignProblem, triangles: int, seed: int) -> Probe:
@@ -181,7 +181,7 @@ def simple_cost(
     return Cost(triangles, largest, unknowns, memory, parts)
 
 
-def cost(config: ActuatorConfig, made: Sized, ranks: int) -> Cost:
+def cost(config: ActuatorScene, made: Sized, ranks: int) -> Cost:
     """Return the expected cost of a design.
 
     Args:
@@ -191,8 +191,8 @@ def cost(config: ActuatorConfig, made: Sized, ranks: int) -> Cost:
     """
     area, count = made.area, made.triangles
     finest = _finest_triangles(config, made)
-    lines = config.start == "relaxed"
-    largest = 4 * finest if config.estimate_error and not lines else finest
+    lines = config.design.start == "relaxed"
+    largest = 4 * finest if config.results.estimate_error and not lines else finest
     parts = _line_parts(config, area, count, finest) if lines else _density_parts(config, finest)
     return simple_cost(finest, largest, round(_unknowns(config, made) * finest), ranks, parts)
 
@@ -262,48 +262,50 @@ def affordable(case: CaseMaker[C], config: C) -> CaseMaker[C]:
     return make
 
 
-def _edge(config: ActuatorConfig) -> float | None:
+def _edge(config: ActuatorScene) -> float | None:
     """Return the edge length of the finest mesh of densities; None where the mesh is given."""
-    edge: float | None = getattr(config, "edge_length", None)
+    edge: float | None = (
+        config.value("edge_length") if "edge_length" in config.described() else None
+    )
     return edge
 
 
-def _edges(config: ActuatorConfig) -> Sequence[float]:
+def _edges(config: ActuatorScene) -> Sequence[float]:
     """Return the edge lengths of the finest meshes of a design; none where the mesh is given."""
     edge = _edge(config)
     if edge is None:
         return ()
-    if config.start == "relaxed":
-        return (config.relaxed_edge_length, config.print_edge_length)
+    if config.design.start == "relaxed":
+        return (config.lines.relaxed_edge_length, config.lines.print_edge_length)
     return (edge,)
 
 
-def _finest_triangles(config: ActuatorConfig, made: Sized) -> int:
+def _finest_triangles(config: ActuatorScene, made: Sized) -> int:
     edges = _edges(config)
     if edges:
         return round(expected_triangles(made.area, min(edges)))
     return round(made.triangles * 4.0 ** (config.level_count - 1))
 
 
-def _unknowns(config: ActuatorConfig, made: Sized) -> float:
+def _unknowns(config: ActuatorScene, made: Sized) -> float:
     """Return coordinates of vertices and, for "midedge", rotations of edges for each triangle."""
     # A closed surface has half as many vertices as triangles, and three edges for two of them.
     points, edges = 0.5, 1.5
     if made.case is not None:
         pattern = made.case.pattern
         points, edges = (len(x) / made.triangles for x in (pattern.points, pattern.edges.ends))
-    return 3 * points + (edges if config.bending == "midedge" else 0.0)
+    return 3 * points + (edges if config.material.bending == "midedge" else 0.0)
 
 
-def _density_parts(config: ActuatorConfig, finest: int) -> tuple[Part, ...]:
+def _density_parts(config: ActuatorScene, finest: int) -> tuple[Part, ...]:
     """Return the parts of a design by densities; each mesh has a quarter of the next one."""
     parts, levels = [], config.level_count
     for level, options in enumerate(config.options):
         steps = sum(stage.iterations + 1 for stage in options.stages)
         if level == 0:
-            steps *= config.starts
+            steps *= config.design.starts
         triangles = round(finest / 4.0 ** (levels - 1 - level))
-        most = steps + config.polish_iterations
+        most = steps + config.design.polish_iterations
         parts.append(
             Part(
                 f"design, mesh {level + 1} of {levels}",
@@ -311,8 +313,8 @@ def _density_parts(config: ActuatorConfig, finest: int) -> tuple[Part, ...]:
                 (DESIGN_STEP[0] * steps, DESIGN_STEP[1] * most),
             )
         )
-    rounds = config.corrections if config.TARGETS else 0
-    more = config.level_iterations + 1
+    rounds = config.design.corrections if config.TARGETS else 0
+    more = config.design.level_iterations + 1
     if rounds:
         likely = (DESIGN_STEP[0] * more, DESIGN_STEP[1] * more * rounds)
         parts.append(Part(f"corrections, {rounds} at most", finest, likely))
@@ -320,17 +322,20 @@ def _density_parts(config: ActuatorConfig, finest: int) -> tuple[Part, ...]:
     parts.append(
         Part("prints", finest, (least * levels, (PRINT[1] + CLEANING) * (levels + rounds)))
     )
-    if config.estimate_error:
+    if config.results.estimate_error:
         parts.append(Part("estimate of the error", 4 * finest, REFINED))
     return (*parts, *_curve_part(config, finest))
 
 
-def _line_parts(config: ActuatorConfig, area: float, count: int, finest: int) -> tuple[Part, ...]:
+def _line_parts(config: ActuatorScene, area: float, count: int, finest: int) -> tuple[Part, ...]:
     """Return the parts of a relaxed design and of the prints of its lines."""
     given = not _edges(config)
-    relaxed = count if given else round(expected_triangles(area, config.relaxed_edge_length))
-    rounds, more = config.corrections, config.relaxed_options.more_iterations
-    steps, most = config.relaxed_iterations, 2 * config.relaxed_iterations + rounds * more
+    relaxed = count if given else round(expected_triangles(area, config.lines.relaxed_edge_length))
+    rounds, more = config.design.corrections, config.relaxed_options.more_iterations
+    steps, most = (
+        config.lines.relaxed_iterations,
+        2 * config.lines.relaxed_iterations + rounds * more,
+    )
     least = 1 + rounds // 2  # the last ones are left out where a print is close
     parts = [
         Part("relaxed design", relaxed, (3 * steps, DESIGN_STEP[1] * most)),
@@ -341,19 +346,19 @@ def _line_parts(config: ActuatorConfig, area: float, count: int, finest: int) ->
             (LINE_PRINT[0] * least, LINE_PRINT[1] * (1 + rounds)),
         ),
     ]
-    if config.density_iterations:
-        own = config.density_iterations + rounds * (config.level_iterations + 1)
-        likely = (DESIGN_STEP[0] * config.density_iterations, DESIGN_STEP[1] * own)
+    if config.lines.density_iterations:
+        own = config.lines.density_iterations + rounds * (config.design.level_iterations + 1)
+        likely = (DESIGN_STEP[0] * config.lines.density_iterations, DESIGN_STEP[1] * own)
         parts.append(Part("densities from lines", finest, likely))
-    if config.estimate_error:
+    if config.results.estimate_error:
         parts.append(Part("estimate of the error", finest // 2, LINE_PRINT))
     return (*parts, *_curve_part(config, finest))
 
 
-def _curve_part(config: ActuatorConfig, finest: int) -> tuple[Part, ...]:
-    if config.curve_pressure is None:
+def _curve_part(config: ActuatorScene, finest: int) -> tuple[Part, ...]:
+    if config.results.curve_pressure is None:
         return ()
-    points = config.curve_steps, config.curve_steps + HALVINGS
+    points = config.results.curve_steps, config.results.curve_steps + HALVINGS
     likely = CURVE_POINT[0] * points[0], CURVE_POINT[1] * points[1]
     return (Part("curve over the pressure", finest, likely),)
 

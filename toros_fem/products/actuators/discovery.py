@@ -31,9 +31,9 @@ from toros_fem.measures.metrics import Metric
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.products.actuators.case import ActuatorCase
-from toros_fem.products.actuators.config import ActuatorConfig
 from toros_fem.products.actuators.line_widths import mended_widths
 from toros_fem.products.actuators.problem import CaseMaker, actuator_problem
+from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.actuators.space_mapping import (
     CLOSE,
     FINE,
@@ -47,7 +47,7 @@ from toros_fem.results.console import print_line
 # Below this error lines stay where they are, and corrections change their widths first.
 NEAR = 0.3
 
-C = TypeVar("C", bound=ActuatorConfig)
+C = TypeVar("C", bound=ActuatorScene)
 
 # Least ratio of edge lengths of two meshes whose difference tells an error.
 COARSER = 1.15
@@ -239,7 +239,7 @@ class _Search(Generic[C]):
             self.relaxed = find_lines(
                 design,
                 options,
-                seed=config.seed,
+                seed=config.design.seed,
                 callback=self.callback,
                 after=self.relaxed,
                 journal=self.journal,
@@ -296,7 +296,7 @@ class _Search(Generic[C]):
         made, error = last.round, last.round.error
         fitting = best.round.error < FINE
         if (
-            len(self.rounds) > self.config.corrections
+            len(self.rounds) > self.config.design.corrections
             or error < CLOSE
             or not set(self.aims) <= set(self.config.TARGETS)
             or (made.printed.evaluation is None and not made.widened)
@@ -359,7 +359,7 @@ def metrics_on_coarser_mesh(
         NoEquilibriumError: The print has no equilibrium on that mesh.
         ParameterError: Edges are nearly as long as lines are wide already.
     """
-    given = config.print_edge_length
+    given = config.lines.print_edge_length
     ratio = min(2.0, min(config.laid_widths) / given)
     if ratio < COARSER:
         raise ParameterError(
@@ -382,7 +382,7 @@ def metrics_on_coarser_mesh(
 
 def densities_last(
     comm: MPI.Comm,
-    config: ActuatorConfig,
+    config: ActuatorScene,
     found: Discovery,
     callback: Callback | None = None,
     *,
@@ -421,7 +421,7 @@ def densities_last(
     except NoEquilibriumError:  # of the blurred lines; raised by all ranks or by none
         return None
     printed = as_printed(
-        problem, result, config.print_limits, island_area=config.island_area, journal=journal
+        problem, result, config.print.limits, island_area=config.print.island_area, journal=journal
     )
     return result, printed
 
@@ -443,7 +443,7 @@ def _laid(
 def _printed(
     comm: MPI.Comm,
     case: ActuatorCase,
-    config: ActuatorConfig,
+    config: ActuatorScene,
     near: tuple[Pattern, Floats],
     laid: LaidLines,
     pressure: Sequence[float] | None,
@@ -459,7 +459,7 @@ def _printed(
     def cleaning() -> tuple[CleanedRegions, list[BaseGeometry]]:
         whole = mirrored(part, case.symmetry) if case.symmetry else None
         found = regions_on(laid.pattern, laid.regions, part)
-        cleaned = clean_print(part, whole, found, config.print_limits, config.island_area)
+        cleaned = clean_print(part, whole, found, config.print.limits, config.print.island_area)
         return cleaned, part_regions(part, cleaned.regions)
 
     cleaned, regions = on_first_rank(comm, cleaning)
@@ -469,7 +469,7 @@ def _printed(
         problem,
         part,
         regions,
-        config.print_limits,
+        config.print.limits,
         cleaned=cleaned,
         near=near,
         pressure=pressure,

@@ -18,7 +18,7 @@ from toros_fem.measures.metrics import Measurement
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumResult
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.paths.trace_point import TracePoint, measured_point
-from toros_fem.products.actuators.config import ActuatorConfig
+from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.results.frames.record import shown_skin, write_path
 from toros_fem.results.writer import if_plotting
 
@@ -117,7 +117,7 @@ def curve_figures(
     folder: str | Path,
     problem: ShapeProblem,
     printed: PrintedDesign,
-    config: ActuatorConfig,
+    config: ActuatorScene,
     measured: Sequence[Measurement] = (),
 ) -> dict[str, Any]:
     """Write curve.csv and curve.png and return the entry "curve" of the summary (collective).
@@ -134,7 +134,7 @@ def curve_figures(
     Raises:
         OutputError: A file cannot be written; on all ranks.
     """
-    if config.curve_pressure is None:
+    if config.results.curve_pressure is None:
         return {}
     if printed.evaluation is None:
         return {"curve": {"failure": printed.failure}}
@@ -142,7 +142,9 @@ def curve_figures(
     made, whole, folder = printed.evaluation, problem.whole, Path(folder)
     compared = [m for m in measured if any(m.belongs_to(metric) for metric in problem.metrics)]
     further = [m.pressure for m in compared]
-    curve = trace_pressure_curve(problem, made, config.curve_pressure, config.curve_steps, further)
+    curve = trace_pressure_curve(
+        problem, made, config.results.curve_pressure, config.results.curve_steps, further
+    )
     parts = 1 if whole is None else len(whole.cell) // len(problem.skin.pattern.panel)
     rows = [
         {

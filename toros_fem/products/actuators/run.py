@@ -38,7 +38,6 @@ from toros_fem.mechanics.equilibrium.solver import (
 )
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.products.actuators.case import ActuatorCase
-from toros_fem.products.actuators.config import ActuatorConfig
 from toros_fem.products.actuators.cost import affordable
 from toros_fem.products.actuators.discovery import (
     Discovery,
@@ -48,6 +47,7 @@ from toros_fem.products.actuators.discovery import (
 )
 from toros_fem.products.actuators.pressure_curve import curve_figures
 from toros_fem.products.actuators.problem import CaseMaker, actuator_problem
+from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.actuators.space_mapping import (
     CLOSE,
     FINE,
@@ -78,7 +78,7 @@ class ActuatorResult:
     problem: ShapeDesign
 
 
-C = TypeVar("C", bound=ActuatorConfig)
+C = TypeVar("C", bound=ActuatorScene)
 # Error of a metric that is as bad as a design whose contours have islands, or lines or gaps that
 # cannot be printed, before they are cleaned.
 UNCLEAN = 0.02
@@ -101,11 +101,11 @@ def design_actuator(
 
     The design goes from coarse to fine over the levels of the configuration. On each, free islands
     of the printed pattern are removed, or connected to the rest if that gives a lower T, and the
-    design is continued for `config.polish_iterations` steps. With several starts the best one takes
-    the place of the first level; its islands are left to the next. What the print misses is asked
-    of the design on top, `config.corrections` times.
+    design is continued for `polish_iterations` steps. With several starts the best one takes the
+    place of the first level; its islands are left to the next. What the print misses is asked of
+    the design on top, `corrections` times.
 
-    With `config.start` = "relaxed" line families are designed and laid as lines instead, by
+    With `config.design.start` = "relaxed" line families are designed and laid as lines instead, by
     `discover`, and densities come last.
 
     At the end the metrics of the print are followed over the pressure, by `curve_figures`.
@@ -126,13 +126,16 @@ def design_actuator(
     """
     reporter, case = reporter or DesignReporter(comm, output), affordable(case, config)
     journal = journal_of(output)
-    if config.start == "relaxed":
+    if config.design.start == "relaxed":
         return _from_lines(comm, output, case, config, reporter, measured, verbose, journal)
     levels = [config.at_level(level) for level in range(config.level_count)]
     options = config.options
     best: BestStart | None = None
-    if config.starts > 1:
-        coarsest, seeds = levels[0], range(config.seed, config.seed + config.starts)
+    if config.design.starts > 1:
+        coarsest, seeds = (
+            levels[0],
+            range(config.design.seed, config.design.seed + config.design.starts),
+        )
         best = best_start(
             comm,
             lambda alone: actuator_problem(alone, case(alone, coarsest), coarsest),
@@ -143,7 +146,7 @@ def design_actuator(
         for row in best.design.history:
             reporter.report(row)
         # With one mesh alone all ranks finish the best design on it.
-        levels, options = levels[1:] or levels, options[1:] or (config.finer_options,)
+        levels, options = levels[1:] or levels, options[1:] or (config.design.finer_options,)
     problems = (actuator_problem(comm, case(comm, c), c, verbose=verbose) for c in levels)
     with reporter:
         result, printed = _printed_design(problems, options, config, reporter, best, journal)
@@ -152,7 +155,7 @@ def design_actuator(
     problem = result.problem
     assert isinstance(problem, ShapeDesign)
     figures: dict[str, Any] = {
-        "seed": config.seed if best is None else best.seed,
+        "seed": config.design.seed if best is None else best.seed,
         "start": "random" if problem.start is None else "pattern",
         "rounds": best_print.rounds,
     }
@@ -177,14 +180,16 @@ def _from_lines(
 ) -> ActuatorResult:
     """Design an actuator by line families and write all results (collective)."""
     more = config.relaxed_options.more_iterations
-    reporter.expect(2 * config.relaxed_iterations + config.corrections * more)
+    reporter.expect(2 * config.lines.relaxed_iterations + config.design.corrections * more)
     with reporter:
         found = discover(comm, case, config, reporter, verbose=verbose, journal=journal)
         better = None
-        if config.density_iterations:
-            reporter.expect(found.best.relaxed.history[-1].iteration + config.density_iterations)
+        if config.lines.density_iterations:
+            reporter.expect(
+                found.best.relaxed.history[-1].iteration + config.lines.density_iterations
+            )
             better = _densities(comm, case, config, found, reporter, verbose, journal)
-    figures: dict[str, Any] = {"seed": config.seed, "start": "random", **found.figures()}
+    figures: dict[str, Any] = {"seed": config.design.seed, "start": "random", **found.figures()}
     figures["rounds"] = len(found.rounds) - 1
     figures["densities_kept"] = better is not None
     relaxed = found.best.relaxed
@@ -204,7 +209,7 @@ def _written(
     output: Path | str,
     result: DesignResult,
     printed: PrintedDesign,
-    config: ActuatorConfig,
+    config: ActuatorScene,
     figures: dict[str, Any],
     reporter: DesignReporter,
     measured: Sequence[Measurement],
@@ -243,7 +248,7 @@ def _written(
 
     run = run_of(output)
     steps = [lambda: curve_figures(output, problem, printed, config, measured)]
-    if config.estimate_error:
+    if config.results.estimate_error:
         steps.insert(0, estimate or of_refined_mesh)
     write(pictures=False)
     for step in steps:
@@ -384,7 +389,7 @@ def _error_of_lines(
 def _printed_design(
     problems: Iterable[ShapeDesign],
     options: Sequence[DesignOptions],
-    config: ActuatorConfig,
+    config: ActuatorScene,
     reporter: DesignReporter,
     best: BestStart | None,
     journal: Journal | None,
@@ -393,7 +398,7 @@ def _printed_design(
 
     Each has a polishing stage if its print has free islands.
     """
-    limits = config.print_limits
+    limits = config.print.limits
     rules_of = dict(enumerate(options, 0 if best is None else 1))
     steps = sum(level.iterations for level in options)
     printed: PrintedDesign | None = None
@@ -403,12 +408,12 @@ def _printed_design(
         problem = result.problem
         assert isinstance(problem, ShapeDesign)
         printed = as_printed(
-            problem, result, limits, island_area=config.island_area, journal=journal
+            problem, result, limits, island_area=config.print.island_area, journal=journal
         )
-        if not config.polish_iterations or not printed.before.free_islands:
+        if not config.design.polish_iterations or not printed.before.free_islands:
             return result
         rules = rules_of[result.history[-1].level]
-        last = replace(rules.stages[-1], iterations=config.polish_iterations)
+        last = replace(rules.stages[-1], iterations=config.design.polish_iterations)
         start = _without_free_islands(problem, result, printed)
         steps += last.iterations
         reporter.expect(steps)
@@ -421,7 +426,7 @@ def _printed_design(
             journal=journal,
         )
         printed = as_printed(
-            problem, result, limits, island_area=config.island_area, journal=journal
+            problem, result, limits, island_area=config.print.island_area, journal=journal
         )
         return result
 
@@ -429,7 +434,7 @@ def _printed_design(
     result = optimize_levels(
         problems,
         options,
-        seed=config.seed,
+        seed=config.design.seed,
         callback=reporter,
         finish=polished,
         after=None if best is None else best.design,
@@ -530,7 +535,7 @@ def _corrected(
 
     robust = problem.robust
     rounds = [answer({key: aim.target for key, aim in free.items()}, result, printed)]
-    for _ in range(config.corrections if free else 0):
+    for _ in range(config.design.corrections if free else 0):
         last = rounds[-1]
         close = largest_error(last.metrics, aims) < CLOSE and clean(last)
         if not last.metrics or (close and robust is None):
@@ -541,19 +546,23 @@ def _corrected(
         except ParameterError:  # beyond what the targets' fields allow
             break
         objective = case(comm, other).objective(problem.skin)
-        reporter.expect(last.result.history[-1].iteration + config.level_iterations)
+        reporter.expect(last.result.history[-1].iteration + config.design.level_iterations)
         asking = problem.with_objective(objective)
         if last.spread is not None:
             asking = asking.with_printed_spread(last.spread.half, last.result.final)
         found = optimize(
             asking,
-            config.finer_options,
+            config.design.finer_options,
             callback=reporter,
             after=last.result,
             journal=journal,
         )
         made = as_printed(
-            problem, found, config.print_limits, island_area=config.island_area, journal=journal
+            problem,
+            found,
+            config.print.limits,
+            island_area=config.print.island_area,
+            journal=journal,
         )
         final = replace(
             found.final, shape=problem.objective.forward(found.final.equilibrium.positions)

@@ -22,13 +22,13 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_print
 from toros_fem.meshes.transfer import make_transfer
 from toros_fem.products.actuators.case import ActuatorCase
-from toros_fem.products.actuators.config import ActuatorConfig
 from toros_fem.products.actuators.problem import CaseMaker
 from toros_fem.products.actuators.run import error_figures
+from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.results.console import print_step
 from toros_fem.results.writer import write_pressure_path
 
-C = TypeVar("C", bound=ActuatorConfig)
+C = TypeVar("C", bound=ActuatorScene)
 FILES = {"pattern": f"output folder of a design, or its {NAME}; none: nothing is printed"}
 
 
@@ -69,8 +69,8 @@ def simulate_actuator(
 ) -> dict[str, Any]:
     """Inflate an actuator without designing it, and write curve, fields and pictures (collective).
 
-    The pressure rises to `config.pressure` in `config.curve_steps` equal steps. Where it cannot be
-    followed to its end, the summary's "failure" says why.
+    The pressure rises to that of `config` in `curve_steps` equal steps. Where it cannot be followed
+    to its end, the summary's "failure" says why.
 
     Args:
         comm: Communicator.
@@ -92,23 +92,23 @@ def simulate_actuator(
         EquilibriumError: There is no equilibrium at the first pressure.
     """
     begin = time.perf_counter()
-    if not config.pressure > 0:
+    if not config.pressure.pressure > 0:
         raise ParameterError(
-            f"pressure = {config.pressure} Pa must be above 0 to simulate with it."
+            f"pressure = {config.pressure.pressure} Pa must be above 0 to simulate with it."
         )
     made, density = _printed(comm, case, config, pattern)
     skin = sew(comm, made.pattern)
     log = print_step(comm) if verbose else None
     solver = EquilibriumSolver(
         skin,
-        config.composite,
+        config.material.composite,
         made.supports,
         log=log,
         chambers=made.chambers,
         contact=made.contact,
     )
     own = density[skin.owned_cells]
-    pressures = np.linspace(0.0, config.pressure, config.curve_steps + 1)[1:]
+    pressures = np.linspace(0.0, config.pressure.pressure, config.results.curve_steps + 1)[1:]
     points: list[TracePoint] = []
     failure = None
     try:
@@ -123,12 +123,12 @@ def simulate_actuator(
         "failure": failure,
         "pattern": None if pattern is None else str(pattern),
     }
-    if config.estimate_error:
+    if config.results.estimate_error:
         figures |= error_figures(solver, own, points[-1].result, made.metrics)
     return write_pressure_path(
         comm, output, made.pattern, points, density, made.metrics,
         whole=mirrored(made.pattern, made.symmetry) if made.symmetry else None,
-        composite=config.composite, config=config,
+        composite=config.material.composite, config=config,
         figures=figures, seconds={"total": time.perf_counter() - begin},
     )  # fmt: skip
 
@@ -164,7 +164,7 @@ def _printed(
     density = printed.astype(np.float64)
     if _same(source, made.pattern):
         return replace(made, pattern=source), density
-    if config.start == "relaxed":  # the mesh of laid lines, whose edges follow them
+    if config.design.start == "relaxed":  # the mesh of laid lines, whose edges follow them
         fine = case(comm, config.of_print)
         if _same(source, fine.pattern):
             return replace(fine, pattern=source), density

@@ -26,13 +26,12 @@ from mpi4py import MPI
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.files import write_json, write_together
-from toros_fem.base.keys import Count, Distance, Factor, In, Length, OneOf, Positive, key
+from toros_fem.base.keys import Count, Distance, Factor, In, Length, OneOf, Positive, Table, key
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.measures.gap import SHAPES, Body
 from toros_fem.measures.metrics import Metric
 from toros_fem.measures.shape import Nodes, Objective
 from toros_fem.mechanics.contact.bodies import RigidBody
-from toros_fem.mechanics.contact.config import ContactConfig
 from toros_fem.mechanics.contact.settings import Contact, Ground
 from toros_fem.mechanics.contact.solids import rigid_mesh
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
@@ -41,10 +40,13 @@ from toros_fem.mechanics.readings.holding import HoldingObjective
 from toros_fem.mechanics.skin.supports import Supports, symmetry_plane
 from toros_fem.meshes import Mirrored, Pattern, curl, finger, plane_centroids, sew
 from toros_fem.products.actuators.case import ActuatorCase, Touching
-from toros_fem.products.actuators.config import ActuatorConfig, TipWeights
 from toros_fem.products.actuators.legs import leg_cross_sections, tip_angle_metric
 from toros_fem.products.actuators.run import ActuatorResult, design_actuator, summary_sentence
+from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.gripper.lift import LiftShape, from_room, in_room, solid, write_lift
+from toros_fem.products.tables.loads import Contacts, Pressing
+from toros_fem.products.tables.sheets import SkinSheets
+from toros_fem.products.tables.steps import Designing
 from toros_fem.results.frames.record import repeated
 
 ALONG, TOWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
@@ -61,29 +63,9 @@ HEADLINE = ("held_mass_kg", "slip_mm", "smallest_distance_mm")
 
 
 @dataclass(frozen=True)
-class GripperConfig(ContactConfig, ActuatorConfig):
-    """Numbers of the gripper; SI units.
+class GripTarget(Table):
+    """Shape that is asked for."""
 
-    Raises:
-        ParameterError: As in `ActuatorConfig`, the finger would bend inside its mount, or the stem
-            ends before the root or beyond the finger.
-    """
-
-    shape: Annotated[str, OneOf(SHAPES)] = key("sphere", "shape of the object")
-    size: Length = key(0.04, "diameter of the sphere or edge of the box")
-    finger_length: Length = key(0.09, "length of a finger")
-    finger_width: Length = key(0.025, "width of a finger")
-    root_length: Length = key(0.015, "length of a finger in the mount")
-    stem_length: Length = key(
-        0.025, "length of a finger whose inner panel the mount's stem carries"
-    )
-    backbone_width: Distance = key(
-        6e-3, "width of the line along the inner panel that is always printed"
-    )
-    edge_length: Length = key(1.2e-3, "edge length of the mesh")
-    inflated_depth: Distance = key(
-        0.016, "depth of the inflated finger where it is straight, a first guess"
-    )
     wrap_angle: Annotated[float, In("deg", above=0, at_most=360)] | None = key(
         None,
         "angle by which a finger goes around the object; none takes 90 at a sphere and 60 at a box",
@@ -98,18 +80,18 @@ class GripperConfig(ContactConfig, ActuatorConfig):
         45.0, "angle by which a finger has turned where it touches a box's edge"
     )
     tail_length: Distance = key(0.01, "length of a finger that is straight below a box")
-    cross_sections: Count = key(4, "number of cross-sections of a finger")
-    centreline_weight: Factor = key(
-        0.05, "weight of the finger's centre line over that of its orientation"
+    inflated_depth: Distance = key(
+        0.016, "depth of the inflated finger where it is straight, a first guess"
     )
-    orientation_length: float = TipWeights.redefault("orientation_length", 0.02)
-    contact_weight: Factor = key(5.0, "weight of the inner panel's distance from the object")
+
+
+@dataclass(frozen=True)
+class Gripped(Table):
+    """What is gripped."""
+
+    shape: Annotated[str, OneOf(SHAPES)] = key("sphere", "shape of the object")
+    size: Length = key(0.04, "diameter of the sphere or edge of the box")
     mass: Annotated[float, In("kg", above=0)] = key(0.1, "mass of the object")
-    friction: float | None = ContactConfig.redefault("friction", 0.6)
-    holding_factor: Positive = key(
-        4.0, "holding force that the design asks for, over the object's weight"
-    )
-    holding_weight: Factor = key(1.0, "weight of the holding force that is missing")
     object_mesh: str | None = key(
         None,
         "mesh file of an object to be lifted in the place of the shape that is designed for, its z "
@@ -120,29 +102,77 @@ class GripperConfig(ContactConfig, ActuatorConfig):
         0.05, "distance by which the mounts move up; none leaves the lift out"
     )
     slip_limit: Length = key(5e-3, "sliding of the object up to which it counts as held")
-    seams: str = ActuatorConfig.redefault("seams", "hinged")
-    levels: int | None = ActuatorConfig.redefault("levels", 1)
-    pressure: float = ActuatorConfig.redefault("pressure", 10e3)
-    pressure_max: float = ActuatorConfig.redefault("pressure_max", 15e3)
-    # Steps that only raise the holding force are small.
-    min_decrease: float | None = ActuatorConfig.redefault("min_decrease", None)
-    polish_iterations: int = ActuatorConfig.redefault("polish_iterations", 40)
+
+
+@dataclass(frozen=True)
+class FingerSizes(Table):
+    """Sizes and mesh."""
+
+    finger_length: Length = key(0.09, "length of a finger")
+    finger_width: Length = key(0.025, "width of a finger")
+    root_length: Length = key(0.015, "length of a finger in the mount")
+    stem_length: Length = key(
+        0.025, "length of a finger whose inner panel the mount's stem carries"
+    )
+    backbone_width: Distance = key(
+        6e-3, "width of the line along the inner panel that is always printed"
+    )
+    edge_length: Length = key(1.2e-3, "edge length of the mesh")
+
+
+@dataclass(frozen=True)
+class GripWeights(Table):
+    """What counts in the objective."""
+
+    orientation_length: Distance = key(
+        0.02, "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length"
+    )
+    cross_sections: Count = key(4, "number of cross-sections of a finger")
+    centreline_weight: Factor = key(
+        0.05, "weight of the finger's centre line over that of its orientation"
+    )
+    contact_weight: Factor = key(5.0, "weight of the inner panel's distance from the object")
+    holding_factor: Positive = key(
+        4.0, "holding force that the design asks for, over the object's weight"
+    )
+    holding_weight: Factor = key(1.0, "weight of the holding force that is missing")
+
+
+@dataclass(frozen=True)
+class GripperScene(ActuatorScene):
+    """The gripper.
+
+    Raises:
+        ParameterError: As in `ActuatorScene`, the finger would bend inside its mount, or the stem
+            ends before the root or beyond the finger.
+    """
+
+    target: GripTarget = GripTarget()
+    object: Gripped = Gripped()
+    skin: FingerSizes = FingerSizes()
+    material: SkinSheets = SkinSheets(seams="hinged")
     # The paper states none.
-    design_pressure: bool = ActuatorConfig.redefault("design_pressure", True)
+    pressure: Pressing = Pressing(pressure=10e3, design_pressure=True, pressure_max=15e3)
+    contact: Contacts = Contacts(friction=0.6)
+    objective: GripWeights = GripWeights()
+    # Steps that only raise the holding force are small.
+    design: Designing = Designing(levels=1, min_decrease=None, polish_iterations=40)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.root_length <= self.stem_length < self.finger_length:
+        if not self.skin.root_length <= self.skin.stem_length < self.skin.finger_length:
             raise ParameterError(
-                f"stem_length = {self.stem_length} m must be at least root_length = "
-                f"{self.root_length} m and less than finger_length = {self.finger_length} m.",
+                f"stem_length = {self.skin.stem_length} m must be at least root_length = "
+                f"{self.skin.root_length} m and less than finger_length = "
+                f"{self.skin.finger_length} m.",
                 "stem_length",
             )
-        if self.bend_start < self.root_length:
+        if self.bend_start < self.skin.root_length:
             raise ParameterError(
                 f"the finger starts to bend at {self.bend_start:.3g} m, inside its mount, which "
-                f"ends at root_length = {self.root_length:.3g} m. Give a longer finger, a smaller "
-                "object or wrap_angle, or around a box a smaller edge_bend_radius or tail_length."
+                f"ends at root_length = {self.skin.root_length:.3g} m. Give a longer finger, a "
+                "smaller object or wrap_angle, or around a box a smaller edge_bend_radius or "
+                "tail_length."
             )
 
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "tip_angle"}
@@ -150,17 +180,17 @@ class GripperConfig(ContactConfig, ActuatorConfig):
     @property
     def coarsest_edge(self) -> float:
         """Longest edge length in m of a useful mesh: four edges across half a finger."""
-        return self.finger_width / 8
+        return self.skin.finger_width / 8
 
     @property
     def bend_angle(self) -> float:
         """Angle in rad by which a finger goes around the object."""
-        return float(np.radians(self.wrap_angle or WRAP_ANGLE[self.shape]))
+        return float(np.radians(self.target.wrap_angle or WRAP_ANGLE[self.object.shape]))
 
     @property
     def bend_radius(self) -> float:
         """Radius in m around which the inner panel bends."""
-        return self.edge_bend_radius if self.shape == "box" else self.size / 2
+        return self.target.edge_bend_radius if self.object.shape == "box" else self.object.size / 2
 
     @property
     def bend_start(self) -> float:
@@ -168,27 +198,27 @@ class GripperConfig(ContactConfig, ActuatorConfig):
 
         The inner panel keeps its length and goes around the object; its tip ends where it should.
         """
-        tail = self.tail_length if self.shape == "box" else 0.0
-        return float(self.finger_length - tail - self.bend_angle * self.bend_radius)
+        tail = self.target.tail_length if self.object.shape == "box" else 0.0
+        return float(self.skin.finger_length - tail - self.bend_angle * self.bend_radius)
 
     @property
     def body(self) -> Body:
         """The object inside the bend; a box touches with its edge."""
-        free = Body(self.shape, self.size, (0.0, 0.0, 0.0))
+        free = Body(self.object.shape, self.object.size, (0.0, 0.0, 0.0))
         # The edge's arc touches the bend from inside; a sphere fills it.
-        turn, inside = np.radians(self.edge_angle), self.bend_radius - free.radius
-        core = self.size / 2 - free.radius
+        turn, inside = np.radians(self.target.edge_angle), self.bend_radius - free.radius
+        core = self.object.size / 2 - free.radius
         x = self.bend_start + inside * np.sin(turn) - core
-        z = self.inflated_depth / 2 + self.bend_radius - inside * np.cos(turn) + core
-        return Body(self.shape, self.size, (float(x), 0.0, float(z)))
+        z = self.target.inflated_depth / 2 + self.bend_radius - inside * np.cos(turn) + core
+        return Body(self.object.shape, self.object.size, (float(x), 0.0, float(z)))
 
     @property
     def fingers(self) -> int:
         """Number of fingers around the object."""
-        return FINGERS[self.shape]
+        return FINGERS[self.object.shape]
 
     @property
-    def contact(self) -> Contact:
+    def held_contact(self) -> Contact:
         """Contact with the object, which is held, and with the next finger, without friction.
 
         By symmetry fingers meet in planes through the object's axis.
@@ -199,22 +229,22 @@ class GripperConfig(ContactConfig, ActuatorConfig):
             ground=between,
             bodies=[solid(body)],
             self_contact=False,
-            distance=self.contact_distance,
+            distance=self.contact.contact_distance,
         )
 
     @property
     def touching(self) -> tuple[float, float]:
         """First and last distance in m from the root at which the inner panel is to touch."""
-        if self.shape == "sphere":
-            return self.bend_start, self.finger_length - self.finger_width / 4
-        middle = self.bend_start + np.radians(self.edge_angle) * self.bend_radius
+        if self.object.shape == "sphere":
+            return self.bend_start, self.skin.finger_length - self.skin.finger_width / 4
+        middle = self.bend_start + np.radians(self.target.edge_angle) * self.bend_radius
         # An arc leaves another one of radius r by s²/2 (1/r − 1/R) at the distance s.
         sharper = 1 / self.body.radius - 1 / self.bend_radius
-        half = max(np.sqrt(2 * TOUCHING_GAP / sharper), self.edge_length)
+        half = max(np.sqrt(2 * TOUCHING_GAP / sharper), self.skin.edge_length)
         return float(middle - half), float(middle + half)
 
 
-def coarse(config: GripperConfig) -> GripperConfig:
+def coarse(config: GripperScene) -> GripperScene:
     """Return the same design on a coarse mesh with few steps; it takes a minute or two."""
     return config.updated(
         edge_length=2.4e-3,
@@ -225,25 +255,25 @@ def coarse(config: GripperConfig) -> GripperConfig:
     )
 
 
-def touching_vertices(pattern: Pattern, config: GripperConfig) -> npt.NDArray[np.bool_]:
+def touching_vertices(pattern: Pattern, config: GripperScene) -> npt.NDArray[np.bool_]:
     """Return which vertices are to touch: a strip along the inner panel's middle, (n,)."""
     inner = np.zeros(len(pattern.points), dtype=bool)
     inner[pattern.vertices_of("top")] = True
     x, y, _ = pattern.points.T
     begin, end = config.touching
-    middle = np.abs(y) < TOUCHING_WIDTH * config.finger_width / 2
+    middle = np.abs(y) < TOUCHING_WIDTH * config.skin.finger_width / 2
     return np.asarray(inner & (x > begin) & (x < end) & middle)
 
 
-def mounted(pattern: Pattern, config: GripperConfig) -> npt.NDArray[np.bool_]:
+def mounted(pattern: Pattern, config: GripperScene) -> npt.NDArray[np.bool_]:
     """Return the components of the vertices that the mount holds, (n, 3): root and stem."""
-    held = pattern.points[:, 0] <= config.root_length * (1 + 1e-9)
+    held = pattern.points[:, 0] <= config.skin.root_length * (1 + 1e-9)
     inner = pattern.vertices_of("top")
-    held[inner[pattern.points[inner, 0] <= config.stem_length * (1 + 1e-9)]] = True
+    held[inner[pattern.points[inner, 0] <= config.skin.stem_length * (1 + 1e-9)]] = True
     return np.repeat(held[:, None], 3, axis=1)
 
 
-def gap_metric(config: GripperConfig) -> Metric:
+def gap_metric(config: GripperScene) -> Metric:
     """Return the mean distance in mm of the touching strip from the object, inside or outside."""
     body = config.body
 
@@ -252,17 +282,17 @@ def gap_metric(config: GripperConfig) -> Metric:
         distance, _ = body.distance(positions[touching])
         return float(1e3 * np.average(np.abs(distance), weights=pattern.vertex_areas[touching]))
 
-    return Metric("gap", "mm", 0.0, measure, scale=1e3 * config.size)
+    return Metric("gap", "mm", 0.0, measure, scale=1e3 * config.object.size)
 
 
-def case(comm: MPI.Comm, config: GripperConfig) -> ActuatorCase:
+def case(comm: MPI.Comm, config: GripperScene) -> ActuatorCase:
     """Return half a finger and its target."""
-    root, angle = config.root_length, config.bend_angle
+    root, angle = config.skin.root_length, config.bend_angle
     pattern = finger(
         comm,
-        config.edge_length,
-        length=config.finger_length,
-        width=config.finger_width,
+        config.skin.edge_length,
+        length=config.skin.finger_length,
+        width=config.skin.finger_width,
         root=root,
         planes=(1,),
     )
@@ -272,7 +302,7 @@ def case(comm: MPI.Comm, config: GripperConfig) -> ActuatorCase:
         deform = curl(
             turn,
             angle * config.bend_radius,
-            origin=(config.bend_start, 0, config.inflated_depth / 2),
+            origin=(config.bend_start, 0, config.target.inflated_depth / 2),
             along=ALONG,
             toward=TOWARD,
         )
@@ -280,29 +310,31 @@ def case(comm: MPI.Comm, config: GripperConfig) -> ActuatorCase:
 
     target = around(angle)
     tip = tip_angle.measure(pattern, target)
-    if config.tip_angle is not None:
+    if config.target.tip_angle is not None:
         # The outer quarter turns by a fixed part of the whole angle; the object stays.
-        target, tip = around(angle * config.tip_angle / tip), config.tip_angle
+        target, tip = around(angle * config.target.tip_angle / tip), config.target.tip_angle
     inner = pattern.panel == pattern.panel_index("top")
     off_middle = np.abs(plane_centroids(pattern)[:, 1])
     touching = touching_vertices(pattern, config).astype(np.float64)
     supports = Supports(mounted(pattern, config)) | symmetry_plane(pattern, 1)
-    contact = config.contact
-    sizes = contact.sizes(config.composite)
+    contact = config.held_contact
+    sizes = contact.sizes(config.material.composite)
 
     def holding(skin: Nodes) -> Objective:
         # Upwards, and towards the object's axis as far as friction makes use of it.
-        direction = (config.friction or 0.0) * np.asarray(TOWARD) - np.asarray(ALONG)
-        force = config.holding_factor * config.mass * GRAVITY / (2 * config.fingers)
+        direction = (config.contact.friction or 0.0) * np.asarray(TOWARD) - np.asarray(ALONG)
+        force = (
+            config.objective.holding_factor * config.object.mass * GRAVITY / (2 * config.fingers)
+        )
         return HoldingObjective(
-            skin, contact, sizes, supports.fixed, direction, force, config.holding_weight
+            skin, contact, sizes, supports.fixed, direction, force, config.objective.holding_weight
         )
 
     return ActuatorCase(
         pattern=pattern,
         target=target,
         supports=supports,
-        passive=np.where(inner & (off_middle < config.backbone_width / 2), 1.0, np.nan),
+        passive=np.where(inner & (off_middle < config.skin.backbone_width / 2), 1.0, np.nan),
         metrics=(
             gap_metric(config),
             replace(tip_angle, target=tip),
@@ -311,11 +343,11 @@ def case(comm: MPI.Comm, config: GripperConfig) -> ActuatorCase:
             pattern,
             ALONG,
             root,
-            config.cross_sections,
-            config.centreline_weight,
-            config.orientation_length,
+            config.objective.cross_sections,
+            config.objective.centreline_weight,
+            config.objective.orientation_length,
         ),
-        touching=Touching(config.body, touching, config.contact_weight),
+        touching=Touching(config.body, touching, config.objective.contact_weight),
         contact=contact,
         further=holding,
         # The outer panel is to stretch; without this hint the start is the same in and out.
@@ -325,7 +357,7 @@ def case(comm: MPI.Comm, config: GripperConfig) -> ActuatorCase:
 
 
 def lift(
-    comm: MPI.Comm, output: Path, config: GripperConfig, design: ActuatorResult
+    comm: MPI.Comm, output: Path, config: GripperScene, design: ActuatorResult
 ) -> dict[str, Any]:
     """Let the printed gripper lift its object, and the initial design too; return the figures.
 
@@ -355,8 +387,8 @@ def lift(
         if made.points:
             rows.append((grip.shown_density(density), _shapes(name, made, grip, config)))
     figures = {
-        "mass_kg": config.mass,
-        "friction": config.friction,
+        "mass_kg": config.object.mass,
+        "friction": config.contact.friction,
         "fingers": config.fingers,
         **lifts["as printed"],
         "initial": lifts["initial design"],
@@ -408,15 +440,17 @@ class _Grip:
         return self.mirror.at_vertices(positions) if self.fingers is None else positions
 
 
-def _grip(comm: MPI.Comm, problem: ShapeDesign, config: GripperConfig) -> _Grip:
+def _grip(comm: MPI.Comm, problem: ShapeDesign, config: GripperScene) -> _Grip:
     """Return half a finger and the designed object, or all fingers and the object's mesh."""
     model, mirror, count = problem.solver.model, problem.whole, config.fingers
     assert mirror is not None
-    contact, skin, supports = config.contact, problem.skin, model.supports
-    body, all_fingers = contact.bodies[0], config.object_mesh is not None
-    if config.object_mesh is not None:
-        body = _placed_mesh(comm, config.object_mesh, config)
-        contact = Contact(bodies=[body], self_contact=False, distance=config.contact_distance)
+    contact, skin, supports = config.held_contact, problem.skin, model.supports
+    body, all_fingers = contact.bodies[0], config.object.object_mesh is not None
+    if config.object.object_mesh is not None:
+        body = _placed_mesh(comm, config.object.object_mesh, config)
+        contact = Contact(
+            bodies=[body], self_contact=False, distance=config.contact.contact_distance
+        )
         axis = config.body.centre[2]
         turned = [
             from_room(in_room(mirror.pattern.points, axis, angle), axis)
@@ -430,7 +464,7 @@ def _grip(comm: MPI.Comm, problem: ShapeDesign, config: GripperConfig) -> _Grip:
         EquilibriumSolver(
             skin, model.composite, supports, options, contact=replace(contact, friction=friction)
         )
-        for friction in (None, config.friction)
+        for friction in (None, config.contact.friction)
     )
     return _Grip(
         closing,
@@ -443,9 +477,9 @@ def _grip(comm: MPI.Comm, problem: ShapeDesign, config: GripperConfig) -> _Grip:
     )
 
 
-def _placed_mesh(comm: MPI.Comm, path: str, config: GripperConfig) -> RigidBody:
+def _placed_mesh(comm: MPI.Comm, path: str, config: GripperScene) -> RigidBody:
     """Return the object of a mesh file, upright, in the frame of the first finger."""
-    read = rigid_mesh(comm, "object", path, scale=config.object_scale)
+    read = rigid_mesh(comm, "object", path, scale=config.object.object_scale)
     centre = config.body.centre
     points = from_room(read.points - read.centre, 0.0) + [centre[0], 0.0, centre[2]]
     return RigidBody("object", points, read.triangles)
@@ -458,21 +492,21 @@ class _Lift:
     points: tuple[PullPoint, ...]
     failure: str
 
-    def slip(self, grip: _Grip, config: GripperConfig) -> float | None:
+    def slip(self, grip: _Grip, config: GripperScene) -> float | None:
         """Return the sliding in m at which the fingers bear the object; None if they do not."""
-        found = slip_under(self.points, config.mass * GRAVITY / grip.parts)
-        return None if found is None or found > config.slip_limit else found
+        found = slip_under(self.points, config.object.mass * GRAVITY / grip.parts)
+        return None if found is None or found > config.object.slip_limit else found
 
 
 def _lifted(
     grip: _Grip,
     density: Floats,
     pressures: Sequence[float],
-    config: GripperConfig,
+    config: GripperScene,
     start: Floats | None = None,
 ) -> _Lift:
     """Pull the object out of the fingers: to the limit, and all the way if it drops."""
-    limit, end = config.slip_limit, config.lift_distance or 0.0
+    limit, end = config.object.slip_limit, config.object.lift_distance or 0.0
     near = limit * np.linspace(0.0, 1.0, NEAR_STEPS + 1) ** 2
     far = np.linspace(limit, max(end, limit), FAR_STEPS + 1)[1:]
     depths = [*near, *(depth for depth in far if depth > limit)]
@@ -489,7 +523,7 @@ def _lifted(
     return _Lift(tuple(points), "")
 
 
-def _figures(lifted: _Lift, grip: _Grip, config: GripperConfig) -> dict[str, Any]:
+def _figures(lifted: _Lift, grip: _Grip, config: GripperScene) -> dict[str, Any]:
     """Return the figures of a lift; those of fingers are at the end of the object's sliding."""
     if not lifted.points:
         return {
@@ -507,7 +541,7 @@ def _figures(lifted: _Lift, grip: _Grip, config: GripperConfig) -> dict[str, Any
     areas = np.bincount(pattern.triangles.ravel(), thirds, minlength=len(pattern.points))
     normal, share = np.linalg.norm(at.normals, axis=1), grip.parts / config.fingers
     area, force = share * float(areas[normal > 0].sum()), share * float(normal.sum())
-    held = grip.parts * largest_force(lifted.points, config.slip_limit) / GRAVITY
+    held = grip.parts * largest_force(lifted.points, config.object.slip_limit) / GRAVITY
     return {
         "held_mass_kg": max(held, 0.0),
         "slip_mm": None if slip is None else 1e3 * slip,
@@ -519,12 +553,12 @@ def _figures(lifted: _Lift, grip: _Grip, config: GripperConfig) -> dict[str, Any
     }
 
 
-def _shapes(name: str, lifted: _Lift, grip: _Grip, config: GripperConfig) -> list[LiftShape]:
+def _shapes(name: str, lifted: _Lift, grip: _Grip, config: GripperScene) -> list[LiftShape]:
     """Return fingers and object as they close, half-way up, and at the end of a lift."""
     slip, found = lifted.slip(grip, config), []
     depths = np.array([point.depth for point in lifted.points])
     for part, word in ((0.0, "closed"), (0.5, "half-way up"), (1.0, "lifted")):
-        raised = part * (config.lift_distance or 0.0)
+        raised = part * (config.object.lift_distance or 0.0)
         sunk = raised if slip is None else min(slip, raised)
         nearest = lifted.points[int(np.argmin(np.abs(depths - sunk)))]
         positions = grip.shown_positions(nearest.positions)
@@ -535,7 +569,7 @@ def _shapes(name: str, lifted: _Lift, grip: _Grip, config: GripperConfig) -> lis
 def run(
     comm: MPI.Comm,
     output: Path | str,
-    config: GripperConfig | None = None,
+    config: GripperScene | None = None,
     *,
     verbose: bool = False,
 ) -> dict[str, Any]:
@@ -547,9 +581,9 @@ def run(
         config: Numbers of this design; None takes the defaults.
         verbose: Whether to print every Newton step.
     """
-    config, output = config or GripperConfig(), Path(output)
+    config, output = config or GripperScene(), Path(output)
     made = design_actuator(comm, output, case, config, verbose=verbose)
-    if config.lift_distance is None:
+    if config.object.lift_distance is None:
         return made.summary
     load = lift(comm, output, config, made)
     summary = {**made.summary, **{key: load.get(key) for key in HEADLINE}, "load": load}

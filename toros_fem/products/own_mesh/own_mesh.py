@@ -22,7 +22,7 @@ from toros_fem.base.keys import (
     OneOf,
     Place,
     Positive,
-    entries,
+    Table,
     key,
 )
 from toros_fem.measures.body_axis import DIRECTIONS, BodyAxis, body_axis
@@ -37,11 +37,13 @@ from toros_fem.meshes.pattern_file import NAME, read_pattern
 from toros_fem.meshes.refine import refine
 from toros_fem.meshes.topology import half_edges
 from toros_fem.products.actuators.case import ActuatorCase
-from toros_fem.products.actuators.config import ActuatorConfig, TipWeights
 from toros_fem.products.actuators.problem import CaseMaker
 from toros_fem.products.actuators.run import design_actuator
+from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.actuators.simulate import FILES, simulate_actuator
-from toros_fem.products.own_mesh.regions import RegionConfig
+from toros_fem.products.own_mesh.regions import Region
+from toros_fem.products.tables.loads import TipWeights
+from toros_fem.products.tables.steps import Designing
 
 COMPONENTS = ("x", "y", "z", "xy", "xz", "yz", "xyz")
 COUNTED = ("shape", "cross-sections")
@@ -56,8 +58,8 @@ TARGET = {
 
 
 @dataclass(frozen=True)
-class HeldConfig(RegionConfig):
-    """A region whose vertices are held."""
+class Held(Region):
+    """Where the skin is held."""
 
     components: Annotated[str, OneOf(COMPONENTS)] = key(
         "xyz", "components of the position that are held, of the others the skin is free"
@@ -65,12 +67,44 @@ class HeldConfig(RegionConfig):
 
 
 @dataclass(frozen=True)
-class OwnMeshConfig(TipWeights, ActuatorConfig):
-    """Numbers of a skin of your own; SI units.
+class Printed(Region):
+    """Where it is printed all over."""
 
-    Raises:
-        ParameterError: As in `ActuatorConfig`, or a metric is unknown.
-    """
+
+@dataclass(frozen=True)
+class Plain(Region):
+    """Where nothing is printed."""
+
+
+@dataclass(frozen=True)
+class Deformed(Table):
+    """Shape that is asked for."""
+
+    bend: Annotated[float, In("deg", at_least=-720, at_most=720)] | None = key(
+        None, "bend angle of the target"
+    )
+    twist: Annotated[float, In("deg", at_least=-2160, at_most=2160)] | None = key(
+        None, "twist of the target, positive if counter-clockwise seen from the tip"
+    )
+    shorten: Annotated[float, In("%", below=100)] | None = key(None, "shortening of the target")
+    neutral: Place | None = key(
+        None,
+        "distance of the line that keeps its length from the axis, towards the inner side; none "
+        "takes the inner side itself",
+    )
+    axis: Annotated[str, OneOf(DIRECTIONS)] = key("z", "direction from root to tip")
+    toward: Annotated[str, OneOf(DIRECTIONS)] = key("x", "direction that a bend goes to")
+    begin: Distance = key(
+        0.0, "distance from the near end at which the target begins to deform the body"
+    )
+    end: Length | None = key(
+        None, "distance at which it ends; none takes the far end, or where a round tip begins"
+    )
+
+
+@dataclass(frozen=True)
+class MeshFile(Table):
+    """Sizes and mesh."""
 
     scale: Length = key(1e-3, "length of the mesh file's unit; a pattern is in m")
     component: Number | None = key(
@@ -91,52 +125,28 @@ class OwnMeshConfig(TipWeights, ActuatorConfig):
     max_stretch: Positive | None = key(
         None, "largest stretch of a panel; none: 0.15 with found cuts, no bound with given ones"
     )
-    held: tuple[HeldConfig, ...] = entries(HeldConfig, "Where the skin is held")
-    printed: tuple[RegionConfig, ...] = entries(RegionConfig, "Where it is printed all over")
-    plain: tuple[RegionConfig, ...] = entries(RegionConfig, "Where nothing is printed")
 
-    axis: Annotated[str, OneOf(DIRECTIONS)] = key("z", "direction from root to tip")
-    toward: Annotated[str, OneOf(DIRECTIONS)] = key("x", "direction that a bend goes to")
-    begin: Distance = key(
-        0.0, "distance from the near end at which the target begins to deform the body"
-    )
-    end: Length | None = key(
-        None, "distance at which it ends; none takes the far end, or where a round tip begins"
-    )
-    bend: Annotated[float, In("deg", at_least=-720, at_most=720)] | None = key(
-        None, "bend angle of the target"
-    )
-    twist: Annotated[float, In("deg", at_least=-2160, at_most=2160)] | None = key(
-        None, "twist of the target, positive if counter-clockwise seen from the tip"
-    )
-    shorten: Annotated[float, In("%", below=100)] | None = key(None, "shortening of the target")
-    neutral: Place | None = key(
-        None,
-        "distance of the line that keeps its length from the axis, towards the inner side; none "
-        "takes the inner side itself",
-    )
+
+@dataclass(frozen=True)
+class OwnWeights(TipWeights):
+    """What counts in the objective.
+
+    Raises:
+        ParameterError: A metric is unknown.
+    """
 
     counted: Annotated[str, OneOf(COUNTED)] = key(
         "shape", "what counts: the whole shape, or cross-sections only, which may swell freely"
-    )
-    cross_sections: Count = key(12, "number of cross-sections")
-    axial_weight: Factor = key(
-        1.0, "weight of the cross-sections' positions along the axis over that across"
     )
     metrics: str | None = key(
         None,
         f"numbers to judge by, of {', '.join(METRICS)}, with commas between them; none takes those "
         "of the target",
     )
-    filter_radius: Length | None = key(  # type: ignore[assignment]
-        None, "radius R of the filter on the finest mesh; none takes one and a half edge lengths"
+    cross_sections: Count = key(12, "number of cross-sections")
+    axial_weight: Factor = key(
+        1.0, "weight of the cross-sections' positions along the axis over that across"
     )
-
-    TARGETS: ClassVar[Mapping[str, str]] = {
-        "angle_deg": "bend",
-        "twist_deg": "twist",
-        "shortening_percent": "shorten",
-    }
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -154,14 +164,42 @@ class OwnMeshConfig(TipWeights, ActuatorConfig):
             return None
         return tuple(dict.fromkeys(name.strip() for name in self.metrics.split(",")))
 
+
+@dataclass(frozen=True)
+class OwnDesigning(Designing):
+    """Steps, filter and start of the design."""
+
+    filter_radius: Length | None = key(  # type: ignore[assignment]
+        None, "radius R of the filter on the finest mesh; none takes one and a half edge lengths"
+    )
+
+
+@dataclass(frozen=True)
+class OwnMeshScene(ActuatorScene):
+    """A skin of your own."""
+
+    target: Deformed = Deformed()
+    skin: MeshFile = MeshFile()
+    held: tuple[Held, ...] = ()
+    printed: tuple[Printed, ...] = ()
+    plain: tuple[Plain, ...] = ()
+    objective: OwnWeights = OwnWeights()
+    design: OwnDesigning = OwnDesigning()
+
+    TARGETS: ClassVar[Mapping[str, str]] = {
+        "angle_deg": "bend",
+        "twist_deg": "twist",
+        "shortening_percent": "shorten",
+    }
+
     @property
     def _most_levels(self) -> int:
-        return 1 + self.refinements
+        return 1 + self.skin.refinements
 
     def at_level(self, level: int) -> Self:
-        """Return the configuration of one mesh alone, as of `ActuatorConfig`."""
+        """Return the configuration of one mesh alone, as of `ActuatorScene`."""
         coarser = self.level_count - 1 - level
-        return super().at_level(level).updated(refinements=self.refinements - coarser)
+        return super().at_level(level).updated(refinements=self.skin.refinements - coarser)
 
     @property
     def of_relaxed(self) -> Self:
@@ -169,17 +207,17 @@ class OwnMeshConfig(TipWeights, ActuatorConfig):
         return super().of_relaxed.updated(refinements=0)
 
 
-def coarse(config: OwnMeshConfig) -> OwnMeshConfig:
+def coarse(config: OwnMeshScene) -> OwnMeshScene:
     """Return the same design on the mesh of the file, with few steps."""
-    radius = config.filter_radius
+    radius = config.design.filter_radius
     return config.updated(
-        filter_radius=None if radius is None else radius * 2.0**config.refinements,
+        filter_radius=None if radius is None else radius * 2.0**config.skin.refinements,
         levels=1,
         refinements=0,
-        iterations=min(config.iterations, 30),
-        constrained_iterations=min(config.constrained_iterations, 20),
-        corrections=min(config.corrections, 1),
-        polish_iterations=min(config.polish_iterations, 10),
+        iterations=min(config.design.iterations, 30),
+        constrained_iterations=min(config.design.constrained_iterations, 20),
+        corrections=min(config.design.corrections, 1),
+        polish_iterations=min(config.design.polish_iterations, 10),
     )
 
 
@@ -198,7 +236,7 @@ class OwnSkin:
 
 
 def read_skin(
-    comm: MPI.Comm, config: OwnMeshConfig, mesh: Path | str, target: Path | str | None = None
+    comm: MPI.Comm, config: OwnMeshScene, mesh: Path | str, target: Path | str | None = None
 ) -> OwnSkin:
     """Read a mesh, cut it into flat panels, and read its target (collective).
 
@@ -219,18 +257,18 @@ def read_skin(
         return OwnSkin(pattern, None if target is None else from_mesh(comm, Path(target), pattern))
     pattern = unwrap(
         comm,
-        read_surface(comm, path, config.scale, config.component),
-        "auto" if config.cuts == "auto" else None,
-        config.method,
-        crease_angle=np.radians(config.crease_angle),
-        max_stretch=config.max_stretch,
+        read_surface(comm, path, config.skin.scale, config.skin.component),
+        "auto" if config.skin.cuts == "auto" else None,
+        config.skin.method,
+        crease_angle=np.radians(config.skin.crease_angle),
+        max_stretch=config.skin.max_stretch,
     ).pattern
     if target is None:
         return OwnSkin(pattern)
-    return OwnSkin(pattern, from_copy(comm, path, Path(target), pattern, config.scale))
+    return OwnSkin(pattern, from_copy(comm, path, Path(target), pattern, config.skin.scale))
 
 
-def own_case(comm: MPI.Comm, config: OwnMeshConfig, skin: OwnSkin) -> ActuatorCase:
+def own_case(comm: MPI.Comm, config: OwnMeshScene, skin: OwnSkin) -> ActuatorCase:
     """Return the case of a skin on its mesh, refined as the configuration says.
 
     Args:
@@ -243,8 +281,14 @@ def own_case(comm: MPI.Comm, config: OwnMeshConfig, skin: OwnSkin) -> ActuatorCa
         PanelError: There is no panel of a name.
     """
     del comm
-    pattern = _refined(skin, config.refinements)[0]
-    axis = body_axis(skin.pattern, config.axis, config.toward, config.begin, config.end)
+    pattern = _refined(skin, config.skin.refinements)[0]
+    axis = body_axis(
+        skin.pattern,
+        config.target.axis,
+        config.target.toward,
+        config.target.begin,
+        config.target.end,
+    )
     target = _target(config, skin, axis)
     goal = target(pattern)
     case = ActuatorCase(
@@ -254,7 +298,7 @@ def own_case(comm: MPI.Comm, config: OwnMeshConfig, skin: OwnSkin) -> ActuatorCa
         metrics=_metrics(config, skin, axis, target),
         passive=_passive(config, pattern),
     )
-    if config.counted == "cross-sections":
+    if config.objective.counted == "cross-sections":
         return _with_cross_sections(case, config, axis)
     return _with_weights(case, config, axis)
 
@@ -268,9 +312,13 @@ def _refined(skin: OwnSkin, times: int) -> tuple[Pattern, Floats | None]:
     return pattern, target
 
 
-def _target(config: OwnMeshConfig, skin: OwnSkin, axis: BodyAxis) -> Callable[[Pattern], Floats]:
+def _target(config: OwnMeshScene, skin: OwnSkin, axis: BodyAxis) -> Callable[[Pattern], Floats]:
     """Return the target positions of the vertices of the pattern, or of a refined one."""
-    asked = {"bend": config.bend, "twist": config.twist, "shorten": config.shorten}
+    asked = {
+        "bend": config.target.bend,
+        "twist": config.target.twist,
+        "shorten": config.target.shorten,
+    }
     given = [name for name, value in asked.items() if value is not None]
     if skin.target is None:
         if not given:
@@ -279,10 +327,10 @@ def _target(config: OwnMeshConfig, skin: OwnSkin, axis: BodyAxis) -> Callable[[P
                 "mesh."
             )
         deform = axis.deformer(
-            None if config.bend is None else float(np.radians(config.bend)),
-            None if config.twist is None else float(np.radians(config.twist)),
-            None if config.shorten is None else config.shorten / 100,
-            axis.half_width if config.neutral is None else config.neutral,
+            None if config.target.bend is None else float(np.radians(config.target.bend)),
+            None if config.target.twist is None else float(np.radians(config.target.twist)),
+            None if config.target.shorten is None else config.target.shorten / 100,
+            axis.half_width if config.target.neutral is None else config.target.neutral,
         )
         return lambda pattern: deform(pattern.points)
     if given:
@@ -301,7 +349,7 @@ def _target(config: OwnMeshConfig, skin: OwnSkin, axis: BodyAxis) -> Callable[[P
     return of_file
 
 
-def _supports(config: OwnMeshConfig, pattern: Pattern) -> Supports:
+def _supports(config: OwnMeshScene, pattern: Pattern) -> Supports:
     if not config.held:
         raise ParameterError(
             'nothing holds the skin: give held, with where = "z < 5 mm" for instance.'
@@ -318,15 +366,15 @@ def _supports(config: OwnMeshConfig, pattern: Pattern) -> Supports:
     return Supports(fixed)
 
 
-def _passive(config: OwnMeshConfig, pattern: Pattern) -> Floats | None:
+def _passive(config: OwnMeshScene, pattern: Pattern) -> Floats | None:
     """Return the prescribed density of all triangles, (t,), NaN where it is designed."""
     if not (config.printed or config.plain):
         return None
     found = np.full(len(pattern.panel), np.nan)
     for region in config.printed:
         found[region.cells(pattern)] = 1.0
-    for region in config.plain:
-        cells = region.cells(pattern)
+    for bare in config.plain:
+        cells = bare.cells(pattern)
         if (found[cells] == 1).any():
             raise ParameterError("a triangle is both in printed and in plain; keep them apart.")
         found[cells] = 0.0
@@ -336,14 +384,18 @@ def _passive(config: OwnMeshConfig, pattern: Pattern) -> Floats | None:
 
 
 def _metrics(
-    config: OwnMeshConfig, skin: OwnSkin, axis: BodyAxis, target: Callable[[Pattern], Floats]
+    config: OwnMeshScene, skin: OwnSkin, axis: BodyAxis, target: Callable[[Pattern], Floats]
 ) -> tuple[Metric, ...]:
     """Return the metrics, their targets measured on a target that comes as a file."""
-    asked = {"angle": config.bend, "twist": config.twist, "shortening": config.shorten}
-    names = config.metric_names
+    asked = {
+        "angle": config.target.bend,
+        "twist": config.target.twist,
+        "shortening": config.target.shorten,
+    }
+    names = config.objective.metric_names
     if names is None:
         names = tuple(name for name, value in asked.items() if value is not None)
-        if config.counted == "shape":
+        if config.objective.counted == "shape":
             names = (*names, "distance")
     makers = {
         "angle": axis.angle_metric,
@@ -366,55 +418,60 @@ def _distance(target: Callable[[Pattern], Floats]) -> Callable[[Pattern, Floats]
     return lambda pattern, positions: 1e3 * distance(pattern, positions, target(pattern))
 
 
-def _with_weights(case: ActuatorCase, config: OwnMeshConfig, axis: BodyAxis) -> ActuatorCase:
+def _with_weights(case: ActuatorCase, config: OwnMeshScene, axis: BodyAxis) -> ActuatorCase:
     """Return the case with weights of the tip's position and orientation, as those of the tube."""
-    if not (config.tip_weight or config.orientation_length):
+    if not (config.objective.tip_weight or config.objective.orientation_length):
         return case
     pattern, tip = case.pattern, axis.tip(case.pattern)
     area, weights = pattern.vertex_areas, np.ones(len(pattern.points))
-    weights[tip] += config.tip_weight * area.sum() / area[tip].sum()
-    if not config.orientation_length:
+    weights[tip] += config.objective.tip_weight * area.sum() / area[tip].sum()
+    if not config.objective.orientation_length:
         return replace(case, weights=weights)
     # Turned by a small angle about a diameter a tip moves by angle · radius/√2 in root mean square.
     arm = pattern.points[tip] - np.average(pattern.points[tip], axis=0, weights=area[tip])
     radius = float(np.sqrt(np.average((arm**2).sum(axis=1), weights=area[tip])))
     relative = np.zeros(len(pattern.points))
-    ratio = np.sqrt(2) * config.orientation_length / radius
+    ratio = np.sqrt(2) * config.objective.orientation_length / radius
     relative[tip] = ratio**2 * (area @ weights) / area[tip].sum()
     return replace(case, weights=weights, relative=relative)
 
 
-def _with_cross_sections(case: ActuatorCase, config: OwnMeshConfig, axis: BodyAxis) -> ActuatorCase:
+def _with_cross_sections(case: ActuatorCase, config: OwnMeshScene, axis: BodyAxis) -> ActuatorCase:
     """Return the case with an objective of cross-sections, weighted as those of the tube."""
-    labels, count = axis.labels(case.pattern, config.cross_sections), config.cross_sections
+    labels, count = (
+        axis.labels(case.pattern, config.objective.cross_sections),
+        config.objective.cross_sections,
+    )
     if axis.flat_tip:
-        fraction = np.append(np.full(count, 1 / count), config.tip_weight)
+        fraction = np.append(np.full(count, 1 / count), config.objective.tip_weight)
     else:
-        fraction = np.append(np.full(count - 1, 1 / count), max(1 / count, config.tip_weight))
+        fraction = np.append(
+            np.full(count - 1, 1 / count), max(1 / count, config.objective.tip_weight)
+        )
     along = np.abs(axis.along) > 0.5
-    components = np.where(along, config.axial_weight, 1.0)
-    ratio = config.orientation_length / case.pattern.size
+    components = np.where(along, config.objective.axial_weight, 1.0)
+    ratio = config.objective.orientation_length / case.pattern.size
     orientation = np.full(len(fraction), len(fraction) * fraction[-1] * ratio**2)
     sections = CrossSections(labels, np.outer(fraction, components), orientation)
     return replace(case, cross_sections=sections)
 
 
-def _resolved(config: OwnMeshConfig, skin: OwnSkin) -> OwnMeshConfig:
+def _resolved(config: OwnMeshScene, skin: OwnSkin) -> OwnMeshScene:
     """Return the configuration with a filter radius."""
-    if config.filter_radius is not None:
+    if config.design.filter_radius is not None:
         return config
     points, ends = skin.pattern.points, half_edges(skin.pattern.triangles)
     edge = float(np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1).mean())
-    return config.updated(filter_radius=FILTER_EDGES * edge / 2.0**config.refinements)
+    return config.updated(filter_radius=FILTER_EDGES * edge / 2.0**config.skin.refinements)
 
 
 def cases(
     comm: MPI.Comm,
-    config: OwnMeshConfig,
+    config: OwnMeshScene,
     *,
     mesh: Path | str | None = None,
     target: Path | str | None = None,
-) -> tuple[CaseMaker[OwnMeshConfig], OwnMeshConfig]:
+) -> tuple[CaseMaker[OwnMeshScene], OwnMeshScene]:
     """Return what makes the case of a skin of your own, and the configuration with its radius.
 
     Args:
@@ -435,7 +492,7 @@ def cases(
 def run(
     comm: MPI.Comm,
     output: Path | str,
-    config: OwnMeshConfig,
+    config: OwnMeshScene,
     *,
     mesh: Path | str | None = None,
     target: Path | str | None = None,
@@ -461,7 +518,7 @@ def run(
 def simulate(
     comm: MPI.Comm,
     output: Path | str,
-    config: OwnMeshConfig,
+    config: OwnMeshScene,
     *,
     mesh: Path | str | None = None,
     target: Path | str | None = None,
@@ -481,8 +538,8 @@ def simulate(
 DESIGN_FILES = {**MESH, **TARGET}
 SIMULATION_FILES = {**MESH, **TARGET, **FILES}
 # What a new scene file shows: a body that stands on z = 0 and bends.
-EXAMPLE = OwnMeshConfig(
-    held=(HeldConfig(where="z < 5 mm"),),
+EXAMPLE = OwnMeshScene.of(
+    held=(Held(where="z < 5 mm"),),
     bend=60.0,
     design_pressure=True,
 )

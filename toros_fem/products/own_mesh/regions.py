@@ -272,7 +272,7 @@ def _compare(how: Callable[[Floats, Floats], Bools], a: _Node, b: _Node) -> _Nod
 
 
 @dataclass(frozen=True)
-class RegionConfig(Table):
+class Region(Table):
     """A region of a skin.
 
     Raises:

@@ -5,7 +5,7 @@ from toros_fem.products.tile_design.as_printed import (
     PrintSimulation,
     measure_print,
 )
-from toros_fem.products.tile_design.case import TileCase, TileConfig, TileResult, tile_problem
+from toros_fem.products.tile_design.case import TileCase, TileDesignScene, TileResult, tile_problem
 from toros_fem.products.tile_design.problem import TileProblem
 from toros_fem.products.tile_design.report import write_tile_results
 from toros_fem.products.tile_design.search import design_tile
@@ -16,7 +16,7 @@ __all__ = [
     "PrintMeasurement",
     "PrintSimulation",
     "TileCase",
-    "TileConfig",
+    "TileDesignScene",
     "TileProblem",
     "TileResult",
     "design_tile",

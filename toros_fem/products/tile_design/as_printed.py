@@ -16,7 +16,7 @@ from toros_fem.making.print.printability import printed_cells
 from toros_fem.materials.sheet import Bending
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes.skin import sew
-from toros_fem.products.tile_design.case import TileCase, TileConfig, TileResult
+from toros_fem.products.tile_design.case import TileCase, TileDesignScene, TileResult
 from toros_fem.products.tile_design.problem import TileProblem
 from toros_fem.products.tiles.printability import tile_cleaner, tile_printability
 from toros_fem.products.tiles.solver import TileSolver
@@ -68,12 +68,12 @@ class PrintSimulation:
         config: Numbers of the design.
     """
 
-    def __init__(self, batch: MPI.Comm, case: TileCase, config: TileConfig) -> None:
+    def __init__(self, batch: MPI.Comm, case: TileCase, config: TileDesignScene) -> None:
         self._case, self._tile, self._config = case, case.tile, config
         self._fine = case.fine or case.tile
         skin = sew(MPI.COMM_SELF, self._fine.pattern)
-        solver = TileSolver(skin, config.composite, Periodic(self._fine))
-        self.solver = ProfileSolver(solver, case.angles, config.strain, batch)
+        solver = TileSolver(skin, config.material.composite, Periodic(self._fine))
+        self.solver = ProfileSolver(solver, case.angles, config.pull.strain, batch)
 
     def simulate(self, problem: TileProblem, result: DesignResult) -> TileResult:
         """Print a design and simulate the print (collective)."""
@@ -81,8 +81,8 @@ class PrintSimulation:
         printed = as_printed(
             problem,
             result,
-            c.print_limits,
-            island_area=c.island_area,
+            c.print.limits,
+            island_area=c.print.island_area,
             cleaner=tile_cleaner(self._tile, self._case.symmetry),
         )
         profile, failure = None, ""
@@ -100,7 +100,7 @@ class PrintSimulation:
 
 
 def measure_print(
-    batch: MPI.Comm, case: TileCase, config: TileConfig, result: TileResult
+    batch: MPI.Comm, case: TileCase, config: TileDesignScene, result: TileResult
 ) -> PrintMeasurement | None:
     """Compute profile, stress curves and buckling of a print (collective).
 
@@ -122,11 +122,11 @@ def measure_print(
     tile, density = simulation.solver.tile, simulation.density(result.printed)
     try:
         if len(others):
-            solver = ProfileSolver(tile, others, config.strain, batch)
+            solver = ProfileSolver(tile, others, config.pull.strain, batch)
             profile = merge_profiles(profile, solver.solve(density, gradients=False))
-        fabric = ProfileSolver(tile, [0.0], config.strain, batch)
+        fabric = ProfileSolver(tile, [0.0], config.pull.strain, batch)
         unprinted = fabric.solve(np.zeros_like(density), gradients=False)
-        strains = config.strain * np.arange(1, CURVE_POINTS) / CURVE_POINTS
+        strains = config.pull.strain * np.arange(1, CURVE_POINTS) / CURVE_POINTS
         curves = profiles(tile, density, case.angles, strains, batch)
     except NoEquilibriumError:  # raised by all ranks or by none
         return None
@@ -146,7 +146,7 @@ def _angles(symmetry: str) -> Floats:
 
 
 def _buckling(
-    batch: MPI.Comm, case: TileCase, config: TileConfig, result: TileResult
+    batch: MPI.Comm, case: TileCase, config: TileDesignScene, result: TileResult
 ) -> Bools | None:
     """Return whether the print, on the design's mesh, buckles in each direction."""
     evaluation = result.printed.evaluation
@@ -155,7 +155,7 @@ def _buckling(
     found = np.zeros(len(case.angles), dtype=bool)
     error: Exception | None = None
     try:
-        composite = replace(config.composite, bending=Bending())
+        composite = replace(config.material.composite, bending=Bending())
         solver = TileSolver(result.problem.skin, composite, Periodic(case.tile, flat=False))
         for k, state in enumerate(evaluation.equilibrium.state):
             if state is not None:

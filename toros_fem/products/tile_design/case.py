@@ -9,20 +9,21 @@ from typing import Annotated
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.keys import Count, In, Number, Positive, key
+from toros_fem.base.keys import Count, In, Number, Positive, Table, key
+from toros_fem.base.scene import Scene
 from toros_fem.design.density.filters import make_filter
 from toros_fem.design.density.length_scale import LengthScale, LengthScaleConstraints
 from toros_fem.design.density.perimeter import Perimeter
 from toros_fem.design.density.projection import Projection
 from toros_fem.design.density.symmetric import SymmetricFilter
-from toros_fem.design.loop.config import DesignConfig
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import PrintedDesign
-from toros_fem.making.print.printability import PrintLimits
 from toros_fem.mechanics.equilibrium.newton import NewtonStep
 from toros_fem.mechanics.skin.periodicity import Periodic
 from toros_fem.meshes.skin import sew
 from toros_fem.meshes.tile import Tile
+from toros_fem.products.tables.sheets import Sheets
+from toros_fem.products.tables.steps import Filtering, Printer
 from toros_fem.products.tile_design.problem import TileProblem
 from toros_fem.products.tiles.objectives import ProfileObjective, ProfileTarget
 from toros_fem.products.tiles.printability import TilePrintability
@@ -31,16 +32,20 @@ from toros_fem.products.tiles.stiffness_profile import Profile, ProfileSolver
 
 
 @dataclass(frozen=True)
-class TileConfig(DesignConfig):
-    """Strain, random starts, steps of each part, and corrections of a tile design; SI units.
+class Pull(Table):
+    """Pull test."""
+
+    strain: Annotated[float, In(above=-1)] = key(0.1, "strain λ − 1 at which stiffness is computed")
+
+
+@dataclass(frozen=True)
+class Searching(Filtering):
+    """Steps, filter and start of the design.
 
     A printed stiffness within `tolerance` of its target needs no correction. A design ends early
     where its objective is at most the square of half the tolerance.
     """
 
-    filter_radius: float = DesignConfig.redefault("filter_radius", 0.7e-3)
-    island_area: float = DesignConfig.redefault("island_area", 0.1e-6)
-    strain: Annotated[float, In(above=-1)] = key(0.1, "strain λ − 1 at which stiffness is computed")
     starts: Count = key(8, "largest number of random starts, lines and waves by turns")
     trial_iterations: Count = key(
         12, "largest number of steps of each start, at β and again at 4 β"
@@ -60,10 +65,15 @@ class TileConfig(DesignConfig):
     )
     constrained: bool = key(True, "width constraints in all steps")
 
-    @property
-    def print_limits(self) -> PrintLimits:
-        """Limits of the printer."""
-        return PrintLimits(width=self.print_width, gap=self.print_width)
+
+@dataclass(frozen=True)
+class TileDesignScene(Scene):
+    """Strain, materials, search and printer of a tile design."""
+
+    material: Sheets = Sheets()
+    pull: Pull = Pull()
+    design: Searching = Searching(filter_radius=0.7e-3)
+    print: Printer = Printer(island_area=0.1e-6)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +152,7 @@ class TileResult:
 def tile_problem(
     batch: MPI.Comm,
     case: TileCase,
-    config: TileConfig,
+    config: TileDesignScene,
     log: Callable[[NewtonStep | str], None] | None = None,
 ) -> TileProblem:
     """Build the design problem of a tile; each rank sews the whole tile (collective).
@@ -158,27 +168,27 @@ def tile_problem(
     """
     c, tile, lattice = config, case.tile, case.tile.lattice
     skin = sew(MPI.COMM_SELF, tile.pattern)
-    solver = TileSolver(skin, c.composite, Periodic(tile), log=log)
-    inner = make_filter(c.filter, skin, c.filter_radius, lattice=lattice)
-    projection = Projection(c.beta, c.eta)
+    solver = TileSolver(skin, c.material.composite, Periodic(tile), log=log)
+    inner = make_filter(c.design.filter, skin, c.design.filter_radius, lattice=lattice)
+    projection = Projection(c.design.beta, c.design.eta)
     perimeter = None
-    if c.perimeter_weight is not None:
-        window = c.perimeter_window * c.filter_radius
-        perimeter = Perimeter(skin, window, c.perimeter_sharpness, lattice=lattice)
+    if c.design.perimeter_weight is not None:
+        window = c.design.perimeter_window * c.design.filter_radius
+        perimeter = Perimeter(skin, window, c.design.perimeter_sharpness, lattice=lattice)
     problem = TileProblem(
-        solver=ProfileSolver(solver, case.angles, c.strain, batch),
+        solver=ProfileSolver(solver, case.angles, c.pull.strain, batch),
         objective=case.objective,
         filter=SymmetricFilter(skin, inner, tile.symmetry_maps(case.symmetry)),
         projection=projection,
         perimeter=perimeter,
-        perimeter_weight=c.perimeter_weight,
+        perimeter_weight=c.design.perimeter_weight,
         target=case.target,
     )
-    if c.constrained:
+    if c.design.constrained:
         problem.length_scale = LengthScaleConstraints(
             skin,
             problem.filter,
-            LengthScale(line_width=c.line_width, gap_width=c.gap_width),
+            LengthScale(line_width=c.design.line_width, gap_width=c.design.gap_width),
             problem.designed,
             projection,
         )

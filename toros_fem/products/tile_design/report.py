@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.files import write_json, write_table, write_together
-from toros_fem.base.keys import Table
+from toros_fem.base.scene import Scene
 from toros_fem.base.versions import versions
 from toros_fem.making.panels.options import ManufactureOptions
 from toros_fem.making.panels.svg import write_svg
@@ -35,7 +35,7 @@ def write_tile_results(
     measured: PrintMeasurement | None,
     printed_tile: PrintedTile,
     *,
-    config: Table | None = None,
+    config: Scene | None = None,
     seconds: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
     """Write summary, pattern, tile.npz, fields and pictures of a design (collective).

@@ -25,7 +25,7 @@ from toros_fem.meshes.tile import Tile
 from toros_fem.products.tile_design.as_printed import PrintSimulation
 from toros_fem.products.tile_design.case import (
     TileCase,
-    TileConfig,
+    TileDesignScene,
     TileResult,
     Trial,
     tile_problem,
@@ -55,7 +55,7 @@ DRAFT_BETA, FINAL_BETAS = 4, (4, 8)
 def design_tile(
     batch: MPI.Comm,
     case: TileCase,
-    config: TileConfig,
+    config: TileDesignScene,
     callback: Callback | None = None,
     log: Callable[[NewtonStep | str], None] | None = None,
     journal: Journal | None = None,
@@ -86,11 +86,14 @@ def design_tile(
     problem = tile_problem(batch, coarse, c, log)
     rules = _rules(case, config)
     trial = tuple(
-        Stage(c.trial_iterations, k * c.beta, constrained=c.constrained) for k in (1, DRAFT_BETA)
+        Stage(c.design.trial_iterations, k * c.design.beta, constrained=c.design.constrained)
+        for k in (1, DRAFT_BETA)
     )
     options = replace(rules, stages=trial)
     finalists, trials = _best_starts(problem, coarse, c, options, callback, journal)
-    longer = Stage(c.draft_iterations, DRAFT_BETA * c.beta, constrained=c.constrained)
+    longer = Stage(
+        c.design.draft_iterations, DRAFT_BETA * c.design.beta, constrained=c.design.constrained
+    )
     options = replace(rules, stages=(longer,))
     drafts = [
         optimize(problem, options, callback=callback, after=one, journal=journal)
@@ -112,7 +115,7 @@ def design_tile(
             failure = caught
             continue
         found.append(replace(result, trials=trials))
-        if result.printability.clean and result.deviation <= ACCEPTABLE * c.tolerance:
+        if result.printability.clean and result.deviation <= ACCEPTABLE * c.design.tolerance:
             break
     if not found:
         assert failure is not None
@@ -120,20 +123,22 @@ def design_tile(
     return min(found, key=lambda one: _badness(one, c))
 
 
-def _rules(case: TileCase, config: TileConfig) -> DesignOptions:
+def _rules(case: TileCase, config: TileDesignScene) -> DesignOptions:
     """Return the stop rules and the step control of all stages."""
-    mma = MMAOptions(move=config.move_limit)
+    mma = MMAOptions(move=config.design.move_limit)
     if case.target is None:
         return DesignOptions(mma=mma)
     return DesignOptions(
-        target_objective=(config.tolerance / 2) ** 2, min_relative_decrease=MIN_DECREASE, mma=mma
+        target_objective=(config.design.tolerance / 2) ** 2,
+        min_relative_decrease=MIN_DECREASE,
+        mma=mma,
     )
 
 
 def _finished(
     problem: TileProblem,
     draft: WarmStart,
-    config: TileConfig,
+    config: TileDesignScene,
     rules: DesignOptions,
     simulation: PrintSimulation,
     callback: Callback | None,
@@ -142,12 +147,13 @@ def _finished(
     """Continue a draft on the design's own mesh and correct the design for its print."""
     c, target = config, problem.target
     last = tuple(
-        Stage(c.finish_iterations, k * c.beta, constrained=c.constrained) for k in FINAL_BETAS
+        Stage(c.design.finish_iterations, k * c.design.beta, constrained=c.design.constrained)
+        for k in FINAL_BETAS
     )
     result = optimize(
         problem, replace(rules, stages=last), callback=callback, after=draft, journal=journal
     )
-    problem = problem.with_projection(Projection(FINAL_BETAS[-1] * c.beta, c.eta))
+    problem = problem.with_projection(Projection(FINAL_BETAS[-1] * c.design.beta, c.design.eta))
     found = simulation.simulate(problem, result)
     if target is None:
         return found
@@ -155,12 +161,16 @@ def _finished(
     # No direction may deviate by more than the tolerance: a mean over directions is a weaker rule.
     again = replace(
         rules,
-        stages=(Stage(c.correction_iterations, constrained=c.constrained),),
+        stages=(Stage(c.design.correction_iterations, constrained=c.design.constrained),),
         target_objective=rules.target_objective / len(problem.solver.angles),
     )
     best = found = replace(found, deviation=_deviation(target, found.profile))
     deviations = [found.deviation]
-    while len(deviations) <= c.corrections and found.profile and _badness(best, c) > c.tolerance:
+    while (
+        len(deviations) <= c.design.corrections
+        and found.profile
+        and _badness(best, c) > c.design.tolerance
+    ):
         corrected = _corrected(target, found.result.final.equilibrium, found.profile)
         result = optimize(
             replace(problem, objective=corrected),
@@ -179,7 +189,7 @@ def _finished(
 def _best_starts(
     problem: TileProblem,
     case: TileCase,
-    config: TileConfig,
+    config: TileDesignScene,
     options: DesignOptions,
     callback: Callback | None,
     journal: Journal | None,
@@ -188,8 +198,8 @@ def _best_starts(
     found: list[tuple[float, int, bool, DesignResult]] = []
     trials: list[Trial] = []
     failure: NoEquilibriumError | None = None
-    for seed in range(config.seed, config.seed + config.starts):
-        of_lines = (seed - config.seed) % 2 == 0
+    for seed in range(config.design.seed, config.design.seed + config.design.starts):
+        of_lines = (seed - config.design.seed) % 2 == 0
         try:
             start = _lines(problem, case, seed) if of_lines else None
             result = optimize(
@@ -245,13 +255,17 @@ def _lines(problem: TileProblem, case: TileCase, seed: int) -> Floats:
 
 
 def _rated(
-    problem: TileProblem, tile: Tile, config: TileConfig, rules: DesignOptions, result: DesignResult
+    problem: TileProblem,
+    tile: Tile,
+    config: TileDesignScene,
+    rules: DesignOptions,
+    result: DesignResult,
 ) -> tuple[float, TilePrintability]:
     """Return T, at least its target, times the factors for flaws; and the printability."""
     eta = problem.projection.eta
     values = contour_values(problem, result.density)
     region = printed_regions(tile.pattern, *values, eta)[0]
-    made = tile_printability(tile, region, values[1] > eta, config.print_limits)
+    made = tile_printability(tile, region, values[1] > eta, config.print.limits)
     limits, widths = problem.length_scale, result.final.length_scale
     satisfied = limits is None or widths is None or bool(np.all(widths <= limits.epsilon))
     narrow = bool(made.narrow_lines or made.narrow_gaps) or not satisfied
@@ -259,9 +273,9 @@ def _rated(
     return rating * FLAW_FACTOR ** (narrow + (len(made.island_areas) > 0)), made
 
 
-def _badness(print_: TileResult, config: TileConfig) -> float:
+def _badness(print_: TileResult, config: TileDesignScene) -> float:
     """Return the deviation of a print, more by `ACCEPTABLE` tolerances if it has flaws."""
-    flaws = 0.0 if print_.printability.clean else ACCEPTABLE * config.tolerance
+    flaws = 0.0 if print_.printability.clean else ACCEPTABLE * config.design.tolerance
     return print_.deviation + flaws
 
 

@@ -22,11 +22,11 @@ import numpy as np
 from mpi4py import MPI
 
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import Count, In, Length, OneOf, key
+from toros_fem.base.keys import Count, In, Length, OneOf, Table, key
 from toros_fem.meshes import tile
 from toros_fem.meshes.tile import KINDS
 from toros_fem.products.tile_design.as_printed import measure_print
-from toros_fem.products.tile_design.case import TileCase, TileConfig
+from toros_fem.products.tile_design.case import TileCase, TileDesignScene
 from toros_fem.products.tile_design.report import write_tile_results
 from toros_fem.products.tile_design.search import design_tile
 from toros_fem.products.tiles.objectives import Contrast, ProfileObjective, ProfileTarget
@@ -52,17 +52,15 @@ STIFFNESSES = {
 
 
 @dataclass(frozen=True)
-class TargetTileConfig(TileConfig):
-    """Target and mesh of the tile; SI units."""
+class TileTarget(Table):
+    """Shape or stiffness that is asked for."""
 
     target: Annotated[str, OneOf(tuple(SYMMETRIES))] = key("tetragonal", "target of the design")
-    size: Length = key(0.01, "side of the square tile")
-    edge_length: Length = key(
-        0.125e-3, "edge length; twice as long for the starts, half as long for prints"
-    )
-    mesh: Annotated[str, OneOf(KINDS)] = key("crossed", "kind of mesh")
     directions: Count = key(
         3, "number of angles between directions, in 45° (tetragonal) or in each half of 90°"
+    )
+    contraction: Annotated[float, In(at_least=-1, at_most=1)] = key(
+        -0.2, "lateral contraction of the auxetic target"
     )
     stiffness_0: Annotated[float, In("N/m", above=0)] | None = key(
         None, "target stiffness along x; none takes that of --target"
@@ -73,9 +71,21 @@ class TargetTileConfig(TileConfig):
     stiffness_90: Annotated[float, In("N/m", above=0)] | None = key(
         None, "target stiffness along y, if orthotropic; none takes that of --target"
     )
-    contraction: Annotated[float, In(at_least=-1, at_most=1)] = key(
-        -0.2, "lateral contraction of the auxetic target"
+
+
+@dataclass(frozen=True)
+class TileSizes(Table):
+    """Sizes and mesh.
+
+    Raises:
+        ParameterError: Edges are too long for the tile.
+    """
+
+    size: Length = key(0.01, "side of the square tile")
+    edge_length: Length = key(
+        0.125e-3, "edge length; twice as long for the starts, half as long for prints"
     )
+    mesh: Annotated[str, OneOf(KINDS)] = key("crossed", "kind of mesh")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -87,7 +97,15 @@ class TargetTileConfig(TileConfig):
             )
 
 
-def coarse(config: TargetTileConfig) -> TargetTileConfig:
+@dataclass(frozen=True)
+class TileScene(TileDesignScene):
+    """Target and mesh of the tile, and its design."""
+
+    target: TileTarget = TileTarget()
+    skin: TileSizes = TileSizes()
+
+
+def coarse(config: TileScene) -> TileScene:
     """Return the quick variant: longer edges, a larger filter radius, fewer starts and steps."""
     return config.updated(
         edge_length=0.2e-3, filter_radius=0.8e-3, starts=5, trial_iterations=12, draft_iterations=16
@@ -104,30 +122,31 @@ def linear_profile(angles: np.ndarray, along: float, diagonal: float, across: fl
     return np.asarray(1 / (c**2 / along + s**2 / across + mixed * c * s))
 
 
-def tile_case(comm: MPI.Comm, config: TargetTileConfig) -> TileCase:
+def tile_case(comm: MPI.Comm, config: TileScene) -> TileCase:
     """Return the tile on its three meshes, with the target (collective)."""
-    c, symmetry = config, SYMMETRIES[config.target]
+    c, symmetry = config, SYMMETRIES[config.target.target]
     quarter = np.pi / 4 if symmetry == "tetragonal" else np.pi / 2
-    count = c.directions * (1 if symmetry == "tetragonal" else 2)
+    count = c.target.directions * (1 if symmetry == "tetragonal" else 2)
     angles = np.asarray(np.linspace(0, quarter, count + 1), dtype=np.float64)
     objective: ProfileObjective
-    if c.target == "anisotropic":
+    if c.target.target == "anisotropic":
         angles = angles[[0, -1]]
         objective = Contrast(soft=angles > 0, stiff=angles == 0)
-    elif c.target == "auxetic":
+    elif c.target.target == "auxetic":
         angles = angles[:1]
-        objective = ProfileTarget(contraction=np.array([c.contraction]))
+        objective = ProfileTarget(contraction=np.array([c.target.contraction]))
     else:
-        given = (c.stiffness_0, c.stiffness_45, c.stiffness_90)
+        given = (c.target.stiffness_0, c.target.stiffness_45, c.target.stiffness_90)
         along, diagonal, across = (
             default if value is None else value
-            for value, default in zip(given, STIFFNESSES[c.target], strict=True)
+            for value, default in zip(given, STIFFNESSES[c.target.target], strict=True)
         )
         if symmetry == "tetragonal":
             across = along
         objective = ProfileTarget(linear_profile(angles, along, diagonal, across))
     coarser, own, finer = (
-        tile(comm, c.size, factor * c.edge_length, c.mesh, symmetry) for factor in (2, 1, 0.5)
+        tile(comm, c.skin.size, factor * c.skin.edge_length, c.skin.mesh, symmetry)
+        for factor in (2, 1, 0.5)
     )
     return TileCase(own, angles, objective, symmetry, coarser, finer)
 
@@ -135,7 +154,7 @@ def tile_case(comm: MPI.Comm, config: TargetTileConfig) -> TileCase:
 def run(
     comm: MPI.Comm,
     output: str | Path,
-    config: TargetTileConfig = TargetTileConfig(),
+    config: TileScene = TileScene(),
     *,
     verbose: bool = False,
 ) -> dict[str, Any]:
@@ -154,11 +173,11 @@ def run(
     measured = measure_print(comm, case, config, result)
     printed_tile = PrintedTile(
         printed=result.printed.cells,
-        size=(config.size, config.size),
-        edge_length=config.edge_length,
-        mesh=config.mesh,
+        size=(config.skin.size, config.skin.size),
+        edge_length=config.skin.edge_length,
+        mesh=config.skin.mesh,
         symmetry=case.symmetry,
-        composite=config.composite,
+        composite=config.material.composite,
     )
     return write_tile_results(
         comm,

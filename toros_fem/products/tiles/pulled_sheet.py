@@ -21,6 +21,7 @@ from mpi4py import MPI
 
 from toros_fem.base.files import write_json, write_table, write_together
 from toros_fem.base.keys import Count, Distance, Length, OneOf, Positive, Table, key
+from toros_fem.base.scene import Scene
 from toros_fem.base.versions import versions
 from toros_fem.making.panels.options import ManufactureOptions
 from toros_fem.making.panels.svg import write_svg
@@ -37,8 +38,8 @@ SIDE, EDGES, LINE_WIDTH = 0.01, 28, 1e-3
 
 
 @dataclass(frozen=True)
-class TileSheetConfig(Table):
-    """Sheet and pull test; SI units."""
+class SheetPull(Table):
+    """Pull test."""
 
     direction: Annotated[str, OneOf((*DIRECTIONS, "both"))] = key("both", "direction of the pull")
     along: Count = key(10, "number of tiles along the pull")
@@ -46,12 +47,26 @@ class TileSheetConfig(Table):
     strain: Positive = key(0.1, "largest strain λ − 1 of the clamps' distance")
     strain_steps: Count = key(5, "number of equal steps up to this strain")
     margin: Distance = key(0.02, "length of unprinted cloth at both ends of the print")
+
+
+@dataclass(frozen=True)
+class SheetMesh(Table):
+    """Sizes and mesh."""
+
     edge_length: Length | None = key(
         None, "edge length of the simulated sheet; none takes the tile's own mesh"
     )
 
 
-def coarse(config: TileSheetConfig) -> TileSheetConfig:
+@dataclass(frozen=True)
+class TileSheetScene(Scene):
+    """Sheet and pull test."""
+
+    skin: SheetMesh = SheetMesh()
+    pull: SheetPull = SheetPull()
+
+
+def coarse(config: TileSheetScene) -> TileSheetScene:
     """Return the quick variant: a small sheet on a coarse mesh."""
     return config.updated(edge_length=0.72e-3, along=6, across=3)
 
@@ -67,7 +82,7 @@ def cross_tile(comm: MPI.Comm) -> PrintedTile:
 def run(
     comm: MPI.Comm,
     output: str | Path,
-    config: TileSheetConfig = TileSheetConfig(),
+    config: TileSheetScene = TileSheetScene(),
     *,
     tile: str | Path | None = None,
     verbose: bool = False,
@@ -83,17 +98,17 @@ def run(
     """
     begin, folder = time.perf_counter(), Path(output)
     strains = np.asarray(
-        np.linspace(0.0, config.strain, config.strain_steps + 1), dtype=np.float64
+        np.linspace(0.0, config.pull.strain, config.pull.strain_steps + 1), dtype=np.float64
     )[1:]
-    directions = DIRECTIONS if config.direction == "both" else (config.direction,)
+    directions = DIRECTIONS if config.pull.direction == "both" else (config.pull.direction,)
     design = cross_tile(comm) if tile is None else read_tile(comm, tile)
     simulated = design
-    if config.edge_length is not None:
-        simulated = remesh(comm, design, config.edge_length)
+    if config.skin.edge_length is not None:
+        simulated = remesh(comm, design, config.skin.edge_length)
     designed_mesh, mesh = design.tile(comm), simulated.tile(comm)
-    counts = (config.along, config.across)
+    counts = (config.pull.along, config.pull.across)
     sheets = [tile_sheet(designed_mesh, direction, *counts) for direction in directions]
-    cloth, regions = print_layout(sheets, design.printed, config.margin)
+    cloth, regions = print_layout(sheets, design.printed, config.pull.margin)
     log = print_step(comm) if verbose else None
     pulled = [
         pull_sheet(comm, tile_sheet(mesh, direction, *counts), mesh, simulated, strains, log)
@@ -119,7 +134,7 @@ def run(
         plot_pulls(folder / "curve.png", pulled)
         for one in pulled:
             direction, printed = one.sheet.direction, simulated.printed[one.sheet.cell]
-            title = f"pulled by {100 * config.strain:g} % along {direction}"
+            title = f"pulled by {100 * config.pull.strain:g} % along {direction}"
             path = folder / f"sheet_{direction}.png"
             plot_sheet(path, one.sheet.pattern, one.test.positions, printed, title)
 

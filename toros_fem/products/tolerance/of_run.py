@@ -20,8 +20,8 @@ from toros_fem.making.print.regions import part_regions, regions_on
 from toros_fem.meshes.mirror import mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.pattern_file import NAME, read_pattern
-from toros_fem.products.actuators.config import ActuatorConfig
 from toros_fem.products.actuators.problem import CaseMaker, actuator_problem
+from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.tolerance.result import Tolerances
 from toros_fem.products.tolerance.settings import ToleranceConfig
 from toros_fem.products.tolerance.simulated import Drawn, simulated_tolerances
@@ -34,7 +34,7 @@ def tolerances_of_run(
     comm: MPI.Comm,
     run: Path | str,
     cases: Callable[..., tuple[CaseMaker[Any], Any]],
-    whole: ActuatorConfig,
+    whole: ActuatorScene,
     files: Mapping[str, Path],
     config: ToleranceConfig | None = None,
 ) -> Tolerances:
@@ -60,7 +60,7 @@ def tolerances_of_run(
     if summary.get("printed_failure"):
         raise NoEquilibriumError(f"the print has no equilibrium: {summary['printed_failure']}")
     make, found = cases(comm, whole, **files)
-    laid = found.start == "relaxed"
+    laid = found.design.start == "relaxed"
     mesh = found.of_print if laid else found.at_level(found.level_count - 1)
     mesh = mesh.updated(width_tolerance=None)  # a print has no eroded and dilated densities
     case = make(comm, mesh)

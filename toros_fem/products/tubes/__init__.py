@@ -1,15 +1,15 @@
 """Tubes that bend, shorten, twist, or only swell (Fig. 8)."""
 
 from toros_fem.products.tubes.tube import (
-    CrossSectionTubeConfig,
-    TubeConfig,
+    SectionTubeScene,
+    TubeScene,
     cross_section_case,
     tube_case,
 )
 
 __all__ = [
-    "CrossSectionTubeConfig",
-    "TubeConfig",
+    "SectionTubeScene",
+    "TubeScene",
     "cross_section_case",
     "tube_case",
 ]

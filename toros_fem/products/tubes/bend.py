@@ -14,20 +14,21 @@ from typing import Annotated, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.keys import In, Place, key
+from toros_fem.base.keys import In, Place, Table, key
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import bend
 from toros_fem.products.actuators.case import ActuatorCase
 from toros_fem.products.actuators.run import design_run
-from toros_fem.products.tubes.tube import SymmetricConfig, TubeConfig, bend_metric, tube_case
+from toros_fem.products.tables.steps import Designing
+from toros_fem.products.tubes.tube import SymmetricTube, TubeScene, bend_metric, tube_case
 
 # Fig. 8b of the paper: the printed skin, inflated.
 MEASURED = (Measurement("angle_deg", 180.0, 13e3, 150.0, "paper, measured"),)
 
 
 @dataclass(frozen=True)
-class BendConfig(SymmetricConfig, TubeConfig):
-    """Numbers of the bending tube; SI units."""
+class BendTarget(Table):
+    """Shape that is asked for."""
 
     angle: Annotated[float, In("deg", at_least=-720, at_most=720)] = key(
         180.0, "bend angle of the target"
@@ -36,18 +37,27 @@ class BendConfig(SymmetricConfig, TubeConfig):
         0.01, "distance of the line that keeps its length from the axis, towards the inner side"
     )
 
-    corrections: int = TubeConfig.redefault("corrections", 6)
-    # Fewer islands, a shorter border, and nearer to the target: docs/optimisation.md.
-    perimeter_weight: float | None = TubeConfig.redefault("perimeter_weight", 1e-4)
+
+@dataclass(frozen=True)
+class BendScene(TubeScene):
+    """The bending tube."""
+
+    target: BendTarget = BendTarget()
+    skin: SymmetricTube = SymmetricTube()
+    # With a perimeter: fewer islands, a shorter border, and nearer to the target
+    # (docs/optimisation.md).
+    design: Designing = Designing(corrections=6, perimeter_weight=1e-4)
 
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
 
 
-def case(comm: MPI.Comm, config: BendConfig) -> ActuatorCase:
+def case(comm: MPI.Comm, config: BendScene) -> ActuatorCase:
     """Return half the tube, or the whole, and its target."""
-    target = bend(np.radians(config.angle), config.length, neutral=config.neutral)
-    planes = () if config.whole else (1,)
-    return tube_case(comm, config, target, [bend_metric(config.angle)], planes)
+    target = bend(
+        np.radians(config.target.angle), config.skin.length, neutral=config.target.neutral
+    )
+    planes = () if config.skin.whole else (1,)
+    return tube_case(comm, config, target, [bend_metric(config.target.angle)], planes)
 
 
-run = design_run(case, BendConfig(), MEASURED)
+run = design_run(case, BendScene(), MEASURED)

@@ -12,12 +12,15 @@ from typing import Annotated, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.keys import In, Place, key
+from toros_fem.base.keys import In, key
 from toros_fem.meshes import bend, compose, twist
 from toros_fem.products.actuators.case import ActuatorCase
 from toros_fem.products.actuators.run import design_run
+from toros_fem.products.tables.loads import Pressing
+from toros_fem.products.tables.steps import Lines
+from toros_fem.products.tubes.bend import BendTarget
 from toros_fem.products.tubes.tube import (
-    CrossSectionTubeConfig,
+    SectionTubeScene,
     bend_metric,
     cross_section_case,
     twist_metric,
@@ -25,33 +28,34 @@ from toros_fem.products.tubes.tube import (
 
 
 @dataclass(frozen=True)
-class BendTwistConfig(CrossSectionTubeConfig):
-    """Numbers of the tube that bends and twists; SI units."""
+class BendTwistTarget(BendTarget):
+    """Shape that is asked for."""
 
-    angle: Annotated[float, In("deg", at_least=-720, at_most=720)] = key(
-        90.0, "bend angle of the target"
-    )
     twist: Annotated[float, In("deg", at_least=-2160, at_most=2160)] = key(
         60.0, "twist of the target, positive if counter-clockwise seen from the tip"
     )
-    neutral: Place = key(
-        0.01, "distance of the line that keeps its length from the axis, towards the inner side"
-    )
-    pressure: float = CrossSectionTubeConfig.redefault("pressure", 10e3)
+
+
+@dataclass(frozen=True)
+class BendTwistScene(SectionTubeScene):
+    """The tube that bends and twists."""
+
+    target: BendTwistTarget = BendTwistTarget(angle=90.0)
+    pressure: Pressing = Pressing(pressure=10e3)
     # Few lines would answer to a correction by leaps.
-    share_weight: float | None = CrossSectionTubeConfig.redefault("share_weight", 3e-3)
+    lines: Lines = Lines(share_weight=3e-3)
 
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle", "twist_deg": "twist"}
 
 
-def case(comm: MPI.Comm, config: BendTwistConfig) -> ActuatorCase:
+def case(comm: MPI.Comm, config: BendTwistScene) -> ActuatorCase:
     """Return the tube and its target."""
     target = compose(
-        twist(np.radians(config.twist), config.length),
-        bend(np.radians(config.angle), config.length, neutral=config.neutral),
+        twist(np.radians(config.target.twist), config.skin.length),
+        bend(np.radians(config.target.angle), config.skin.length, neutral=config.target.neutral),
     )
-    metrics = [bend_metric(config.angle), twist_metric(config.twist)]
+    metrics = [bend_metric(config.target.angle), twist_metric(config.target.twist)]
     return cross_section_case(comm, config, target, metrics)
 
 
-run = design_run(case, BendTwistConfig())
+run = design_run(case, BendTwistScene())

@@ -12,14 +12,16 @@ from typing import Annotated, ClassVar
 
 from mpi4py import MPI
 
-from toros_fem.base.keys import In, key
+from toros_fem.base.keys import In, Table, key
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import contract
 from toros_fem.products.actuators.case import ActuatorCase
 from toros_fem.products.actuators.run import design_run
+from toros_fem.products.tables.loads import Pressing, SectionWeights
+from toros_fem.products.tables.steps import Designing, Lines
 from toros_fem.products.tubes.tube import (
-    CrossSectionTubeConfig,
-    SymmetricConfig,
+    SectionTubeScene,
+    SymmetricTube,
     cross_section_case,
     shortening_metric,
     twist_metric,
@@ -30,24 +32,32 @@ MEASURED = (Measurement("shortening_percent", 8.0, 10e3, 7.8, "paper, measured")
 
 
 @dataclass(frozen=True)
-class ContractConfig(SymmetricConfig, CrossSectionTubeConfig):
-    """Numbers of the tube that shortens; SI units."""
+class ContractTarget(Table):
+    """Shape that is asked for."""
 
     contraction: Annotated[float, In("%", below=100)] = key(8.0, "shortening of the target")
-    tip_weight: float = CrossSectionTubeConfig.redefault("tip_weight", 10.0)
-    iterations: int = CrossSectionTubeConfig.redefault("iterations", 90)
-    pressure: float = CrossSectionTubeConfig.redefault("pressure", 10e3)
+
+
+@dataclass(frozen=True)
+class ContractScene(SectionTubeScene):
+    """The tube that shortens."""
+
+    target: ContractTarget = ContractTarget()
+    skin: SymmetricTube = SymmetricTube()
+    pressure: Pressing = Pressing(pressure=10e3)
+    objective: SectionWeights = SectionWeights(tip_weight=10.0)
+    design: Designing = Designing(start="relaxed", corrections=6, iterations=90)
     # Bending of thin lines between their crossings needs two triangles across.
-    print_edge_length: float = CrossSectionTubeConfig.redefault("print_edge_length", 0.5e-3)
+    lines: Lines = Lines(print_edge_length=0.5e-3)
 
     TARGETS: ClassVar[Mapping[str, str]] = {"shortening_percent": "contraction"}
 
 
-def case(comm: MPI.Comm, config: ContractConfig) -> ActuatorCase:
+def case(comm: MPI.Comm, config: ContractScene) -> ActuatorCase:
     """Return half the tube, or the whole, and its target."""
-    target = contract(1 - config.contraction / 100)
-    metrics = [shortening_metric(config.contraction), twist_metric(None)]
-    return cross_section_case(comm, config, target, metrics, () if config.whole else (1,))
+    target = contract(1 - config.target.contraction / 100)
+    metrics = [shortening_metric(config.target.contraction), twist_metric(None)]
+    return cross_section_case(comm, config, target, metrics, () if config.skin.whole else (1,))
 
 
-run = design_run(case, ContractConfig(), MEASURED)
+run = design_run(case, ContractScene(), MEASURED)

@@ -12,13 +12,14 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError
-from toros_fem.base.keys import In, Modulus, key
+from toros_fem.base.keys import In, Modulus, Table, key
+from toros_fem.base.scene import Scene
 from toros_fem.measures.metrics import Metric, shortening, swelling
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.trace import trace
 from toros_fem.meshes import mirrored, sew
-from toros_fem.products.actuators.config import SkinConfig
-from toros_fem.products.tubes.tube import SymmetricConfig, TubeSizes, plain_planes, plain_tube
+from toros_fem.products.tables.sheets import SkinSheets
+from toros_fem.products.tubes.tube import SymmetricTube, plain_planes, plain_tube
 from toros_fem.results.console import print_step
 from toros_fem.results.writer import write_pressure_path
 
@@ -31,11 +32,11 @@ SLACK = 0.01
 
 
 @dataclass(frozen=True)
-class InflateConfig(SymmetricConfig, TubeSizes, SkinConfig):
-    """Numbers of the inflated tube; SI units.
+class Curve(Table):
+    """Pressure.
 
     Raises:
-        ParameterError: As in `Config`, or the curve ends below the pressure.
+        ParameterError: The curve ends below the pressure.
     """
 
     pressure: Modulus = key(10e3, "the tube counts as saturated above")
@@ -51,25 +52,35 @@ class InflateConfig(SymmetricConfig, TubeSizes, SkinConfig):
                 "pressure",
             )
 
+
+@dataclass(frozen=True)
+class InflateScene(Scene):
+    """The inflated tube."""
+
+    skin: SymmetricTube = SymmetricTube()
+    material: SkinSheets = SkinSheets()
+    pressure: Curve = Curve()
+
     @property
     def pressures(self) -> Floats:
         """The pressures of the path in Pa, with the one at which the tube counts as saturated."""
         # A tension field without pressure is slack, and has no shape.
-        first = 0.0 if self.wrinkling is None else SLACK * self.highest_pressure
-        levels = np.linspace(first, self.highest_pressure, self.levels + 1)
-        near = np.isclose(levels, self.pressure, rtol=1e-9, atol=0.0)
+        asked = self.pressure
+        first = 0.0 if self.material.wrinkling is None else SLACK * asked.highest_pressure
+        levels = np.linspace(first, asked.highest_pressure, asked.levels + 1)
+        near = np.isclose(levels, asked.pressure, rtol=1e-9, atol=0.0)
         if near.any():
             return np.asarray(levels, dtype=np.float64)
-        return np.sort(np.append(levels, self.pressure)).astype(np.float64)
+        return np.sort(np.append(levels, asked.pressure)).astype(np.float64)
 
 
-def coarse(config: InflateConfig) -> InflateConfig:
+def coarse(config: InflateScene) -> InflateScene:
     """Return the same path on a coarse mesh with fewer pressures."""
     return config.updated(edge_length=2.85e-3, levels=20)
 
 
 def run(
-    comm: MPI.Comm, output: Path | str, config: InflateConfig | None = None, *,
+    comm: MPI.Comm, output: Path | str, config: InflateScene | None = None, *,
     verbose: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
     """Inflate the tube and write curve, fields and pictures; return the summary.
@@ -81,17 +92,17 @@ def run(
         verbose: Whether to print every Newton step.
     """
     begin = time.perf_counter()
-    config = config or InflateConfig()
-    planes = () if config.whole else plain_planes(config.seams)
-    pattern, supports, density = plain_tube(comm, config, planes, seams=config.seams)
+    config = config or InflateScene()
+    planes = () if config.skin.whole else plain_planes(config.material.seams)
+    pattern, supports, density = plain_tube(comm, config.skin, planes, seams=config.material.seams)
     skin = sew(comm, pattern)
     log = print_step(comm) if verbose else None
-    solver = EquilibriumSolver(skin, config.composite, supports, log=log)
+    solver = EquilibriumSolver(skin, config.material.composite, supports, log=log)
     levels = config.pressures
     metrics = [metric.of_whole(planes) for metric in METRICS]
     points = list(trace(solver, density[skin.owned_cells], [*map(float, levels)], metrics))
     radius = np.array([point.metrics["radius_percent"] for point in points])
-    half = int(np.argmin(np.abs(levels - config.pressure)))
+    half = int(np.argmin(np.abs(levels - config.pressure.pressure)))
     figures = {
         "radius_percent": radius[-1],
         "length_percent": points[-1].metrics["length_percent"],
@@ -103,7 +114,7 @@ def run(
     return write_pressure_path(
         comm, output, pattern, points, density, METRICS,
         whole=mirrored(pattern, planes),
-        composite=config.composite, config=config,
+        composite=config.material.composite, config=config,
         figures=figures, seconds={"total": time.perf_counter() - begin},
     )  # fmt: skip
 

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import ParameterError, TargetError
-from toros_fem.base.keys import Count, Factor, Length, OneOf, Table, key
+from toros_fem.base.keys import Length, OneOf, Table, key
 from toros_fem.materials.sheet import Bending
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
 from toros_fem.measures.metrics import (
@@ -29,7 +29,9 @@ from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.targets import Deformer
 from toros_fem.meshes.topology import edge_keys
 from toros_fem.products.actuators.case import ActuatorCase
-from toros_fem.products.actuators.config import ActuatorConfig, TipWeights
+from toros_fem.products.actuators.scene import ActuatorScene
+from toros_fem.products.tables.loads import SectionWeights, TipWeights
+from toros_fem.products.tables.steps import Designing
 
 # Number of edges around the tube on the coarsest of several meshes: from one with 11 the bend came
 # out with lines twice as wide, and T half as large again.
@@ -39,8 +41,8 @@ LEAST_ALONG = 6
 
 
 @dataclass(frozen=True)
-class TubeSizes(Table):
-    """Sizes and mesh of the tube; SI units."""
+class Tube(Table):
+    """Sizes and mesh."""
 
     length: Length = key(0.15, "length of the tube")
     diameter: Length = key(0.02, "diameter of the tube")
@@ -51,36 +53,36 @@ class TubeSizes(Table):
 
 
 @dataclass(frozen=True)
-class SymmetricConfig(Table):
-    """Choice between a part and the whole, for scenes with a symmetric target."""
+class SymmetricTube(Tube):
+    """Sizes and mesh."""
 
     whole: bool = key(False, "simulate the whole tube and not its part between the planes")
 
 
 @dataclass(frozen=True)
-class TubeConfig(TubeSizes, TipWeights, ActuatorConfig):
-    """Numbers that all designed tubes have; SI units."""
+class TubeScene(ActuatorScene):
+    """A designed tube."""
+
+    skin: Tube = Tube()
+    objective: TipWeights = TipWeights()
 
     @property
     def coarsest_edge(self) -> float:
         """Longest edge length in m of a useful mesh: eighteen edges around, and some along."""
-        return min(float(np.pi * self.diameter / LEAST_AROUND), self.length / LEAST_ALONG)
+        around = float(np.pi * self.skin.diameter / LEAST_AROUND)
+        return min(around, self.skin.length / LEAST_ALONG)
 
 
 @dataclass(frozen=True)
-class CrossSectionTubeConfig(TubeConfig):
-    """A tube that may swell freely: its cross-sections count; SI units."""
+class SectionTubeScene(TubeScene):
+    """A tube that may swell freely: its cross-sections count."""
 
+    objective: SectionWeights = SectionWeights()
     # From noise, densities of these tubes end in traps.
-    start: str = TubeConfig.redefault("start", "relaxed")
-    corrections: int = TubeConfig.redefault("corrections", 6)
-    cross_sections: Count = key(12, "number of cross-sections along the wall; the tip is one more")
-    axial_weight: Factor = key(
-        1.0, "weight of the cross-sections' positions along the axis over that across"
-    )
+    design: Designing = Designing(start="relaxed", corrections=6)
 
 
-T = TypeVar("T", bound=TubeConfig)
+T = TypeVar("T", bound=TubeScene)
 
 # A length that is off by so much counts like a twist or an angle that is not there at all.
 LENGTH_SCALE = 0.2
@@ -95,7 +97,7 @@ COARSE_WIDTH = 1.2e-3
 def coarse_tube(config: T) -> T:
     """Return the same design on a coarse mesh, with few steps and wider lines."""
     # The third correction of densities moves the print by half a degree, that of lines by more.
-    most = 4 if config.start == "relaxed" else 2
+    most = 4 if config.design.start == "relaxed" else 2
     return config.updated(
         edge_length=2.85e-3,
         filter_radius=4.4e-3,
@@ -104,9 +106,10 @@ def coarse_tube(config: T) -> T:
         constrained_iterations=30,
         relaxed_edge_length=5e-3,
         print_edge_length=0.9e-3,
-        laid_width=max(config.laid_width, COARSE_WIDTH),
-        second_laid_width=config.second_laid_width and max(config.second_laid_width, COARSE_WIDTH),
-        corrections=min(config.corrections, most),
+        laid_width=max(config.lines.laid_width, COARSE_WIDTH),
+        second_laid_width=config.lines.second_laid_width
+        and max(config.lines.second_laid_width, COARSE_WIDTH),
+        corrections=min(config.design.corrections, most),
     )
 
 
@@ -132,7 +135,7 @@ def length_metric(target: float | None) -> Metric:
 
 def tube_case(
     comm: MPI.Comm,
-    config: TubeConfig,
+    config: TubeScene,
     target: Deformer,
     metrics: Sequence[Metric],
     planes: tuple[int, ...] = (),
@@ -158,19 +161,19 @@ def tube_case(
     pattern = mirrored(case.pattern, planes).pattern
     plate, area = pattern.vertices_of(TIP), pattern.vertex_areas
     weights = np.ones(len(pattern.points))
-    weights[plate] += config.tip_weight * area.sum() / area[plate].sum()
+    weights[plate] += config.objective.tip_weight * area.sum() / area[plate].sum()
     # The ring and not the plate, which bulges. Turned by a small angle about a diameter it moves by
     # angle · radius/√2 in root mean square.
     ring = np.intersect1d(plate, pattern.vertices_of(WALL))
     relative = np.zeros(len(pattern.points))
-    ratio = np.sqrt(2) * config.orientation_length / (config.diameter / 2)
+    ratio = np.sqrt(2) * config.objective.orientation_length / (config.skin.diameter / 2)
     relative[ring] = ratio**2 * (area @ weights) / area[ring].sum()
     return replace(case, weights=weights, relative=relative)
 
 
 def cross_section_case(
     comm: MPI.Comm,
-    config: CrossSectionTubeConfig,
+    config: SectionTubeScene,
     target: Deformer,
     metrics: Sequence[Metric],
     planes: tuple[int, ...] = (),
@@ -190,24 +193,24 @@ def cross_section_case(
         ParameterError: A size is too large for the tube, or the knit is not symmetric.
         TargetError: The target is not symmetric.
     """
-    case, count = _clamped(comm, config, target, metrics, planes), config.cross_sections
+    case, count = _clamped(comm, config, target, metrics, planes), config.objective.cross_sections
     pattern = mirrored(case.pattern, planes).pattern
-    fraction = np.append(np.full(count, 1 / count), config.tip_weight)
+    fraction = np.append(np.full(count, 1 / count), config.objective.tip_weight)
     # If each of n sections is off by δ/n from the one before, the tip is off by δ.
-    ratio = config.orientation_length / pattern.size
+    ratio = config.objective.orientation_length / pattern.size
     return replace(
         case,
         cross_sections=CrossSections(
             label_cross_sections(pattern, pattern.vertices_of(WALL), (0, 0, 1), count),
-            np.outer(fraction, [1.0, 1.0, config.axial_weight]),
-            np.full(count + 1, (count + 1) * config.tip_weight * ratio**2),
+            np.outer(fraction, [1.0, 1.0, config.objective.axial_weight]),
+            np.full(count + 1, (count + 1) * config.objective.tip_weight * ratio**2),
         ),
     )
 
 
 def plain_tube(
     comm: MPI.Comm,
-    config: TubeSizes,
+    config: Tube,
     planes: tuple[int, ...] = (),
     *,
     seams: str = Bending.seams,
@@ -241,7 +244,7 @@ def _in_degrees(measure: Callable[[Pattern, Floats], float]) -> MetricFunction:
     return lambda pattern, positions: float(np.degrees(measure(pattern, positions)))
 
 
-def _tube(comm: MPI.Comm, config: TubeSizes, planes: tuple[int, ...]) -> Pattern:
+def _tube(comm: MPI.Comm, config: Tube, planes: tuple[int, ...]) -> Pattern:
     return cylinder(
         comm,
         config.length,
@@ -254,18 +257,18 @@ def _tube(comm: MPI.Comm, config: TubeSizes, planes: tuple[int, ...]) -> Pattern
 
 def _clamped(
     comm: MPI.Comm,
-    config: TubeConfig,
+    config: TubeScene,
     target: Deformer,
     metrics: Sequence[Metric],
     planes: tuple[int, ...],
 ) -> ActuatorCase:
     """Return a tube clamped at its base, without any weights."""
-    if planes and config.knit_ratio is not None and config.grain_angle % 90:
+    if planes and config.material.knit_ratio is not None and config.material.grain_angle % 90:
         raise ParameterError(
-            f"grain_angle = {config.grain_angle} deg is not symmetric: the other part would have "
-            "the mirrored grain. Set 0 or 90, or design the whole tube."
+            f"grain_angle = {config.material.grain_angle} deg is not symmetric: the other part "
+            "would have the mirrored grain. Set 0 or 90, or design the whole tube."
         )
-    pattern = _tube(comm, config, planes)
+    pattern = _tube(comm, config.skin, planes)
     whole = mirrored(pattern, planes)
     found, expected = target(whole.pattern.points), whole.at_vertices(target(pattern.points))
     off = float(np.abs(found - expected).max())
@@ -279,7 +282,7 @@ def _clamped(
     return ActuatorCase(
         pattern=pattern,
         target=target(pattern.points),
-        supports=_supports(pattern, planes, config.seams),
+        supports=_supports(pattern, planes, config.material.seams),
         metrics=tuple(metric.of_whole(planes) for metric in (*metrics, *watched)),
         passive=_printed_caps(pattern),
         symmetry=planes,

@@ -13,13 +13,15 @@ from typing import Annotated, ClassVar
 import numpy as np
 from mpi4py import MPI
 
-from toros_fem.base.keys import Factor, In, Length, Positive, key
+from toros_fem.base.keys import Factor, In, Length, Positive, Table, key
 from toros_fem.measures.metrics import Measurement
 from toros_fem.meshes import compose, contract, twist
 from toros_fem.products.actuators.case import ActuatorCase
 from toros_fem.products.actuators.run import design_run
+from toros_fem.products.tables.loads import Pressing, SectionWeights
+from toros_fem.products.tables.steps import Lines
 from toros_fem.products.tubes.tube import (
-    CrossSectionTubeConfig,
+    SectionTubeScene,
     cross_section_case,
     length_metric,
     twist_metric,
@@ -32,8 +34,8 @@ MEASURED = (Measurement("twist_deg", 300.0, 15e3, 300.0, "paper, measured"),)
 
 
 @dataclass(frozen=True)
-class TwistConfig(CrossSectionTubeConfig):
-    """Numbers of the twisting tube; SI units."""
+class TwistTarget(Table):
+    """Shape that is asked for."""
 
     twist: Annotated[float, In("deg", at_least=-2160, at_most=2160)] = key(
         300.0, "twist of the target, positive if counter-clockwise seen from the tip"
@@ -42,37 +44,57 @@ class TwistConfig(CrossSectionTubeConfig):
     length_ratio: Positive = key(
         1.0, "length of the target over that of the tube, if the length is kept"
     )
-    axial_weight: Factor = key(
-        60.0,
-        "weight of the cross-sections' positions along the axis over that across, if the length "
-        "is kept",
-    )
-    pressure: float = CrossSectionTubeConfig.redefault("pressure", 15e3)
+
+
+@dataclass(frozen=True)
+class TwistLines(Lines):
+    """Relaxed designs and their printable lines."""
+
     # Few wide lines along the tube hold the helices less than many thin ones.
     axial_width: Length = key(3e-3, "width of the lines of the first family, if the length is kept")
 
-    print_edge_length: float = CrossSectionTubeConfig.redefault("print_edge_length", 0.65e-3)
+
+@dataclass(frozen=True)
+class TwistWeights(SectionWeights):
+    """What counts in the objective."""
+
+    axial_weight: Factor = key(
+        60.0,
+        "weight of the cross-sections' positions along the axis over that across, if the length is "
+        "kept",
+    )
+
+
+@dataclass(frozen=True)
+class TwistScene(SectionTubeScene):
+    """The twisting tube."""
+
+    target: TwistTarget = TwistTarget()
+    pressure: Pressing = Pressing(pressure=15e3)
+    objective: TwistWeights = TwistWeights()
+    lines: TwistLines = TwistLines(print_edge_length=0.65e-3)
 
     TARGETS: ClassVar[Mapping[str, str]] = {"twist_deg": "twist", "length_ratio": "length_ratio"}
 
     @property
     def laid_widths(self) -> tuple[float, float]:
         """Width in m of the lines along either family."""
-        first, second = super().laid_widths
-        if not self.keep_length:
+        first, second = self.lines.widths
+        if not self.target.keep_length:
             return first, second
-        return self.axial_width, HELICES * second if self.second_laid_width is None else second
+        given = self.lines.second_laid_width is not None
+        return self.lines.axial_width, second if given else HELICES * second
 
 
-def case(comm: MPI.Comm, config: TwistConfig) -> ActuatorCase:
+def case(comm: MPI.Comm, config: TwistScene) -> ActuatorCase:
     """Return the tube and its target."""
-    target = twist(np.radians(config.twist), config.length)
-    metrics = [twist_metric(config.twist)]
-    if not config.keep_length:
+    target = twist(np.radians(config.target.twist), config.skin.length)
+    metrics = [twist_metric(config.target.twist)]
+    if not config.target.keep_length:
         return cross_section_case(comm, config.updated(axial_weight=0.0), target, metrics)
-    target = compose(target, contract(config.length_ratio))
-    metrics.append(length_metric(config.length_ratio))
+    target = compose(target, contract(config.target.length_ratio))
+    metrics.append(length_metric(config.target.length_ratio))
     return cross_section_case(comm, config, target, metrics)
 
 
-run = design_run(case, TwistConfig(), MEASURED)
+run = design_run(case, TwistScene(), MEASURED)

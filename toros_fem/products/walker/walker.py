@@ -19,11 +19,21 @@ from mpi4py import MPI
 
 from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.files import write_json, write_together
-from toros_fem.base.keys import Count, Factor, In, Length, OneOf, Place, Positive, key
+from toros_fem.base.keys import (
+    Count,
+    Distance,
+    Factor,
+    In,
+    Length,
+    OneOf,
+    Place,
+    Positive,
+    Table,
+    key,
+)
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.measures.cross_sections import CrossSections, label_cross_sections
 from toros_fem.measures.metrics import Metric
-from toros_fem.mechanics.contact.config import ContactConfig
 from toros_fem.mechanics.contact.library import ipctk
 from toros_fem.mechanics.contact.opening import opened
 from toros_fem.mechanics.contact.pads import Pads
@@ -37,7 +47,6 @@ from toros_fem.mechanics.skin.supports import symmetry_plane
 from toros_fem.meshes import Pattern, Star, compose, plane_centroids, sew, stand, walker
 from toros_fem.meshes.mirror import Mirrored, mirrored
 from toros_fem.products.actuators.case import ActuatorCase
-from toros_fem.products.actuators.config import ActuatorConfig, TipWeights
 from toros_fem.products.actuators.legs import (
     leg_cross_sections,
     leg_vertices,
@@ -45,6 +54,10 @@ from toros_fem.products.actuators.legs import (
     tip_angle_metric,
 )
 from toros_fem.products.actuators.run import ActuatorResult, design_actuator, summary_sentence
+from toros_fem.products.actuators.scene import ActuatorScene
+from toros_fem.products.tables.loads import Contacts, Pressing, Results
+from toros_fem.products.tables.sheets import SkinSheets
+from toros_fem.products.tables.steps import Designing
 from toros_fem.products.walker.gait import Gait, Walk, walk_of, write_gait
 
 AIMS = ("shape", "stride")
@@ -69,76 +82,124 @@ MEASURED_STRIDE = ("paper, measured", 0.025)
 
 
 @dataclass(frozen=True)
-class WalkerConfig(ActuatorConfig, ContactConfig):
-    """Numbers of the walker; SI units."""
+class LegTarget(Table):
+    """Shape that is asked for."""
 
     motion: Annotated[str, OneOf(tuple(ANGLE))] = key("stand", "what the legs are designed for")
+    aim: Annotated[str, OneOf(AIMS)] = key(
+        "shape", "what is designed: the shape of the legs, or the stride"
+    )
     angle: Annotated[float, In("deg", above=0)] | None = key(
         None, "angle by which legs bend; none takes 90 to stand and 60 to crawl"
     )
+    reach: Place = key(
+        6e-3, "distance along x by which the body reaches out to either side if it crawls"
+    )
+    bent_length: Length = key(
+        0.03, "length of a leg that bends, from its root; the rest stays straight"
+    )
+
+
+@dataclass(frozen=True)
+class WalkerSizes(Table):
+    """Sizes and mesh."""
+
     leg_length: Length = key(0.06, "length of a leg from the body's circle")
     leg_width: Length = key(0.024, "width of a leg")
     body_radius: Length = key(0.02, "radius of the body")
     fillet: Length = key(6e-3, "radius of the fillets between body and legs")
-    edge_length: Length = key(1.8e-3, "edge length of the mesh")
-    bent_length: Length = key(
-        0.03, "length of a leg that bends, from its root; the rest stays straight"
-    )
     foot_length: Length | None = key(
         None, "length of a leg's end that is printed; none leaves it to the design"
     )
-    cross_sections: Count = key(6, "number of cross-sections of the leg")
-    centreline_weight: Factor = key(
-        0.02, "weight of the leg's centre line over that of its orientation"
+    edge_length: Length = key(1.8e-3, "edge length of the mesh")
+
+
+@dataclass(frozen=True)
+class WalkerSheets(SkinSheets):
+    """Fabric, print and bladder."""
+
+    fabric_mass: Annotated[float, In("kg/m²", at_least=0)] = key(
+        0.25, "mass of the fabric and of a bladder, by area"
     )
-    orientation_length: float = TipWeights.redefault("orientation_length", 0.03)
-    reach: Place = key(
-        6e-3, "distance along x by which the body reaches out to either side if it crawls"
-    )
-    aim: Annotated[str, OneOf(AIMS)] = key(
-        "shape", "what is designed: the shape of the legs, or the stride"
-    )
-    gait_steps: Count | None = key(
-        8, "number of equilibria in each phase of the gait; none leaves the gait out"
-    )
+    print_mass: Annotated[float, In("kg/m²", at_least=0)] = key(0.6, "mass of the print, by area")
+
+
+@dataclass(frozen=True)
+class Feet(Contacts):
+    """Contact and friction."""
+
     feet: Annotated[str, OneOf(tuple(PHASES))] = key(
         "one-way", "feet with pads that slide forwards, or without"
     )
-    friction: float | None = ContactConfig.redefault("friction", 0.8)
     pad_friction: Positive = key(
         0.2,
         "coefficient of friction of the pads that slide forwards; backwards it is that of "
         "all faces",
     )
     pad_length: Length = key(0.015, "length of a leg's end that carries pads")
-    fabric_mass: Annotated[float, In("kg/m²", at_least=0)] = key(
-        0.25, "mass of the fabric and of a bladder, by area"
+
+
+@dataclass(frozen=True)
+class LegWeights(Table):
+    """What counts in the objective."""
+
+    orientation_length: Distance = key(
+        0.03, "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length"
     )
-    print_mass: Annotated[float, In("kg/m²", at_least=0)] = key(0.6, "mass of the print, by area")
-    seams: str = ActuatorConfig.redefault("seams", "hinged")
-    levels: int | None = ActuatorConfig.redefault("levels", 1)
-    filter_radius: float = ActuatorConfig.redefault("filter_radius", 2.75e-3)
-    pressure: float = ActuatorConfig.redefault("pressure", 20e3)
+    cross_sections: Count = key(6, "number of cross-sections of the leg")
+    centreline_weight: Factor = key(
+        0.02, "weight of the leg's centre line over that of its orientation"
+    )
+
+
+@dataclass(frozen=True)
+class WalkerResults(Results):
+    """What is simulated of the print."""
+
+    gait_steps: Count | None = key(
+        8, "number of equilibria in each phase of the gait; none leaves the gait out"
+    )
+
+
+@dataclass(frozen=True)
+class WalkerScene(ActuatorScene):
+    """The walker."""
+
+    target: LegTarget = LegTarget()
+    skin: WalkerSizes = WalkerSizes()
+    material: WalkerSheets = WalkerSheets(seams="hinged")
+    pressure: Pressing = Pressing(pressure=20e3)
+    contact: Feet = Feet(friction=0.8)
+    objective: LegWeights = LegWeights()
+    design: Designing = Designing(levels=1, filter_radius=2.75e-3)
+    results: WalkerResults = WalkerResults()
 
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
 
     @property
     def leg_angle(self) -> float:
         """Angle in degrees by which legs are to bend."""
-        return ANGLE[self.motion] if self.angle is None else self.angle
+        return ANGLE[self.target.motion] if self.target.angle is None else self.target.angle
 
     @property
     def coarsest_edge(self) -> float:
         """Longest edge length in m of a useful mesh: six edges across a leg."""
-        return self.leg_width / 6
+        return self.skin.leg_width / 6
 
     @property
     def star(self) -> Star:
         """Outline of the robot."""
-        return Star(4, self.leg_length, self.leg_width, self.body_radius, self.fillet, np.pi / 4)
+        return Star(
+            4,
+            self.skin.leg_length,
+            self.skin.leg_width,
+            self.skin.body_radius,
+            self.skin.fillet,
+            np.pi / 4,
+        )
 
 
-def coarse(config: WalkerConfig) -> WalkerConfig:
+def coarse(config: WalkerScene) -> WalkerScene:
     """Return the same design on a coarse mesh with few steps; most of its minutes are the gait."""
     return config.updated(
         edge_length=2.8e-3,
@@ -151,31 +212,31 @@ def coarse(config: WalkerConfig) -> WalkerConfig:
     )
 
 
-def case(comm: MPI.Comm, config: WalkerConfig) -> ActuatorCase:
+def case(comm: MPI.Comm, config: WalkerScene) -> ActuatorCase:
     """Return a quarter of the robot and its target."""
     star, angle = config.star, config.leg_angle
-    pattern = walker(comm, config.edge_length, star, planes=(0, 1))
+    pattern = walker(comm, config.skin.edge_length, star, planes=(0, 1))
     along = np.append(star.directions[0], 0.0)
     target = stand(
-        np.radians(angle), config.bent_length, directions=star.directions[:1], root=star.root
+        np.radians(angle), config.target.bent_length, directions=star.directions[:1], root=star.root
     )
-    if config.motion == "crawl":
-        target = compose(target, lambda points: points + [config.reach, 0, 0])
+    if config.target.motion == "crawl":
+        target = compose(target, lambda points: points + [config.target.reach, 0, 0])
     sections = leg_cross_sections(
         pattern,
         along,
         star.root,
-        config.cross_sections,
-        config.centreline_weight,
-        config.orientation_length,
+        config.objective.cross_sections,
+        config.objective.centreline_weight,
+        config.objective.orientation_length,
     )
     shape = target(pattern.points)
     metric, apart = tip_angle_metric(angle, along, DOWN, star.root), None
-    if config.aim == "stride":
-        nearest = config.leg_width / 2
+    if config.target.aim == "stride":
+        nearest = config.skin.leg_width / 2
         sections, shape = stride_sections(sections, shape, nearest)
-        metric = foot_metric(nearest, along, star.root, config.cross_sections)
-        if config.design_pressure:
+        metric = foot_metric(nearest, along, star.root, config.objective.cross_sections)
+        if config.pressure.design_pressure:
             apart = body_and_leg(pattern, star)
     return ActuatorCase(
         pattern=pattern,
@@ -238,16 +299,16 @@ def body_and_leg(pattern: Pattern, star: Star) -> Chambers:
     return Chambers(("body", "leg"), leg.astype(np.int64))
 
 
-def foot_density(pattern: Pattern, config: WalkerConfig) -> npt.NDArray[np.float64] | None:
+def foot_density(pattern: Pattern, config: WalkerScene) -> npt.NDArray[np.float64] | None:
     """Return the prescribed density of all triangles, (t,): 1 in the feet, NaN elsewhere.
 
     Without feet there is none.
     """
-    if config.foot_length is None:
+    if config.skin.foot_length is None:
         return None
     star = config.star
     reach = (plane_centroids(pattern) @ star.directions.T).max(axis=1)
-    return np.where(reach > star.reach - config.foot_length, 1.0, np.nan)
+    return np.where(reach > star.reach - config.skin.foot_length, 1.0, np.nan)
 
 
 def chambers(pattern: Pattern, star: Star) -> Chambers:
@@ -257,7 +318,7 @@ def chambers(pattern: Pattern, star: Star) -> Chambers:
     return Chambers(CHAMBERS, np.where(leg, np.where(centroids[:, 0] > 0, 1, 2), 0))
 
 
-def contact_of(pattern: Pattern, config: WalkerConfig, height: float) -> Contact:
+def contact_of(pattern: Pattern, config: WalkerScene, height: float) -> Contact:
     """Return ground, friction and pads of a walker, and the contact of its layers.
 
     Args:
@@ -266,22 +327,26 @@ def contact_of(pattern: Pattern, config: WalkerConfig, height: float) -> Contact
         height: Height of the ground in m.
     """
     star, pads = config.star, None
-    if config.feet == "one-way":
+    if config.contact.feet == "one-way":
         reach = (pattern.points[:, :2] @ star.directions.T).max(axis=1)
-        backward = config.pad_friction if config.friction is None else config.friction
-        on_feet = reach > star.reach - config.pad_length
-        pads = Pads(on_feet, (1.0, 0.0, 0.0), config.pad_friction, backward)
+        backward = (
+            config.contact.pad_friction
+            if config.contact.friction is None
+            else config.contact.friction
+        )
+        on_feet = reach > star.reach - config.contact.pad_length
+        pads = Pads(on_feet, (1.0, 0.0, 0.0), config.contact.pad_friction, backward)
     return Contact(
         Ground((0.0, 0.0, height)),
-        friction=config.friction,
+        friction=config.contact.friction,
         pads=pads,
-        distance=config.contact_distance,
+        distance=config.contact.contact_distance,
     )
 
 
 def follow_gait(
     comm: MPI.Comm,
-    config: WalkerConfig,
+    config: WalkerScene,
     gait: Gait,
     pattern: Pattern,
     whole: Mirrored,
@@ -307,15 +372,17 @@ def follow_gait(
         where it does not. Without any equilibrium the second is None.
     """
     skin, supports, star = sew(comm, pattern), symmetry_plane(pattern, 1), config.star
-    sizes = contact_of(pattern, config, 0.0).sizes(config.composite)
+    sizes = contact_of(pattern, config, 0.0).sizes(config.material.composite)
     start = on_first_rank(comm, lambda: opened(pattern, sizes, supports.in_planes(pattern)))
     height = float(start[:, 2].min()) - sizes.thickness / 2 - CLEARANCE * sizes.distance
     solver = EquilibriumSolver(
         skin,
-        config.composite,
+        config.material.composite,
         supports,
         chambers=chambers(pattern, star),
-        weight=Weight(config.fabric_mass, config.fabric_mass + config.print_mass),
+        weight=Weight(
+            config.material.fabric_mass, config.material.fabric_mass + config.material.print_mass
+        ),
         contact=contact_of(pattern, config, height),
     )
     legs = [
@@ -338,7 +405,7 @@ def follow_gait(
 
 
 def walk(
-    comm: MPI.Comm, output: Path, config: WalkerConfig, steps: int, design: ActuatorResult
+    comm: MPI.Comm, output: Path, config: WalkerScene, steps: int, design: ActuatorResult
 ) -> dict[str, Any]:
     """Simulate the printed robot on the ground through its gait; return its figures.
 
@@ -355,7 +422,7 @@ def walk(
     half = mirrored(design.problem.skin.pattern, (0,)).pattern
     whole = mirrored(half, (1,))
     full = [shown.equilibrium.pressures[k] for k in (0, -1, -1)]
-    gait = Gait(CHAMBERS, PHASES[config.feet].astype(np.float64), steps)
+    gait = Gait(CHAMBERS, PHASES[config.contact.feet].astype(np.float64), steps)
     points, found, failure = follow_gait(comm, config, gait, half, whole, printed.cells, full)
     figures: dict[str, Any] = {"chambers": CHAMBERS, "pressures_pa": full}
     if failure:
@@ -364,12 +431,12 @@ def walk(
         return figures
     return write_gait(
         comm, output, gait, found, points, whole, printed.regions, figures,
-        MEASURED_STRIDE if config.motion == "crawl" else None,
+        MEASURED_STRIDE if config.target.motion == "crawl" else None,
     )  # fmt: skip
 
 
 def run(
-    comm: MPI.Comm, output: Path | str, config: WalkerConfig | None = None, *, verbose: bool = False
+    comm: MPI.Comm, output: Path | str, config: WalkerScene | None = None, *, verbose: bool = False
 ) -> dict[str, Any]:
     """Design the walker and let it walk; return the summary, with the gait's under "gait".
 
@@ -379,13 +446,13 @@ def run(
         config: Numbers of this design; None takes the defaults.
         verbose: Whether to print every Newton step.
     """
-    config = config or WalkerConfig()
-    if config.gait_steps is not None:
+    config = config or WalkerScene()
+    if config.results.gait_steps is not None:
         ipctk()  # what is missing is told before the design, not after it
     made = design_actuator(comm, output, case, config, verbose=verbose)
-    if config.gait_steps is None:
+    if config.results.gait_steps is None:
         return made.summary
-    gait = walk(comm, Path(output), config, config.gait_steps, made)
+    gait = walk(comm, Path(output), config, config.results.gait_steps, made)
     summary = {**made.summary, **{key: gait.get(key) for key in SUMMARISED}, "gait": gait}
     write_together(comm, output, lambda: write_json(Path(output) / "summary.json", summary))
     return summary

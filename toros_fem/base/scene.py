@@ -1,0 +1,150 @@
+"""Scenes: all numbers of a design or a simulation, in tables by subject."""
+
+from __future__ import annotations
+
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from typing import Any, Self
+
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.keys import Key, Table, nearest
+from toros_fem.base.validation import shown
+
+# Order of tables in files.
+ORDER = (
+    "target", "object", "skin", "held", "printed", "plain", "material", "pressure", "contact",
+    "pull", "objective", "design", "lines", "print", "results",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Base of all scenes: each field is a table of the file, or a tuple of tables of one type.
+
+    A key stands in one table only, and can be read from the scene itself, `scene.length`, unless a
+    table has its name.
+
+    Raises:
+        ParameterError: A field is no table of its type.
+    """
+
+    def __post_init__(self) -> None:
+        for name, of in self.tables().items():
+            object.__setattr__(self, name, _table(name, getattr(self, name), of))
+        for name, of in self.entries().items():
+            object.__setattr__(self, name, _entries(name, getattr(self, name), of))
+
+    @classmethod
+    def of(cls, **values: Any) -> Self:
+        """Return a scene with other values than the defaults, by the names of keys."""
+        return cls().updated(**values)
+
+    @classmethod
+    def tables(cls) -> Mapping[str, type[Table]]:
+        """Return the type of each table that stands once, by its name, in the order of files."""
+        return _layout(cls).once
+
+    @classmethod
+    def entries(cls) -> Mapping[str, type[Table]]:
+        """Return the type of each table that may stand several times, by its name."""
+        return _layout(cls).several
+
+    @classmethod
+    def described(cls) -> dict[str, Key]:
+        """Return what is known of each key, by name, of the tables that stand once."""
+        return {name: key for of in cls.tables().values() for name, key in of.described().items()}
+
+    @classmethod
+    def table_of(cls, key: str) -> str:
+        """Return the name of the table that a key stands in."""
+        return _layout(cls).homes[key]
+
+    def updated(self, **changes: Any) -> Self:
+        """Return a copy with other values.
+
+        Args:
+            changes: Values by the names of their keys, or whole tables by theirs.
+
+        Raises:
+            ParameterError: A name is unknown, or a value is out of its bounds.
+        """
+        own = {one.name for one in fields(self)}
+        whole = {
+            name: value
+            for name, value in changes.items()
+            if name in own and (isinstance(value, Table) or name in self.entries())
+        }
+        by_table: dict[str, dict[str, Any]] = {}
+        for name in (name for name in changes if name not in whole):
+            table = _layout(type(self)).homes.get(name)
+            if table is None:
+                known = nearest(name, _layout(type(self)).homes)
+                raise ParameterError(f"unknown parameter {name!r}; {known}", name)
+            by_table.setdefault(table, {})[name] = changes[name]
+        for table, values in by_table.items():
+            whole[table] = whole.get(table, getattr(self, table)).updated(**values)
+        return replace(self, **whole)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all values by the names of their keys, as summaries hold them."""
+        found = {name: self.value(name) for name in self.described()}
+        return found | {
+            name: [asdict(one) for one in getattr(self, name)] for name in self.entries()
+        }
+
+    def value(self, key: str) -> Any:
+        """Return the value of a key of a table that stands once."""
+        return getattr(getattr(self, _layout(type(self)).homes[key]), key)
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Types of the tables that stand once and of the others, and the table of each key."""
+
+    once: Mapping[str, type[Table]]
+    several: Mapping[str, type[Table]]
+    homes: Mapping[str, str]
+
+
+_LAYOUTS: dict[type[Scene], _Layout] = {}
+
+
+def _layout(scene: type[Scene]) -> _Layout:
+    """Return the layout of a type of scenes.
+
+    Raises:
+        TypeError: The type itself is wrong: a key stands in two tables.
+    """
+    if scene not in _LAYOUTS:
+        hints = typing.get_type_hints(scene)
+        names = sorted((one.name for one in fields(scene)), key=ORDER.index)
+        parts = {name: typing.get_args(hints[name]) for name in names}
+        once = {name: hints[name] for name in names if not parts[name]}
+        several = {name: parts[name][0] for name in names if parts[name]}
+        keys = [(key, name) for name, of in once.items() for key in of.described()]
+        if len(dict(keys)) < len(keys):
+            raise TypeError(f"{scene.__name__} has a key in two tables: {keys}.")
+        _LAYOUTS[scene] = _Layout(once, several, dict(keys))
+    return _LAYOUTS[scene]
+
+
+def _table(name: str, value: Any, of: type[Table]) -> Table:
+    if not isinstance(value, of):
+        raise ParameterError(f"{name} = {shown(value)} must be a {of.__name__}.", name)
+    return value
+
+
+def _entries(name: str, values: Sequence[Any], of: type[Table]) -> tuple[Table, ...]:
+    """Return the tables of a field, those that come as mappings made to tables.
+
+    Raises:
+        ParameterError: They are no list, or one of them is something else.
+    """
+    if not isinstance(values, list | tuple):
+        raise ParameterError(f"{name} = {shown(values)} must be a list of {of.__name__}.", name)
+    made = [of(**value) if isinstance(value, Mapping) else value for value in values]
+    for value in made:
+        if type(value) is not of:
+            raise ParameterError(f"{name} has {shown(value)} in it; it must be a {of.__name__}.")
+    return tuple(made)

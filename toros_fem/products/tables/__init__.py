@@ -1,0 +1,1 @@
+"""Tables of keys that several kinds of scenes share."""

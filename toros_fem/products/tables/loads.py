@@ -1,0 +1,81 @@
+"""Tables of what acts on a skin, of what counts, and of what is simulated of a print."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from toros_fem.base.keys import (
+    Count,
+    Distance,
+    Factor,
+    Length,
+    Modulus,
+    Positive,
+    Pressure,
+    Table,
+    key,
+)
+
+
+@dataclass(frozen=True)
+class Pressing(Table):
+    """Pressure."""
+
+    pressure: Pressure = key(5e3, "pressure, the first guess where it is designed")
+    design_pressure: bool = key(False, "design the pressure too, within its bounds")
+    pressure_min: Modulus = key(1e3, "least pressure where it is designed")
+    pressure_max: Modulus = key(20e3, "largest pressure where it is designed")
+
+    @property
+    def bounds(self) -> tuple[float, float] | None:
+        """Bounds on the pressure in Pa; None if it is prescribed."""
+        return (self.pressure_min, self.pressure_max) if self.design_pressure else None
+
+
+@dataclass(frozen=True)
+class Contacts(Table):
+    """Contact and friction."""
+
+    friction: Positive | None = key(
+        None, "coefficient of Coulomb's friction on ground and bodies; none for none"
+    )
+    contact_distance: Length | None = key(
+        None,
+        "distance of two faces from which on contact acts; none takes half of the fabric's "
+        "thickness",
+    )
+
+
+@dataclass(frozen=True)
+class TipWeights(Table):
+    """What counts in the objective."""
+
+    tip_weight: Factor = key(1.0, "weight of the tip's position over that of all the rest")
+    orientation_length: Distance = key(
+        0.03, "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length"
+    )
+
+
+@dataclass(frozen=True)
+class SectionWeights(TipWeights):
+    """What counts in the objective."""
+
+    cross_sections: Count = key(12, "number of cross-sections along the wall; the tip is one more")
+    axial_weight: Factor = key(
+        1.0, "weight of the cross-sections' positions along the axis over that across"
+    )
+
+
+@dataclass(frozen=True)
+class Results(Table):
+    """What is simulated of the print."""
+
+    estimate_error: bool = key(
+        True, "estimate the discretisation error of the metrics on a refined mesh"
+    )
+    curve_pressure: Modulus | None = key(
+        20e3,
+        "largest pressure up to which the metrics of the print are followed; none leaves this "
+        "curve out",
+    )
+    curve_steps: Count = key(10, "number of equal steps of the curve from 0 to that pressure")

@@ -1,0 +1,212 @@
+"""Tables of a design: its start, its steps and filter, its lines, and its printer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from toros_fem.base.keys import (
+    Count,
+    Fraction,
+    In,
+    Length,
+    Number,
+    OneOf,
+    Positive,
+    Table,
+    key,
+)
+from toros_fem.design.density.filters import FILTERS
+from toros_fem.design.density.length_scale import LengthScale
+from toros_fem.design.density.perimeter import SHARPNESS
+from toros_fem.design.loop.options import DesignOptions, Stage
+from toros_fem.design.loop.robust import SPREAD_WEIGHT, WidthTolerance
+from toros_fem.design.mma.optimizer import MMAOptions
+from toros_fem.making.print.printability import PrintLimits
+
+# What the densities of a design may start from.
+STARTS = ("random", "relaxed")
+# Largest change of a pressure in one step on the finer meshes, as `DesignOptions.pressure_move`:
+# with five times as much the first step triples T, and the next ones win this back.
+LEVEL_PRESSURE_MOVE = 0.02
+
+
+@dataclass(frozen=True)
+class Filtering(Table):
+    """Steps, filter and start of the design."""
+
+    seed: Number = key(2, "seed of the random start")
+    move_limit: Fraction = key(0.2, "largest change of a density in one step")
+    filter: Annotated[str, OneOf(FILTERS)] = key("cone", "density filter")
+    filter_radius: Length = key(2.15e-3, "radius R of the filter")
+    beta: Positive = key(20.0, "steepness of the projection")
+    eta: Annotated[float, In(above=0, below=1)] = key(0.5, "threshold of the projection")
+    line_width: Length | None = key(None, "smallest width of a printed line; none takes R")
+    gap_width: Length | None = key(None, "smallest width of a gap between lines; none takes R")
+    perimeter_weight: Positive | None = key(
+        None, "weight of the perimeter term; none leaves it out"
+    )
+    perimeter_window: Positive = key(1.0, "radius of the perimeter's window over R")
+    perimeter_sharpness: float = key(
+        SHARPNESS, "w of eq. (15): above 0 it erodes the print, as in the paper, below 0 the fabric"
+    )
+
+
+@dataclass(frozen=True)
+class Stepping(Table):
+    """Steps, filter and start of the design."""
+
+    start: Annotated[str, OneOf(STARTS)] = key(
+        "random",
+        "what the densities start from: noise, or the printable lines of a relaxed design; this "
+        "and its print have meshes of their own, so that edge length, levels, filter radius and "
+        "the steps of random densities play no part",
+    )
+    starts: Count = key(
+        1,
+        "number of random starts on the coarsest mesh, shared out over the ranks; the best goes on",
+    )
+    levels: Count | None = key(
+        None,
+        "number of meshes, from coarse to fine: edges and filter radius halve from each to the "
+        "next; none takes as many as the size allows",
+    )
+    iterations: Count = key(60, "steps on the coarsest mesh before the width constraints act")
+    constrained_iterations: Number = key(
+        40, "further steps there with the width constraints; 0 leaves them out"
+    )
+    min_decrease: Fraction | None = key(
+        0.05,
+        "a stage ends when the objective falls by a smaller fraction in ten steps; none leaves "
+        "this rule out",
+    )
+    level_iterations: Count = key(
+        10, "steps on each mesh but the coarsest, with the width constraints"
+    )
+    level_move_limit: Fraction = key(
+        0.05, "largest change of a density in one step on these meshes"
+    )
+    polish_iterations: Number = key(
+        20, "steps on a mesh after all free islands are removed or connected; 0 leaves them"
+    )
+    corrections: Number = key(0, "how often the design is asked again for what its print misses")
+
+
+@dataclass(frozen=True)
+class Designing(Filtering, Stepping):
+    """Steps, filter and start of the design."""
+
+    width_tolerance: Length | None = key(
+        None,
+        "difference of printed widths from the drawn ones, either way, that the design is made "
+        "robust against: each border moves by half of it; none leaves this out",
+    )
+    spread_weight: Positive = key(
+        SPREAD_WEIGHT,
+        "weight of the spread over these widths in the objective, where there is a tolerance",
+    )
+
+    @property
+    def length_scale(self) -> LengthScale | None:
+        """Widths that the constrained stage enforces; None without such a stage."""
+        if not self.constrained_iterations:
+            return None
+        return LengthScale(line_width=self.line_width, gap_width=self.gap_width)
+
+    @property
+    def robust_against(self) -> WidthTolerance | None:
+        """Widths that the design is made robust against; None without a tolerance."""
+        if self.width_tolerance is None:
+            return None
+        return WidthTolerance(self.width_tolerance, self.spread_weight)
+
+    @property
+    def first_options(self) -> DesignOptions:
+        """Options of the design loop on the coarsest mesh.
+
+        It is first designed freely, then with constraints on the widths, and from then on robust
+        against widths that are off: before, this ends in traps.
+        """
+        constrained = self.constrained_iterations > 0
+        stages = [Stage(self.iterations, robust=not constrained)]
+        if constrained:
+            stages.append(Stage(self.constrained_iterations, constrained=True))
+        return DesignOptions(
+            tuple(stages),
+            min_relative_decrease=self.min_decrease,
+            mma=MMAOptions(move=self.move_limit),
+        )
+
+    @property
+    def finer_options(self) -> DesignOptions:
+        """Options of the design loop on each mesh but the coarsest: constraints, smaller steps."""
+        stage = Stage(self.level_iterations, constrained=self.constrained_iterations > 0)
+        return self.options_of(stage)
+
+    def options_of(self, stage: Stage) -> DesignOptions:
+        """Return options of a stage that goes on from a design."""
+        return DesignOptions(
+            (stage,),
+            min_relative_decrease=self.min_decrease,
+            pressure_move=LEVEL_PRESSURE_MOVE,
+            mma=MMAOptions(move=self.level_move_limit),
+        )
+
+
+@dataclass(frozen=True)
+class Lines(Table):
+    """Relaxed designs and their printable lines."""
+
+    relaxed_edge_length: Length = key(4e-3, "edge length of the relaxed design's mesh")
+    relaxed_iterations: Count = key(
+        40, "largest number of steps of either stage of the relaxed design"
+    )
+    directions: Annotated[int, In(at_least=2)] = key(
+        12, "number of fixed directions in the first stage of the relaxed design"
+    )
+    share_limit: Annotated[float, In(above=0, at_most=0.9)] = key(
+        0.35,
+        "limit on the part of the area that the lines of all directions cover in the first "
+        "stage of the relaxed design",
+    )
+    share_weight: Positive | None = key(
+        0.01, "weight of the lines' share in the relaxed objective; none leaves it out"
+    )
+    smoothing_radius: Length | None = key(
+        None,
+        "radius of the smoothing of shares and directions; none takes a tenth of the skin's size",
+    )
+    laid_width: Length = key(
+        0.9e-3,
+        "width of the lines along the first family, the one nearer to the second axis of the panel",
+    )
+    second_laid_width: Length | None = key(
+        None, "width of those along the second family; none takes the same"
+    )
+    print_edge_length: Length = key(
+        0.75e-3, "edge length of the mesh that printed lines are simulated on"
+    )
+    density_iterations: Number = key(
+        0, "steps of the densities that start from these lines; kept only if the print gets better"
+    )
+
+    @property
+    def widths(self) -> tuple[float, float]:
+        """Width in m of the lines along either family."""
+        second = self.laid_width if self.second_laid_width is None else self.second_laid_width
+        return self.laid_width, second
+
+
+@dataclass(frozen=True)
+class Printer(Table):
+    """Printer."""
+
+    print_width: Length = key(0.6e-3, "thinnest line and gap that the printer makes")
+    island_area: Annotated[float, In("m²", at_least=0)] = key(
+        20e-6, "free islands smaller than this are removed, larger ones are joined to the rest"
+    )
+
+    @property
+    def limits(self) -> PrintLimits:
+        """Thinnest line and gap of the printer."""
+        return PrintLimits(width=self.print_width, gap=self.print_width)
