@@ -7,7 +7,6 @@ import pytest
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
-from toros_fem import errors
 from toros_fem.measures.metrics import (
     Measurement,
     Metric,
@@ -83,8 +82,6 @@ def test_values_have_their_units() -> None:
     assert metric.formatted(298.7) == "299°"
     length = Metric("length", "ratio", None, length_ratio)
     assert (length.key, length.label) == ("length_ratio", "length over its rest value")
-    with pytest.raises(errors.ParameterError, match="must be identifiers"):
-        Metric("two words", "deg", 1.0, twist_angle)
 
 
 def test_measurements_belong_to_metrics_of_the_same_target() -> None:

@@ -5,7 +5,6 @@ import pytest
 from helpers.objectives import TARGET, check_gradient
 from mpi4py import MPI
 
-from toros_fem import errors
 from toros_fem.measures.shape import ShapeObjective, SumObjective
 from toros_fem.meshes import Skin
 
@@ -36,17 +35,3 @@ def test_sum(short_tube: Skin) -> None:
     both = SumObjective(*parts)
     assert both.forward(x) == sum(part.forward(x) for part in parts) > 0
     assert np.array_equal(both.backward(x), parts[0].backward(x) + parts[1].backward(x))
-
-
-def test_bad_input(short_tube: Skin) -> None:
-    points = short_tube.pattern.points
-    with pytest.raises(errors.TargetError, match="the target has shape"):
-        ShapeObjective(short_tube, points[1:])
-    with pytest.raises(errors.TargetError, match="target vertex 3 = .* is not finite"):
-        ShapeObjective(short_tube, np.where(np.arange(len(points))[:, None] == 3, np.nan, points))
-    with pytest.raises(errors.ParameterError, match="weights have shape"):
-        ShapeObjective(short_tube, points, np.ones((len(points), 2)))
-    with pytest.raises(errors.ParameterError, match="relative must be finite and not negative"):
-        ShapeObjective(short_tube, points, relative=-np.ones(len(points)))
-    with pytest.raises(errors.ParameterError, match="must not all be zero"):
-        ShapeObjective(short_tube, points, np.zeros(len(points)))

@@ -9,7 +9,6 @@ import pytest
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem import errors
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.loop.levels import gathered, optimize_levels, refinements
 from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
@@ -116,12 +115,6 @@ def test_each_level_is_finished(alone: MPI.Comm) -> None:
     assert seen == [0, 1]
     assert [row.level for row in result.history] == [0] * 4 + [1] * 4
     assert result.history[-1].iteration == 4
-
-
-def test_levels_that_do_not_fit(alone: MPI.Comm) -> None:
-    rules = DesignOptions((Stage(1),))
-    with pytest.raises(errors.ParameterError, match="there are 2 problems for 3 levels"):
-        optimize_levels(tubes(alone), [rules] * 3, seed=1)
 
 
 def test_refined_design(alone: MPI.Comm) -> None:

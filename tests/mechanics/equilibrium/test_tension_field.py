@@ -8,7 +8,6 @@ from helpers.models import affine, drawn, sheet_model
 from helpers.pillow import COMPOSITE, pillow
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.materials.sheet import Bending, Composite, Membrane
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
@@ -22,11 +21,6 @@ def solver(alone: MPI.Comm) -> EquilibriumSolver:
 def density_of(skin: Skin) -> np.ndarray:
     values = np.random.default_rng(3).uniform(0.1, 0.9, len(skin.pattern.panel))
     return np.asarray(values[skin.owned_cells])
-
-
-def test_line_families_are_refused(solver: EquilibriumSolver) -> None:
-    with pytest.raises(ParameterError, match="line families take compression"):
-        EquilibriumSolver(solver.skin, COMPOSITE, solver.model.supports, families=1)
 
 
 @pytest.mark.parametrize("bending", [None, Bending()])

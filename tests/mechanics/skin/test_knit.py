@@ -9,7 +9,6 @@ from helpers.scenes import square
 from mpi4py import MPI
 from scipy.optimize import minimize, root
 
-from toros_fem.base.errors import PanelError, ParameterError
 from toros_fem.base.mpi import norm, total
 from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.materials.sheet import Bending, Composite, Knit, Material
@@ -229,13 +228,3 @@ def test_refined_design_keeps_the_grain(alone: MPI.Comm) -> None:
     twist = [twist_angle(d.skin.pattern, x) for d, x in zip((design, finer), shapes, strict=True)]
     assert abs(twist[0]) > np.radians(5)
     assert twist[1] == pytest.approx(twist[0], rel=0.05)  # 0.035 seen
-
-
-def test_grain_must_fit_the_panels(short_tube: Skin) -> None:
-    supports = clamp(short_tube.pattern, ["base"])
-    bare = replace(MEMBRANE, knit=Knit(RATIO, {"wall": 0.0}))
-    with pytest.raises(ParameterError, match="no angle for the panels 'base', 'tip'"):
-        SkinModel(short_tube, bare, supports)
-    wrong = replace(MEMBRANE, knit=Knit(RATIO, {"wal": 0.0}))
-    with pytest.raises(PanelError, match="no panel is named 'wal'"):
-        SkinModel(short_tube, wrong, supports)

@@ -6,7 +6,6 @@ from helpers.models import dense_tangent
 from kit.slopes import slope
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Bending, Composite
 from toros_fem.mechanics.skin.periodicity import ALL_PRESCRIBED, Periodic, PeriodicModel
@@ -124,7 +123,3 @@ def test_prescribed_components_are_fixed(square_tile: Tile, alone: MPI.Comm) -> 
     model = PeriodicModel(skin, Composite(bending=None), Supports(fixed), rest)
     assert model.fixed[model.lattice_dofs].all()
     assert rest.length == pytest.approx(SIDE)
-    with pytest.raises(ParameterError, match="may turn the tile"):
-        Periodic(square_tile, ((True, False), (False, False), (True, True)))
-    with pytest.raises(ParameterError, match="3 × 2 of True or False"):
-        Periodic(square_tile, ((True, True),))
