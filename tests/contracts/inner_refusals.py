@@ -1,7 +1,4 @@
-"""Wrong input of what lies below the public entries; golden/refusals.csv has these errors too.
-
-`each` makes a row for each wrong set of arguments, named by them.
-"""
+"""Wrong input of what lies below the public entries; golden/refusals.csv has these errors too."""
 
 # The types are wrong on purpose.
 # mypy: disable-error-code="arg-type,call-arg,call-overload,dict-item,list-item"
@@ -9,7 +6,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -36,6 +32,7 @@ from contracts.refusals import (
     _pattern,
     _solver,
     _vector,
+    each,
 )  # fmt: skip
 from toros_fem import meshes as m
 from toros_fem.design.density.bar_width import offset_thresholds, threshold_for_width
@@ -85,19 +82,6 @@ from toros_fem.meshes.tile_symmetry import check_symmetry
 from toros_fem.meshes.transfer import make_transfer
 
 ALONE = MPI.COMM_SELF
-
-
-def each(call: Callable[..., object], *wrong: dict[str, Any], **good: Any) -> Table:
-    """A row for each wrong set of arguments beside those that are good."""
-
-    def row(given: dict[str, Any]) -> Callable[[Scene], object]:
-        return lambda scene: call(**{**good, **given})
-
-    def named(given: dict[str, Any]) -> str:
-        return ", ".join(f"{name} = {value!r}" for name, value in given.items())
-
-    name = call.__name__.lstrip("_")
-    return {f"{name}: {named(given)}": row(given) for given in wrong}
 
 
 # ------------------------------------------------------------------------------ materials

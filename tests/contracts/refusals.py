@@ -111,6 +111,19 @@ class Scene:
         return one if self.comm.rank == 0 else other
 
 
+def each(call: Callable[..., object], *wrong: dict[str, Any], **good: Any) -> Table:
+    """A row for each wrong set of arguments beside those that are good."""
+
+    def row(given: dict[str, Any]) -> Callable[[Scene], object]:
+        return lambda scene: call(**{**good, **given})
+
+    def named(given: dict[str, Any]) -> str:
+        return ", ".join(f"{name} = {value!r}" for name, value in given.items())
+
+    name = call.__name__.lstrip("_")
+    return {f"{name}: {named(given)}": row(given) for given in wrong}
+
+
 def obj(faces: str, vertices: int = 4, size: float = 0.01) -> str:
     """An OBJ file of a tetrahedron's vertices and given faces."""
     places = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)][:vertices]
@@ -286,24 +299,16 @@ TARGETS: Table = {
 
 
 MATERIALS: Table = {
-    "modulus is text": lambda s: tf.Material("1e5", 0.3, 5e-4),
-    "modulus is zero": lambda s: tf.Material(0.0, 0.3, 5e-4),
-    "modulus is a list": lambda s: tf.Material([1e5], 0.3, 5e-4),
-    "thickness is None": lambda s: tf.Material(1e5, 0.3, None),
-    "Poisson's ratio is 0.9": lambda s: tf.Material(1e5, 0.9, 5e-4),
-    "fabric is a name": lambda s: tf.Composite(fabric="cotton"),
-    "reinforcement is a number": lambda s: tf.Composite(reinforcement=26e6),
-    "c1 is text": lambda s: tf.Composite(c1="2"),
-    "c1 is one": lambda s: tf.Composite(c1=1.0),
-    "membrane is text": lambda s: tf.Composite(membrane="thin"),
-    "curvature is unknown": lambda s: tf.Bending("cubic"),
-    "curvature is None": lambda s: tf.Bending(None),
-    "bladder's modulus is text": lambda s: tf.Bladder("soft", 1e-4),
-    "grain is text": lambda s: tf.Knit(2.0, "45"),
-    "weight is text": lambda s: tf.Weight("light", 1.0),
-    "gravity is a number": lambda s: tf.Weight(0.1, 0.2, 9.81),
-    "gravity is text": lambda s: tf.Weight(0.1, 0.2, "down"),
-}
+    **each(tf.Material, {"young": "1e5"}, {"young": 0.0}, {"young": [1e5]}, {"thickness": None},
+           {"poisson": 0.9}, young=1e5, poisson=0.3, thickness=5e-4),
+    **each(tf.Composite, {"fabric": "cotton"}, {"reinforcement": 26e6}, {"c1": "2"}, {"c1": 1.0},
+           {"membrane": "thin"}),
+    **each(tf.Bending, {"curvature": "cubic"}, {"curvature": None}),
+    **each(tf.Bladder, {"young": "soft"}, thickness=1e-4),
+    **each(tf.Knit, {"grain": "45"}, ratio=2.0),
+    **each(tf.Weight, {"fabric": "light"}, {"gravity": 9.81}, {"gravity": "down"},
+           fabric=0.1, reinforcement=0.2),
+}  # fmt: skip
 
 
 SUPPORTS: Table = {
@@ -547,24 +552,14 @@ def _island(s: Scene) -> object:
 
 
 SCENES: Table = {
-    "curve ends below the pressure": lambda s: InflateConfig(pressure=50e3),
-    "inflation in one level": lambda s: InflateConfig(levels=1),
-    "inflation in no level": lambda s: InflateConfig(levels=0),
-    "twist of no sections": lambda s: TwistConfig(cross_sections=0),
-    "twist of many turns": lambda s: TwistConfig(twist=1e5),
-    "bend of many turns": lambda s: BendConfig(angle=1e4),
-    "bend of a scene is text": lambda s: BendConfig(angle="90"),
-    "bend of an unknown number": lambda s: BendConfig(angel=90.0),
-    "bend of half a seed": lambda s: BendConfig(seed=0.5),
-    "gripper lifts less than nothing": lambda s: GripperConfig(mass=-1.0),
-    "gripper wraps by NaN": lambda s: GripperConfig(wrap_angle=NAN),
-    "walker slides without friction": lambda s: WalkerConfig(pad_friction=0.0),
-    "walker flies": lambda s: WalkerConfig(motion="fly"),
+    **each(InflateConfig, {"pressure": 50e3}, {"levels": 1}, {"levels": 0}),
+    **each(TwistConfig, {"cross_sections": 0}, {"twist": 1e5}),
+    **each(BendConfig, {"angle": 1e4}, {"angle": "90"}, {"angel": 90.0}, {"seed": 0.5},
+           {"poisson": 0.6}, {"fabric_young": 0.0}, {"eta": 1.0}),
+    **each(GripperConfig, {"mass": -1.0}, {"wrap_angle": NAN}),
+    **each(WalkerConfig, {"pad_friction": 0.0}, {"motion": "fly"}),
     "islands of a scene larger than its skin": _island,
-    "Poisson's ratio of a scene": lambda s: BendConfig(poisson=0.6),
-    "fabric of a scene without stiffness": lambda s: BendConfig(fabric_young=0.0),
-    "threshold of a scene": lambda s: BendConfig(eta=1.0),
-}
+}  # fmt: skip
 
 
 MINE: dict[str, Any] = {
@@ -578,21 +573,16 @@ def _material(**changes: Any) -> LibraryMaterial:
 
 
 LIBRARY: Table = {
-    "young is text": lambda s: _material(young="1 MPa"),
-    "a name is a path": lambda s: _material(name="../mine"),
-    "a name is none": lambda s: _material(name="none"),
-    "trust is another word": lambda s: _material(trust="high"),
-    "thickness in mm": lambda s: _material(thickness=0.5),
+    **each(_material, {"young": "1 MPa"}, {"name": "../mine"}, {"name": "none"}, {"trust": "high"},
+           {"thickness": 0.5}, {"stretch_range": (1.0, NAN)}, {"title": 100 * "x"},
+           {"source": None}),
     "range is an array": lambda s: _material(stretch_range=LONG),
-    "range is NaN": lambda s: _material(stretch_range=(1.0, NAN)),
-    "title is long": lambda s: _material(title=100 * "x"),
-    "source is missing": lambda s: _material(source=None),
     "library is a number": lambda s: read_library(3),
     "library is missing": lambda s: read_library(s.folder / "no.toml", comm=s.comm),
     "library is a folder": lambda s: read_library(s.folder, comm=s.comm),
     "material is unknown": lambda s: named(read_library(), "tpu-95"),
     "entry is a dict": lambda s: write_material(s.folder / "m.toml", MINE),
-}
+}  # fmt: skip
 
 
 ON_RANKS = (

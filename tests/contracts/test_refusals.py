@@ -59,6 +59,7 @@ def raised(call: Callable[[], object]) -> Exception | None:
 def test_refusals(scene: Scene, pinned: Callable[..., None]) -> None:
     """Types and messages are pinned; every rank says the same."""
     several = scene.comm.size > 1
+    assert not REFUSALS.keys() & INNER.keys(), "each row has a name of its own"
     found: dict[str, str] = dict(table_of(GOLDEN / "refusals.csv")) if several else {}
     for name in ON_RANKS if several else REFUSALS | INNER:
         error = raised(lambda call=(REFUSALS | INNER)[name]: call(scene))  # type: ignore[misc]

@@ -54,29 +54,6 @@ def test_exact_polygonal_tube(alone: MPI.Comm, row: dict[str, str]) -> None:
     assert abs(force[caps, 2].sum()) <= 1e-8 * pressure * area
 
 
-def test_capped_cylinder_away_from_its_ends(alone: MPI.Comm) -> None:
-    sides = 16
-    edge = 2 * np.pi * RADIUS / sides
-    pattern = cylinder(alone, 0.12, 2 * RADIUS, edge, mesh="structured")
-    skin = sew(alone, pattern)
-    composite = Composite(fabric=TABLE_A, c1=1.8, c2=2.0, bending=None)
-    solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
-    result = solver.solve(fabric(skin), 5e3)
-    x = skin.gather_vertices(result.positions)
-    height = pattern.points[:, 2]
-    middle = np.abs(height - 0.06) < 0.0101
-    wall = np.intersect1d(pattern.vertices_of("wall"), np.flatnonzero(middle))
-    row = next(
-        r for r in table("gent_cylinder_ngon")
-        if (r["mat"], r["n_circumference"], r["P_Pa"]) == ("A", "16", "5000")
-    )  # fmt: skip
-    centre = x[wall].mean(axis=0)
-    radius = np.linalg.norm(x[wall, :2] - centre[:2], axis=1)
-    assert radius / RADIUS == pytest.approx(float(row["lambda_theta"]), rel=1e-3)
-    slope = np.polyfit(height[wall], x[wall, 2], 1)[0]
-    assert slope == pytest.approx(float(row["lambda_z"]), rel=1e-3)
-
-
 def test_result_tells_what_happened(short_solver: EquilibriumSolver) -> None:
     skin, comm = short_solver.skin, short_solver.skin.comm
     rng = np.random.default_rng(0)
