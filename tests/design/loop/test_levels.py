@@ -130,6 +130,7 @@ def test_refined_design(alone: MPI.Comm) -> None:
         alone, pattern, 2 * RADIUS, target=target(pattern.points), weights=weights, start=start,
         force=force, passive=passive, perimeter_weight=1e-5, perimeter_window=7e-3,
         length_scale=LengthScale(line_width=9e-3), metrics=(metric,),
+        composite=tf.Composite(knit=tf.Knit(2.0, {"wall": 0.7, "base": 0.0, "tip": 0.1})),
     )  # fmt: skip
     finer, (same, fine) = refine(pattern), refinements(problem, 2)
     assert same is problem
@@ -142,6 +143,7 @@ def test_refined_design(alone: MPI.Comm) -> None:
     assert widths is not None
     assert widths.solid_threshold == pytest.approx(coarse_widths.solid_threshold, rel=1e-12)
     assert fine.metrics == (metric,)
+    assert fine.solver.model.composite == problem.solver.model.composite != tf.Composite()
     assert fine.pressure_ranges == problem.pressure_ranges
     # The target was given as positions: it is interpolated.
     assert fine.target is not None
