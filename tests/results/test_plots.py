@@ -284,7 +284,8 @@ def test_printability(pattern: Pattern, figures: list[Figure]) -> None:
         plot_printability(Path("no.png"), pattern, regions, found, limits)
         axes = figures[-1].axes[0]
         islands = [patch for patch in axes.patches if patch.get_edgecolor()[:3] == to_rgb(ISLAND)]
-        marks = [islands, *(coloured(figures[-1], c) for c in (NARROW_LINE, NARROW_GAP, HOLE))]
+        lines = [coloured(figures[-1], colour) for colour in (NARROW_LINE, NARROW_GAP, HOLE)]
+        marks: list[Any] = [islands, *lines]
         sizes.append([len(kind) for kind in marks])
         if found.holes:  # in mm
             assert np.ptp(islands[0].get_path().vertices, axis=0) == pytest.approx(2.4, rel=1e-3)
@@ -311,7 +312,7 @@ def test_unwrapped_surface(alone: MPI.Comm, figures: list[Figure]) -> None:
     *spaces, flat, _ = figures[-1].axes
     pattern, size = unwrapped.pattern, unwrapped.pattern.size
     for axes, view in zip(spaces, VIEWS, strict=True):
-        paths = [p.vertices for group in axes.collections for p in group.get_paths()]
+        paths = [np.asarray(p.vertices) for group in axes.collections for p in group.get_paths()]
         ends = 1e3 * view.project(pattern.points[unwrapped.seams].reshape(-1, 3))
         lengths = np.linalg.norm(ends[::2] - ends[1::2], axis=1)
         sides = [np.linalg.norm(np.diff(p[:4], axis=0), axis=1) for p in paths if len(p) == 4]
