@@ -1,4 +1,4 @@
-"""Moulded skins: at rest in a doubly curved shape, and inflated as a sphere; what they refuse."""
+"""Moulded skins: at rest in a doubly curved shape, and inflated as a sphere."""
 
 from dataclasses import replace
 

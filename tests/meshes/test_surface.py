@@ -1,4 +1,4 @@
-"""Surfaces that are not one oriented manifold are refused."""
+"""Surfaces of files that are no oriented manifold; orientation, volume, repairs in words."""
 
 from pathlib import Path
 

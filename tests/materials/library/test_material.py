@@ -1,4 +1,4 @@
-"""Materials of a library are checked."""
+"""Entries of a library become materials."""
 
 from typing import Any
 

@@ -86,6 +86,7 @@ def test_inset_of_a_mesh_with_hollows() -> None:
     assert moved == pytest.approx(np.full_like(moved, depth), rel=0.05)
 
 
-def test_bodies_too_thin_for_their_inset() -> None:
+def test_a_card_is_moved_in_up_to_its_middle() -> None:
     card = rigid_box("card", (0.05, 0.05, 3e-4), edge_length=0.01)
-    card.inset(0.7 * DEPTH)
+    inner = card.inset(0.7 * DEPTH)  # 0.14 of 0.15 mm
+    assert np.ptp(inner, axis=0) == pytest.approx(np.array([0.04972, 0.04972, 2e-5]), rel=1e-9)

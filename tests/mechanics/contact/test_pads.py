@@ -59,9 +59,8 @@ def test_elastic_slip_keeps_the_force() -> None:
     assert np.linalg.norm(kept, axis=1).max() <= LAW.slip / LAW.ratio * (1 + 1e-12)
 
 
-def test_bad_pads() -> None:
-    some = np.array([True, False])
-    assert Pads(some, (0.0, 3.0, 0.0)).direction == (0.0, 1.0, 0.0)
+def test_the_direction_has_unit_length() -> None:
+    assert Pads(ONE, (0.0, 3.0, 0.0)).direction == (0.0, 1.0, 0.0)
 
 
 def test_vertices_with_pads_and_without() -> None:

@@ -1,4 +1,4 @@
-"""Equilibria of relaxed designs: gradients, continuation, moved supports, ranks."""
+"""Equilibria of relaxed designs: forces by hand, and continuation."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What both kinds of paths have in common, and what they refuse."""
+"""What both kinds of paths have in common."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Holding force: where it vanishes, and what is refused."""
+"""Holding force: where it counts, and where it vanishes."""
 
 import numpy as np
 import pytest

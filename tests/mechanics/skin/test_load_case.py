@@ -1,4 +1,4 @@
-"""Load cases: scaling, interpolation, wording and checks."""
+"""Load cases: scaling, interpolation and wording."""
 
 import numpy as np
 import pytest
