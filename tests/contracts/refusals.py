@@ -31,7 +31,6 @@ from toros_fem.products.tiles import PrintedTile, read_tile
 from toros_fem.products.tubes.bend import BendScene
 from toros_fem.products.tubes.bend import case as bend_case
 from toros_fem.products.tubes.inflate import InflateScene
-from toros_fem.products.walker.walker import WalkerScene
 from toros_fem.results.files import write_fields
 from toros_fem.results.writer import write_pictures
 
@@ -107,6 +106,19 @@ class Scene:
     def by_rank(self, one: Any, other: Any) -> Any:
         """A value that is another one on all ranks but the first."""
         return one if self.comm.rank == 0 else other
+
+
+def each(call: Callable[..., object], *wrong: dict[str, Any], **good: Any) -> Table:
+    """A row for each wrong set of arguments beside those that are good."""
+
+    def row(given: dict[str, Any]) -> Callable[[Scene], object]:
+        return lambda scene: call(**{**good, **given})
+
+    def named(given: dict[str, Any]) -> str:
+        return ", ".join(f"{name} = {value!r}" for name, value in given.items())
+
+    name = call.__name__.lstrip("_")
+    return {f"{name}: {named(given)}": row(given) for given in wrong}
 
 
 def obj(faces: str, vertices: int = 4, size: float = 0.01) -> str:
@@ -284,24 +296,16 @@ TARGETS: Table = {
 
 
 MATERIALS: Table = {
-    "modulus is text": lambda s: tf.Material("1e5", 0.3, 5e-4),
-    "modulus is zero": lambda s: tf.Material(0.0, 0.3, 5e-4),
-    "modulus is a list": lambda s: tf.Material([1e5], 0.3, 5e-4),
-    "thickness is None": lambda s: tf.Material(1e5, 0.3, None),
-    "Poisson's ratio is 0.9": lambda s: tf.Material(1e5, 0.9, 5e-4),
-    "fabric is a name": lambda s: tf.Composite(fabric="cotton"),
-    "reinforcement is a number": lambda s: tf.Composite(reinforcement=26e6),
-    "c1 is text": lambda s: tf.Composite(c1="2"),
-    "c1 is one": lambda s: tf.Composite(c1=1.0),
-    "membrane is text": lambda s: tf.Composite(membrane="thin"),
-    "curvature is unknown": lambda s: tf.Bending("cubic"),
-    "curvature is None": lambda s: tf.Bending(None),
-    "bladder's modulus is text": lambda s: tf.Bladder("soft", 1e-4),
-    "grain is text": lambda s: tf.Knit(2.0, "45"),
-    "weight is text": lambda s: tf.Weight("light", 1.0),
-    "gravity is a number": lambda s: tf.Weight(0.1, 0.2, 9.81),
-    "gravity is text": lambda s: tf.Weight(0.1, 0.2, "down"),
-}
+    **each(tf.Material, {"young": "1e5"}, {"young": 0.0}, {"young": [1e5]}, {"thickness": None},
+           {"poisson": 0.9}, young=1e5, poisson=0.3, thickness=5e-4),
+    **each(tf.Composite, {"fabric": "cotton"}, {"reinforcement": 26e6}, {"c1": "2"}, {"c1": 1.0},
+           {"membrane": "thin"}),
+    **each(tf.Bending, {"curvature": "cubic"}, {"curvature": None}),
+    **each(tf.Bladder, {"young": "soft"}, thickness=1e-4),
+    **each(tf.Knit, {"grain": "45"}, ratio=2.0),
+    **each(tf.Weight, {"fabric": "light"}, {"gravity": 9.81}, {"gravity": "down"},
+           fabric=0.1, reinforcement=0.2),
+}  # fmt: skip
 
 
 SUPPORTS: Table = {
@@ -547,12 +551,8 @@ def _island(s: Scene) -> object:
 SCENES: Table = {
     "curve ends below the pressure": lambda s: InflateScene.of(pressure=50e3),
     "bend of an unknown number": lambda s: BendScene.of(angel=90.0),
-    "walker flies": lambda s: WalkerScene.of(motion="fly"),
     "islands of a scene larger than its skin": _island,
-    "Poisson's ratio of a scene": lambda s: BendScene.of(poisson=0.6),
-    "fabric of a scene without stiffness": lambda s: BendScene.of(fabric_young=0.0),
-    "threshold of a scene": lambda s: BendScene.of(eta=1.0),
-}
+}  # fmt: skip
 
 
 MINE: dict[str, Any] = {
@@ -566,21 +566,16 @@ def _material(**changes: Any) -> LibraryMaterial:
 
 
 LIBRARY: Table = {
-    "young is text": lambda s: _material(young="1 MPa"),
-    "a name is a path": lambda s: _material(name="../mine"),
-    "a name is none": lambda s: _material(name="none"),
-    "trust is another word": lambda s: _material(trust="high"),
-    "thickness in mm": lambda s: _material(thickness=0.5),
+    **each(_material, {"young": "1 MPa"}, {"name": "../mine"}, {"name": "none"}, {"trust": "high"},
+           {"thickness": 0.5}, {"stretch_range": (1.0, NAN)}, {"title": 100 * "x"},
+           {"source": None}),
     "range is an array": lambda s: _material(stretch_range=LONG),
-    "range is NaN": lambda s: _material(stretch_range=(1.0, NAN)),
-    "title is long": lambda s: _material(title=100 * "x"),
-    "source is missing": lambda s: _material(source=None),
     "library is a number": lambda s: read_library(3),
     "library is missing": lambda s: read_library(s.folder / "no.toml", comm=s.comm),
     "library is a folder": lambda s: read_library(s.folder, comm=s.comm),
     "material is unknown": lambda s: named(read_library(), "tpu-95"),
     "entry is a dict": lambda s: write_material(s.folder / "m.toml", MINE),
-}
+}  # fmt: skip
 
 
 ON_RANKS = (

@@ -423,6 +423,19 @@ def test_reasons_are_short() -> None:
     assert reason(ValueError("short")) == "short"
 
 
+def fullest(name: str, folder: Path) -> Path:
+    """The largest file of eight."""
+    form, paths = FORMATS[name], []
+
+    @settings(FEW, max_examples=8)
+    @given(x=form.drawn)
+    def draw(x: Any) -> None:
+        paths.append(form.write(empty(folder), x))
+
+    draw()
+    return max(paths, key=lambda path: path.stat().st_size)
+
+
 LOST = pytest.mark.xfail(
     strict=True,
     raises=AssertionError,
@@ -436,15 +449,7 @@ LOST = pytest.mark.xfail(
 )
 def test_damage_of_directories(name: str, tmp_path: Path) -> None:
     """Each byte of an archive's directory, which no checksum covers."""
-    form, drawn = FORMATS[name], []
-
-    @settings(FEW, max_examples=8)
-    @given(x=form.drawn)
-    def draw(x: Any) -> None:
-        drawn.append(x)
-
-    draw()
-    path = max((form.write(empty(tmp_path), x) for x in drawn), key=lambda p: p.stat().st_size)
+    form, path = FORMATS[name], fullest(name, tmp_path)
     x, content = form.read(path), path.read_bytes()
     for at in range(content.index(b"PK\1\2"), len(content)):
         path.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
@@ -468,6 +473,61 @@ def test_other_entries(name: str, data: st.DataObject, folder: Path) -> None:
     np.savez(path, **content)
     with contextlib.suppress(*form.refused):
         assert len(changed(form.read(path), x)) <= 1
+
+
+# Entries without which an archive is still whole, and what tells of a later version.
+BARE: dict[str, tuple[set[str], dict[str, Any]]] = {
+    "pattern": (set(), {"version": 99}),
+    "print": (set(), {"version": 99}),
+    "tile": ({"fabric_c1", "knit_ratio"}, {}),
+    "frame": ({"density"}, {}),
+    "skin": ({"target", "passive"}, {}),
+    "checkpoint": ({"density", "state"}, {"header": (b'"format": 1', b'"format": 99')}),
+}
+
+
+@pytest.mark.parametrize("name", BARE)
+def test_archives_say_what_they_are(name: str, tmp_path: Path) -> None:
+    """Other files, later versions and missing entries are told, each entry by its name."""
+    form, path, (bare, later) = FORMATS[name], fullest(name, tmp_path), BARE[name]
+    with np.load(path) as archive:
+        content = dict(archive)
+    for entry in content:
+        np.savez(path, **{key: value for key, value in content.items() if key != entry})
+        with contextlib.ExitStack() as stack:
+            if entry not in bare:
+                word = "another kind of file" if entry == "format" else entry
+                stack.enter_context(pytest.raises(form.refused, match=word))
+            form.read(path)
+    np.savez(path, x=np.zeros(3))
+    with pytest.raises(form.refused, match="kind of file|lacks|holds no|no whole"):
+        form.read(path)
+    for entry, value in later.items():
+        if isinstance(value, tuple):
+            value = np.frombuffer(content[entry].tobytes().replace(*value), np.uint8)
+        np.savez(path, **content | {entry: value})
+        with pytest.raises(form.refused, match="(version|format) 99"):
+            form.read(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "entry", "value", "words"),
+    [
+        ("pattern", "format", "another", "is another kind of file"),
+        ("pattern", "version", "new", "is not valid"),
+        ("print", "region_sizes", [1, 2], "the polygons do not fit the panels"),
+        ("print", "region_sizes", lambda old: [old.sum() + 1, -1], "the polygons do not fit"),
+        ("print", "region_bytes", b"not this", "the polygons do not fit the panels"),
+        ("print", "line_width", -1.0, "width = -1.0"),
+    ],
+)
+def test_wrong_entries(name: str, entry: str, value: Any, words: str, tmp_path: Path) -> None:
+    path = fullest(name, tmp_path)
+    with np.load(path) as archive:
+        content = dict(archive)
+    np.savez(path, **content | {entry: value(content[entry]) if callable(value) else value})
+    with pytest.raises(FORMATS[name].refused, match=words):
+        FORMATS[name].read(path)
 
 
 # ------------------------------------------------------------------------ meshes of other programs

@@ -16,6 +16,7 @@ from kit.pin import GOLDEN, table_of
 from mpi4py import MPI
 
 import toros_fem as tf
+from contracts.inner_refusals import INNER
 from contracts.refusals import ON_RANKS, REFUSALS, SQUARE, Scene, Table, _solver
 from toros_fem import errors as e
 from toros_fem import meshes as m
@@ -58,9 +59,10 @@ def raised(call: Callable[[], object]) -> Exception | None:
 def test_refusals(scene: Scene, pinned: Callable[..., None]) -> None:
     """Types and messages are pinned; every rank says the same."""
     several = scene.comm.size > 1
+    assert not REFUSALS.keys() & INNER.keys(), "each row has a name of its own"
     found: dict[str, str] = dict(table_of(GOLDEN / "refusals.csv")) if several else {}
-    for name in ON_RANKS if several else REFUSALS:
-        error = raised(lambda call=REFUSALS[name]: call(scene))  # type: ignore[misc]
+    for name in ON_RANKS if several else REFUSALS | INNER:
+        error = raised(lambda call=(REFUSALS | INNER)[name]: call(scene))  # type: ignore[misc]
         message = str(error)
         assert isinstance(error, e.TorosError), f"{name}: {error!r}"
         assert type(error) is not e.TorosError

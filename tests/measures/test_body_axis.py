@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.measures.body_axis import body_axis
 from toros_fem.measures.metrics import bend_angle, shortening, twist_angle
 from toros_fem.meshes import bend, compose, contract, cylinder, twist
@@ -111,12 +110,3 @@ def test_round_tip(alone: MPI.Comm) -> None:
     assert axis.end == pytest.approx(axis.length * 11 / 12)
     x = axis.deformer(1.0, None, None, 0.0)(points)
     assert axis.angle_metric(None).measure(rounded, x) == pytest.approx(np.degrees(1), abs=1e-6)
-
-
-def test_what_is_refused(tube: Pattern) -> None:
-    with pytest.raises(ParameterError, match="toward = '-z' must be perpendicular to axis = 'z'"):
-        body_axis(tube, "z", "-z", 0.0, None)
-    with pytest.raises(ParameterError, match="begin = 0.08 m and end = 0.06 m must lie"):
-        body_axis(tube, "z", "x", 0.08, 0.06)
-    with pytest.raises(ParameterError, match="between 0 and 0.12 m"):
-        body_axis(tube, "z", "x", 0.0, 0.2)

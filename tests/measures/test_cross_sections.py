@@ -13,7 +13,7 @@ from toros_fem.measures.cross_sections import (
     label_cross_sections,
     section_vertices,
 )
-from toros_fem.meshes import Skin, cylinder, rectangle, sew, twist
+from toros_fem.meshes import Skin, rectangle, sew, twist
 
 
 def test_sections_do_not_see_swelling(short_tube: Skin) -> None:
@@ -78,26 +78,6 @@ def test_sections_on_a_line_have_no_orientation(alone: MPI.Comm) -> None:
             act(crushed)
 
 
-def test_bad_input(alone: MPI.Comm) -> None:
-    pattern = cylinder(alone, LENGTH, 0.02, 4.5e-3)
-    skin = sew(alone, pattern)
-    goal = tube_sections(skin)
-    with pytest.raises(errors.ParameterError, match="each needs at least 3"):
-        CrossSections(np.array([0, 0, 1]), goal.position_weights[:2], goal.orientation_weights[:2])
-    with pytest.raises(errors.ParameterError, match=r"must be \(6, 3\)"):
-        CrossSections(goal.labels, goal.position_weights[:2], goal.orientation_weights)
-    with pytest.raises(errors.ParameterError, match="not negative"):
-        CrossSections(goal.labels, -goal.position_weights, goal.orientation_weights)
-    with pytest.raises(errors.ParameterError, match="labels have shape"):
-        CrossSectionObjective(
-            skin,
-            pattern.points,
-            CrossSections(goal.labels[:-1], goal.position_weights, goal.orientation_weights),
-        )
-    with pytest.raises(errors.TargetError, match="the target has shape"):
-        CrossSectionObjective(skin, pattern.points[1:], goal)
-
-
 def test_labels(short_tube: Skin) -> None:
     """Slabs of equal length; the ring at the tip is one section more, unless there is none."""
     pattern = short_tube.pattern
@@ -112,5 +92,3 @@ def test_labels(short_tube: Skin) -> None:
     assert [len(group) for group in section_vertices(labels, sizes.max())] == [sizes.max()]
     plain = label_cross_sections(pattern, wall, (0, 0, 1), 3, border=False)
     assert plain.max() == 2
-    with pytest.raises(errors.ParameterError, match="count = 0"):
-        label_cross_sections(pattern, wall, (0, 0, 1), 0)

@@ -6,7 +6,6 @@ import shapely
 from helpers.scenes import square
 from mpi4py import MPI
 
-from toros_fem.base.errors import PatternError
 from toros_fem.making.print.printability import printed_cells
 from toros_fem.meshes import Pattern, cylinder
 from toros_fem.meshes.border_motion import border_motion
@@ -90,8 +89,3 @@ def test_plain_and_full_panels_do_not_move() -> None:
     for regions, value in (([shapely.Polygon()], False), ([shapely.box(0, 0, SIZE, SIZE)], True)):
         printed = np.full(len(pattern.panel), value)
         assert not border_motion(pattern, regions, printed, LARGEST).any()
-
-
-def test_another_number_of_triangles() -> None:
-    with pytest.raises(PatternError, match="one entry for each triangle"):
-        border_motion(square(), [shapely.Polygon()], np.zeros(3, dtype=bool), LARGEST)

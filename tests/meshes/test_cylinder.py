@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem import errors
 from toros_fem.meshes import Pattern, cylinder, mirrored
 
 
@@ -66,9 +65,3 @@ def test_diagonals_of_the_wall() -> None:
     assert rising == pytest.approx(
         {"structured": 0, "left": 1, "union-jack": 0.5, "crossed": 0.5}, abs=0.01
     )
-
-
-@pytest.mark.parametrize("planes", [(0,), (2,), (1, 1), (1, 2)])
-def test_cylinder_planes(comm: MPI.Comm, planes: tuple[int, ...]) -> None:
-    with pytest.raises(errors.ParameterError, match=r"planes = .* must be \(\) for the whole"):
-        cylinder(comm, 0.06, 0.02, 5e-3, planes=planes)

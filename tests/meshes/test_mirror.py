@@ -9,7 +9,7 @@ from helpers.outlines import volume
 from mpi4py import MPI
 
 from benchmarks.stability.scenes import fan_tube
-from toros_fem.base.errors import ParameterError, PatternError
+from toros_fem.base.errors import PatternError
 from toros_fem.meshes import finger, mirrored
 from toros_fem.meshes.pattern import Pattern
 from toros_fem.meshes.sheet import one_panel
@@ -75,10 +75,3 @@ def test_part_that_reaches_across_its_plane_is_refused() -> None:
     half = one_panel(corners[[0, 1, 4, 5, 6, 7]].astype(float), np.array(
         [[0, 1, 5], [1, 2, 5], [5, 2, 4], [2, 3, 4]]))  # fmt: skip
     assert mirrored(half, (0,)).pattern.areas.sum() == pytest.approx(2 * half.areas.sum())
-
-
-def test_nothing_to_mirror(alone: MPI.Comm) -> None:
-    with pytest.raises(ParameterError, match="no free edge lies in the plane x = 0"):
-        mirrored(finger(alone, 5e-3, planes=(1,)), (0,))
-    with pytest.raises(ParameterError, match="axes holds 3"):
-        mirrored(finger(alone, 5e-3, planes=(1,)), (3,))

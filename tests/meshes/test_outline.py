@@ -5,7 +5,6 @@ import pytest
 from helpers.outlines import check_twins, edges_on, volume
 from mpi4py import MPI
 
-from toros_fem.base.errors import OutlineError
 from toros_fem.mechanics.skin.supports import symmetry_plane
 from toros_fem.meshes import two_panels
 
@@ -85,16 +84,3 @@ def test_cut_is_free_and_in_its_plane(alone: MPI.Comm, planes: tuple[int, ...]) 
     edges = edges_on(pattern, "bottom", np.array([0, 0]), np.array([0.02, 0.013]))
     assert edges[:, 0] == pytest.approx(np.append(0, edges[:-1, 1]), abs=1e-12)
     assert edges[-1, 1] == pytest.approx(1)
-
-
-def test_bad_input_is_named(alone: MPI.Comm) -> None:
-    with pytest.raises(OutlineError, match="mirror image in y = 0 differ by"):
-        two_panels(alone, ELL, 4e-3, planes=(1,))
-    with pytest.raises(OutlineError, match="line 0 ends inside the outline"):
-        two_panels(alone, SQUARE, 4e-3, lines=[((-0.02, 0), (0.01, 0))])
-    with pytest.raises(OutlineError, match="line 1 misses the outline"):
-        two_panels(alone, SQUARE, 4e-3, lines=[((-1, 0), (1, 0)), ((1, 0), (1, 1))])
-    with pytest.raises(OutlineError, match=r"edge_length = 0.05 m .* at most 0.02 m"):
-        two_panels(alone, SQUARE, 0.05)
-    with pytest.raises(OutlineError, match="the lines leave a face of"):
-        two_panels(alone, SQUARE, 4e-3, lines=[((-1, 0.0199), (1, 0.0199))])

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.base.errors import OutlineError
 from toros_fem.meshes import rounded, two_panels
 from toros_fem.meshes.planar import arc, glued
 
@@ -24,13 +23,6 @@ def test_rounded_convex_and_concave_corners() -> None:
     sharp = rounded(ELL, [0, radius, radius, radius, radius, 0])
     assert sharp[0] == pytest.approx([0, 0])
     assert sharp[-1] == pytest.approx([0, 0.05])
-
-
-def test_radius_that_does_not_fit() -> None:
-    with pytest.raises(OutlineError, match=r"corners 1 and 2 take 0.022 m of a side of 0.02 m"):
-        rounded(ELL, 0.011)
-    with pytest.raises(OutlineError, match="2 radii for 6 corners"):
-        rounded(ELL, [1e-3, 1e-3])
 
 
 def test_inner_edge_between_borders_is_halved(alone: MPI.Comm) -> None:

@@ -1,12 +1,9 @@
 """The robots have the requested sizes; parts and wholes fit."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from shapely.geometry import Polygon
 
-from toros_fem.base.errors import OutlineError, ParameterError
 from toros_fem.meshes import GRIPPER, WALKER, Star
 
 TWO_ARMS = Star(2, 0.05, 0.01, 0.02, 3e-3, 0.3)
@@ -35,12 +32,3 @@ def test_star(star: Star) -> None:
     turns = np.angle((edge[:, 0] + 1j * edge[:, 1]) / np.roll(edge[:, 0] + 1j * edge[:, 1], 1))
     assert np.abs(turns).max() < np.radians(5.001)
     assert turns.sum() == pytest.approx(2 * np.pi)
-
-
-def test_star_that_is_none() -> None:
-    with pytest.raises(OutlineError, match=r"arm_length = 0.01 m must exceed"):
-        replace(WALKER, arm_length=0.01)
-    with pytest.raises(OutlineError, match=r"at most the body's diameter of 0.04 m"):
-        replace(WALKER, arm_width=0.05)
-    with pytest.raises(ParameterError, match="arms = 1"):
-        replace(WALKER, arms=1)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem import errors
-from toros_fem.meshes import disc, rectangle
+from toros_fem.meshes import rectangle
 
 
 def test_a_sheet_is_placed_in_space(alone: MPI.Comm) -> None:
@@ -13,5 +12,3 @@ def test_a_sheet_is_placed_in_space(alone: MPI.Comm) -> None:
         alone, 0.02, 0.02, 0.01, place=lambda flat: np.column_stack([flat, flat[:, 0] ** 2])
     )
     assert pattern.points[:, 2] == pytest.approx(pattern.points[:, 0] ** 2)
-    with pytest.raises(errors.ParameterError, match="edge_length"):
-        disc(alone, 0.01, 0.02)

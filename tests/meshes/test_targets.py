@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.measures.metrics import bend_angle
 from toros_fem.meshes import WALKER, bend, compose, contract, curl, cylinder, stand, twist, walker
 
@@ -98,14 +97,3 @@ def test_stand_turns_the_legs_down_and_keeps_the_neutral_surface(
     ]
     gram = np.array([[(a * b).sum(axis=1) for a in slopes] for b in slopes])
     assert gram == pytest.approx(np.broadcast_to(np.eye(2)[:, :, None], gram.shape), abs=1e-6)
-
-
-def test_bad_input() -> None:
-    with pytest.raises(ParameterError, match="must be perpendicular to along"):
-        curl(1.0, 0.1, origin=(0, 0, 0), along=(1, 0, 0), toward=(1, 1, 0))
-    with pytest.raises(ParameterError, match=r"along = \(0, 0, 0\) has no direction"):
-        curl(1.0, 0.1, origin=(0, 0, 0), along=(0, 0, 0), toward=(1, 1, 0))
-    with pytest.raises(ParameterError, match=r"directions has shape \(2, 3\)"):
-        stand(1.0, 0.1, directions=np.eye(2, 3), root=0.02)
-    with pytest.raises(ParameterError, match="root = 0"):
-        stand(1.0, 0.1, directions=np.eye(2), root=0.0)

@@ -5,8 +5,7 @@ import pytest
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
-from toros_fem.base.errors import PanelError, PatternError
-from toros_fem.meshes import Pattern, bend, cylinder, disc, rectangle, walker
+from toros_fem.meshes import Pattern, bend, cylinder, rectangle, walker
 from toros_fem.meshes.refine import refine
 from toros_fem.meshes.transfer import make_transfer
 
@@ -107,23 +106,3 @@ def test_large_triangles_beside_small_ones(alone: MPI.Comm) -> None:
     for source, target in ((graded, even), (even, graded)):
         transfer = make_transfer(source, target)
         assert np.abs(transfer.overlap.sum(axis=1) / target.areas - 1).max() < 1e-9
-
-
-def test_other_panels_are_refused(alone: MPI.Comm, tubes: tuple[Pattern, Pattern]) -> None:
-    tube = tubes[0]
-    with pytest.raises(PanelError, match="the panels are named"):
-        make_transfer(tube, disc(alone, 0.01, 4e-3))
-    with pytest.raises(PanelError, match="'wall' is .* wide on one mesh"):
-        make_transfer(tube, cylinder(alone, 0.09, 0.02, COARSE))
-    round_one, square = disc(alone, 0.01, 3e-3), rectangle(alone, 0.02, 0.02, 3e-3)
-    with pytest.raises(PanelError, match="only 7. % of it are covered"):
-        make_transfer(rename(square), rename(round_one))
-    with pytest.raises(PatternError, match=r"values has shape \(3,\)"):
-        make_transfer(tube, tube).at_cells(np.zeros(3))
-
-
-def rename(pattern: Pattern) -> Pattern:
-    return Pattern(
-        pattern.flat_points, pattern.flat_triangles, pattern.panel, pattern.sewn, pattern.points,
-        ("cloth",),
-    )  # fmt: skip

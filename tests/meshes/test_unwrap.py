@@ -8,7 +8,6 @@ import pytest
 from helpers import surfaces
 from mpi4py import MPI
 
-from toros_fem import errors
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.meshes import Surface, unwrap
 from toros_fem.meshes.topology import lengths
@@ -104,21 +103,3 @@ def test_seams_of_the_user(alone: MPI.Comm) -> None:
     named = replace(tube, parts=(np.arange(120) >= 48).astype(int), part_names=("hand", "cuff"))
     assert unwrap(alone, named).pattern.panel_names == ("hand", "cuff")
     assert len(unwrap(alone, named, seams="auto").methods) == 1
-
-
-def test_wrong_requests(alone: MPI.Comm) -> None:
-    tube = surfaces.prism(12, 5)
-    for seams, match in (
-        ([[0, 72]], r"seams\[0\] = \[0, 72\] names no vertices; they lie in 0 … 71"),
-        ([[0, 1], [0, 30]], r"seams\[1\] = \[0, 30\] is no edge"),
-        ([0, 1], r"pairs of vertices"),
-    ):
-        with pytest.raises(errors.SurfaceError, match=match):
-            unwrap(alone, tube, seams=seams)
-    with pytest.raises(errors.ParameterError, match="method = 'best'"):
-        unwrap(alone, tube, method="best")
-    with pytest.raises(errors.ParameterError, match="max_stretch"):
-        unwrap(alone, tube, max_stretch=0)
-    cap, _ = surfaces.cap(4, 1.0)
-    with pytest.raises(errors.SurfaceError, match="not developable.*miss 2π by 0.0"):
-        unwrap(alone, cap, method="exact")

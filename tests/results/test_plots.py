@@ -1,6 +1,5 @@
 """Each picture is made, and shows what it is given at the right place."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from helpers.prints import flawed_tube
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from mpi4py import MPI
 
@@ -39,7 +39,7 @@ from toros_fem.results.pictures.pattern_plot import (
     plot_variants,
 )
 from toros_fem.results.pictures.shape_plot import plot_shape, plot_shapes
-from toros_fem.results.pictures.surface_plot import plot_unwrapped
+from toros_fem.results.pictures.surface_plot import VIEWS, plot_unwrapped
 
 
 @pytest.fixture(scope="module")
@@ -177,33 +177,56 @@ def test_print_has_the_border_of_its_contours(pattern: Pattern) -> None:
     assert 0.5 < far.mean() < 1
 
 
-def test_curves(tmp_path: Path) -> None:
+@pytest.fixture
+def figures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """What would be written, to look at its lines."""
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
+    return drawn
+
+
+def lines_of(figure: Figure) -> list[list[Any]]:
+    """Points of the lines of each axes that has any."""
+    return [[line.get_xydata() for line in axes.lines] for axes in figure.axes if axes.lines]
+
+
+def coloured(figure: Figure, colour: Any) -> list[np.ndarray]:
+    """Points of all lines of a colour."""
+    lines = [line for axes in figure.axes for line in axes.lines]
+    kept = [line for line in lines if colour in (line.get_color(), line.get_markeredgecolor())]
+    return [np.asarray(line.get_xydata()) for line in kept]
+
+
+def test_curves(figures: list[Figure]) -> None:
+    """Objective, metrics that have a target, and grey level; a line where a finer mesh begins."""
     metric = Metric("angle", "deg", 90.0, lambda _, __: 0.0)
-    numbers = {name: 1.0 for name in Iteration.__dataclass_fields__}
+    watched = replace(metric, name="other", target=None)
+    numbers = {name: 0.01 * k for k, name in enumerate(Iteration.__dataclass_fields__, 1)}
     history = [
-        Iteration(**{**numbers, "iteration": k, "level": 0, "metrics": {"angle_deg": 9.0 * k}})  # type: ignore[arg-type]
+        Iteration(**{**numbers, "iteration": k, "level": k // 3, "metrics": {"angle_deg": 9.0 * k}})  # type: ignore[arg-type]
         for k in range(5)
     ]
-    finer = [replace(row, level=row.iteration // 3) for row in history]
+    plot_convergence(Path("no.png"), history, [metric, watched])
+    steps = np.arange(5.0)
+    levels = [np.full(5, value) for value in (history[0].volume_fraction, history[0].grey_level)]
+    curves = [[np.full(5, history[0].objective)], [9 * steps], levels]
+    top, middle, bottom = lines_of(figures[-1])
+    for lines, wanted in zip((top, [middle[0], *middle[2:]], bottom), curves, strict=True):
+        for line, values in zip(lines[:-1], wanted, strict=True):
+            assert line == pytest.approx(np.column_stack([steps, values]))
+        assert lines[-1][:, 0] == pytest.approx(3.0)
+    assert middle[1][:, 1] == pytest.approx(90.0)
+    plot_convergence(Path("no.png"), history[:3], [metric])
+    assert [len(lines) for lines in lines_of(figures[-1])] == [1, 2, 2]
     rows = [{"pressure_pa": 1e3 * k, "angle_deg": 8.0 * k} for k in range(5)]
+    plot_pressure_path(Path("no.png"), rows, [metric])
+    assert lines_of(figures[-1])[0][0] == pytest.approx(np.column_stack([steps, 8 * steps]))
     feet = np.random.default_rng(0).random((7, 4, 3))
-    makers: dict[str, Callable[[Path], None]] = {
-        "convergence": lambda path: plot_convergence(path, history, [metric]),
-        "two levels": lambda path: plot_convergence(path, finer, [metric]),
-        "path": lambda path: plot_pressure_path(path, rows, [metric]),
-        "tracks": lambda path: plot_tracks(path, feet, 3),
-    }
-    for name, make in makers.items():
-        make(tmp_path / f"{name}.png")
-        image = pixels(tmp_path / f"{name}.png")
-        assert 0.005 < (image < 0.9).any(axis=2).mean() < 0.5, name
-        assert image.var() > 1e-3
-    watched = replace(metric, name="other", target=None)
-    plot_convergence(tmp_path / "watched.png", history, [metric, watched])
-    same = pixels(tmp_path / "convergence.png")
-    assert np.array_equal(pixels(tmp_path / "watched.png"), same), "it has no target to approach"
-    one, two = (pixels(tmp_path / f"{name}.png") for name in ("convergence", "two levels"))
-    assert (two < 0.5).sum() > (one < 0.5).sum(), "the finer mesh is marked"
+    plot_tracks(Path("no.png"), feet, 3)
+    tracks = lines_of(figures[-1])[0]
+    for k in range(4):
+        for line, part in zip(tracks[3 * k : 3 * k + 3], (feet, feet[::3], feet[:1]), strict=True):
+            assert line == pytest.approx(1e3 * part[:, k][:, [0, 2]])
 
 
 def test_metrics_over_pressure(tmp_path: Path) -> None:
@@ -253,19 +276,23 @@ def test_pattern(pattern: Pattern, tmp_path: Path) -> None:
     assert printed > 0.05
 
 
-def test_printability(pattern: Pattern, tmp_path: Path) -> None:
-    """Each flaw has its colour; without flaws there are legend entries alone."""
-    flaws = (ISLAND, NARROW_LINE, NARROW_GAP, HOLE)
-    whole = [panel_outline(pattern, panel) for panel in range(3)]
-    seen = []
-    for name, regions in (("flawed", flawed_tube(pattern, 40)), ("whole", whole)):
-        limits = PrintLimits()
+def test_printability(pattern: Pattern, figures: list[Figure]) -> None:
+    """Each flaw has its colour and its size; without flaws nothing is marked."""
+    limits, sizes = PrintLimits(), []
+    for regions in (flawed_tube(pattern, 40), [panel_outline(pattern, k) for k in range(3)]):
         found = printability(pattern, regions, limits)
-        plot_printability(tmp_path / f"{name}.png", pattern, regions, found, limits)
-        image = pixels(tmp_path / f"{name}.png")
-        seen.append([fraction(image, colour) for colour in flaws])
-    for with_flaw, without in zip(*seen, strict=True):
-        assert with_flaw > 1.5 * without > 0
+        plot_printability(Path("no.png"), pattern, regions, found, limits)
+        axes = figures[-1].axes[0]
+        islands = [patch for patch in axes.patches if patch.get_edgecolor()[:3] == to_rgb(ISLAND)]
+        lines = [coloured(figures[-1], colour) for colour in (NARROW_LINE, NARROW_GAP, HOLE)]
+        marks: list[Any] = [islands, *lines]
+        sizes.append([len(kind) for kind in marks])
+        if found.holes:  # in mm
+            assert np.ptp(islands[0].get_path().vertices, axis=0) == pytest.approx(2.4, rel=1e-3)
+            for kind, width in ((marks[1], 0.4), (marks[2], 0.45)):
+                assert np.linalg.norm(np.diff(kind[0], axis=0)) == pytest.approx(width, abs=2e-3)
+            assert np.ptp(marks[3][0], axis=0) == pytest.approx(0.7, rel=1e-3)
+    assert sizes == [[1, 2, 2, 2], [0, 0, 0, 0]]
 
 
 def test_variants(pattern: Pattern, tmp_path: Path) -> None:
@@ -277,12 +304,22 @@ def test_variants(pattern: Pattern, tmp_path: Path) -> None:
     assert fraction(right, FABRIC) > 0.3
 
 
-def test_unwrapped_surface(comm: MPI.Comm, tmp_path: Path) -> None:
-    """Seams are black lines on the surface; panels have the colours of the scale."""
-    tube = cylinder(comm, 0.04, 0.02, 4e-3)
-    unwrapped = unwrap(comm, Surface(tube.points, tube.triangles))
-    plot_unwrapped(tmp_path / "unwrapped.png", unwrapped)
-    image = pixels(tmp_path / "unwrapped.png")
-    surface = image[:, : image.shape[1] // 3]
-    assert 1e-3 < (surface < 0.2).all(axis=2).mean() < 0.1
-    assert image.var() > 1e-2
+def test_unwrapped_surface(alone: MPI.Comm, figures: list[Figure]) -> None:
+    """Each seam that is seen is a ribbon, in both views; panels have their outlines, in mm."""
+    tube = cylinder(alone, 0.04, 0.02, 4e-3)
+    unwrapped = unwrap(alone, Surface(tube.points, tube.triangles))
+    plot_unwrapped(Path("no.png"), unwrapped)
+    *spaces, flat, _ = figures[-1].axes
+    pattern, size = unwrapped.pattern, unwrapped.pattern.size
+    for axes, view in zip(spaces, VIEWS, strict=True):
+        paths = [np.asarray(p.vertices) for group in axes.collections for p in group.get_paths()]
+        ends = 1e3 * view.project(pattern.points[unwrapped.seams].reshape(-1, 3))
+        lengths = np.linalg.norm(ends[::2] - ends[1::2], axis=1)
+        sides = [np.linalg.norm(np.diff(p[:4], axis=0), axis=1) for p in paths if len(p) == 4]
+        assert {round(float(side[0]), 6) for side in sides} == {round(1e3 * 5e-3 * size, 6)}
+        assert all(np.abs(lengths - side[1]).min() < 1e-9 for side in sides)
+        a, b, c = np.moveaxis(pattern.points[pattern.triangles], 1, 0)
+        seen = pattern.triangles[np.cross(b - a, c - a) @ view.directions[2] > 0]
+        assert len(sides) == np.isin(unwrapped.seams, seen).all(axis=1).sum() > 0
+    outlines = [shapely.Polygon(line.get_xydata()) for line in flat.lines]
+    assert sum(o.area for o in outlines) == pytest.approx(1e6 * pattern.areas.sum())

@@ -1,10 +1,8 @@
 """Densities: random start and check."""
 
 import numpy as np
-import pytest
 from mpi4py import MPI
 
-from toros_fem import errors
 from toros_fem.design.density.field import random_density
 from toros_fem.meshes import Skin, sew
 
@@ -16,5 +14,3 @@ def test_random_density(tube: Skin, comm: MPI.Comm) -> None:
     assert not np.array_equal(whole, tube.gather_cells(random_density(tube, 8)))
     assert whole.min() >= 0.4
     assert whole.max() <= 0.6
-    with pytest.raises(errors.DensityError, match="spread"):
-        random_density(tube, 7, spread=0.6)

@@ -8,7 +8,6 @@ from helpers.scenes import square, table
 from mpi4py import MPI
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError
 from toros_fem.design.density.bar_width import unfiltered_width, width_for_threshold
 from toros_fem.design.density.cone import ConeFilter
 from toros_fem.design.density.filters import make_filter
@@ -126,10 +125,6 @@ def test_length_scale_parameters(short_tube: Skin) -> None:
     assert width_for_threshold("cone", low.solid_threshold, 0.3) == pytest.approx(1)
     assert width_for_threshold("cone", 1 - low.void_threshold, 0.7) == pytest.approx(1)
     assert paper.decay == pytest.approx(100 * mean_edge(short_tube) ** 2)
-    with pytest.raises(ParameterError, match="cannot be enforced"):
-        LengthScaleConstraints(short_tube, flat, LengthScale(line_width=0.1), designed)
-    with pytest.raises(ParameterError, match="no triangle is designed"):
-        LengthScaleConstraints(short_tube, flat, LengthScale(), ~designed)
 
 
 def test_summary_says_whether_both_hold(short_tube: Skin) -> None:

@@ -5,7 +5,6 @@ import pytest
 from helpers.scenes import table
 from kit.slopes import slope
 
-from toros_fem import errors
 from toros_fem.base.array_types import Floats
 from toros_fem.design.density.projection import Projection
 
@@ -28,10 +27,3 @@ def test_derivative(eta: float) -> None:
     assert projection.backward(x, np.full(len(x), 3.0)) == pytest.approx(3 * rise, abs=1e-8)
     assert projection.forward(x)[[0, -1]] == pytest.approx([0, 1], abs=0)
     assert projection.backward(np.array([0.0, 1.0]), np.ones(2)).min() > 0, "the ends are inside"
-
-
-def test_parameters() -> None:
-    with pytest.raises(errors.ParameterError, match="beta"):
-        Projection(beta=0.0)
-    with pytest.raises(errors.ParameterError, match="eta"):
-        Projection(eta=1.5)

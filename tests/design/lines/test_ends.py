@@ -4,8 +4,11 @@ from helpers.lines import distance_to_others, largest_jump
 from mpi4py import MPI
 
 from toros_fem.design.lines import LaidLines, LineField, LineOptions, lay_lines
+from toros_fem.design.lines.centre_lines import CentreLine
+from toros_fem.design.lines.ends import Family, Net
+from toros_fem.design.lines.transport import make_line_mesh
 from toros_fem.meshes.pattern import Pattern
-from toros_fem.meshes.sheet import disc, rectangle
+from toros_fem.meshes.sheet import disc, one_panel, rectangle
 
 DISC = disc(MPI.COMM_SELF, 0.025, 2.5e-3)
 SHEET = rectangle(MPI.COMM_SELF, 0.06, 0.04, 2.5e-3, "unstructured")
@@ -64,3 +67,20 @@ def test_noise_does_not_break_lines() -> None:
         off = np.angle(double * np.exp(-2j * angle)) / 2
         assert np.sqrt(np.average(off**2, weights=length)) < np.radians(8)
     check_ends(lay_lines(field, LineOptions(even=None)))
+
+
+@pytest.mark.parametrize(("spacing", "end"), [(13.0e-3, "line"), (15.4e-3, "border")])
+def test_a_line_meets_itself_after_three_spacings(spacing: float, end: str) -> None:
+    """A loop of 40 mm in one large triangle: closed where it is longer than three spacings."""
+    corners = np.array([[0.0, 0.0], [0.2, 0.0], [0.0, 0.2]])
+    mesh = make_line_mesh(one_panel(corners, np.array([[0, 1, 2]])), np.ones(1, dtype=bool))
+    nodes = np.array([[30, 0], [30, 19.9], [30, 30], [40, 30], [40, 20], [25, 20]]) * 1e-3
+    line = CentreLine(np.zeros(5, dtype=int), np.stack([nodes[:-1], nodes[1:]], axis=1), False)
+    even = np.full(mesh.size, spacing)
+    family = Family([line], np.zeros((1, 3)), even, 0.1 * even, 1e-3, (1e-4, even))
+    net = Net(mesh, [family], ())
+    net.classify()
+    net.close()
+    ((found,),) = net.result()
+    assert found.ends == ("border", end)
+    assert found.points[-1, 1] == pytest.approx([0.03 if end == "line" else 0.0, 0.02], abs=1e-12)

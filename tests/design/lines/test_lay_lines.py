@@ -6,7 +6,6 @@ import shapely
 from helpers.lines import even_field, largest_jump, positions, seam_difference, turned_halves
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.design.lines import LaidLines, LineField, LineOptions, lay_lines
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.making.print.widths import measure_widths
@@ -41,15 +40,6 @@ def test_cover_is_the_area_of_the_polygons() -> None:
     assert np.all((cover >= 0) & (cover <= 1))
     assert np.allclose(cover[caps], 1.0, atol=1e-12)
     assert cover @ tube.areas == pytest.approx(laid.area, rel=1e-9)
-
-
-def test_what_does_not_fit_is_refused() -> None:
-    sheet = rectangle(MPI.COMM_SELF, 0.02, 0.02, 5e-3)
-    field = even_field(sheet, [0.2, 0.2], [0.0, 90.0])
-    with pytest.raises(ParameterError, match="printed has shape"):
-        lay_lines(field, printed=np.zeros(3, dtype=bool))
-    with pytest.raises(ParameterError, match="3 widths for 2 families"):
-        lay_lines(field, LineOptions(widths=(1e-3, 1e-3, 2e-3)))
 
 
 @pytest.mark.parametrize("degrees", [37.0, -110.0])

@@ -1,11 +1,6 @@
-import pytest
-
-from toros_fem.base.errors import ParameterError
 from toros_fem.design.lines.options import LineOptions
 
 
 def test_one_width_counts_for_all_families() -> None:
     assert LineOptions(widths=[1e-3]).width_of(1, 2) == 1e-3
     assert LineOptions(widths=(4e-3, 1e-3)).width_of(1, 2) == 1e-3
-    with pytest.raises(ParameterError, match="2 widths for 3 families"):
-        LineOptions(widths=(4e-3, 1e-3)).width_of(0, 3)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import shapely
 
-from toros_fem.design.lines.strips import Strip, cleaned, ribbons
+from toros_fem.design.lines.strips import Joint, Strip, cleaned, ribbons
 
 WIDTH = 0.6e-3
 
@@ -35,6 +35,25 @@ def test_a_strip_widens_evenly() -> None:
         assert cut.length == pytest.approx(2 * radius, rel=1e-9)
 
 
+@pytest.mark.parametrize("beyond", [0.0, 2.9e-3, 10e-3])
+def test_a_strip_runs_on_across_a_joint(beyond: float) -> None:
+    """Its part near the joint comes with the joint's motion, a quarter turn; no other does."""
+    turn, shift = np.array([[0.0, -1.0], [1.0, 0.0]]), np.array([0.1, 0.2])
+    edge = np.array([[[0.03, -0.01], [0.03, 0.01]]])
+    joint = Joint(1, 0, edge, turn[None], shift[None])
+    x = 0.03 + beyond + np.linspace(0, 0.02, 3)
+    nodes = np.stack([x, np.full(3, 0.002)], axis=1)
+    lone = strip(nodes, 1e-3, (False, False))
+    found = shapely.union_all(ribbons([lone], 1, [joint], WIDTH))
+    if beyond > 3 * WIDTH + 1e-3:
+        assert found.is_empty
+        return
+    there = nodes[:2] @ turn.T + shift
+    expected = shapely.union_all(ribbons([strip(there, 1e-3, (False, False))], 0, [], WIDTH))
+    assert found.symmetric_difference(expected).area < 1e-12
+    assert not ribbons([lone], 1, [Joint(0, 0, edge, turn[None], shift[None])], WIDTH)
+
+
 def test_a_sharp_turn_is_round() -> None:
     nodes = np.array([[0, 0], [0.02, 0], [0.02, 0.001], [0, 0.001]])
     region = shapely.union_all(ribbons([strip(nodes, 1e-3, (False, False))], 0, [], WIDTH))
@@ -51,6 +70,8 @@ def test_no_line_and_no_gap_is_left_that_is_too_thin() -> None:
     region = cleaned(shapely.union_all([thin, wide, near]), WIDTH, 0.5e-6)
     assert len(shapely.get_parts(region)) == 1, "the thin one is gone, the others are one"
     assert region.area == pytest.approx(0.02 * 3.9 * WIDTH, rel=1e-2)
+    assert cleaned(bar(0.0, 1.01 * WIDTH), WIDTH, 0.5e-6).is_empty
+    assert not cleaned(bar(0.0, 1.02 * WIDTH), WIDTH, 0.5e-6).is_empty
     ring = shapely.Point(0, 0).buffer(3e-3).difference(shapely.Point(0, 0).buffer(0.39e-3))
     assert len(cleaned(ring, WIDTH, 0.5e-6).interiors) == 0
     assert len(cleaned(ring, WIDTH, 0.4e-6).interiors) == 1

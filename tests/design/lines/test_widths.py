@@ -5,7 +5,6 @@ import pytest
 from helpers.lines import even_field
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.design.lines import LaidLines, LineOptions, lay_lines, widened
 from toros_fem.design.lines.widths import smooth_functions, width_changes, within_bounds
 from toros_fem.meshes.sheet import rectangle
@@ -64,14 +63,3 @@ def test_densities_of_changes_are_those_under_the_lines(lines: LaidLines) -> Non
     assert np.allclose(change, 0.1, rtol=1e-3)
     assert np.allclose(changes.density(cells, change)[printed], 0.1, rtol=1e-3)
     assert not np.any(changes.densities(cells, ~free)[0])
-
-
-def test_factors_that_do_not_fit_are_refused(lines: LaidLines) -> None:
-    assert lines.drawing is not None
-    for factors in (np.ones((2, 3)), -np.ones((1, lines.drawing.mesh.size))):
-        with pytest.raises(ParameterError, match="positive numbers"):
-            widened(lines, factors)
-    sheet = rectangle(MPI.COMM_SELF, SIDE, SIDE, 1e-2)
-    bare = lay_lines(even_field(sheet, [0.2], [90.0]), printed=np.ones(len(sheet.panel), bool))
-    with pytest.raises(ParameterError, match="no lines"):
-        widened(bare, np.ones((1, 1)))

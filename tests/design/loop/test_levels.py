@@ -9,7 +9,6 @@ import pytest
 from mpi4py import MPI
 
 import toros_fem as tf
-from toros_fem import errors
 from toros_fem.design.density.length_scale import LengthScale
 from toros_fem.design.loop.levels import gathered, optimize_levels, refinements
 from toros_fem.design.loop.options import DesignOptions, Iteration, Stage
@@ -118,12 +117,6 @@ def test_each_level_is_finished(alone: MPI.Comm) -> None:
     assert result.history[-1].iteration == 4
 
 
-def test_levels_that_do_not_fit(alone: MPI.Comm) -> None:
-    rules = DesignOptions((Stage(1),))
-    with pytest.raises(errors.ParameterError, match="there are 2 problems for 3 levels"):
-        optimize_levels(tubes(alone), [rules] * 3, seed=1)
-
-
 def test_refined_design(alone: MPI.Comm) -> None:
     """All that is given is carried to the refined pattern, at half the scale."""
     pattern = cylinder(alone, LENGTH, 0.02, 2 * EDGE)
@@ -137,6 +130,7 @@ def test_refined_design(alone: MPI.Comm) -> None:
         alone, pattern, 2 * RADIUS, target=target(pattern.points), weights=weights, start=start,
         force=force, passive=passive, perimeter_weight=1e-5, perimeter_window=7e-3,
         length_scale=LengthScale(line_width=9e-3), metrics=(metric,),
+        composite=tf.Composite(knit=tf.Knit(2.0, {"wall": 0.7, "base": 0.0, "tip": 0.1})),
     )  # fmt: skip
     finer, (same, fine) = refine(pattern), refinements(problem, 2)
     assert same is problem
@@ -149,6 +143,7 @@ def test_refined_design(alone: MPI.Comm) -> None:
     assert widths is not None
     assert widths.solid_threshold == pytest.approx(coarse_widths.solid_threshold, rel=1e-12)
     assert fine.metrics == (metric,)
+    assert fine.solver.model.composite == problem.solver.model.composite != tf.Composite()
     assert fine.pressure_ranges == problem.pressure_ranges
     # The target was given as positions: it is interpolated.
     assert fine.target is not None

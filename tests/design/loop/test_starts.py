@@ -84,9 +84,3 @@ def test_an_error_on_one_rank_is_raised_on_all(comm: MPI.Comm) -> None:
 
     with pytest.raises(errors.ParameterError, match="one rank alone"):
         best_start(comm, broken, OPTIONS, [1, 2])
-
-
-@pytest.mark.parametrize("seeds", [[], [3, 3]])
-def test_bad_seeds(alone: MPI.Comm, seeds: list[int]) -> None:
-    with pytest.raises(errors.ParameterError, match=r"seeds = .* all different"):
-        best_start(alone, tube, OPTIONS, seeds)

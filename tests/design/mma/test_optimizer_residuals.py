@@ -7,7 +7,6 @@ import pytest
 from helpers.mma_problems import vec
 from scipy.optimize import lsq_linear
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.design.mma.optimizer import MMA, MMAOptions
 
 Residuals = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -162,19 +161,3 @@ def test_other_units_change_nothing(factor: float, monkeypatch: pytest.MonkeyPat
     same = run([1.0, 1.0, 1.0])
     assert np.array(run([1.0, factor, factor**0.5])) == pytest.approx(np.array(same), abs=1e-9)
     assert np.abs(np.diff(same, axis=0)).max() > 0.01
-
-
-def test_bad_input() -> None:
-    mma = MMA(vec(np.zeros(3)), vec(np.ones(3)), residuals=2)
-    with pytest.raises(ParameterError, match="0 residuals and 0 gradients were given for 2"):
-        mma.step(vec(np.ones(3)), 0.0, vec(np.ones(3)))
-    mma.step(vec(np.ones(3)), 0.0, vec(np.ones(3)), (), (), [1.0, 2.0], [vec(np.ones(3))] * 2)
-    for residuals in ([1.0], [1.0, 2.0, 3.0]):
-        with pytest.raises(ParameterError, match=f"{len(residuals)} residuals for 2"):
-            mma.retry(vec(np.ones(3)), 0.0, (), residuals)
-    with pytest.raises(ParameterError, match="0 residuals for 2"):
-        mma.conservative(vec(np.ones(3)), 0.0)
-    with pytest.raises(ParameterError, match="4 values were given for 0"):
-        mma.retry(vec(np.ones(3)), 0.0, [0.0] * 4)
-    with pytest.raises(ParameterError, match="factor"):
-        mma.rescale(0.0)

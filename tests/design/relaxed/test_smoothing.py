@@ -5,7 +5,6 @@ import pytest
 from helpers.line_fields import two_sheets
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.design.relaxed.families import FixedDirections, FreeDirections
 from toros_fem.design.relaxed.smoothing import Smoothing
 from toros_fem.meshes import Skin, sew
@@ -75,5 +74,3 @@ def test_triangles_without_fields(alone: MPI.Comm) -> None:
     smooth = Smoothing(skin, 0.02, 1, designed=designed)
     found = skin.gather_cells(smooth.forward(designed[skin.owned_cells].astype(float)))
     assert found == pytest.approx(designed.astype(float), abs=1e-13)
-    with pytest.raises(ParameterError, match="radius"):
-        Smoothing(skin, 0.0, 1)

@@ -10,7 +10,6 @@ from helpers.designs import make_problem
 from mpi4py import MPI
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.errors import PanelError
 from toros_fem.design.density.field import random_density
 from toros_fem.design.loop.loop import DesignResult
 from toros_fem.making.as_printed.as_printed import as_printed
@@ -77,14 +76,6 @@ def test_lines_on_another_mesh_are_scaled_with_its_panels(alone: MPI.Comm) -> No
     assert found[wall].area > 1.005 * regions[wall].area, "the coarse prism has fewer sides"
     again = regions_on(fine, found, coarse)
     assert again[wall].symmetric_difference(regions[wall]).area < 1e-9 * regions[wall].area
-
-
-def test_lines_of_other_panels_are_refused(alone: MPI.Comm) -> None:
-    capped, bare = (cylinder(alone, 0.06, 0.02, 5e-3, caps=caps) for caps in ("both", None))
-    with pytest.raises(PanelError, match="2 regions for 3 panels"):
-        regions_on(capped, [NOTHING] * 2, capped)
-    with pytest.raises(PanelError, match="same panels"):
-        regions_on(capped, [NOTHING] * 3, bare)
 
 
 def test_contours_of_a_design_are_printed_alike(

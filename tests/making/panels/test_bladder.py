@@ -6,7 +6,6 @@ import shapely
 from helpers.panels import CLOSED, pattern_of
 from shapely.geometry import LineString
 
-from toros_fem.base.errors import PanelError
 from toros_fem.making.panels import ManufactureOptions, bladder_drawings
 from toros_fem.making.print.contours import panel_outline
 
@@ -70,8 +69,6 @@ def test_the_tab_goes_where_it_is_wanted() -> None:
     # The finger begins at x = 0, and so do both tabs.
     for sheet in (top, bottom):
         assert sheet.cut.bounds[0] == pytest.approx(-26e-3, abs=1e-4)
-    with pytest.raises(PanelError, match="no panel is named 'side'"):
-        bladder_drawings(pattern, OPTIONS, ("side", np.zeros(2)))
 
 
 def test_a_sheet_has_no_bladder() -> None:

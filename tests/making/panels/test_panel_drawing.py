@@ -7,9 +7,8 @@ import pytest
 import shapely
 from helpers.panels import KINDS, pattern_of, striped
 from mpi4py import MPI
-from shapely.geometry import LineString, Polygon
+from shapely.geometry import LineString
 
-from toros_fem.base.errors import PanelError
 from toros_fem.making.panels import ManufactureOptions, PanelDrawing, panel_drawings
 from toros_fem.making.print.contours import panel_outline
 from toros_fem.meshes import cylinder
@@ -94,11 +93,6 @@ def test_without_allowance_the_cut_is_the_seam_line() -> None:
         assert drawing.notches.shape == (0, 2, 2)
         assert drawing.grain == ()
         assert {label.text for label in drawing.labels} == {drawing.name, "outside up"}
-
-
-def test_one_region_for_each_panel() -> None:
-    with pytest.raises(PanelError, match="1 regions for 2 panels"):
-        panel_drawings(pattern_of("finger"), [Polygon()])
 
 
 def test_a_fully_printed_panel_is_marked_beside_its_print(alone: MPI.Comm) -> None:

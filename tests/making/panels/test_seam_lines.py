@@ -5,10 +5,8 @@ import pytest
 import shapely
 from helpers.panels import KINDS, pattern_of
 
-from toros_fem.base.errors import PatternError
 from toros_fem.making.panels import sewn_seams
 from toros_fem.making.print.contours import panel_outline
-from toros_fem.meshes import moulded
 
 
 def points(array: np.ndarray) -> list[tuple[float, ...]]:
@@ -55,9 +53,3 @@ def test_panels_lie_left_of_the_first_side_and_right_of_the_second(kind: str) ->
             outline = panel_outline(pattern, panel)
             assert not shapely.contains_xy(outline, beside).any()
             assert shapely.contains_xy(outline, inside).all()
-
-
-def test_moulded_skins_have_none() -> None:
-    pattern = pattern_of("tube")
-    with pytest.raises(PatternError, match="flat panels"):
-        sewn_seams(moulded(pattern.points, pattern.triangles))

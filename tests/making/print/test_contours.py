@@ -9,7 +9,6 @@ from helpers.scenes import square
 from mpi4py import MPI
 from shapely.geometry import Point, Polygon, box
 
-from toros_fem.base.errors import DensityError
 from toros_fem.making.print.contours import panel_outline, printed_region, printed_regions
 from toros_fem.meshes import cylinder
 
@@ -78,11 +77,3 @@ def test_noise_and_values_at_the_threshold(seed: int) -> None:
     part = np.where(low >= 0, high > 0, np.where(middle > 0, two, np.where(high > 0, one, 0)))
     expected = np.tile(pattern.areas / 3, 3) @ part
     assert region.area == pytest.approx(expected, rel=1e-9)
-
-
-def test_values_must_fit() -> None:
-    pattern = square()
-    with pytest.raises(DensityError, match=r"at_points has shape \(32,\); it must hold 25 finite"):
-        printed_region(pattern, np.zeros(32), np.zeros(25), 0, 0.5)
-    with pytest.raises(DensityError, match="at_centroids .* must hold 32 finite"):
-        printed_region(pattern, np.zeros(25), np.full(32, np.nan), 0, 0.5)

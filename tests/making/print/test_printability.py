@@ -7,7 +7,6 @@ from helpers.prints import flawed_tube, regions_of
 from helpers.scenes import square
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.making.print.contours import printed_regions
 from toros_fem.making.print.printability import PrintLimits, printability, printed_cells
 from toros_fem.meshes import cylinder
@@ -42,8 +41,6 @@ def test_printed_cells(alone: MPI.Comm) -> None:
 
 def test_limits_must_be_positive() -> None:
     assert PrintLimits(width=0.8e-3, gap=0.4e-3).resolution == pytest.approx(0.02e-3)
-    with pytest.raises(ParameterError, match="gap = 0"):
-        PrintLimits(gap=0)
 
 
 def test_lines_of_a_field(alone: MPI.Comm) -> None:

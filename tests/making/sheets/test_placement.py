@@ -7,7 +7,6 @@ import pytest
 import shapely
 from shapely.affinity import rotate, translate
 
-from toros_fem.base.errors import SheetError
 from toros_fem.making.sheets.placement import Placement, nest
 
 GAP, MARGIN = 4e-3, 10e-3
@@ -87,13 +86,3 @@ def test_a_slanted_panel_is_turned_upright() -> None:
     slanted = {"strip": strip, "cap": shapely.box(0, 0, 1e-2, 1e-2)}
     size = (0.25, 0.08)
     check(slanted, nest(slanted, size, gap=GAP, margin=MARGIN), size)
-    with pytest.raises(SheetError, match="turned as its grain allows"):
-        nest(slanted, size, gap=GAP, margin=MARGIN, grain=np.pi / 2)
-
-
-def test_too_large_a_panel_is_named() -> None:
-    panels = {"cap": shapely.box(0, 0, 0.02, 0.02), "wall": shapely.box(0, 0, 0.3, 0.2)}
-    with pytest.raises(SheetError) as caught:
-        nest(panels, BED, gap=GAP, margin=MARGIN)
-    for text in ("'wall'", "300.0 × 200.0 mm", "250 × 210 mm", "230.0 × 190.0 mm", "larger bed"):
-        assert text in str(caught.value)

@@ -10,7 +10,6 @@ from helpers.panels import pattern_of, striped
 from shapely.geometry import Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
-from toros_fem.base.errors import ParameterError, PatternError
 from toros_fem.making.panels import panel_drawings
 from toros_fem.making.sheets import PrintBody, print_bodies, print_body, write_stl
 
@@ -72,12 +71,3 @@ def test_panels_without_print_have_no_body() -> None:
     drawings = panel_drawings(pattern, [regions[0], Polygon()])
     names = [body.name for body in print_bodies(drawings)]
     assert names == ["top", "top registration"]
-
-
-def test_wrong_bodies() -> None:
-    with pytest.raises(PatternError, match="nothing is printed"):
-        print_body(Polygon(), HEIGHT)
-    with pytest.raises(ParameterError, match="height = 0"):
-        print_body(box(0, 0, 1, 1), 0)
-    with pytest.raises(ParameterError, match=r"base = -0\.1"):
-        print_body(box(0, 0, 1, 1), HEIGHT, -0.1)

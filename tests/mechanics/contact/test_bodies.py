@@ -1,4 +1,4 @@
-"""Rigid bodies: what is refused, their centre and volume, and their surface moved inwards."""
+"""Rigid bodies: their centre and volume, and their surface moved inwards."""
 
 from dataclasses import replace
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from helpers import surfaces
 
-from toros_fem import errors
 from toros_fem.mechanics.contact import RigidBody, rigid_box, rigid_cylinder, rigid_sphere
 from toros_fem.mechanics.contact.motion import rotation
 from toros_fem.meshes.surface import volume
@@ -26,28 +25,6 @@ def bodies() -> list[RigidBody]:
 def unit_normals(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     normal = normals(points, triangles)
     return normal / np.linalg.norm(normal, axis=1, keepdims=True)
-
-
-def test_bodies_that_are_refused() -> None:
-    box = rigid_box("crate", (1.0, 1.0, 1.0), edge_length=1.0)
-    with pytest.raises(errors.ParameterError, match="mass = 0 must be"):
-        replace(box, mass=0)
-    with pytest.raises(errors.ParameterError, match="empty name"):
-        replace(box, name="")
-    with pytest.raises(errors.SurfaceError, match="'crate': its surface has a border; close it"):
-        replace(box, triangles=box.triangles[1:])
-    with pytest.raises(errors.SurfaceError, match=r"'crate': points\[0, 0\] = nan is not finite"):
-        replace(box, points=np.where(np.arange(8)[:, None] == 0, np.nan, box.points))
-    with pytest.raises(errors.DegenerateTriangleError, match="'crate': .* thinner"):
-        replace(box, points=box.points * [1, 1, 1e-7])
-    with pytest.raises(errors.SurfaceError, match="triangles has shape"):
-        replace(box, triangles=np.zeros((2, 4), dtype=np.int64))
-    with pytest.raises(errors.SurfaceError, match=r"triangles holds 99; .* 0 … 7"):
-        replace(box, triangles=np.array([[0, 1, 99]]))
-    mixed = box.triangles.copy()
-    mixed[3] = mixed[3, ::-1]
-    with pytest.raises(errors.OrientationError, match="'crate': both triangles at edge"):
-        replace(box, triangles=mixed)
 
 
 def test_a_body_that_faces_inwards_is_turned() -> None:
@@ -74,8 +51,6 @@ def test_moved() -> None:
     assert (moved.name, moved.mass) == ("crate", 2.0)
     expected = (box.points - box.centre) @ rotation(pose[3:]).T
     assert moved.points - moved.centre == pytest.approx(expected, abs=1e-15)
-    with pytest.raises(errors.ParameterError, match="pose has shape"):
-        box.moved(np.zeros(3))
 
 
 @pytest.mark.parametrize("body", bodies(), ids=lambda body: body.name)
@@ -111,21 +86,7 @@ def test_inset_of_a_mesh_with_hollows() -> None:
     assert moved == pytest.approx(np.full_like(moved, depth), rel=0.05)
 
 
-def test_bodies_too_thin_for_their_inset() -> None:
+def test_a_card_is_moved_in_up_to_its_middle() -> None:
     card = rigid_box("card", (0.05, 0.05, 3e-4), edge_length=0.01)
-    with pytest.raises(errors.ParameterError, match=r"'card' is no body any more: .* turn over"):
-        card.inset(DEPTH)
-    card.inset(0.7 * DEPTH)
-    with pytest.raises(errors.ParameterError, match="depth = -1 must be"):
-        card.inset(-1)
-
-
-def test_bodies_whose_walls_would_cross() -> None:
-    """A ring with a thick rim and a thin web: no triangle turns over, but the web's sides cross."""
-    turn = 2 * np.pi * np.arange(24) / 24
-    height = np.sin(turn) * (1.5e-4 + 6e-3 * np.cos(turn) ** 2)
-    points = surfaces.turned(0.03 + 0.01 * np.cos(turn), height, 16)
-    body = RigidBody("dish", points, surfaces.rings(24, 16, closed=True))
-    with pytest.raises(errors.ParameterError, match="'dish' is no body any more: two of its walls"):
-        body.inset(DEPTH)
-    body.inset(DEPTH / 2)
+    inner = card.inset(0.7 * DEPTH)  # 0.14 of 0.15 mm
+    assert np.ptp(inner, axis=0) == pytest.approx(np.array([0.04972, 0.04972, 2e-5]), rel=1e-9)

@@ -7,7 +7,6 @@ import pytest
 from kit.slopes import slope
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import ParameterError
 from toros_fem.mechanics.contact import Pads
 from toros_fem.mechanics.contact.friction import Coulomb
 from toros_fem.mechanics.contact.pads import OneWay
@@ -122,23 +121,6 @@ def test_as_the_library_of_contact_has_it() -> None:
         assert mine == pytest.approx(by_position[block, block], abs=1e-6 * np.abs(mine).max())
 
 
-def test_a_held_load_does_not_creep() -> None:
-    """A spring-loaded vertex: 50 steps under one load leave it and its force where they are."""
-    normal, load, spring = np.array([[0.0, 0.0, 2.0]]), np.array([[0.9, 0.0, 0.0]]), 1e3
-    anchor: Floats = np.zeros((1, 3))
-    place: Floats = anchor
-    places = []
-    for _ in range(50):
-        for _ in range(60):
-            force = LAW.force(normal, place - anchor) + spring * place - load
-            matrix = LAW.stiffness(normal, place - anchor)[0] + spring * np.eye(3)
-            place = place - np.linalg.solve(matrix, force[0])
-        anchor = place - LAW.elastic(normal, place - anchor)
-        places.append(place[0, 0])
-    assert 0 < places[0] < LAW.slip, "it sticks"
-    assert np.ptp(places) < 1e-12 * LAW.slip
-
-
 @pytest.mark.parametrize("steps", [1, 3, 40])
 def test_forces_do_not_depend_on_the_number_of_steps(steps: int) -> None:
     """There, beyond the slip, and a part of the way back."""
@@ -152,10 +134,3 @@ def test_forces_do_not_depend_on_the_number_of_steps(steps: int) -> None:
             anchor = place - LAW.elastic(normal, place - anchor)
     left = 0.6  # of the slip: a part 0.4 of it has gone back
     assert force == pytest.approx(LAW.friction * 2.0 * (2 - left) * left, rel=1e-9)
-
-
-def test_bad_numbers() -> None:
-    with pytest.raises(ParameterError, match="friction = 0"):
-        Coulomb(0.0, 1e-4)
-    with pytest.raises(ParameterError, match="slip = -1"):
-        Coulomb(0.5, -1.0)

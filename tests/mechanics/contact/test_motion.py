@@ -62,24 +62,6 @@ def test_derivatives(angle: float, cloud: tuple[np.ndarray, np.ndarray, np.ndarr
         assert curvature[:, k] == pytest.approx(np.dot([1, -8, 8, -1], slopes) / (12 * h), abs=1e-9)
 
 
-@pytest.mark.parametrize("angle", [0.0, 0.7, 3.0])
-def test_taylor(angle: float, cloud: tuple[np.ndarray, np.ndarray, np.ndarray]) -> None:
-    """The remainders of first and second order fall by 2² and 2³."""
-    points, centre, force = cloud
-    pose, change = pose_at(angle), np.array([0.1, 0.2, -0.3, 0.5, -0.4, 0.7])
-
-    def work(step: float) -> float:
-        return float((force * placed(points, centre, pose + step * change)).sum())
-
-    slope = force.ravel() @ pose_jacobian(points, centre, pose) @ change
-    bend = change @ pose_curvature(points, centre, pose, force) @ change
-    steps = 4e-3 / 2 ** np.arange(4)
-    first = np.array([work(h) - work(0) - h * slope for h in steps])
-    second = first - steps**2 / 2 * bend
-    assert np.log2(np.abs(first[:-1] / first[1:]))[-1] == pytest.approx(2, abs=0.02)
-    assert np.log2(np.abs(second[:-1] / second[1:]))[-1] == pytest.approx(3, abs=0.02)
-
-
 def test_a_whole_turn_loses_two_ranks(
     cloud: tuple[np.ndarray, np.ndarray, np.ndarray],
 ) -> None:

@@ -81,21 +81,6 @@ def test_given_edge_lengths() -> None:
     assert np.median(edge_lengths(ball)) == pytest.approx(3e-3, rel=0.1)
     rod = rigid_cylinder("rod", 0.02, 0.05, edge_length=3e-3)
     assert np.percentile(edge_lengths(rod), 33) == pytest.approx(3e-3, rel=0.1), "not diagonals"
-    with pytest.raises(errors.MeshSizeError, match="edge_length = 1e-06"):
-        rigid_sphere("ball", 0.02, edge_length=1e-6)
-
-
-def test_values_that_are_refused() -> None:
-    with pytest.raises(errors.ParameterError, match="radius = -1 must be"):
-        rigid_sphere("ball", -1)
-    with pytest.raises(errors.ParameterError, match=r"centre has shape \(2,\)"):
-        rigid_sphere("ball", 1, (0, 0))
-    with pytest.raises(errors.ParameterError, match=r"size\[1\] = 0"):
-        rigid_box("box", (1, 0, 1))
-    with pytest.raises(errors.ParameterError, match="axis = 0 has no direction"):
-        rigid_cylinder("rod", 1, 1, (0, 0, 0))
-    with pytest.raises(errors.ParameterError, match="length = 0"):
-        rigid_cylinder("rod", 1, 0)
 
 
 def test_bodies_from_files(alone: MPI.Comm, folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""Equilibria of relaxed designs: gradients, continuation, moved supports, ranks."""
+"""Equilibria of relaxed designs: forces by hand, and continuation."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,6 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 from toros_fem.base.array_types import Floats
-from toros_fem.base.errors import DensityError
 from toros_fem.base.mpi import norm, total
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
@@ -82,8 +81,3 @@ def test_continuation_in_load_and_in_stiffness_ends_at_the_same_shape(
         )
     mixed = [d for d in seen if not any(np.array_equal(d, e) for e in (one, two))]
     assert total(short_tube.comm, len(mixed)) > 0, "the continuation was needed"
-
-
-def test_a_density_alone_is_refused(solver: EquilibriumSolver, short_tube: Skin) -> None:
-    with pytest.raises(DensityError, match="cosines and sines of 2 families"):
-        solver.solve(np.zeros(len(short_tube.owned_cells)), PRESSURE)

@@ -28,30 +28,6 @@ def fabric(skin: Skin) -> np.ndarray:
     return np.zeros(len(skin.owned_cells))
 
 
-@pytest.mark.parametrize("stretch", ["1.10000000", "1.40000000", "0.90000000"])
-def test_uniaxial_tension_finds_the_lateral_stretch(alone: MPI.Comm, stretch: str) -> None:
-    rows = [r for r in table("gent_uniaxial") if r["mat"] == "A"]
-    row = min(rows, key=lambda r: abs(float(r["stretch"]) - float(stretch)))
-    pull = float(row["stretch"])
-    size = 0.02
-    flat = square(size=size).flat_points
-    # The held borders keep their assembled place, so the stretch is put in there.
-    points = np.column_stack([flat[:, 0] * pull, flat[:, 1], 0 * flat[:, 0]])
-    pattern = square(points, size=size)
-    fixed = np.zeros((len(points), 3), dtype=bool)
-    fixed[:, 2] = True
-    ends = (flat[:, 0] < 1e-9) | (flat[:, 0] > size - 1e-9)
-    fixed[ends, 0] = True
-    fixed[0, 1] = True
-    composite = Composite(fabric=TABLE_A, c1=float(row["c1"]), c2=float(row["c2"]), bending=None)
-    skin = sew(alone, pattern)
-    result = EquilibriumSolver(skin, composite, Supports(fixed)).solve(fabric(skin), 0.0)
-    assert result.converged
-    found = skin.gather_vertices(result.positions)
-    expected = flat * [pull, float(row["lateral_stretch"])]
-    assert found[:, :2] / size == pytest.approx(expected / size, abs=2e-8)
-
-
 @pytest.mark.parametrize("row", table("gent_cylinder_ngon"), ids=lambda r: f"{r['mat']}-"
                          f"{r['n_circumference']}-{r['P_Pa']}")  # fmt: skip
 def test_exact_polygonal_tube(alone: MPI.Comm, row: dict[str, str]) -> None:
@@ -76,29 +52,6 @@ def test_exact_polygonal_tube(alone: MPI.Comm, row: dict[str, str]) -> None:
     # Along the tube: the thrust on the tip is what the wall pulls with.
     area = 0.5 * sides * np.sin(2 * np.pi / sides) * (RADIUS * swell) ** 2
     assert abs(force[caps, 2].sum()) <= 1e-8 * pressure * area
-
-
-def test_capped_cylinder_away_from_its_ends(alone: MPI.Comm) -> None:
-    sides = 16
-    edge = 2 * np.pi * RADIUS / sides
-    pattern = cylinder(alone, 0.12, 2 * RADIUS, edge, mesh="structured")
-    skin = sew(alone, pattern)
-    composite = Composite(fabric=TABLE_A, c1=1.8, c2=2.0, bending=None)
-    solver = EquilibriumSolver(skin, composite, clamp(pattern, ["base"]))
-    result = solver.solve(fabric(skin), 5e3)
-    x = skin.gather_vertices(result.positions)
-    height = pattern.points[:, 2]
-    middle = np.abs(height - 0.06) < 0.0101
-    wall = np.intersect1d(pattern.vertices_of("wall"), np.flatnonzero(middle))
-    row = next(
-        r for r in table("gent_cylinder_ngon")
-        if (r["mat"], r["n_circumference"], r["P_Pa"]) == ("A", "16", "5000")
-    )  # fmt: skip
-    centre = x[wall].mean(axis=0)
-    radius = np.linalg.norm(x[wall, :2] - centre[:2], axis=1)
-    assert radius / RADIUS == pytest.approx(float(row["lambda_theta"]), rel=1e-3)
-    slope = np.polyfit(height[wall], x[wall, 2], 1)[0]
-    assert slope == pytest.approx(float(row["lambda_z"]), rel=1e-3)
 
 
 def test_result_tells_what_happened(short_solver: EquilibriumSolver) -> None:
@@ -265,50 +218,6 @@ def test_beyond_the_limit_point(alone: MPI.Comm) -> None:
     silent = solver.solve(fabric(skin), 2.5e3, raise_on_failure=False)
     assert not silent.converged
     assert silent.pressure == last.pressure
-
-
-def test_bad_input(short_solver: EquilibriumSolver, alone: MPI.Comm) -> None:
-    skin = short_solver.skin
-    for pressure in (-1.0, float("nan"), float("inf")):
-        with pytest.raises(errors.ParameterError, match="pressure = "):
-            short_solver.solve(fabric(skin), pressure)
-    bad = fabric(skin)
-    if alone.rank == alone.size - 1:  # one rank alone sees it, all must raise
-        bad[0] = 1.5
-    with pytest.raises(errors.DensityError, match="1.5"):
-        short_solver.solve(bad, 1e3)
-    bad = fabric(skin)
-    if alone.rank == 0:
-        bad[0] = np.nan
-    with pytest.raises(errors.DensityError, match=r"triangle \d+ is nan"):
-        short_solver.solve(bad, 1e3)
-    with pytest.raises(errors.DensityError, match="shape"):
-        short_solver.solve(np.zeros(3), 1e3)
-    with pytest.raises(errors.ParameterError, match="leaves the stretch bounds"):
-        short_solver.solve(fabric(skin), 1e3, start=3 * short_solver.model.assembled)
-    with pytest.raises(errors.PanelError, match="no panel is named 'side'"):
-        clamp(skin.pattern, ["side"])
-
-
-def test_open_skin_under_pressure(alone: MPI.Comm) -> None:
-    pattern = cylinder(alone, 0.04, 0.02, 5e-3, mesh="structured", caps=None)
-    skin = sew(alone, pattern)
-    solver = EquilibriumSolver(skin, Composite(), clamp(pattern, ["wall"]))
-    with pytest.raises(errors.OpenSkinError, match="edges are free"):
-        solver.solve(fabric(skin), 1e3)
-
-
-def test_bad_symmetry_planes(alone: MPI.Comm) -> None:
-    half = cylinder(alone, 0.03, 0.02, 5e-3, mesh="structured", planes=(1,))
-    with pytest.raises(errors.ParameterError, match="axis = 3"):
-        symmetry_plane(half, 3)
-    with pytest.raises(errors.ParameterError, match="no free edge lies in the plane x = 0"):
-        symmetry_plane(half, 0)
-    # Held at its base alone, half a tube is open.
-    skin = sew(alone, half)
-    solver = EquilibriumSolver(skin, Composite(bending=None), clamp(half, ["base"]))
-    with pytest.raises(errors.OpenSkinError, match="edges are free"):
-        solver.solve(np.zeros(len(skin.owned_cells)), 1e3)
 
 
 def test_a_dropped_solver_is_freed(alone: MPI.Comm, short_tube: Skin) -> None:

@@ -1,32 +1,20 @@
-"""Equilibria of sheets that wrinkle: gradients, ranks, and what default settings leave as it is."""
+"""What the default membrane leaves as it is, to the bit."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers.models import affine, drawn, sheet_model
-from helpers.pillow import COMPOSITE, pillow
+from helpers.pillow import COMPOSITE
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.materials.sheet import Bending, Composite, Membrane
-from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.meshes import Skin
-
-
-@pytest.fixture(scope="module")
-def solver(alone: MPI.Comm) -> EquilibriumSolver:
-    return pillow(alone)
 
 
 def density_of(skin: Skin) -> np.ndarray:
     values = np.random.default_rng(3).uniform(0.1, 0.9, len(skin.pattern.panel))
     return np.asarray(values[skin.owned_cells])
-
-
-def test_line_families_are_refused(solver: EquilibriumSolver) -> None:
-    with pytest.raises(ParameterError, match="line families take compression"):
-        EquilibriumSolver(solver.skin, COMPOSITE, solver.model.supports, families=1)
 
 
 @pytest.mark.parametrize("bending", [None, Bending()])

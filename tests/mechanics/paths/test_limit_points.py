@@ -5,7 +5,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.mechanics.paths.limit_points import limit_points
 from toros_fem.mechanics.paths.trace_point import TracePoint
 
@@ -28,8 +27,3 @@ def test_a_cubic_is_exact() -> None:
     through = [point(cubic(s), s, cubic.deriv()(s)) for s in (-1.5, -1.0, -0.5)]
     (only,) = limit_points(through)
     assert (only.load_factor, only.fraction) == (2.0, 1.0)
-
-
-def test_paths_by_pressure_have_none() -> None:
-    with pytest.raises(ParameterError, match="arc-length"):
-        limit_points([point(1.0, None, None), point(1.0, None, None)])

@@ -6,7 +6,6 @@ from helpers.scenes import square
 from kit.slopes import slope
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import dot, total
 from toros_fem.design.density.field import random_density
 from toros_fem.materials.sheet import Composite
@@ -54,17 +53,6 @@ def test_a_step_that_does_not_matter_has_no_gradient(
     found = path.gradient(density, base, [along, None])
     assert found.pressures[0, 0] != 0
     assert found.pressures[1, 0] == 0
-
-
-def test_what_does_not_fit_is_refused(short_tube: Skin, short_solver: EquilibriumSolver) -> None:
-    density = np.zeros(len(short_tube.owned_cells))
-    with pytest.raises(ParameterError, match="at least one"):
-        LoadPath(short_solver, [])
-    path = LoadPath(short_solver, [LoadStep(2e3)])
-    with pytest.raises(ParameterError, match=r"they must be \(1, 1\)"):
-        path.solve(density, np.ones((2, 1)))
-    with pytest.raises(ParameterError, match="the path has 1 steps"):
-        path.gradient(density, path.solve(density), [])
 
 
 def dragged(comm: MPI.Comm) -> LoadPath:

@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from helpers.scenes import TABLE_A
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.materials.sheet import Composite, Material
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.paths.states import find_states
@@ -66,14 +64,3 @@ def test_one_state_is_one(short_tube: Skin) -> None:
     assert len(found.energies) == 1
     assert found.counts == (5,)
     assert str(found).startswith("1 stable state seen")
-
-
-def test_bad_input(short_tube: Skin) -> None:
-    solver = EquilibriumSolver(
-        short_tube, Composite(fabric=TABLE_A), clamp(short_tube.pattern, ["base"])
-    )
-    density = np.zeros(len(short_tube.owned_cells))
-    with pytest.raises(ParameterError, match="tries"):
-        find_states(solver, density, 1e3, tries=0)
-    with pytest.raises(ParameterError, match="size"):
-        find_states(solver, density, 1e3, size=0.0)

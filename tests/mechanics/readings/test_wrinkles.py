@@ -11,7 +11,6 @@ from helpers.scenes import TABLE_A, square
 from mpi4py import MPI
 from scipy.optimize import brentq
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.forms.kinematics import deformation_gradient, right_cauchy_green
 from toros_fem.forms.tension_field import tension_field
 from toros_fem.materials.sheet import Bending, Composite, Membrane
@@ -166,9 +165,3 @@ def test_a_sheet_that_is_turned_is_slack(alone: MPI.Comm) -> None:
     field = wrinkles(pattern, SHEET, np.zeros(len(pattern.panel)), turned)
     assert np.all(field.state == Tension.SLACK)
     assert not field.direction.any()
-
-
-def test_a_sheet_that_takes_compression_has_no_field(alone: MPI.Comm) -> None:
-    pattern = square(size=SIZE)
-    with pytest.raises(ParameterError, match="tension-field"):
-        wrinkles(pattern, Composite(), np.zeros(len(pattern.panel)), pattern.points)

@@ -7,7 +7,6 @@ import pytest
 from helpers.scenes import square
 from mpi4py import MPI
 
-from toros_fem import errors
 from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumError, EquilibriumSolver
@@ -122,48 +121,6 @@ def test_six_vertices_on_a_conic_fall_back_on_the_average(alone: MPI.Comm) -> No
     one, other = (found[name].tensors[cells][inner] for name in ("average", "quadratic"))
     assert np.isfinite(found["quadratic"].tensors).all()
     assert other == pytest.approx(one, rel=1e-12)
-
-
-def test_supports_pull_with_the_weight(alone: MPI.Comm) -> None:
-    """A cantilever under its weight."""
-    pattern = rectangle(alone, 0.06, 0.02, 5e-3, "unstructured")
-    supports = build_in(pattern, pattern.points[:, 0] < 1e-9)
-    weight = np.asarray(pattern.vertex_areas[:, None] * [0.0, 0.0, -10.0])
-    skin = sew(alone, pattern)
-    solver = EquilibriumSolver(skin, sheet(Bending()), supports)
-    density = np.zeros(len(skin.owned_cells))
-    result = solver.solve(density, 0.0, force=weight)
-    assert skin.gather_vertices(result.positions)[:, 2].min() < -5e-3
-    solver.model.set_density(density)
-    pull = skin.gather_vertices(solver.model.positions(solver.model.reaction(result.state)))
-    assert pull.sum(axis=0) == pytest.approx(-weight.sum(axis=0), abs=1e-8 * abs(weight.sum()))
-
-
-def test_bad_names_edges_and_forces(alone: MPI.Comm) -> None:
-    pattern = square()
-    with pytest.raises(errors.ParameterError, match="no free edge lies between"):
-        build_in(pattern, np.zeros(len(pattern.points), dtype=bool))
-    fixed = np.zeros(pattern.points.shape, dtype=bool)
-    with pytest.raises(errors.ParameterError, match=r"they must be \(k, 2\) and \(k, 3\)"):
-        Supports(fixed, np.zeros((2, 2), dtype=int), np.ones((1, 3)))
-    with pytest.raises(errors.ParameterError, match="finite and not zero"):
-        Supports(fixed, np.zeros((1, 2), dtype=int), np.zeros((1, 3)))
-    supports = build_in(pattern, pattern.points[:, 0] < 1e-9)
-    skin = sew(alone, pattern)
-    with pytest.raises(errors.ParameterError, match="for each of the 25"):
-        build_in(pattern, np.array([0, 5]))
-    slanted = Supports(supports.fixed, supports.guided, np.ones(supports.normals.shape))
-    with pytest.raises(errors.ParameterError, match="is not perpendicular to it"):
-        EquilibriumSolver(skin, Composite(), slanted)
-    with pytest.raises(errors.ParameterError, match="leave 1 of the 6 rigid motions free"):
-        EquilibriumSolver(skin, Composite(bending=None), supports)
-    inner = Supports(supports.fixed, np.array([[6, 7]]), np.ones((1, 3)))
-    with pytest.raises(errors.ParameterError, match="between vertices 6 and 7"):
-        EquilibriumSolver(skin, Composite(), supports | inner)
-    solver = EquilibriumSolver(skin, Composite(), supports)
-    for force in (np.zeros((3, 3)), np.full(pattern.points.shape, np.nan)):
-        with pytest.raises(errors.ParameterError, match="force.* must be finite and of shape"):
-            solver.solve(np.zeros(len(skin.owned_cells)), 0.0, force=force)
 
 
 def test_forces_that_nothing_can_bear(alone: MPI.Comm) -> None:

@@ -9,11 +9,8 @@ from helpers.scenes import square
 from mpi4py import MPI
 from scipy.optimize import minimize, root
 
-from toros_fem.base.errors import PanelError, ParameterError
 from toros_fem.base.mpi import norm, total
-from toros_fem.design.loop.shape_design import ShapeDesign
 from toros_fem.materials.sheet import Bending, Composite, Knit, Material
-from toros_fem.measures.metrics import twist_angle
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
 from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.model import SkinModel
@@ -203,39 +200,3 @@ def test_refinement_keeps_the_grain(alone: MPI.Comm) -> None:
     expected = free_across(1.2, 0.0)[0][1, 1]
     assert estimate.value == pytest.approx(expected, abs=1e-7)
     assert estimate.refined == pytest.approx(expected, abs=1e-7)
-
-
-def test_refined_design_keeps_the_grain(alone: MPI.Comm) -> None:
-    pattern = cylinder(alone, 0.04, 0.02, 6e-3)
-    knit = Knit(RATIO, {"wall": 0.7, "base": 0.0, "tip": 0.1})
-    design = ShapeDesign(
-        alone,
-        pattern,
-        target=pattern.points,
-        supports=clamp(pattern, ["base"]),
-        filter_radius=1e-2,
-        pressure=2e3,
-        composite=Composite(knit=knit, bending=None),
-        length_scale=None,
-    )
-    finer, shapes = design.refined(), []
-    assert len(finer.skin.pattern.panel) == 4 * len(pattern.panel)
-    for solver in (design.solver, finer.solver):
-        skin = solver.skin
-        found = solver.solve(np.full(len(skin.owned_cells), 0.01), 2e3)
-        shapes.append(skin.gather_vertices(found.positions))
-        assert solver.model.composite.knit == knit
-    # The oblique courses turn the tip; both meshes agree on it, coarse as they are.
-    twist = [twist_angle(d.skin.pattern, x) for d, x in zip((design, finer), shapes, strict=True)]
-    assert abs(twist[0]) > np.radians(5)
-    assert twist[1] == pytest.approx(twist[0], rel=0.05)  # 0.035 seen
-
-
-def test_grain_must_fit_the_panels(short_tube: Skin) -> None:
-    supports = clamp(short_tube.pattern, ["base"])
-    bare = replace(MEMBRANE, knit=Knit(RATIO, {"wall": 0.0}))
-    with pytest.raises(ParameterError, match="no angle for the panels 'base', 'tip'"):
-        SkinModel(short_tube, bare, supports)
-    wrong = replace(MEMBRANE, knit=Knit(RATIO, {"wal": 0.0}))
-    with pytest.raises(PanelError, match="no panel is named 'wal'"):
-        SkinModel(short_tube, wrong, supports)

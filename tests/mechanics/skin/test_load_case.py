@@ -1,10 +1,9 @@
-"""Load cases: scaling, interpolation, wording and checks."""
+"""Load cases: scaling, interpolation and wording."""
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem import errors
 from toros_fem.mechanics.skin.load_case import LoadCase, make_load_case
 from toros_fem.mechanics.skin.supports import Supports, clamp
 from toros_fem.meshes import Pattern, Skin, cylinder
@@ -60,10 +59,6 @@ def made(pattern: Pattern, pressure: object = 0.0, **more: object) -> LoadCase:
 def test_one_pressure_counts_for_all_chambers(short_tube: Skin) -> None:
     assert made(short_tube.pattern, 2e3).pressures == pytest.approx([2e3, 2e3])
     assert made(short_tube.pattern, (2e3, 0.0)).pressures == pytest.approx([2e3, 0])
-    with pytest.raises(errors.ParameterError, match="one for each of the 2 chambers"):
-        made(short_tube.pattern, (1.0, 2.0, 3.0))
-    with pytest.raises(errors.ParameterError, match="pressure = -2.0 Pa must be finite"):
-        made(short_tube.pattern, (1.0, -2.0))
 
 
 def test_a_load_case_keeps_its_own_arrays(short_tube: Skin) -> None:
@@ -74,28 +69,9 @@ def test_a_load_case_keeps_its_own_arrays(short_tube: Skin) -> None:
     assert load.force.max() == 1.0
 
 
-def test_arrays_that_do_not_fit(short_tube: Skin) -> None:
-    with pytest.raises(errors.ParameterError, match="force.* must be finite and of shape"):
-        made(short_tube.pattern, force=np.zeros((3, 3)))
-    with pytest.raises(errors.ParameterError, match="displacement has shape"):
-        made(short_tube.pattern, displacement=np.zeros((3, 3)))
-
-
 def test_a_border_must_stay_in_its_symmetry_plane(alone: MPI.Comm) -> None:
     pattern = cylinder(alone, 0.04, 0.02, 5e-3, mesh="structured", planes=(1,))
     border = np.abs(pattern.points[:, 1]) < 1e-9
     supports = Supports(np.ones(pattern.points.shape, dtype=bool))  # closed by the plane y = 0
-    up = np.where(border[:, None], [0, 1e-3, 0], 0.0)
-    with pytest.raises(errors.ParameterError, match="out of its symmetry plane"):
-        make_load_case(pattern, supports, 1, 0.0, displacement=up)
     along = np.where(border[:, None], [1e-3, 0, 0], 0.0)
     assert make_load_case(pattern, supports, 1, 0.0, displacement=along).displacement is not None
-
-
-def test_pressure_on_an_open_skin_names_the_ways_out(alone: MPI.Comm) -> None:
-    pattern = cylinder(alone, 0.04, 0.02, 5e-3, mesh="structured", caps=None)
-    supports = clamp(pattern, ["wall"])
-    with pytest.raises(errors.OpenSkinError, match="edges are free") as caught:
-        make_load_case(pattern, Supports(supports.fixed & False), 1, 1e3)
-    assert "let a symmetry plane close" in str(caught.value)
-    assert make_load_case(pattern, supports, 1, 0.0).largest == 0

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.skin.chambers import Chambers
 from toros_fem.mechanics.skin.model import SkinModel
@@ -36,18 +35,6 @@ def test_volumes_of_two_parts_of_a_prism(grid: Skin) -> None:
     area = 0.5 * sides * np.sin(2 * np.pi / sides) * RADIUS**2
     assert model.volumes(model.assembled) == pytest.approx([area * LENGTH / 2] * 2, rel=1e-12)
     assert model_of(grid, None).volume(model.assembled) == pytest.approx(area * LENGTH, rel=1e-12)
-
-
-def test_gradients_of_chambers_add_up(grid: Skin) -> None:
-    """To that of the whole: what the wall has on one side it lacks on the other."""
-    two, one = model_of(grid, parts(grid, LENGTH / 2)), model_of(grid, None)
-    state = 1.1 * one.assembled
-    each = [two.volume_gradient(state, k) for k in range(2)]
-    whole = one.volume_gradient(state)
-    scale = norm(grid.comm, whole)
-    assert norm(grid.comm, each[0] + each[1] - whole) < 1e-12 * scale
-    assert norm(grid.comm, two.volume_gradient(state) - whole) < 1e-12 * scale
-    assert min(norm(grid.comm, part) for part in each) > 0.1 * scale
 
 
 def test_the_wall_is_in_the_tangent_of_its_border_alone(grid: Skin) -> None:

@@ -7,9 +7,8 @@ import pytest
 from helpers.models import bent_tube, pressurize
 from mpi4py import MPI
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.base.mpi import norm
-from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material, Membrane
+from toros_fem.materials.sheet import CURVATURES, Bending, Composite, Material
 from toros_fem.mechanics.equilibrium.options import NewtonOptions
 from toros_fem.mechanics.equilibrium.solver import EquilibriumResult, EquilibriumSolver
 from toros_fem.mechanics.skin.model import SkinModel
@@ -188,17 +187,3 @@ def test_lines_around_a_tube(alone: MPI.Comm) -> None:
     density = 0.25 * PRINT.membrane_stiffness * OFFSET * 0.1 * bend
     gap = energies["outside"] - energies["inside"]
     assert gap == pytest.approx(2 * density * pattern.areas.sum(), rel=1e-9)
-
-
-def test_wrong_sides() -> None:
-    with pytest.raises(ParameterError, match="print_side = 'left'"):
-        Composite(print_side="left")
-    with pytest.raises(ParameterError, match="bending = None"):
-        Composite(print_side="inside", bending=None)
-    with pytest.raises(ParameterError, match="tension field"):
-        Composite(print_side="inside", membrane=Membrane("tension-field"))
-    with pytest.raises(ParameterError, match="print_offset"):
-        Composite(print_offset=0.0)
-    assert Composite(print_side="inside").eccentricity == -0.5e-3
-    assert Composite(print_side="outside", print_offset=1e-4).eccentricity == 1e-4
-    assert Composite(print_offset=1e-4).eccentricity == 0

@@ -5,11 +5,9 @@ import pytest
 from helpers.scenes import TABLE_A, box, part_of, square, table
 from mpi4py import MPI
 
-from toros_fem import errors
 from toros_fem.base.mpi import norm
 from toros_fem.materials.sheet import Composite
 from toros_fem.mechanics.equilibrium.solver import EquilibriumSolver
-from toros_fem.mechanics.readings.error_estimate import estimate_error
 from toros_fem.mechanics.skin.supports import (
     Supports,
     clamp,
@@ -99,18 +97,6 @@ def test_a_pull_too_far_tells_how_far_it_came(comm: MPI.Comm) -> None:
     assert "supports moved by up to 0.03 m" in found.reason
 
 
-def test_estimate_knows_the_displacement(comm: MPI.Comm) -> None:
-    skin, fixed, pulled = strip(4)
-    way = np.where(pulled[:, None], [0.1 * SIZE, 0, 0], 0)
-    solver = EquilibriumSolver(
-        skin, Composite(fabric=TABLE_A, bending=None), Supports(fixed.fixed, displacement=way)
-    )
-    density = np.zeros(len(skin.owned_cells))
-    result = solver.solve(density, 0.0)
-    (found,) = estimate_error(solver, density, result, [lambda _, x: float(np.ptp(x[:, 1]))])
-    assert found.refined == pytest.approx(found.value, rel=1e-7)
-
-
 def test_displacements_join_and_are_checked(tube: Skin) -> None:
     pattern = tube.pattern
     up = displace(pattern, ["tip"], [0, 0, 1e-3])
@@ -122,10 +108,6 @@ def test_displacements_join_and_are_checked(tube: Skin) -> None:
     last = (both | clamp(pattern, ["tip"])).displacement
     assert last is not None
     assert not last.any(), "the second counts"
-    with pytest.raises(errors.ParameterError, match="displacement has shape"):
-        Supports(up.fixed, displacement=np.zeros((2, 3)))
-    with pytest.raises(errors.ParameterError, match=r"must be a finite vector \(3,\)"):
-        displace(pattern, ["tip"], [1.0, 2.0])
 
 
 def turned_onto(points: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -166,30 +148,13 @@ def test_pins_bear_nothing(tube: Skin, comm: MPI.Comm) -> None:
     assert force < 1e-8 * 2e3 * np.pi * 0.01**2
 
 
-def test_what_cannot_be_pinned(comm: MPI.Comm) -> None:
+def test_pins_hold_six_components(comm: MPI.Comm) -> None:
     for made in (square(), cylinder(comm, 0.06, 0.02, 5e-3, mesh="structured")):
         assert pin(made).fixed.sum() == 6
         pin(made).require_no_rigid_motion(made)
-    with pytest.raises(errors.PanelError, match="no panel is named 'top'"):
-        pin(square(), "top")
-    line = square(square().points * [1, 0, 0])
-    with pytest.raises(errors.ParameterError, match="lie on a line"):
-        pin(line)
 
 
 def test_region_by_coordinates(comm: MPI.Comm) -> None:
     pattern = cylinder(comm, 0.06, 0.02, 4.5e-3)
     fixed = clamp_where(pattern, lambda x: x[:, 2] < 1e-6).fixed
     np.testing.assert_array_equal(fixed, clamp(pattern, ["base"]).fixed)
-    with pytest.raises(errors.ParameterError, match="holds no vertex; the skin spans"):
-        clamp_where(pattern, lambda x: x[:, 2] > 1.0)
-    with pytest.raises(errors.ParameterError, match="where returned float64"):
-        clamp_where(pattern, lambda x: x[:, 2])  # type: ignore[arg-type, return-value]
-
-
-def test_supports_that_leave_a_rigid_motion(comm: MPI.Comm) -> None:
-    pattern = square()
-    fixed = np.zeros((len(pattern.points), 3), dtype=bool)
-    fixed[[0, 1]] = True  # it may still turn about the line through both
-    with pytest.raises(errors.ParameterError, match="leave 1 of the 6 rigid motions free"):
-        EquilibriumSolver(sew(comm, pattern), Composite(), Supports(fixed))

@@ -5,13 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from helpers.runs import bent, regions_of, tube
 
-from toros_fem.base.errors import OutputError
-from toros_fem.results.frames import Frame, ShownSkin, read_skin, write_frame, write_skin
+from toros_fem.results.frames import Frame, ShownSkin, write_frame, write_skin
 from toros_fem.results.frames.files import MOST, forget_from, numbers, thin
-from toros_fem.results.frames.shown_skin import BODY, RINGS
 
 
 def frame(number: int) -> Frame:
@@ -40,16 +37,6 @@ def test_the_name_of_a_skin_is_that_of_its_content(tmp_path: Path) -> None:
     names = [write_skin(tmp_path, replace(skin, **change)) for change in changes]
     assert len(set(names)) == len(changes)
     assert write_skin(tmp_path, full_skin()) == names[0]
-
-
-@pytest.mark.parametrize("lost", [*RINGS, *BODY])
-def test_a_skin_that_lost_an_array_is_refused(tmp_path: Path, lost: str) -> None:
-    path = tmp_path / write_skin(tmp_path, full_skin())
-    with np.load(path) as file:
-        kept = {name: file[name] for name in file.files if name != lost}
-    np.savez(path, **kept)
-    with pytest.raises(OutputError, match=f"holds no '{lost}'"):
-        read_skin(path)
 
 
 def test_long_runs_keep_few_frames_at_even_distances(tmp_path: Path) -> None:

@@ -149,7 +149,8 @@ def read_tile(comm: MPI.Comm, folder: str | Path) -> PrintedTile:
                 entries.update({f"{name}_{key}": entries[key] for name in MATERIALS})
         required = ("printed", "size_x", "size_y", "edge_length", "mesh", "symmetry", "c1", "c2")
         properties = tuple(f"{name}_{key}" for name in MATERIALS for key in PROPERTIES)
-        missing = [name for name in required + properties if name not in entries]
+        knit = ("knit_grain",) if "knit_ratio" in entries else ()
+        missing = [name for name in required + properties + knit if name not in entries]
         if missing:
             raise TileFileError(f"{path} lacks {', '.join(missing)}. Write it by write_tile.")
         try:
