@@ -87,6 +87,7 @@ def test_moduli_of_a_printed_sheet(
     figures = json.loads(found)
     assert set(figures["estimates"]) == {"fabric", "reinforcement"}
     assert figures["r2_stress"] > 0.999
+    assert figures["inputs"]["intervals"] == "hessian", "of the curvature, whatever is asked for"
     young = figures["estimates"]["reinforcement"]["value"]
     assert young == pytest.approx(tile.composite.reinforcement.young, rel=0.01)
     assert "E of the reinforcement" in (tmp_path / "fit" / "fit.txt").read_text()

@@ -35,28 +35,25 @@ class SheetCurve:
     """A pulled sheet, and how it changes with the moduli.
 
     Attributes:
-        stress: Force on the moving clamp over the width in N/m, (k,).
-        lateral: Mean lateral stretch of the middle, (k,).
-        stress_by, lateral_by: Derivatives by the logarithms of the moduli of fabric and
-            reinforcement, (k, 2).
+        values: Force on the moving clamp over the width in N/m, and mean lateral stretch of the
+            middle, (2, k).
+        slopes: Their derivatives by the logarithms of the moduli of fabric and reinforcement,
+            (2, k, 2).
         steps: Number of Newton steps.
     """
 
-    stress: Floats
-    lateral: Floats
-    stress_by: Floats
-    lateral_by: Floats
+    values: Floats
+    slopes: Floats
     steps: int
 
 
 def scaled(composite: Composite, factors: Sequence[float] | Floats) -> Composite:
     """Return a composite with the moduli of fabric and reinforcement times factors."""
-    sheets = {
-        name: replace(sheet, young=float(factor) * sheet.young)
-        for name, factor in zip(MATERIALS, factors, strict=True)
-        for sheet in (getattr(composite, name),)
-    }
-    return replace(composite, **sheets)
+    fabric, reinforcement = (
+        replace(sheet, young=float(factor) * sheet.young)
+        for sheet, factor in zip((composite.fabric, composite.reinforcement), factors, strict=True)
+    )
+    return replace(composite, fabric=fabric, reinforcement=reinforcement)
 
 
 class PrintedSheet:
@@ -119,28 +116,22 @@ class PrintedSheet:
             NoEquilibriumError: There is no equilibrium at one of the strains.
         """
         machine, comm = self._machine(factors), self.skin.comm
-        solver, rows, state, steps = machine.solver, [], None, 0
+        solver, state, steps = machine.solver, None, 0
         pushed = _TangentTimes(solver.model, self._clamp)
-        for strain in strains:
+        values, slopes = np.empty((2, len(strains))), np.empty((2, len(strains), 2))
+        for k, strain in enumerate(strains):
             result = machine.solve(self.density, float(strain), state)
             state, steps = result.state, steps + result.steps
             positions = self.skin.gather_vertices(result.positions)
-            stress = machine.forces(result)[1, self.axis] / machine.width
-            lateral = machine.middle_stretch(positions)[1 - self.axis]
-            parts = self._parts(state)
+            values[0, k] = machine.forces(result)[1, self.axis] / machine.width
+            values[1, k] = machine.middle_stretch(positions)[1 - self.axis]
             follow = self._clamp - solver.solve_tangent(pushed.at(state), result)
             widening = solver.solve_tangent(self._mean, result)
-            adjoints = np.array([follow / machine.width, -widening])
-            rows.append(
-                [stress, lateral]
-                + [
-                    dot(comm, adjoint, np.asarray(factor * part))
-                    for adjoint in adjoints
-                    for factor, part in zip(factors, parts, strict=True)
-                ]
-            )
-        table = np.array(rows)
-        return SheetCurve(table[:, 0], table[:, 1], table[:, 2:4], table[:, 4:], steps)
+            for j, part in enumerate(self._parts(state)):
+                change = np.asarray(factors[j] * part)
+                slopes[0, k, j] = dot(comm, follow / machine.width, change)
+                slopes[1, k, j] = dot(comm, -widening, change)
+        return SheetCurve(values, slopes, steps)
 
     def _parts(self, state: Floats) -> list[Floats]:
         """Return the first variations of fabric and of reinforcement, with the first moduli."""
