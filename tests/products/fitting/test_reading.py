@@ -122,7 +122,7 @@ FAULTS = {
     "constant": ("strain,force [N]\n" + 6 * "0.1,1\n", 2, "the same at all points"),
     "no load": ("strain,force [N]\n" + rows(STRAIN, 0 * FORCE), 2, "all forces .* are 0"),
     "few": (f"strain,force [N]\n{rows(STRAIN[:3], FORCE[:3])}", 2, "stretch .* at least 5"),
-    "no unit of a size": (f"# width = 25\nstrain,force [N]\n{BODY}", 1, "no unit; .*'# width = 25 mm"),
+    "no unit of a size": (f"# width = 25\nstrain,force [N]\n{BODY}", 1, "no unit; .*= 25 mm'"),
     "negative": (f"# width = -25 mm\nstrain,force [N]\n{BODY}", 1, "greater than 0"),
     "gauge": (f"extension [mm],force [N]\n{BODY}", 2, "the gauge length is not known.*--gauge-len"),
     "zero byte": (f"strain,force [N]\n0.1,\0\n{BODY}", 2, "no finite number"),
@@ -143,14 +143,14 @@ def test_faults_name_their_line(tmp_path: Path, name: str) -> None:
 
 def test_what_is_missing_is_named(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", f"strain,force [N]\n{BODY}")
-    with pytest.raises(MeasurementError, match="line 2: the thickness is not known.*--thickness"):
-        read_tensile_tests([path], Given(width=WIDTH))
-    with pytest.raises(MeasurementError, match="line 2: the width is not known.*--width"):
-        read_tensile_tests([path], Given(thickness=THICKNESS))
-    with pytest.raises(MeasurementError, match="No such file"):
-        read_tensile_tests([tmp_path / "none.csv"])
-    with pytest.raises(MeasurementError, match="no file"):
-        read_tensile_tests([])
-    (tmp_path / "latin.csv").write_bytes(b"strain,force [N]\n0.1,1 \xb5\n")
-    with pytest.raises(MeasurementError, match="line 2: no UTF-8 text"):
-        read_tensile_tests([tmp_path / "latin.csv"])
+    latin, none = tmp_path / "latin.csv", tmp_path / "none.csv"
+    latin.write_bytes(b"strain,force [N]\n0.1,1 \xb5\n")
+    for paths, given, message in (
+        ([path], Given(width=WIDTH), "line 2: the thickness is not known.*--thickness"),
+        ([path], Given(thickness=THICKNESS), "line 2: the width is not known.*--width"),
+        ([none], Given(), "No such file"),
+        ([], Given(), "no file"),
+        ([latin], Given(), "line 2: no UTF-8 text"),
+    ):
+        with pytest.raises(MeasurementError, match=message):
+            read_tensile_tests(paths, given)

@@ -7,7 +7,6 @@ import pytest
 from helpers.scenes import TABLE_A, table
 from scipy.optimize import brentq
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.materials.sheet import Composite, Knit, Material
 from toros_fem.products.fitting.parameters import Scales
 from toros_fem.products.fitting.uniaxial import (
@@ -74,20 +73,3 @@ def test_moduli_of_a_knit() -> None:
             fabric, 1.9, 2.6, np.array([1 + 1e-6]), knit_ratio=3.0, direction=direction
         )
         assert stress[0] / 1e-6 / fabric.thickness == pytest.approx(modulus, rel=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("stretch", "changes", "message"),
-    [
-        ([0.9, 1.1], {}, "must lie in"),
-        ([1.9], {}, "must lie in"),
-        ([1.1], {"c2": 0.9}, "must be above 1"),
-        ([1.1], {"knit_ratio": 0.5}, "at least 1"),
-        ([[1.1]], {}, "shape"),
-        ([1.1], {"direction": "up"}, "must be one of"),
-    ],
-)
-def test_wrong_values(stretch: object, changes: dict[str, float], message: str) -> None:
-    values = {"c1": 1.9, "c2": 2.6, **changes}
-    with pytest.raises(ParameterError, match=message):
-        uniaxial_curve(TABLE_A, values.pop("c1"), values.pop("c2"), stretch, **values)  # type: ignore[arg-type]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import accumulate
 
 import numpy as np
@@ -58,13 +59,15 @@ def bootstrap_draws(
         residuals = (problem.measured - solution.values) / _shrinkage(solution.jac / sigma[:, None])
         curves = [(c, correlation([residuals[rows] for rows in c])) for c in _curves(samples)]
         data = (solution.values + _drawn(curves, residuals, rng) for _ in range(draws))
-        return np.array([minimise(problem, theta, sigma, one)[0] for one in data])
+        again = (replace(problem, measured=measured) for measured in data)
+        return np.array([minimise(one, theta, sigma)[0] for one in again])
     test = np.tile(samples.test, 2)[samples.entries]
     found = []
     for _ in range(draws):
         drawn = np.concatenate([rng.choice(group, len(group)) for group in groups])
-        weight = np.bincount(drawn, minlength=len(names))[test]
-        found.append(minimise(problem, theta, sigma, weight=weight)[0])
+        times = np.bincount(drawn, minlength=len(names))[test]
+        own = np.where(times > 0, sigma / np.sqrt(np.maximum(times, 1)), np.inf)
+        found.append(minimise(problem, theta, own)[0])
     # Few tests drawn again vary too little: by (g − 1)/g, and their mean is Student's.
     wider = np.sqrt(least / (least - 1)) * stdtrit(least - 1, UPPER) / ndtri(UPPER)
     return np.asarray(np.clip(theta + wider * (np.array(found) - theta), *problem.bounds))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import ufl
@@ -28,23 +28,6 @@ from toros_fem.meshes.skin import Skin
 from toros_fem.products.tiles.pull_test import PullMachine
 
 MATERIALS = ("fabric", "reinforcement")
-
-
-@dataclass(frozen=True, eq=False)
-class SheetCurve:
-    """A pulled sheet, and how it changes with the moduli.
-
-    Attributes:
-        values: Force on the moving clamp over the width in N/m, and mean lateral stretch of the
-            middle, (2, k).
-        slopes: Their derivatives by the logarithms of the moduli of fabric and reinforcement,
-            (2, k, 2).
-        steps: Number of Newton steps.
-    """
-
-    values: Floats
-    slopes: Floats
-    steps: int
 
 
 def scaled(composite: Composite, factors: Sequence[float] | Floats) -> Composite:
@@ -105,33 +88,36 @@ class PrintedSheet:
             warnings.simplefilter("ignore", MaterialWarning)
             return PullMachine(self.skin, composite, self.axis, self.gauge, self.options)
 
-    def curve(self, factors: Floats, strains: Floats) -> SheetCurve:
+    def curve(self, factors: Floats, strains: Floats) -> tuple[Floats, Floats]:
         """Pull the sheet and differentiate its stress and its lateral stretch (collective).
 
         Args:
             factors: Factors on the moduli of fabric and reinforcement, (2,).
             strains: Strains of the clamps' distance, in the order of the pull, (k,).
 
+        Returns:
+            Force on the moving clamp over the width in N/m, and mean lateral stretch of the middle,
+            (2, k); and their derivatives by the logarithms of both moduli, (2, k, 2).
+
         Raises:
             NoEquilibriumError: There is no equilibrium at one of the strains.
         """
-        machine, comm = self._machine(factors), self.skin.comm
-        solver, state, steps = machine.solver, None, 0
-        pushed = _TangentTimes(solver.model, self._clamp)
+        machine, comm, state = self._machine(factors), self.skin.comm, None
+        solver, pushed = machine.solver, _TangentTimes(machine.solver.model, self._clamp)
         values, slopes = np.empty((2, len(strains))), np.empty((2, len(strains), 2))
         for k, strain in enumerate(strains):
             result = machine.solve(self.density, float(strain), state)
-            state, steps = result.state, steps + result.steps
+            state = result.state
             positions = self.skin.gather_vertices(result.positions)
             values[0, k] = machine.forces(result)[1, self.axis] / machine.width
             values[1, k] = machine.middle_stretch(positions)[1 - self.axis]
             follow = self._clamp - solver.solve_tangent(pushed.at(state), result)
             widening = solver.solve_tangent(self._mean, result)
             for j, part in enumerate(self._parts(state)):
-                change = np.asarray(factors[j] * part)
-                slopes[0, k, j] = dot(comm, follow / machine.width, change)
-                slopes[1, k, j] = dot(comm, -widening, change)
-        return SheetCurve(values, slopes, steps)
+                change = np.asarray(factors[j] * part, dtype=np.float64)
+                slopes[0, k, j] = dot(comm, follow, change) / machine.width
+                slopes[1, k, j] = -dot(comm, widening, change)
+        return values, slopes
 
     def _parts(self, state: Floats) -> list[Floats]:
         """Return the first variations of fabric and of reinforcement, with the first moduli."""

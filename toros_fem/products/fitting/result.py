@@ -123,16 +123,13 @@ class Fit:
     @property
     def remarks(self) -> list[str]:
         """What a reader must know, as sentences."""
-        found = []
-        for name, one in self.estimates.items():
-            end = "infinity: the data do not come near this bound."
-            if np.isfinite(one.high):
-                end = "an end of what the fit allows."
-            if not one.identified:
-                found.append(
-                    f"{name} is not identified: its interval, {one.low:.4g} to {one.high:.4g}, "
-                    f"reaches {end}"
-                )
+        far = "infinity: the data do not come near this bound."
+        found = [
+            f"{name} is not identified: its interval, {one.low:.4g} to {one.high:.4g}, reaches "
+            + ("an end of what the fit allows." if np.isfinite(one.high) else far)
+            for name, one in self.estimates.items()
+            if not one.identified
+        ]
         if self.trusted_to < self.measured_to:
             found.append(
                 f"Beyond a stretch of {self.trusted_to:.3g} the mean residual exceeds 10 %: fit "

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -70,12 +71,14 @@ class Solution:
 def robust_fit(problem: Problem, starts: Sequence[Floats], rounds: int = 4) -> Solution:
     """Return the fit of the smallest loss from several starts.
 
+    Standard deviations follow from the residuals, and parameters from them, in turns.
+
     Args:
         problem: What is fitted to what.
         starts: Parameters to start from.
-        rounds: Rounds of standard deviations, of the residuals, and of parameters.
+        rounds: How often.
     """
-    sigma = np.full(len(problem.measured), START)
+    sigma: Floats = np.full(len(problem.measured), START)
     tried = [minimise(problem, start, sigma) for start in starts]
     theta = min(tried, key=lambda found: found[1])[0]
     for _ in range(rounds):
@@ -88,30 +91,20 @@ def robust_fit(problem: Problem, starts: Sequence[Floats], rounds: int = 4) -> S
     return Solution(theta, sigma, *problem.model(theta))
 
 
-def minimise(
-    problem: Problem,
-    start: Floats,
-    sigma: Floats,
-    measured: Floats | None = None,
-    weight: Floats | None = None,
-) -> tuple[Floats, float]:
+def minimise(problem: Problem, start: Floats, sigma: Floats) -> tuple[Floats, float]:
     """Return the parameters of the smallest loss from a start, and the loss.
 
     Args:
         problem: What is fitted to what.
         start: Parameters.
-        sigma: Standard deviation of each measured value, (n,).
-        measured: Measured values, (n,); None takes those of the problem.
-        weight: How often each value counts, (n,); None for once.
+        sigma: Standard deviation of each measured value, (n,); an infinite one leaves it out.
     """
-    aim = problem.measured if measured is None else measured
     low, high = problem.bounds
-    root = (1.0 if weight is None else np.sqrt(weight)) / sigma
-    used = root > 0
+    used = np.isfinite(sigma)
     found = least_squares(
-        lambda theta: (root * (problem.model(theta)[0] - aim))[used],
+        lambda theta: ((problem.model(theta)[0] - problem.measured) / sigma)[used],
         np.clip(start, low + 1e-6 * (high - low), high - 1e-6 * (high - low)),
-        lambda theta: (root[:, None] * problem.model(theta)[1])[used],
+        lambda theta: (problem.model(theta)[1] / sigma[:, None])[used],
         problem.bounds,
         loss=LOSSES[problem.loss],
         f_scale=TUNING,
@@ -138,7 +131,7 @@ def covariance(problem: Problem, solution: Solution) -> tuple[Floats, int]:
     return np.linalg.inv(precision), degrees
 
 
-def influence(residuals: Floats, loss: str) -> tuple[Floats, Floats]:
+def influence(residuals: Any, loss: str) -> tuple[Floats, Floats]:
     """Return ψ and ψ′, the first two derivatives of a loss by residuals over their deviation."""
     z = (residuals / TUNING) ** 2
     if loss == "soft-l1":

@@ -31,8 +31,8 @@ FARTHEST = 1000.0
 WIDE = 3.0
 # Strains at which a sheet is simulated, as parts of the largest; a spline goes through them.
 PARTS = (0.06, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
-# Rounds of standard deviations, and what a simulation tells of a change: each one takes long.
-ROUNDS, TOLERANCE = 2, 1e-8
+# Relative change at which a minimum is found, and rounds: each simulation takes long.
+TOLERANCE, ROUNDS = 1e-8, 2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -146,17 +146,16 @@ class _SheetModel:
 
     def __call__(self, theta: Floats) -> tuple[Floats, Floats]:
         """Return the values, (2, n), and their derivatives, (2, n, 2) (collective)."""
-        samples = self.samples
+        samples, rest = self.samples, np.array([[0.0], [1.0]])
         values, slopes = np.empty((2, len(samples.strain))), np.empty((2, len(samples.strain), 2))
         for direction, sheet in self._sheets.items():
             rows = samples.along(direction)
             strains = float(samples.strain[rows].max()) * np.array(PARTS)
             # Equal to the last bit on all ranks, so that they take the same steps.
-            found = sheet.skin.comm.bcast(sheet.curve(np.exp(theta), strains), root=0)
+            found, changes = sheet.skin.comm.bcast(sheet.curve(np.exp(theta), strains), root=0)
             self.evaluations += 1
-            table = np.dstack([found.values - [[0.0], [1.0]], found.slopes])
-            table = np.insert(table, 0, 0.0, axis=1)
+            table = np.insert(np.dstack([found - rest, changes]), 0, 0.0, axis=1)
             spline = make_interp_spline(np.append(0.0, strains), table, k=3, axis=1)
             at = spline(samples.strain[rows])
-            values[:, rows], slopes[:, rows] = at[..., 0] + [[0.0], [1.0]], at[..., 1:]
+            values[:, rows], slopes[:, rows] = at[..., 0] + rest, at[..., 1:]
         return values, slopes

@@ -57,16 +57,12 @@ class TensileTest:
             object.__setattr__(self, name, values)
         if not np.any(self.stress):
             raise ParameterError(f"all forces of specimen {self.specimen!r} are 0.")
-        for kind, values in (("stretch", stretch), ("lateral stretch", self.lateral)):
-            if values is not None and not values.min() > 0:
-                raise ParameterError(
-                    f"the {kind} of specimen {self.specimen!r} reaches {values.min():.6g}; it is "
-                    "positive, 1 at rest."
-                )
-            if values is not None and not np.ptp(values) > 0:
-                raise ParameterError(
-                    f"the {kind} of specimen {self.specimen!r} is the same at all points."
-                )
+        for kind, one in (("stretch", stretch), ("lateral stretch", self.lateral)):
+            what = f"the {kind} of specimen {self.specimen!r}"
+            if one is not None and not one.min() > 0:
+                raise ParameterError(f"{what} reaches {one.min():.6g}; it is positive, 1 at rest.")
+            if one is not None and not np.ptp(one) > 0:
+                raise ParameterError(f"{what} is the same at all points.")
 
     def taken(self, rows: Ints) -> TensileTest:
         """Return the test with some of its points, by their numbers."""
@@ -87,21 +83,16 @@ class TensileTest:
             return self
         kind = "unloading" if which == "last-unloading" else "loading"
         found = [
-            (begin, end)
+            np.arange(begin, end + 1)
             for begin, end in _branches(self.stretch)
             if (self.stretch[end] > self.stretch[begin]) == (kind == "loading")
         ]
-        if not found:
-            raise MeasurementError(
-                f"specimen {self.specimen!r}: the stretch has no branch of {kind}. Take another "
-                f"branch: {', '.join(BRANCHES)}."
-            )
-        begin, end = found[0] if which == "first-loading" else found[-1]
-        rows = np.arange(begin, end + 1)
+        rows = found[0 if which == "first-loading" else -1] if found else []
         if len(rows) < FEWEST:
             raise MeasurementError(
-                f"specimen {self.specimen!r}: the branch {which!r} has {len(rows)} points; at "
-                f"least {FEWEST} are needed."
+                f"specimen {self.specimen!r}: the stretch has no branch of {kind}, or one of "
+                f"{len(rows)} points; at least {FEWEST} are needed. Take another branch: "
+                f"{', '.join(BRANCHES)}."
             )
         return self.taken(rows)
 
