@@ -100,11 +100,10 @@ def minimise(problem: Problem, start: Floats, sigma: Floats) -> tuple[Floats, fl
         sigma: Standard deviation of each measured value, (n,); an infinite one leaves it out.
     """
     low, high = problem.bounds
-    used = np.isfinite(sigma)
     found = least_squares(
-        lambda theta: ((problem.model(theta)[0] - problem.measured) / sigma)[used],
+        lambda theta: (problem.model(theta)[0] - problem.measured) / sigma,
         np.clip(start, low + 1e-6 * (high - low), high - 1e-6 * (high - low)),
-        lambda theta: (problem.model(theta)[1] / sigma[:, None])[used],
+        lambda theta: problem.model(theta)[1] / sigma[:, None],
         problem.bounds,
         loss=LOSSES[problem.loss],
         f_scale=TUNING,

@@ -89,6 +89,7 @@ def fit_printed_sheet(
     options = FitOptions() if options is None else options
     require_kind("options", options, FitOptions, "FitOptions, or None")
     require_kind("printed_tile", printed_tile, PrintedTile, "a PrintedTile")
+    options = replace(options, intervals="hessian")
     require_alike(comm, along=along, across=across)
     samples = on_first_rank(comm, lambda: _samples(tests, options))
     model = _SheetModel(comm, samples, printed_tile, along, across)
@@ -107,7 +108,7 @@ def fit_printed_sheet(
         stress=stress,
         lateral=lateral,
         specimens=tuple(test.specimen for test in tests),
-        options=replace(options, intervals="hessian"),
+        options=options,
         composite=composite,
         evaluations=model.evaluations,
     )

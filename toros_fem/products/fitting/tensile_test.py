@@ -83,11 +83,12 @@ class TensileTest:
             return self
         kind = "unloading" if which == "last-unloading" else "loading"
         found = [
-            np.arange(begin, end + 1)
+            (begin, end)
             for begin, end in _branches(self.stretch)
             if (self.stretch[end] > self.stretch[begin]) == (kind == "loading")
         ]
-        rows = found[0 if which == "first-loading" else -1] if found else []
+        begin, end = (found or [(0, -1)])[0 if which == "first-loading" else -1]
+        rows = np.arange(begin, end + 1)
         if len(rows) < FEWEST:
             raise MeasurementError(
                 f"specimen {self.specimen!r}: the stretch has no branch of {kind}, or one of "
