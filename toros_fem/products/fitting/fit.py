@@ -83,7 +83,7 @@ class _Fit:
     """The fit of some tests, by strips that narrow freely or between clamps."""
 
     def __init__(self, tests: Sequence[TensileTest], options: FitOptions, thickness: float) -> None:
-        self.tests, self.options, self.thickness = tests, options, thickness
+        self.options, self.thickness = options, thickness
         self.samples = samples_of(tests, options)
         self.scales = scales_of(self.samples)
         self.free = remembered(partial(free_strips, self.samples, self.scales))
@@ -151,7 +151,6 @@ class _Fit:
             samples=samples,
             stress=stress,
             lateral=lateral,
-            specimens=tuple(test.specimen for test in self.tests),
             options=options,
             thickness=self.thickness,
             stiff=scales.stiff,

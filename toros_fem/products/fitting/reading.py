@@ -303,7 +303,9 @@ def _tests(table: Table) -> list[TensileTest]:
     found = []
     for name, rows in groups.items():
         across = None if lateral is None else lateral[rows]
-        height = float(np.mean(thickness[rows]))
+        # The mean of equal numbers may differ from them in the last digit.
+        own = thickness[rows]
+        height = float(own.mean() if np.ptp(own) > 0 else own[0])
         with _at(table.path, table.lines[rows[0]]):
             found.append(TensileTest(stretch[rows], stress[rows], height, across, *name))
     return found

@@ -70,7 +70,6 @@ class Fit:
         estimates: Constants by name.
         samples: The points that were fitted.
         stress, lateral: The model's values at these points, (n,) each.
-        specimens: Names of the specimens.
         options: Options of the fit.
     """
 
@@ -78,8 +77,12 @@ class Fit:
     samples: Samples
     stress: Floats
     lateral: Floats
-    specimens: tuple[str, ...]
     options: FitOptions
+
+    @property
+    def specimens(self) -> tuple[str, ...]:
+        """Names of the specimens."""
+        return self.samples.specimen
 
     @property
     def r2_stress(self) -> float:

@@ -26,7 +26,7 @@ class Samples:
         stress: Per width in N/m, (n,).
         lateral: Lateral stretch, (n,), NaN where it was not measured.
         test: Number of the test of each point, (n,).
-        direction: Direction of each test.
+        direction, specimen: Direction and name of each test.
     """
 
     strain: Floats
@@ -34,6 +34,7 @@ class Samples:
     lateral: Floats
     test: Ints
     direction: tuple[str, ...]
+    specimen: tuple[str, ...]
 
     @property
     def entries(self) -> Ints:
@@ -79,6 +80,7 @@ def samples_of(tests: Sequence[TensileTest], options: FitOptions) -> Samples:
         np.concatenate(lateral),
         np.repeat(np.arange(len(parts)), [len(part.stretch) for part in parts]),
         tuple(part.direction for part in parts),
+        tuple(part.specimen for part in parts),
     )
 
 

@@ -107,7 +107,6 @@ def fit_printed_sheet(
         samples=samples,
         stress=stress,
         lateral=lateral,
-        specimens=tuple(test.specimen for test in tests),
         options=options,
         composite=composite,
         evaluations=model.evaluations,
