@@ -79,7 +79,7 @@ from toros_fem.mechanics.skin.supports import (
 )
 from toros_fem.meshes.skin import sew
 from toros_fem.products.fitting.fit import fit_material
-from toros_fem.products.fitting.fitting import FitOptions
+from toros_fem.products.fitting.options import FitOptions
 from toros_fem.products.fitting.reading import read_tensile_tests
 from toros_fem.products.fitting.result import FitResult
 from toros_fem.products.fitting.tensile_test import TensileTest

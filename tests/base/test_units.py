@@ -15,6 +15,8 @@ from toros_fem.base.units import read_quantity, write_quantity
         ("2.15mm", "m", 2.15e-3),
         ("1.4e0 mm", "m", 1.4e-3),
         ("1 in", "m", 0.0254),
+        ("5 \N{MICRO SIGN}m", "m", 5e-6),
+        ("5 \N{GREEK SMALL LETTER MU}m", "m", 5e-6),
         ("20 mm²", "m²", 20e-6),
         ("20 mm2", "m²", 20e-6),
         ("180 deg", "deg", 180.0),
@@ -25,6 +27,7 @@ from toros_fem.base.units import read_quantity, write_quantity
         ("0.1 MPa", "Pa", 1e5),
         ("200 mbar", "Pa", 2e4),
         ("2 N/mm", "N/m", 2e3),
+        ("3 cN", "N", 0.03),
     ],
 )
 def test_quantities_are_the_same_numbers_as_in_python(

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from mpi4py import MPI
 
 from toros_fem.materials.sheet import Material
+from toros_fem.meshes import sew
 from toros_fem.products.fitting import TensileTest, uniaxial_curve
+from toros_fem.products.fitting.printed_sheet import scaled
+from toros_fem.products.tiles.printed_tile import PrintedTile
+from toros_fem.products.tiles.pull_test import pull
+from toros_fem.products.tiles.sheet import tile_sheet
 
 JERSEY = Material(young=0.1e6, poisson=0.3, thickness=0.5e-3)
 C1, C2 = 1.9, 2.2
@@ -43,3 +49,15 @@ def synthetic(
     return TensileTest(
         stretch, stress, JERSEY.thickness, across if lateral else None, specimen, direction
     )
+
+
+def pulled_sheet(
+    comm: MPI.Comm, tile: PrintedTile, factors: np.ndarray, strains: np.ndarray
+) -> TensileTest:
+    """A pull test along x of two tiles with other moduli, by other code than the fit's."""
+    sheet = tile_sheet(tile.tile(comm), "x", 2, 1)
+    skin = sew(comm, sheet.pattern)
+    density = tile.printed.astype(float)[sheet.cell][skin.owned_cells]
+    curve = pull(skin, scaled(tile.composite, factors), density, 0, strains, 2 * tile.size[0]).curve
+    lateral = 1 - curve.contraction * strains
+    return TensileTest(1 + strains, curve.stress, 5e-4, lateral, "sheet", "x")

@@ -47,6 +47,8 @@ DIMENSIONS: Mapping[str, tuple[str, Mapping[str, Decimal]]] = MappingProxyType(
                 "GPa": Decimal("1e9"),
                 "mbar": Decimal("1e2"),
                 "bar": Decimal("1e5"),
+                "N/mm²": Decimal("1e6"),
+                "N/mm2": Decimal("1e6"),
             },
         ),
         "deg": (
@@ -72,14 +74,28 @@ DIMENSIONS: Mapping[str, tuple[str, Mapping[str, Decimal]]] = MappingProxyType(
                 "g/cm3": Decimal("1e3"),
             },
         ),
+        "N": (
+            "a force",
+            {"N": Decimal(1), "mN": Decimal("1e-3"), "cN": Decimal("1e-2"), "kN": Decimal("1e3")},
+        ),
         "N/m": (
             "a force per length",
-            {"N/m": Decimal(1), "N/mm": Decimal("1e3"), "kN/m": Decimal("1e3")},
+            {
+                "N/m": Decimal(1),
+                "N/cm": Decimal("1e2"),
+                "N/mm": Decimal("1e3"),
+                "kN/m": Decimal("1e3"),
+            },
         ),
         "%": ("a fraction", {"%": Decimal(1)}),
     }
 )
 _VALUE = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+
+
+def spelt(word: str) -> str:
+    """Return a unit as `DIMENSIONS` spells it: the micro sign for a Greek mu, "m2" for "m^2"."""
+    return word.replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}").replace("^", "")
 
 
 def measured_by(word: str) -> str | None:
@@ -103,7 +119,7 @@ def read_quantity(text: str, unit: str | None) -> float:
     match = _VALUE.fullmatch(text)
     if match is None:
         raise ParameterError(f"{text!r} does not start with a number{_example(unit)}.")
-    number, word = match.groups()
+    number, word = match[1], spelt(match[2])
     if not word:
         advice = "without quotes" if unit is None else f"without quotes, in {unit}"
         raise ParameterError(f"{text!r} has no unit{_example(unit)}; a plain number, {advice}.")
@@ -143,6 +159,7 @@ SHOWN: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "kg": ("g",),
         "kg/m²": ("g/m²",),
         "kg/m³": ("kg/m³",),
+        "N": ("N",),
         "N/m": ("N/m",),
         "%": ("%",),
     }

@@ -6,17 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.scenes import ROOT
-from helpers.tensile_tests import JERSEY, synthetic
+from helpers.tensile_tests import JERSEY, pulled_sheet, synthetic
 from mpi4py import MPI
 
 from toros_fem.cli.commands import fit
 from toros_fem.cli.commands.main import run
 from toros_fem.materials.library import read_library
-from toros_fem.meshes import sew
 from toros_fem.products.tiles import write_tile
-from toros_fem.products.tiles.pull_test import pull
 from toros_fem.products.tiles.pulled_sheet import cross_tile
-from toros_fem.products.tiles.sheet import remesh, tile_sheet
+from toros_fem.products.tiles.sheet import remesh
 
 DATA = ROOT / "examples" / "stockinette.csv"
 FAST = ("--intervals", "hessian")
@@ -71,13 +69,10 @@ def test_moduli_of_a_printed_sheet(
     tile = remesh(alone, cross_tile(alone), 2e-3)
     path = tmp_path / "sheet.csv"
     strains: np.ndarray = np.linspace(0.02, 0.1, 5)
-    sheet = tile_sheet(tile.tile(alone), "x", 2, 1)
-    skin = sew(alone, sheet.pattern)
-    density = tile.printed.astype(float)[sheet.cell][skin.owned_cells]
-    test = pull(skin, tile.composite, density, 0, strains, 2 * tile.size[0])
+    test = pulled_sheet(alone, tile, np.ones(2), strains)
     write_tile(tmp_path, tile)
-    lateral = 1 - test.curve.contraction * strains
-    columns = zip(strains, test.curve.stress, lateral, strict=True)
+    assert test.lateral is not None
+    columns = zip(strains, test.stress, test.lateral, strict=True)
     rows = "".join(f"{e},{1e-3 * p},{w}\n" for e, p, w in columns)
     path.write_text(f"strain,stress [N/mm],lateral stretch\n{rows}")
     words = ["fit", str(path), "--tile", str(tmp_path), "--along", "2", "--across", "1"]
@@ -87,6 +82,7 @@ def test_moduli_of_a_printed_sheet(
     figures = json.loads(found)
     assert set(figures["estimates"]) == {"fabric", "reinforcement"}
     assert figures["r2_stress"] > 0.999
+    assert figures["inputs"]["intervals"] == "hessian", "of the curvature, whatever is asked for"
     young = figures["estimates"]["reinforcement"]["value"]
     assert young == pytest.approx(tile.composite.reinforcement.young, rel=0.01)
     assert "E of the reinforcement" in (tmp_path / "fit" / "fit.txt").read_text()

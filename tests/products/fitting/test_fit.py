@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from helpers.tensile_tests import C1, C2, JERSEY, TRUE, synthetic
+from mpi4py import MPI
 
-from toros_fem import FitOptions, fit_material
-from toros_fem.products.fitting import TensileTest
+from toros_fem import FitOptions, TensileTest, fit_material
+from toros_fem.products.fitting import ClampedStrip, uniaxial_curve
 
 BY_HESSIAN = FitOptions(intervals="hessian")
 
@@ -102,11 +103,27 @@ def test_a_stretch_that_the_model_misses_is_told() -> None:
     """Data that follow eq. (1) up to 1.5, where something tears."""
     one = synthetic(0, noise=0.005)
     stress = np.where(one.stretch > 1.5, 0.4 * one.stress[one.stretch <= 1.5].max(), one.stress)
-    result = fit_material([TensileTest(one.stretch, stress, one.thickness, None)], BY_HESSIAN)
+    tests = [TensileTest(one.stretch, stress, one.thickness)]
+    result = fit_material(tests, BY_HESSIAN)
     assert result.trusted_to < 1.7
     assert any("mean residual exceeds 10 %" in text for text in result.remarks)
-    cut = fit_material(
-        [TensileTest(one.stretch, stress, one.thickness, None)],
-        FitOptions(intervals="hessian", up_to=1.5),
-    )
+    cut = fit_material(tests, FitOptions(intervals="hessian", up_to=1.5))
     assert cut.trusted_to == cut.measured_to <= 1.5
+
+
+@pytest.mark.slow
+def test_a_clamped_strip_is_fitted_by_its_simulation(alone: MPI.Comm) -> None:
+    """Data simulated on a short strip; taken for a free one, its E is 4 % too large or more."""
+    strip = ClampedStrip(alone, 0.05, 0.05, edges=4)
+    strain: np.ndarray = np.linspace(0.02, 0.6, 30)
+    free, lateral = uniaxial_curve(JERSEY, C1, C2, 1 + strain)
+    factor, shift = strip.correction(JERSEY, C1, C2, strain)
+    assert (factor > 1.02).all()
+    tests = [TensileTest(1 + strain, factor * free, JERSEY.thickness, lateral + shift)]
+    found = fit_material(tests, BY_HESSIAN, strip)
+    assert 1 < found.rounds <= 8
+    for name, value in (("young", JERSEY.young), ("poisson", JERSEY.poisson), ("c1", C1)):
+        assert found.estimates[name].value == pytest.approx(value, rel=0.01)
+    plain = fit_material(tests, BY_HESSIAN)
+    assert plain.rounds == 0
+    assert plain.estimates["young"].value > 1.03 * JERSEY.young

@@ -33,7 +33,7 @@ def one(path: Path, text: str, **values: object) -> TensileTest:
     [
         ("strain [%],force [N]", (100 * STRAIN, FORCE)),
         ("Stretch,Load (N)", (1 + STRAIN, FORCE)),
-        ("extension [mm],force [mN]", (60 * STRAIN, 1e3 * FORCE)),
+        ("extension [\N{GREEK SMALL LETTER MU}m],force [mN]", (6e4 * STRAIN, 1e3 * FORCE)),
         ("strain,stress [MPa]", (STRAIN, 1e-6 * FORCE / (WIDTH * THICKNESS))),
         ("strain,stress [N/mm]", (STRAIN, 1e-3 * FORCE / WIDTH)),
         ("time [s],engineering strain [%],Force [cN]", (STRAIN, 100 * STRAIN, 100 * FORCE)),
@@ -113,14 +113,19 @@ FAULTS = {
     "short": (f"strain,force [N]\n{BODY}0.6\n", 8, "the line has 1 values, but the header 2"),
     "long": (f"strain,force [N]\n{BODY}0.6,1,2\n", 8, "the line has 3 values"),
     "compressed": (f"strain,force [N]\n{BODY}-1.5,1\n", 8, "the stretch is -0.5; it is positive"),
-    "percent": (f"strain,force [N]\n{BODY}60,8\n", 8, r"Is the strain in %"),
-    "constant": ("strain,force [N]\n" + 6 * "0.1,1\n", 2, "the same in all rows"),
-    "no load": ("strain,force [N]\n" + rows(STRAIN, 0 * FORCE), 2, "all forces are 0"),
-    "few": (f"strain,force [N]\n{rows(STRAIN[:3], FORCE[:3])}", 2, "3 rows; at least 5"),
-    "no unit of a size": (f"# width = 25\nstrain,force [N]\n{BODY}", 1, "a length with its unit"),
+    "percent": (f"strain,force [N]\n{BODY}12,8\n", 8, "the strain is 12; is it in %.*'strain .1.'"),
+    "too far": (f"strain [1],force [N]\n{BODY}16,8\n", 8, "stretch is 17; is its unit right"),
+    "decimal comma": (
+        f'strain,force [N]\n{BODY}0.6,"1,037"\n', 8, "force = '1,037' has a comma, .* semicolons"
+    ),
+    "comma of a size": (f"# width = 2,5 mm\nstrain,force [N]\n{BODY}", 1, "'2,5 mm' has a comma"),
+    "constant": ("strain,force [N]\n" + 6 * "0.1,1\n", 2, "the same at all points"),
+    "no load": ("strain,force [N]\n" + rows(STRAIN, 0 * FORCE), 2, "all forces .* are 0"),
+    "few": (f"strain,force [N]\n{rows(STRAIN[:3], FORCE[:3])}", 2, "stretch .* at least 5"),
+    "no unit of a size": (f"# width = 25\nstrain,force [N]\n{BODY}", 1, "no unit; .*= 25 mm'"),
     "negative": (f"# width = -25 mm\nstrain,force [N]\n{BODY}", 1, "greater than 0"),
     "gauge": (f"extension [mm],force [N]\n{BODY}", 2, "the gauge length is not known.*--gauge-len"),
-    "zero byte": (f"strain,force [N]\n0.1,\0\n{BODY}", 2, "a zero byte"),
+    "zero byte": (f"strain,force [N]\n0.1,\0\n{BODY}", 2, "no finite number"),
     "quote": (f'strain,force [N]\n0.1,"1\n{BODY}', 2, "cannot be split"),
 }  # fmt: skip
 
@@ -138,14 +143,14 @@ def test_faults_name_their_line(tmp_path: Path, name: str) -> None:
 
 def test_what_is_missing_is_named(tmp_path: Path) -> None:
     path = written(tmp_path / "a.csv", f"strain,force [N]\n{BODY}")
-    with pytest.raises(MeasurementError, match="line 2: the thickness is not known.*--thickness"):
-        read_tensile_tests([path], Given(width=WIDTH))
-    with pytest.raises(MeasurementError, match="line 2: the width is not known.*--width"):
-        read_tensile_tests([path], Given(thickness=THICKNESS))
-    with pytest.raises(MeasurementError, match="No such file"):
-        read_tensile_tests([tmp_path / "none.csv"])
-    with pytest.raises(MeasurementError, match="no file"):
-        read_tensile_tests([])
-    (tmp_path / "latin.csv").write_bytes(b"strain,force [N]\n0.1,1 \xb5\n")
-    with pytest.raises(MeasurementError, match="line 2: this is not UTF-8"):
-        read_tensile_tests([tmp_path / "latin.csv"])
+    latin, none = tmp_path / "latin.csv", tmp_path / "none.csv"
+    latin.write_bytes(b"strain,force [N]\n0.1,1 \xb5\n")
+    for paths, given, message in (
+        ([path], Given(width=WIDTH), "line 2: the thickness is not known.*--thickness"),
+        ([path], Given(thickness=THICKNESS), "line 2: the width is not known.*--width"),
+        ([none], Given(), "No such file"),
+        ([], Given(), "no file"),
+        ([latin], Given(), "line 2: no UTF-8 text"),
+    ):
+        with pytest.raises(MeasurementError, match=message):
+            read_tensile_tests(paths, given)

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.tensile_tests import synthetic
+from helpers.tensile_tests import JERSEY, synthetic
 from helpers.tiles import printed_tile
 from mpi4py import MPI
 
 from toros_fem import FitOptions, TensileTest, fit_material
 from toros_fem.base.errors import MeasurementError, ParameterError
-from toros_fem.products.fitting import ClampedStrip, fit_printed_sheet
+from toros_fem.products.fitting import ClampedStrip, Given, fit_printed_sheet, uniaxial_curve
 
 ALONE = MPI.COMM_SELF
 FEW = FitOptions(up_to=1.05)
@@ -24,9 +24,17 @@ STRETCH = np.linspace(1, 1.5, 6)
 PULL = np.linspace(0, 1, 6)
 
 
+def curve(stretch: object = 1.1, **changes: Any) -> object:
+    return uniaxial_curve(JERSEY, **{"c1": 1.9, "c2": 2.6, "stretch": [stretch], **changes})
+
+
 def pulled(direction: str = "", **changes: Any) -> TensileTest:
     given = {"stretch": STRETCH, "stress": PULL, "thickness": 1e-3, "direction": direction}
     return TensileTest(**{**given, **changes})
+
+
+def on_a_sheet(test: TensileTest) -> object:
+    return fit_printed_sheet(ALONE, [test], printed_tile(ALONE), 2, 1)
 
 
 ROWS: list[tuple[Callable[[], object], type[Exception], str]] = [
@@ -34,6 +42,15 @@ ROWS: list[tuple[Callable[[], object], type[Exception], str]] = [
     (lambda: pulled(stress=np.ones(4)), ParameterError, "as the stretch"),
     (lambda: pulled(stretch=np.linspace(-1, 1, 6)), ParameterError, "positive, 1 at rest"),
     (lambda: pulled(stress=np.full(6, np.nan)), ParameterError, "not finite"),
+    (lambda: pulled().branch("second"), ParameterError, "must be one of"),
+    (lambda: Given(units={"force": "lb"}), ParameterError, "is in 'lb'; known are N"),
+    (lambda: Given(units={"time": "s"}), ParameterError, "no such column"),
+    (lambda: curve(0.9), ParameterError, r"0.9 to 0.9 must lie in"),
+    (lambda: curve(1.9), ParameterError, r"1.9 to 1.9 must lie in"),
+    (lambda: curve([1.1]), ParameterError, "finite and of shape"),
+    (lambda: curve(c2=0.9), ParameterError, "must be above 1"),
+    (lambda: curve(knit_ratio=0.5), ParameterError, "at least 1"),
+    (lambda: curve(direction="up"), ParameterError, "direction = 'up'"),
     (lambda: fit_material([]), ParameterError, "at least one TensileTest"),
     (lambda: fit_material([synthetic()], FEW), MeasurementError, "2 points"),
     (lambda: fit_material([pulled("0"), pulled("45")]), MeasurementError, "perpendicular"),
@@ -41,11 +58,7 @@ ROWS: list[tuple[Callable[[], object], type[Exception], str]] = [
     (lambda: ClampedStrip(ALONE, 0.1, 0.02, edges=1), ParameterError, "edges"),
     (lambda: ClampedStrip(ALONE, 0.1, 0.02, gauge=0.2), ParameterError, "gauge"),
     (lambda: ClampedStrip(ALONE, 100.0, 0.02), ParameterError, "is no strip"),
-    (
-        lambda: fit_printed_sheet(ALONE, [pulled("wale")], printed_tile(ALONE), 2, 1),
-        MeasurementError,
-        "pulled along 'wale'",
-    ),
+    (lambda: on_a_sheet(pulled("wale")), MeasurementError, "pulled along 'wale'"),
 ]
 
 

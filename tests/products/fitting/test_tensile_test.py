@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from toros_fem import TensileTest
-from toros_fem.base.errors import MeasurementError, ParameterError
+from toros_fem.base.errors import MeasurementError
 
 
 def cycles(noise: float = 0.0) -> TensileTest:
@@ -43,5 +43,3 @@ def test_all_and_one_pull() -> None:
     assert np.array_equal(pull.branch("last-loading").stretch, stretch)
     with pytest.raises(MeasurementError, match="no branch of unloading"):
         pull.branch("last-unloading")
-    with pytest.raises(ParameterError, match="must be one of"):
-        pull.branch("second")

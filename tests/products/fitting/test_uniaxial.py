@@ -1,14 +1,14 @@
 """Uniaxial tension of eq. (1): the exact root, near the bounds too, and its derivatives."""
 
-from dataclasses import astuple
+from functools import partial
 
 import numpy as np
 import pytest
 from helpers.scenes import TABLE_A, table
 from scipy.optimize import brentq
 
-from toros_fem.base.errors import ParameterError
 from toros_fem.materials.sheet import Composite, Knit, Material
+from toros_fem.products.fitting.parameters import Scales
 from toros_fem.products.fitting.uniaxial import (
     Coefficients,
     lateral_strain,
@@ -49,15 +49,19 @@ def test_root_up_to_the_bounds(b: float, across: float) -> None:
 
 
 def test_derivatives() -> None:
-    c = Coefficients(3.0, 2.0, 1.0, 0.8, 0.7, 1.1)
-    strain = np.array([0.1, 0.5, 0.9])
-    exact, values, step = tension(strain, c), np.array(astuple(c)), 1e-6
-    for k in range(6):
-        ends = [tension(strain, Coefficients(*(values + s * np.eye(6)[k]))) for s in (step, -step)]
-        slope = (ends[0].stress - ends[1].stress) / (2 * step)
-        assert exact.stress_by[:, k] == pytest.approx(slope, rel=1e-7, abs=1e-8)
-        slope = (ends[0].lateral - ends[1].lateral) / (2 * step)
-        assert exact.lateral_by[:, k] == pytest.approx(slope, rel=1e-6, abs=1e-8)
+    """Up to the bounds, and of fibres in both directions."""
+    strain, course = np.array([0.1, 0.5, 0.9]), np.array([True, False, True])
+    scales = Scales(0.91, 0.6, 50.0, "course")
+    theta = np.array([np.log(50.0), 0.3, 0.9, 0.4, 0.5])
+
+    def curve(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return tension(strain, partial(scales.coefficients, course=course), theta)
+
+    slopes, step = curve(theta)[1], 1e-6
+    for k, along in enumerate(np.eye(5)):
+        ends = [curve(theta + sign * step * along)[0] for sign in (1, -1)]
+        difference = (ends[0] - ends[1]) / (2 * step)
+        assert slopes[..., k] == pytest.approx(difference, rel=1e-6, abs=1e-7)
 
 
 def test_moduli_of_a_knit() -> None:
@@ -69,20 +73,3 @@ def test_moduli_of_a_knit() -> None:
             fabric, 1.9, 2.6, np.array([1 + 1e-6]), knit_ratio=3.0, direction=direction
         )
         assert stress[0] / 1e-6 / fabric.thickness == pytest.approx(modulus, rel=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("stretch", "changes", "message"),
-    [
-        ([0.9, 1.1], {}, "must lie in"),
-        ([1.9], {}, "must lie in"),
-        ([1.1], {"c2": 0.9}, "must be above 1"),
-        ([1.1], {"knit_ratio": 0.5}, "at least 1"),
-        ([[1.1]], {}, "shape"),
-        ([1.1], {"direction": "up"}, "must be one of"),
-    ],
-)
-def test_wrong_values(stretch: object, changes: dict[str, float], message: str) -> None:
-    values = {"c1": 1.9, "c2": 2.6, **changes}
-    with pytest.raises(ParameterError, match=message):
-        uniaxial_curve(TABLE_A, values.pop("c1"), values.pop("c2"), stretch, **values)  # type: ignore[arg-type]

@@ -57,13 +57,14 @@ class Document:
         raise self.failure(f"{at}: {key}: {message}", self.path, line, key)
 
 
-def read_text(path: Path, what: str, failure: type[FileKeyError]) -> str:
+def read_text(path: Path, what: str, failure: type[FileKeyError], longest: int = LONGEST) -> str:
     """Return the text of a file.
 
     Args:
         path: The file.
         what: What it is, for messages: "a scene file".
         failure: Type of the error.
+        longest: Most bytes that it may have.
 
     Raises:
         FileKeyError: Of the type `failure`: the file cannot be read, is too long, or is no UTF-8.
@@ -72,13 +73,13 @@ def read_text(path: Path, what: str, failure: type[FileKeyError]) -> str:
         if path.is_dir():
             raise failure(f"{path} is a folder; name {what}.", path)
         with path.open("rb") as file:
-            content = file.read(LONGEST + 1)
+            content = file.read(longest + 1)
     except (OSError, ValueError) as caught:  # a path with a null character is a ValueError
         if isinstance(caught, failure):
             raise
         raise failure(f"{path} cannot be read: {caught}. Check the path.", path) from None
-    if len(content) > LONGEST:
-        raise failure(f"{path} is longer than {LONGEST} bytes: it is not {what}.", path)
+    if len(content) > longest:
+        raise failure(f"{path} is longer than {longest} bytes: it is not {what}.", path)
     try:
         return content.decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as caught:

@@ -15,7 +15,7 @@ from toros_fem.cli.command_line.scripts import UsageError, add_options
 from toros_fem.materials.library.writing import write_material
 from toros_fem.products.fitting.columns import UNITS
 from toros_fem.products.fitting.fit import fit_material
-from toros_fem.products.fitting.fitting import FitOptions
+from toros_fem.products.fitting.options import FitOptions
 from toros_fem.products.fitting.reading import Given, read_tensile_tests
 from toros_fem.products.fitting.report import fit_table, library_entry, write_fit
 from toros_fem.products.fitting.result import FitResult

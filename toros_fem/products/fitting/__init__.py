@@ -1,7 +1,7 @@
 """Characterisation: material constants of eq. (1) from tensile tests."""
 
 from toros_fem.products.fitting.fit import fit_material
-from toros_fem.products.fitting.fitting import FitOptions
+from toros_fem.products.fitting.options import FitOptions
 from toros_fem.products.fitting.reading import Given, read_tensile_tests
 from toros_fem.products.fitting.report import fit_table, library_entry, write_fit
 from toros_fem.products.fitting.result import Estimate, FitResult

@@ -1,81 +1,95 @@
-"""Columns of a tensile test's table: their names, units, and what they are turned into."""
+"""Columns of a tensile test's table: their names and units."""
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Mapping
 from types import MappingProxyType
 
-# What a column holds, by the names that it may have.
-NAMES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+from toros_fem.base.errors import ParameterError
+from toros_fem.base.units import DIMENSIONS, spelt
+
+# For each column: what it measures, as `DIMENSIONS` and `_RATIOS` name it, and its other names.
+# A stress of a sheet may come per width; it needs no thickness.
+_COLUMNS: Mapping[str, tuple[str, tuple[str, ...]]] = MappingProxyType(
     {
-        "stretch": ("stretch", "stretch ratio", "nominal stretch"),
-        "strain": ("strain", "engineering strain", "nominal strain", "tensile strain"),
-        "extension": ("extension", "displacement", "elongation"),
-        "force": ("force", "load", "standard force"),
-        "stress": ("stress", "engineering stress", "nominal stress", "tensile stress"),
-        "lateral stretch": ("lateral stretch", "transverse stretch"),
-        "lateral strain": ("lateral strain", "transverse strain"),
-        "lateral width": ("lateral width", "current width"),
-        "specimen": ("specimen", "sample"),
-        "direction": ("direction",),
-        "width": ("width", "specimen width"),
-        "thickness": ("thickness", "specimen thickness"),
-        "gauge length": ("gauge length", "specimen length"),
+        "stretch": ("ratio", ("stretch ratio", "nominal stretch")),
+        "strain": ("ratio", ("engineering strain", "nominal strain", "tensile strain")),
+        "extension": ("m", ("displacement", "elongation")),
+        "force": ("N", ("load", "standard force")),
+        "stress": ("Pa, N/m", ("engineering stress", "nominal stress", "tensile stress")),
+        "lateral stretch": ("ratio", ("transverse stretch",)),
+        "lateral strain": ("ratio", ("transverse strain",)),
+        "lateral width": ("m", ("current width",)),
+        "width": ("m", ("specimen width",)),
+        "thickness": ("m", ("specimen thickness",)),
+        "gauge length": ("m", ("specimen length",)),
+        "specimen": ("", ("sample",)),
+        "direction": ("", ()),
     }
 )
+# Columns that say the same thing in different ways.
 ALONG = ("stretch", "strain", "extension")
 LOADS = ("force", "stress")
 ACROSS = ("lateral stretch", "lateral strain", "lateral width")
-# Columns of words; all others are numbers.
+# What may stand once for a whole file, in a line "# width = 25 mm"; examples for messages.
+SIZES = MappingProxyType({"width": "25 mm", "thickness": "0.5 mm", "gauge length": "100 mm"})
 WORDS = ("specimen", "direction")
-# What may stand once for a whole file, in a line "# width = 25 mm".
-CONSTANTS = ("width", "thickness", "gauge length", "specimen", "direction")
-# How these look, for messages.
-EXAMPLES = MappingProxyType({"width": "25 mm", "thickness": "0.5 mm", "gauge length": "100 mm"})
+PER_WIDTH = DIMENSIONS["N/m"][1]
 
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "in": 0.0254}
-RATIOS = {"": 1.0, "1": 1.0, "-": 1.0, "%": 1e-2, "mm/mm": 1.0, "m/m": 1.0}
-FORCES = {"N": 1.0, "mN": 1e-3, "cN": 1e-2, "kN": 1e3}
-STRESSES = {
-    "Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "N/mm²": 1e6, "N/mm2": 1e6, "N/mm^2": 1e6,
-}  # fmt: skip
-# A stress of a sheet may come per width; it needs no thickness.
-PER_WIDTH = {"N/m": 1.0, "N/mm": 1e3, "N/cm": 1e2, "kN/m": 1e3}
-UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
-    {
-        **dict.fromkeys(("stretch", "strain", "lateral stretch", "lateral strain"), RATIOS),
-        **dict.fromkeys(
-            ("extension", "lateral width", "width", "thickness", "gauge length"), LENGTHS
-        ),
-        "force": FORCES,
-        "stress": {**STRESSES, **PER_WIDTH},
-    }
-)
+_RATIOS = {"1": 1.0, "-": 1.0, "%": 1e-2, "mm/mm": 1.0, "m/m": 1.0}
 _HEADER = re.compile(r"\s*(.*?)\s*(?:[\[(]\s*([^\])]*?)\s*[\])])?\s*")
 
 
-def split_header(text: str) -> tuple[str, str | None]:
+def _units_of(dimensions: str) -> dict[str, float]:
+    if dimensions == "ratio":
+        return _RATIOS
+    return {
+        word: float(factor)
+        for dimension in dimensions.split(", ")
+        for word, factor in DIMENSIONS[dimension][1].items()
+    }
+
+
+# Factor of each unit of each column of numbers, to SI units.
+UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {kind: _units_of(dimensions) for kind, (dimensions, _) in _COLUMNS.items() if dimensions}
+)
+# What a column holds, by each name that it may have.
+KINDS: Mapping[str, str] = MappingProxyType(
+    {name: kind for kind, (_, others) in _COLUMNS.items() for name in (kind, *others)}
+)
+
+
+def split_header(text: str) -> tuple[str, str]:
     """Return name and unit of a column's header: "Force [N]" is "force" and "N".
 
-    The unit stands in brackets; None where there is none.
+    The unit stands in brackets; it is empty where there is none.
     """
     match = _HEADER.fullmatch(text)
     name, unit = (text, None) if match is None else match.groups()
-    return " ".join(name.replace("_", " ").lower().split()), unit
+    return " ".join(name.replace("_", " ").lower().split()), unit or ""
 
 
-def known_as(name: str) -> str | None:
-    """Return what a column of a name holds; None where the name is unknown."""
-    for kind, names in NAMES.items():
-        if name in names:
-            return kind
-    return None
+def factor_of(kind: str, unit: str) -> float:
+    """Return the factor of a column's unit, to SI units.
 
-
-def nearest_name(name: str) -> str | None:
-    """Return the known name that a name was perhaps meant to be; None where none is near."""
-    known = [one for names in NAMES.values() for one in names]
-    found = difflib.get_close_matches(name, known, n=1, cutoff=0.8)
-    return found[0] if found else None
+    Raises:
+        ParameterError: There is no such column of numbers, or it has no such unit.
+    """
+    if kind in WORDS and not unit:
+        return 1.0
+    if kind not in UNITS:
+        raise ParameterError(f"unit of {kind!r}: no such column; known are {', '.join(UNITS)}.")
+    known = UNITS[kind]
+    if spelt(unit) in known:
+        return known[spelt(unit)]
+    first = next(iter(known))
+    if unit:
+        raise ParameterError(f"the column {kind!r} is in {unit!r}; known are {', '.join(known)}.")
+    if known is _RATIOS:
+        return 1.0
+    raise ParameterError(
+        f"the column {kind!r} has no unit: write '{kind} [{first}]', or give the unit by option, "
+        f'--unit "{kind}={first}".'
+    )

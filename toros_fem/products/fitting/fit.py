@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -13,19 +12,15 @@ from toros_fem.base.errors import MeasurementError, ParameterError
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.validation import require_kind
 from toros_fem.materials.sheet import Material
-from toros_fem.products.fitting.fitting import (
-    Estimator,
-    FitOptions,
-    Samples,
-    Solution,
-    samples_of,
-    scales_of,
-)
-from toros_fem.products.fitting.intervals import CONFIDENCE, bootstrap_draws, hessian_draws
-from toros_fem.products.fitting.parameters import Scales
+from toros_fem.products.fitting.intervals import bootstrap_draws, hessian_draws
+from toros_fem.products.fitting.options import FitOptions
+from toros_fem.products.fitting.parameters import Scales, scales_of
 from toros_fem.products.fitting.result import FitResult, estimates_of
+from toros_fem.products.fitting.robust_fit import Model, Solution, remembered, robust_fit
+from toros_fem.products.fitting.samples import Samples, samples_of
 from toros_fem.products.fitting.strip import ClampedStrip
 from toros_fem.products.fitting.tensile_test import TensileTest
+from toros_fem.products.fitting.uniaxial import tension
 
 # Rounds of fit and simulation of a clamped strip, and the change of its stress at which they end.
 MOST_ROUNDS, SAME = 8, 1e-3
@@ -60,103 +55,16 @@ def fit_material(
         MeasurementError: There is no test, a test has too few points, thicknesses differ, or
             directions are not those of one fabric.
     """
-    options, thickness = _checked(tests, options)
-    samples = samples_of(tests, options)
-    if strip is None:
-        estimator = Estimator(samples, scales_of(samples), options.loss)
-        return _result(tests, options, thickness, estimator, estimator.solve(), 0)
-    require_kind("strip", strip, ClampedStrip, "a ClampedStrip, or None")
-    return _fit_clamped(tests, options, thickness, samples, strip)
-
-
-def _fit_clamped(
-    tests: Sequence[TensileTest],
-    options: FitOptions,
-    thickness: float,
-    samples: Samples,
-    strip: ClampedStrip,
-) -> FitResult:
-    """Fit and simulate in turns (collective)."""
-    comm, scales = strip.comm, scales_of(samples)
-    solution: Solution | None = None
-    top = float(np.abs(samples.stress).max())
-    rounds = 0
-    while True:
-        rounds += 1
-        estimator = Estimator(samples, scales, options.loss)
-        starts = None if solution is None else [solution.theta]
-        solution = on_first_rank(comm, partial(estimator.solve, starts))
-        before = estimator.curve(solution.theta)[0]
-        samples = _clamped(samples, strip, scales, solution.theta, thickness)
-        estimator = Estimator(samples, scales, options.loss)
-        change = float(np.abs(estimator.curve(solution.theta)[0] - before).max())
-        if change <= SAME * top:
-            break
-        if rounds == MOST_ROUNDS:
-            raise MeasurementError(
-                f"after {MOST_ROUNDS} rounds fit and simulated strip still differ by "
-                f"{change / top:.1%} of the largest stress. Fit fewer data by up_to."
-            )
-    found = solution
-    return on_first_rank(comm, lambda: _result(tests, options, thickness, estimator, found, rounds))
-
-
-def _clamped(
-    samples: Samples, strip: ClampedStrip, scales: Scales, theta: Floats, thickness: float
-) -> Samples:
-    """Return samples with what clamps change at these parameters (collective)."""
-    values = scales.values(theta, thickness)
-    sheet = Material(values["young"], values["poisson"], thickness)
-    names = np.array(samples.direction)[samples.test]
-    factor, shift = samples.stress_factor.copy(), samples.lateral_shift.copy()
-    for name in dict.fromkeys(samples.direction):
-        rows = names == name
-        factor[rows], shift[rows] = strip.correction(
-            sheet,
-            values["c1"],
-            values["c2"],
-            samples.strain[rows],
-            knit_ratio=max(values.get("knit_ratio", 1.0), 1.0),
-            direction="course" if name == scales.stiff else "wale",
-        )
-    return replace(samples, stress_factor=factor, lateral_shift=shift)
-
-
-def _result(
-    tests: Sequence[TensileTest],
-    options: FitOptions,
-    thickness: float,
-    estimator: Estimator,
-    solution: Solution,
-    rounds: int,
-) -> FitResult:
-    """Return the result of a fit, with its intervals."""
-    samples, scales = estimator.samples, estimator.scales
-    drawn_by = bootstrap_draws if options.intervals == "bootstrap" else hessian_draws
-    number = options.draws if options.intervals == "bootstrap" else max(options.draws, 4000)
-    drawn = drawn_by(estimator, solution, number, options.seed)
-    stress, lateral = estimator.curve(solution.theta)
-    return FitResult(
-        estimates=estimates_of(
-            scales.values(solution.theta, thickness),
-            [scales.values(theta, thickness) for theta in drawn],
-            scales.ranges(),
-            CONFIDENCE,
-        ),
-        samples=samples,
-        stress=stress,
-        lateral=lateral,
-        specimens=tuple(test.specimen for test in tests),
-        options=options,
-        thickness=thickness,
-        stiff=scales.stiff,
-        rounds=rounds,
-    )
-
-
-def _checked(tests: Sequence[TensileTest], options: FitOptions | None) -> tuple[FitOptions, float]:
     options = FitOptions() if options is None else options
     require_kind("options", options, FitOptions, "FitOptions, or None")
+    fit = _Fit(tests, options, _thickness(tests))
+    if strip is None:
+        return fit.result(fit.solve(fit.free, fit.scales.starts), fit.free, 0)
+    require_kind("strip", strip, ClampedStrip, "a ClampedStrip, or None")
+    return fit.clamped(strip)
+
+
+def _thickness(tests: Sequence[TensileTest]) -> float:
     if not isinstance(tests, list | tuple) or not tests:
         raise ParameterError("tests must be a list of at least one TensileTest.")
     for test in tests:
@@ -168,4 +76,89 @@ def _checked(tests: Sequence[TensileTest], options: FitOptions | None) -> tuple[
             f"the thicknesses {min(heights):.4g} to {max(heights):.4g} m are not those of one "
             "material: fit them apart."
         )
-    return options, thickness
+    return thickness
+
+
+class _Fit:
+    """The fit of some tests, by strips that narrow freely or between clamps."""
+
+    def __init__(self, tests: Sequence[TensileTest], options: FitOptions, thickness: float) -> None:
+        self.options, self.thickness = options, thickness
+        self.samples = samples_of(tests, options)
+        self.scales = scales_of(self.samples)
+        self.free = remembered(partial(free_strips, self.samples, self.scales))
+
+    def solve(self, curve: Model, starts: Sequence[Floats]) -> Solution:
+        """Return the fit of a model curve."""
+        problem = self.samples.problem(curve, self.scales.bounds, self.options.loss)
+        return robust_fit(problem, starts)
+
+    def clamped(self, strip: ClampedStrip) -> FitResult:
+        """Fit and simulate in turns (collective)."""
+        top, curve, starts = np.abs(self.samples.stress).max(), self.free, self.scales.starts
+        for rounds in range(1, MOST_ROUNDS + 1):
+            solution = on_first_rank(strip.comm, partial(self.solve, curve, starts))
+            before, starts = curve(solution.theta)[0][0], [solution.theta]
+            curve = self._between_clamps(strip, solution.theta)
+            change = np.abs(curve(solution.theta)[0][0] - before).max() / top
+            if change <= SAME:
+                found = partial(self.result, solution, curve, rounds)
+                return on_first_rank(strip.comm, found)
+        raise MeasurementError(
+            f"after {MOST_ROUNDS} rounds fit and simulated strip still differ by {change:.1%} of "
+            "the largest stress. Fit fewer data by up_to."
+        )
+
+    def _between_clamps(self, strip: ClampedStrip, theta: Floats) -> Model:
+        """Return the curve of free strips with what clamps change at some parameters."""
+        values = self.scales.values(theta, self.thickness)
+        sheet = Material(values["young"], values["poisson"], self.thickness)
+        factor, shift = np.ones((2, len(self.samples.strain))), 0.0 * self.samples.strain
+        for name in dict.fromkeys(self.samples.direction):
+            rows = self.samples.along(name)
+            factor[0, rows], shift[rows] = strip.correction(
+                sheet,
+                values["c1"],
+                values["c2"],
+                self.samples.strain[rows],
+                knit_ratio=max(values.get("knit_ratio", 1.0), 1.0),
+                direction="course" if name == self.scales.stiff else "wale",
+            )
+
+        def curve(theta: Floats) -> tuple[Floats, Floats]:
+            free, slopes = self.free(theta)
+            return factor * free + [0 * shift, shift], factor[:, :, None] * slopes
+
+        return curve
+
+    def result(self, solution: Solution, curve: Model, rounds: int) -> FitResult:
+        """Return the result of a fit, with its intervals."""
+        samples, scales, options = self.samples, self.scales, self.options
+        problem = samples.problem(curve, scales.bounds, options.loss)
+        solution = Solution(solution.theta, solution.sigma, *problem.model(solution.theta))
+        if options.intervals == "bootstrap":
+            drawn = bootstrap_draws(problem, solution, samples, options.draws, options.seed)
+        else:
+            drawn = hessian_draws(problem, solution, max(options.draws, 4000), options.seed)
+        (stress, lateral), _ = curve(solution.theta)
+        low, high = (scales.values(end, self.thickness) for end in scales.bounds)
+        return FitResult(
+            estimates=estimates_of(
+                scales.values(solution.theta, self.thickness),
+                scales.values(drawn.T, self.thickness),
+                {name: (high[name], low[name]) for name in ("c1", "c2")},
+            ),
+            samples=samples,
+            stress=stress,
+            lateral=lateral,
+            options=options,
+            thickness=self.thickness,
+            stiff=scales.stiff,
+            rounds=rounds,
+        )
+
+
+def free_strips(samples: Samples, scales: Scales, theta: Floats) -> tuple[Floats, Floats]:
+    """Return stress and lateral stretch of all points, (2, n), and their derivatives, (2, n, p)."""
+    coefficients = partial(scales.coefficients, course=samples.along(scales.stiff))
+    return tension(samples.strain, coefficients, theta)

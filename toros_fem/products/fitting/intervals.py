@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import accumulate
 
 import numpy as np
-from scipy.signal import lfilter
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtri, stdtrit
 
 from toros_fem.base.array_types import Floats, Ints
-from toros_fem.products.fitting.fitting import Estimator, Solution, influence
+from toros_fem.products.fitting.robust_fit import Problem, Solution, covariance, minimise
+from toros_fem.products.fitting.samples import Samples
 
 CONFIDENCE = 0.95
+UPPER = 0.5 + CONFIDENCE / 2
 # From this number on whole tests are drawn, else residuals.
 ENOUGH_TESTS = 3
 # Points before a drawn curve begins, which forget its start.
@@ -22,63 +24,53 @@ LARGEST_CORRELATION = 0.95
 BIAS = 3.0
 
 
-def hessian_draws(estimator: Estimator, solution: Solution, draws: int, seed: int) -> Floats:
-    """Return parameters drawn from the normal distribution of an M-estimate, (draws, p).
+def half_widths(problem: Problem, solution: Solution) -> Floats:
+    """Return half the width of each parameter's interval, by the curvature of the loss, (p,)."""
+    spread, degrees = covariance(problem, solution)
+    return np.asarray(stdtrit(degrees, UPPER) * np.sqrt(np.diagonal(spread)))
 
-    Its covariance is s² (JᵀJ)⁻¹ with s² = Σψ²/(n − p)/(mean ψ′)² (Huber 1981), ψ the derivative of
-    the loss. Student's distribution takes the place of the normal one. What the data do not tell at
-    all is spread over its bounds. Residuals are taken to be independent.
+
+def hessian_draws(problem: Problem, solution: Solution, draws: int, seed: int) -> Floats:
+    """Return parameters drawn from Student's distribution by the curvature of the loss, (draws, p).
+
+    It takes the place of the normal distribution of an M-estimate.
     """
-    theta, sigma = solution.theta, solution.sigma
-    values, slopes = estimator.model(theta)
-    r = (estimator.samples.measured - values) / sigma
-    J = slopes / sigma[:, None]
-    psi, bend = influence(r, estimator.loss)
-    degrees = max(len(r) - len(theta), 1)
-    variance = float(psi @ psi) / degrees / max(float(bend.mean()), 0.1) ** 2
-    low, high = estimator.scales.bounds()
-    precision = J.T @ J / variance + np.diag((high - low) ** -2)
-    root = np.linalg.cholesky(np.linalg.inv(precision))
+    spread, degrees = covariance(problem, solution)
     rng = np.random.default_rng(seed)
-    normal = rng.standard_normal((draws, len(theta)))
+    normal = rng.standard_normal((draws, len(spread)))
     chi = np.sqrt(rng.chisquare(degrees, (draws, 1)) / degrees)
-    return np.asarray(np.clip(theta + (normal / chi) @ root.T, low, high))
+    found = solution.theta + (normal / chi) @ np.linalg.cholesky(spread).T
+    return np.asarray(np.clip(found, *problem.bounds))
 
 
-def bootstrap_draws(estimator: Estimator, solution: Solution, draws: int, seed: int) -> Floats:
+def bootstrap_draws(
+    problem: Problem, solution: Solution, samples: Samples, draws: int, seed: int
+) -> Floats:
     """Return parameters fitted to data drawn again, (draws, p).
 
     Of three tests of each direction and more, whole tests are drawn: their differences are what
     is uncertain. Else residuals are drawn, with the correlation that neighbours have.
     """
-    rng = np.random.default_rng(seed)
-    samples, measured = estimator.samples, estimator.samples.measured
-    rows = samples.rows_of_tests
+    rng, theta, sigma = np.random.default_rng(seed), solution.theta, solution.sigma
     names = np.array(samples.direction)
     groups = [np.flatnonzero(names == name) for name in sorted(set(samples.direction))]
-    whole = min(len(group) for group in groups) >= ENOUGH_TESTS
-    values, slopes = estimator.model(solution.theta)
-    n = len(measured)
-    residuals = (measured - values) / _shrinkage(slopes / solution.sigma[:, None])
-    found = np.empty((draws, len(solution.theta)))
-    for k in range(draws):
-        if whole:
-            weight = np.zeros(n)
-            for group in groups:
-                for test in rng.choice(group, len(group)):
-                    weight[rows[test]] += 1
-            found[k] = estimator.minimise(solution.theta, solution.sigma, measured, weight)[0]
-        else:
-            drawn = values + _drawn(estimator, residuals, rng)
-            found[k] = estimator.minimise(solution.theta, solution.sigma, drawn)[0]
-    if whole:
-        # Few tests drawn again vary too little: by (g − 1)/g, and their mean is Student's.
-        least = min(len(group) for group in groups)
-        ratio = student.ppf(0.5 + CONFIDENCE / 2, least - 1) / norm.ppf(0.5 + CONFIDENCE / 2)
-        wider = np.sqrt(least / (least - 1)) * ratio
-        low, high = estimator.scales.bounds()
-        found = np.clip(solution.theta + wider * (found - solution.theta), low, high)
-    return found
+    least = min(len(group) for group in groups)
+    if least < ENOUGH_TESTS:
+        residuals = (problem.measured - solution.values) / _shrinkage(solution.jac / sigma[:, None])
+        curves = [(c, correlation([residuals[rows] for rows in c])) for c in _curves(samples)]
+        data = (solution.values + _drawn(curves, residuals, rng) for _ in range(draws))
+        again = (replace(problem, measured=measured) for measured in data)
+        return np.array([minimise(one, theta, sigma)[0] for one in again])
+    test = np.tile(samples.test, 2)[samples.entries]
+    found = []
+    for _ in range(draws):
+        drawn = np.concatenate([rng.choice(group, len(group)) for group in groups])
+        times = np.bincount(drawn, minlength=len(names))[test]
+        own = np.where(times > 0, sigma / np.sqrt(np.maximum(times, 1)), np.inf)
+        found.append(minimise(problem, theta, own)[0])
+    # Few tests drawn again vary too little: by (g − 1)/g, and their mean is Student's.
+    wider = np.sqrt(least / (least - 1)) * stdtrit(least - 1, UPPER) / ndtri(UPPER)
+    return np.asarray(np.clip(theta + wider * (np.array(found) - theta), *problem.bounds))
 
 
 def _shrinkage(jacobian: Floats) -> Floats:
@@ -91,29 +83,34 @@ def _shrinkage(jacobian: Floats) -> Floats:
     return np.asarray(np.sqrt(np.maximum(1 - np.sum(kept**2, axis=1), 0.1)))
 
 
-def _drawn(estimator: Estimator, residuals: Floats, rng: np.random.Generator) -> Floats:
+def _drawn(
+    curves: Sequence[tuple[Sequence[Ints], float]], residuals: Floats, rng: np.random.Generator
+) -> Floats:
     """Return residuals drawn again along each curve, with the correlation of neighbours.
 
     Each is rₖ = ρ rₖ₋₁ + eₖ; the eₖ are drawn, of each test and kind of value apart.
     """
     out = np.empty_like(residuals)
-    for curves in _curves(estimator):
-        rho = correlation([residuals[rows] for rows in curves])
-        for rows in curves:
+    for rows_of_tests, rho in curves:
+        for rows in rows_of_tests:
             own = residuals[rows] - residuals[rows].mean()
             parts = np.append(np.sqrt(1 - rho**2) * own[0], own[1:] - rho * own[:-1])
-            drawn = rng.choice(parts, WARM_UP + len(rows))
-            out[rows] = lfilter([1.0], [1.0, -rho], drawn)[WARM_UP:]
+            drawn = rng.choice(parts, WARM_UP + len(rows)).tolist()
+            out[rows] = list(accumulate(drawn, lambda r, e, rho=rho: rho * r + e))[WARM_UP:]
     return out
 
 
-def _curves(estimator: Estimator) -> list[list[Ints]]:
-    """Return the rows of each curve, sorted by the stretch: those of stress, and the others."""
-    samples = estimator.samples
-    strain = np.concatenate([samples.strain, samples.strain[samples.has_lateral]])
-    kinds = samples.is_stress, ~samples.is_stress
-    sorted_rows = [rows[np.argsort(strain[rows], kind="stable")] for rows in samples.rows_of_tests]
-    return [[rows[kind[rows]] for rows in sorted_rows if kind[rows].any()] for kind in kinds]
+def _curves(samples: Samples) -> list[list[Ints]]:
+    """Return what each curve has in the entries, by its stretch: curves of stress, and others."""
+    count, entries = len(samples.strain), samples.entries
+    point = entries % count
+    order = np.argsort(samples.strain[point], kind="stable")
+    found = []
+    for kind in (0, 1):
+        rows = order[entries[order] // count == kind]
+        own = [rows[samples.test[point[rows]] == k] for k in range(len(samples.direction))]
+        found.append([one for one in own if len(one)])
+    return found
 
 
 def correlation(curves: Sequence[Floats]) -> float:

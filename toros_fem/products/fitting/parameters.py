@@ -9,10 +9,13 @@ at the smallest α, not a number without meaning.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats
+from toros_fem.base.errors import MeasurementError
+from toros_fem.products.fitting.samples import Samples
 from toros_fem.products.fitting.uniaxial import Coefficients
 
 # Bounds c − 1 lie between these multiples of the largest strain measured.
@@ -21,8 +24,8 @@ NEAREST, FARTHEST = 1.005, 10.0
 NEAREST_SUM = 0.2
 LARGEST_POISSON = 0.5
 LARGEST_RATIO = 1000.0
-# Columns of the derivatives of `tension`.
-MU, LAM, A, B, ALONG, ACROSS = range(6)
+# Names of perpendicular directions; a knit is fitted to both.
+PAIRS = (("course", "wale"), ("x", "y"), ("along", "across"), ("warp", "weft"))
 
 
 @dataclass(frozen=True)
@@ -43,81 +46,82 @@ class Scales:
     stiff: str | None
 
     @property
-    def knit(self) -> bool:
-        """Whether the ratio of a knit is a parameter."""
-        return self.stiff is not None
-
-    @property
     def z(self) -> float:
         """Sum of strains that β refers to."""
         return self.strain if self.total is None else self.total
 
+    @property
     def bounds(self) -> tuple[Floats, Floats]:
-        """Return the smallest and the largest value of each parameter."""
+        """The smallest and the largest value of each parameter."""
         guess = np.log(self.stiffness)
         least, most = FARTHEST**-2, NEAREST**-2
         most_sum = NEAREST_SUM**-2 if self.total is None else most
-        low, high = [guess - 9, 0.0, least, least], [guess + 9, LARGEST_POISSON, most, most_sum]
-        if self.knit:
-            low, high = low + [0.0], high + [np.log(LARGEST_RATIO)]
-        return np.array(low), np.array(high)
+        low = np.array([guess - 9, 0.0, least, least, 0.0])
+        high = np.array([guess + 9, LARGEST_POISSON, most, most_sum, np.log(LARGEST_RATIO)])
+        number = 4 if self.stiff is None else 5
+        return low[:number], high[:number]
 
+    @property
     def starts(self) -> list[Floats]:
-        """Return values to start from: bounds far and near."""
-        rest = [0.3] if self.knit else []
+        """Values to start from: bounds far and near."""
+        rest = [] if self.stiff is None else [0.3]
         return [
             np.array([np.log(self.stiffness), 0.3, one, two, *rest])
             for one, two in ((0.2, 0.2), (0.8, 0.2), (0.2, 0.8))
         ]
 
-    def coefficients(self, theta: Floats, direction: str) -> Coefficients:
-        """Return the coefficients of eq. (1), in N/m, for a pull along a direction."""
+    def coefficients(self, theta: Any, course: Bools) -> Coefficients:
+        """Return the coefficients of eq. (1), in N/m, of pulls along and across the courses."""
         young, poisson = np.exp(theta[0]), theta[1]
         mu, lam = young / (2 * (1 + poisson)), young * poisson / (1 - poisson**2)
-        k = (np.exp(theta[4]) - 1) / (1 - poisson**2) * young if self.knit else 0.0
-        course = direction == self.stiff
         a, b = theta[2] / self.strain**2, theta[3] / self.z**2
-        return Coefficients(mu, lam, a, b, k if course else 0.0, 0.0 if course else k)
+        if self.stiff is None:
+            return Coefficients(mu, lam, a, b)
+        k = (np.exp(theta[4]) - 1) / (1 - poisson**2) * young
+        return Coefficients(mu, lam, a, b, k * course, k * ~course)
 
-    def chain(self, theta: Floats, direction: str) -> Floats:
-        """Return the derivatives of the coefficients by the parameters, (6, p)."""
-        young, poisson = np.exp(theta[0]), theta[1]
-        rest = 1 - poisson**2
-        out = np.zeros((6, len(theta)))
-        out[MU, 0] = young / (2 * (1 + poisson))
-        out[MU, 1] = -young / (2 * (1 + poisson) ** 2)
-        out[LAM, 0] = young * poisson / rest
-        out[LAM, 1] = young * (1 + poisson**2) / rest**2
-        out[A, 2] = self.strain**-2
-        out[B, 3] = self.z**-2
-        if self.knit:
-            row = ALONG if direction == self.stiff else ACROSS
-            factor = np.exp(theta[4]) - 1
-            out[row, 0] = factor / rest * young
-            out[row, 1] = factor * young * 2 * poisson / rest**2
-            out[row, 4] = np.exp(theta[4]) * young / rest
-        return out
-
-    def values(self, theta: Floats, thickness: float) -> dict[str, float]:
-        """Return all material constants by their names, in SI units."""
-        young, poisson = float(np.exp(theta[0])) / thickness, float(theta[1])
+    def values(self, theta: Floats, thickness: float) -> dict[str, Any]:
+        """Return all material constants by their names, in SI units, each as an entry of theta."""
+        young, poisson = np.exp(theta[0]) / thickness, theta[1]
         found = {
             "young": young,
             "poisson": poisson,
             "mu": young / (2 * (1 + poisson)),
             "lam": young * poisson / (1 - poisson**2),
-            "c1": 1 + self.strain / float(np.sqrt(theta[2])),
-            "c2": 1 + self.z / float(np.sqrt(theta[3])),
+            "c1": 1 + self.strain / np.sqrt(theta[2]),
+            "c2": 1 + self.z / np.sqrt(theta[3]),
         }
-        if self.knit:
-            found["knit_ratio"] = float(np.exp(theta[4]))
-        return found
+        return found if self.stiff is None else {**found, "knit_ratio": np.exp(theta[4])}
 
-    def ranges(self) -> dict[str, tuple[float, float]]:
-        """Return the smallest and the largest value of c₁ and c₂."""
-        low, high = self.bounds()
-        ends = self.values(low, 1.0), self.values(high, 1.0)
-        return {
-            name: (min(end[name] for end in ends), max(end[name] for end in ends))
-            for name in ("c1", "c2")
-        }
+
+def scales_of(samples: Samples) -> Scales:
+    """Return the scales of the fit's parameters, and which of two directions is the stiffer.
+
+    Raises:
+        MeasurementError: The directions are not those of one fabric, or no stress is tension.
+    """
+    found = sorted(set(samples.direction))
+    if len(found) > 1 and not any(set(found) == set(pair) for pair in PAIRS):
+        pairs = "; ".join(" and ".join(pair) for pair in PAIRS)
+        raise MeasurementError(
+            f"the tests have the directions {', '.join(map(repr, found))}. Two are fitted together "
+            f"if they are perpendicular, named {pairs}. Name them so, or fit one by --direction."
+        )
+    x, sums = samples.strain, samples.strain + samples.lateral - 1
+    sums = sums[np.isfinite(sums)]
+    common = min(float(x[samples.along(name)].max()) for name in found)
+    secants = {}
+    for name in found:
+        rows = samples.along(name) & (x <= common)
+        secants[name] = float(x[rows] @ samples.stress[rows]) / float(x[rows] @ x[rows])
+    if not min(secants.values()) > 0:
+        raise MeasurementError(
+            "the stresses fall with the stretch: is the sign of the force that of tension?"
+        )
+    largest = float(x.max())
+    return Scales(
+        largest,
+        max(float(sums.max()), 0.05 * largest) if len(sums) else None,
+        min(secants.values()),
+        max(found, key=lambda name: secants[name]) if len(found) > 1 else None,
+    )

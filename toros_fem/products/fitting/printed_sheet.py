@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import ufl
@@ -30,33 +30,13 @@ from toros_fem.products.tiles.pull_test import PullMachine
 MATERIALS = ("fabric", "reinforcement")
 
 
-@dataclass(frozen=True, eq=False)
-class SheetCurve:
-    """A pulled sheet, and how it changes with the moduli.
-
-    Attributes:
-        stress: Force on the moving clamp over the width in N/m, (k,).
-        lateral: Mean lateral stretch of the middle, (k,).
-        stress_by, lateral_by: Derivatives by the logarithms of the moduli of fabric and
-            reinforcement, (k, 2).
-        steps: Number of Newton steps.
-    """
-
-    stress: Floats
-    lateral: Floats
-    stress_by: Floats
-    lateral_by: Floats
-    steps: int
-
-
 def scaled(composite: Composite, factors: Sequence[float] | Floats) -> Composite:
     """Return a composite with the moduli of fabric and reinforcement times factors."""
-    sheets = {
-        name: replace(sheet, young=float(factor) * sheet.young)
-        for name, factor in zip(MATERIALS, factors, strict=True)
-        for sheet in (getattr(composite, name),)
-    }
-    return replace(composite, **sheets)
+    fabric, reinforcement = (
+        replace(sheet, young=float(factor) * sheet.young)
+        for sheet, factor in zip((composite.fabric, composite.reinforcement), factors, strict=True)
+    )
+    return replace(composite, fabric=fabric, reinforcement=reinforcement)
 
 
 class PrintedSheet:
@@ -108,39 +88,36 @@ class PrintedSheet:
             warnings.simplefilter("ignore", MaterialWarning)
             return PullMachine(self.skin, composite, self.axis, self.gauge, self.options)
 
-    def curve(self, factors: Floats, strains: Floats) -> SheetCurve:
+    def curve(self, factors: Floats, strains: Floats) -> tuple[Floats, Floats]:
         """Pull the sheet and differentiate its stress and its lateral stretch (collective).
 
         Args:
             factors: Factors on the moduli of fabric and reinforcement, (2,).
             strains: Strains of the clamps' distance, in the order of the pull, (k,).
 
+        Returns:
+            Force on the moving clamp over the width in N/m, and mean lateral stretch of the middle,
+            (2, k); and their derivatives by the logarithms of both moduli, (2, k, 2).
+
         Raises:
             NoEquilibriumError: There is no equilibrium at one of the strains.
         """
-        machine, comm = self._machine(factors), self.skin.comm
-        solver, rows, state, steps = machine.solver, [], None, 0
-        pushed = _TangentTimes(solver.model, self._clamp)
-        for strain in strains:
+        machine, comm, state = self._machine(factors), self.skin.comm, None
+        solver, pushed = machine.solver, _TangentTimes(machine.solver.model, self._clamp)
+        values, slopes = np.empty((2, len(strains))), np.empty((2, len(strains), 2))
+        for k, strain in enumerate(strains):
             result = machine.solve(self.density, float(strain), state)
-            state, steps = result.state, steps + result.steps
+            state = result.state
             positions = self.skin.gather_vertices(result.positions)
-            stress = machine.forces(result)[1, self.axis] / machine.width
-            lateral = machine.middle_stretch(positions)[1 - self.axis]
-            parts = self._parts(state)
+            values[0, k] = machine.forces(result)[1, self.axis] / machine.width
+            values[1, k] = machine.middle_stretch(positions)[1 - self.axis]
             follow = self._clamp - solver.solve_tangent(pushed.at(state), result)
             widening = solver.solve_tangent(self._mean, result)
-            adjoints = np.array([follow / machine.width, -widening])
-            rows.append(
-                [stress, lateral]
-                + [
-                    dot(comm, adjoint, np.asarray(factor * part))
-                    for adjoint in adjoints
-                    for factor, part in zip(factors, parts, strict=True)
-                ]
-            )
-        table = np.array(rows)
-        return SheetCurve(table[:, 0], table[:, 1], table[:, 2:4], table[:, 4:], steps)
+            for j, part in enumerate(self._parts(state)):
+                change = np.asarray(factors[j] * part, dtype=np.float64)
+                slopes[0, k, j] = dot(comm, follow, change) / machine.width
+                slopes[1, k, j] = -dot(comm, widening, change)
+        return values, slopes
 
     def _parts(self, state: Floats) -> list[Floats]:
         """Return the first variations of fabric and of reinforcement, with the first moduli."""

@@ -1,40 +1,40 @@
-"""Tensile tests from CSV files: units from the header or by option, faults by their line."""
+"""Tensile tests from CSV files: columns as arrays first, then formulas; faults by their line."""
 
 from __future__ import annotations
 
 import csv
-import math
+import difflib
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from toros_fem.base.array_types import Floats
+from toros_fem.base.array_types import Bools, Floats, Ints
 from toros_fem.base.errors import MeasurementError, ParameterError
+from toros_fem.base.toml_files.document import read_text
+from toros_fem.base.units import read_quantity, spelt
 from toros_fem.base.validation import require_positive, shown
 from toros_fem.products.fitting.columns import (
     ACROSS,
     ALONG,
-    CONSTANTS,
-    EXAMPLES,
-    LENGTHS,
+    KINDS,
     LOADS,
     PER_WIDTH,
-    UNITS,
+    SIZES,
     WORDS,
-    known_as,
-    nearest_name,
+    factor_of,
     split_header,
 )
-from toros_fem.products.fitting.tensile_test import FEWEST, TensileTest
+from toros_fem.products.fitting.tensile_test import TensileTest
 
 # Largest file in bytes: a machine's test has some thousand rows.
 LARGEST = 50_000_000
-# Strains above this are most likely in %.
-LARGEST_STRAIN = 15.0
-_QUANTITY = re.compile(r"\s*([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(\S*)\s*")
+# No sheet is pulled further. A strain without a unit is most likely in % from the second on.
+LARGEST_STRAIN, LARGEST_PLAIN_STRAIN = 15.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -61,20 +61,7 @@ class Given:
             if getattr(self, name) is not None:
                 require_positive(**{name: getattr(self, name)})
         for name, unit in self.units.items():
-            if name not in UNITS:
-                raise ParameterError(
-                    f"unit of {name!r}: no such column; known are {', '.join(UNITS)}."
-                )
-            if unit not in UNITS[name]:
-                raise ParameterError(f"unit of {name!r} = {unit!r}: {_units(name)}.")
-
-
-@dataclass(frozen=True)
-class _Column:
-    kind: str
-    place: int
-    factor: float
-    per_width: bool
+            factor_of(name, unit)
 
 
 def read_tensile_tests(
@@ -99,275 +86,226 @@ def read_tensile_tests(
         MeasurementError: A file cannot be read, a line is wrong, or something is missing.
     """
     given = given or Given()
-    found = [test for path in paths for test in _read(Path(path), given)]
+    found = [test for path in paths for test in _tests(read_table(Path(path), given))]
     if not found:
         raise MeasurementError("no file of a test is given.")
     return found
 
 
-def _read(path: Path, given: Given) -> list[TensileTest]:
-    table = _Table(path, _lines(path), given)
-    return table.tests()
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of a file.
 
+    Attributes:
+        path: The file.
+        lines: Line of each row in the file, from 1, (n,).
+        columns: Words, and numbers in SI units, by what they are, (n,) each. What is said once for
+            the file fills a column.
+        units: Units of the columns as the file has them; empty where there is none.
+    """
 
-def _lines(path: Path) -> list[str]:
-    try:
-        if path.stat().st_size > LARGEST:
-            raise MeasurementError(
-                f"{path} has more than {LARGEST / 1e6:.0f} MB: thin the rows out.", path
-            )
-        content = path.read_bytes()
-    except OSError as error:
-        raise MeasurementError(f"{path} cannot be read: {error.strerror}.", path) from None
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content[: error.start].count(b"\n") + 1
-        raise MeasurementError(
-            f"{path}, line {line}: this is not UTF-8 text. Save the table as CSV in UTF-8.",
-            path, line,
-        ) from None  # fmt: skip
-    if "\0" in text:
-        line = text[: text.index("\0")].count("\n") + 1
-        raise MeasurementError(f"{path}, line {line}: a zero byte: no table as text.", path, line)
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    path: Path
+    lines: Ints
+    columns: Mapping[str, Any]
+    units: Mapping[str, str]
 
+    def require(self, fine: Bools, kind: str, values: Floats, why: str) -> None:
+        """Check that all rows are fine; the error names the first other one."""
+        if not fine.all():
+            row = int(np.argmin(fine))
+            with _at(self.path, self.lines[row]):
+                raise ParameterError(f"the {kind} is {values[row]:.6g}; {why}")
 
-class _Table:
-    """The table of a file, while it is read."""
-
-    def __init__(self, path: Path, lines: list[str], given: Given) -> None:
-        self.path, self.lines, self.given = path, lines, given
-        self.constants: dict[str, float | str] = {}
-        self.header_line = self._read_constants()
-        header = lines[self.header_line - 1]
-        self.separator = next((c for c in ";\t" if c in header), ",")
-        self.columns = self._read_header(header)
-        for name in ("width", "thickness", "gauge length"):
-            value = getattr(given, name.replace(" ", "_"))
-            if value is not None:
-                self.constants[name] = value
-        if given.direction is not None:
-            self.constants["direction"] = given.direction
-
-    def fault(self, line: int | None, what: str, key: str | None = None) -> MeasurementError:
-        place = f"{self.path}" if line is None else f"{self.path}, line {line}"
-        return MeasurementError(f"{place}: {what}", self.path, line, key)
-
-    def _read_constants(self) -> int:
-        """Read the lines before the header, and return the header's line, from 1."""
-        for number, line in enumerate(self.lines, start=1):
-            if not line.strip():
-                continue
-            if not line.lstrip().startswith("#"):
-                return number
-            name, equals, value = line.lstrip().lstrip("#").partition("=")
-            kind = known_as(split_header(name)[0])
-            if equals and kind in CONSTANTS:
-                self.constants[kind] = self._constant(number, kind, value.strip())
-        raise self.fault(None, "there is no table: no line but comments.")
-
-    def _constant(self, number: int, kind: str, text: str) -> float | str:
-        if kind in WORDS:
-            if not text:
-                raise self.fault(number, f"the {kind} is empty.", kind)
-            return text[:80]
-        match = _QUANTITY.fullmatch(text)
-        if match is None or match[2] not in LENGTHS:
-            raise self.fault(
-                number,
-                f"{kind} = {shown(text)} must be a length with its unit, as in "
-                f"'{kind} = {EXAMPLES[kind]}'.",
-                kind,
-            )
-        value = self._number(number, kind, match[1]) * LENGTHS[match[2]]
-        if not value > 0:
-            raise self.fault(number, f"{kind} = {shown(text)} must be greater than 0.", kind)
-        return value
-
-    def _read_header(self, header: str) -> list[_Column]:
-        found: list[_Column] = []
-        line = self.header_line
-        cells = self._cells(line, header)
-        for place, cell in enumerate(cells):
-            name, unit = split_header(cell)
-            kind = known_as(name)
-            if kind is None:
-                near = nearest_name(name)
-                if near is not None:
-                    raise self.fault(
-                        line, f"unknown column {shown(cell)}; did you mean {near!r}?", name
-                    )
-                continue
-            if any(other.kind == kind for other in found):
-                raise self.fault(line, f"two columns hold the {kind}.", kind)
-            found.append(self._column(line, kind, place, unit))
-        self._require(line, found, cells)
-        return found
-
-    def _column(self, line: int, kind: str, place: int, unit: str | None) -> _Column:
-        if kind in WORDS:
-            return _Column(kind, place, 1.0, per_width=False)
-        unit = self.given.units.get(kind, unit)
-        if unit is None and "" in UNITS[kind]:
-            unit = ""
-        if unit is None:
-            first = next(iter(UNITS[kind]))
-            raise self.fault(
-                line, f"the column {kind!r} has no unit: write '{kind} [{first}]', or give the "
-                f"unit by option, --unit \"{kind}={first}\".", kind,
-            )  # fmt: skip
-        if unit not in UNITS[kind]:
-            raise self.fault(line, f"the column {kind!r} is in {unit!r}; {_units(kind)}.", kind)
-        return _Column(kind, place, UNITS[kind][unit], per_width=unit in PER_WIDTH)
-
-    def _require(self, line: int, found: list[_Column], cells: list[str]) -> None:
-        kinds = [column.kind for column in found]
-        for choice, what in ((ALONG, "stretch"), (LOADS, "force"), (ACROSS, "lateral stretch")):
-            number = sum(kind in choice for kind in kinds)
-            if number == 0 and choice is not ACROSS:
-                raise self.fault(
-                    line, f"no column holds the {what}: one of {', '.join(choice)} is needed; the "
-                    f"header has {shown(', '.join(cell.strip() for cell in cells))}.", what,
-                )  # fmt: skip
-            if number > 1:
-                twice = " and ".join(kind for kind in kinds if kind in choice)
-                raise self.fault(line, f"{twice} say the same: leave all but one out.", what)
-
-    def _cells(self, line: int, text: str) -> list[str]:
-        try:
-            return next(csv.reader([text], delimiter=self.separator, strict=True), [])
-        except csv.Error as error:
-            raise self.fault(line, f"the line cannot be split: {error}.") from None
-
-    def _number(self, line: int, kind: str, text: str) -> float:
-        text = text.strip()
-        plain = text.replace(",", ".") if text.count(",") == 1 and "." not in text else text
-        try:
-            value = float(plain) if "_" not in plain else math.nan
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            what = "is empty" if not text else f"= {shown(text)} is no finite number"
-            raise self.fault(line, f"{kind} {what}.", kind)
-        return value
-
-    def _rows(self) -> Iterator[tuple[int, dict[str, float | str]]]:
-        width = len(self._cells(self.header_line, self.lines[self.header_line - 1]))
-        for number in range(self.header_line + 1, len(self.lines) + 1):
-            text = self.lines[number - 1]
-            if not text.strip() or text.lstrip().startswith("#"):
-                continue
-            cells = self._cells(number, text)
-            if len(cells) != width:
-                raise self.fault(
-                    number, f"the line has {len(cells)} values, but the header {width} columns."
+    def size(self, kind: str, why: str) -> Floats:
+        """Return a size of each row; `why` says what needs it."""
+        if kind not in self.columns:
+            with _at(self.path, self.lines[0]):
+                raise ParameterError(
+                    f"the {kind} is not known, but {why}: write a line '# {kind} = {SIZES[kind]}', "
+                    f"or give --{kind.replace(' ', '-')}."
                 )
-            row: dict[str, float | str] = {}
-            for column in self.columns:
-                cell = cells[column.place]
-                if column.kind in WORDS:
-                    row[column.kind] = cell.strip()[:80]
-                else:
-                    row[column.kind] = column.factor * self._number(number, column.kind, cell)
-            yield number, row
+        values: Floats = self.columns[kind]
+        self.require(values > 0, kind, values, "it must be greater than 0.")
+        return values
 
-    def tests(self) -> list[TensileTest]:
-        """Return the tests of the table."""
-        groups: dict[tuple[str, str], list[tuple[int, dict[str, float | str]]]] = {}
-        named = {
-            "specimen": self.constants.get("specimen", self.path.stem),
-            "direction": self.constants.get("direction", ""),
-        }
-        overridden = self.given.direction is not None
-        for number, row in self._rows():
-            if overridden:
-                row["direction"] = self.given.direction or ""
-            key = (
-                str(row.get("specimen") or named["specimen"]),
-                str(row.get("direction", named["direction"])).lower(),
+
+@contextmanager
+def _at(path: Path, line: int) -> Iterator[None]:
+    """Name file and line where something is wrong."""
+    try:
+        yield
+    except (ParameterError, csv.Error) as error:
+        what = f"the line cannot be split: {error}." if isinstance(error, csv.Error) else error
+        raise MeasurementError(f"{path}, line {line}: {what}", path, int(line)) from None
+
+
+def read_table(path: Path, given: Given) -> Table:
+    """Read the columns of a file, with what the file or the caller says once.
+
+    Raises:
+        MeasurementError: The file is no table of a test, or a cell is no number.
+    """
+    text = read_text(path, "a table of a tensile test", MeasurementError, LARGEST)
+    lines = {k: line for k, line in enumerate(re.split("[\r\n]", text), start=1) if line.strip()}
+    filled = [k for k, line in lines.items() if not line.lstrip().startswith("#")]
+    if not filled:
+        raise MeasurementError(f"{path}: there is no table: no line but comments.", path)
+    begin, *places = filled
+    mark = next((one for one in ";\t" if one in lines[begin]), ",")
+    once: dict[str, Any] = {"specimen": path.stem, "direction": ""}
+    for k in [k for k in lines if k < begin]:
+        with _at(path, k):
+            once |= _said_once(lines[k], mark)
+    with _at(path, begin):
+        cells = _cells(lines[begin], mark)
+        header, width = _header(cells, given), len(cells)
+        if not places:
+            raise ParameterError("the header has no rows of numbers after it.")
+    rows = []
+    for k in places:
+        with _at(path, k):
+            cells = _cells(lines[k], mark)
+            if len(cells) != width:
+                counts = f"{len(cells)} values, but the header {width} columns"
+                raise ParameterError(f"the line has {counts}.")
+            rows.append([_value(kind, cells[place].strip(), mark) for place, kind, _ in header])
+    units = {kind: unit for _, kind, unit in header}
+    table = Table(path, np.array(places), _columns(units, rows, once, given), units)
+    for kind in ("strain", "lateral strain"):
+        if units.get(kind) == "":
+            strain = table.columns[kind]
+            advice = f"is it in %? Write '{kind} [%]', or '{kind} [1]' if it is a ratio."
+            table.require(np.abs(strain) <= LARGEST_PLAIN_STRAIN, kind, strain, advice)
+    return table
+
+
+def _said_once(text: str, mark: str) -> dict[str, float | str]:
+    """Return what a line "# width = 25 mm" says for the whole file; nothing of other comments."""
+    name, equals, value = text.strip().lstrip("#").partition("=")
+    kind, value = KINDS.get(split_header(name)[0], ""), value.strip()
+    if not equals or kind not in (*WORDS, *SIZES):
+        return {}
+    if kind in WORDS:
+        if not value:
+            raise ParameterError(f"the {kind} is empty.")
+        return {kind: value[:80]}
+    try:
+        size = read_quantity(_pointed(kind, value, mark), "m")
+    except ParameterError as error:
+        raise ParameterError(f"{error} Write '# {kind} = {SIZES[kind]}'.") from None
+    if not size > 0:
+        raise ParameterError(f"{kind} = {shown(value)} must be greater than 0.")
+    return {kind: size}
+
+
+def _cells(line: str, mark: str) -> list[str]:
+    return next(csv.reader([line], delimiter=mark, strict=True))
+
+
+def _pointed(kind: str, text: str, mark: str) -> str:
+    """Return a number's text with a decimal point; a comma is one where it separates no columns."""
+    if mark == "," and "," in text:
+        raise ParameterError(
+            f"{kind} = {shown(text)} has a comma, which separates the columns here: write a "
+            "decimal point, or separate the columns by semicolons."
+        )
+    return text.replace(",", ".")
+
+
+def _value(kind: str, text: str, mark: str) -> float | str:
+    """Return the finite number of a cell, or its words."""
+    if kind in WORDS:
+        return text[:80]
+    plain = _pointed(kind, text, mark)
+    try:
+        value = float(plain) if "_" not in plain else np.nan
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        what = f"= {shown(text)} is no finite number" if text else "is empty"
+        raise ParameterError(f"{kind} {what}.")
+    return value
+
+
+def _header(cells: Sequence[str], given: Given) -> list[tuple[int, str, str]]:
+    """Return place, kind and unit of the columns that are known."""
+    found: dict[str, tuple[int, str, str]] = {}
+    for place, cell in enumerate(cells):
+        name, unit = split_header(cell)
+        kind = KINDS.get(name, "")
+        if kind in found:
+            raise ParameterError(f"two columns hold the {kind}.")
+        if kind:
+            unit = "" if kind in WORDS else given.units.get(kind, unit)
+            found[kind] = place, kind, spelt(unit)
+            factor_of(*found[kind][1:])
+        elif near := difflib.get_close_matches(name, KINDS, n=1, cutoff=0.8):
+            raise ParameterError(f"unknown column {shown(cell)}; did you mean {near[0]!r}?")
+    for choice, what in ((ALONG, "stretch"), (LOADS, "force"), (ACROSS, "lateral stretch")):
+        same = [kind for kind in found if kind in choice]
+        if len(same) > 1:
+            raise ParameterError(f"{' and '.join(same)} say the same: leave all but one out.")
+        if not same and choice is not ACROSS:
+            raise ParameterError(
+                f"no column holds the {what}: one of {', '.join(choice)} is needed; the header has "
+                f"{shown(', '.join(cell.strip() for cell in cells))}."
             )
-            groups.setdefault(key, []).append((number, row))
-        if not groups:
-            raise self.fault(self.header_line, "the header has no rows of numbers after it.")
-        return [self._test(*key, rows) for key, rows in groups.items()]
-
-    def _test(
-        self, specimen: str, direction: str, rows: list[tuple[int, dict[str, float | str]]]
-    ) -> TensileTest:
-        first = rows[0][0]
-        if len(rows) < FEWEST:
-            raise self.fault(
-                first, f"specimen {specimen!r} has {len(rows)} rows; at least {FEWEST} are needed."
-            )
-        kinds = {column.kind for column in self.columns}
-        numbers = np.array([number for number, _ in rows])
-
-        def values(kind: str) -> Floats:
-            return np.array([row[kind] for _, row in rows], dtype=np.float64)
-
-        def length(kind: str, why: str) -> Floats | float:
-            option = kind.replace(" ", "-")
-            if getattr(self.given, kind.replace(" ", "_")) is None and kind in kinds:
-                found = values(kind)
-                if not (found > 0).all():
-                    line = int(numbers[~(found > 0)][0])
-                    raise self.fault(line, f"the {kind} must be greater than 0.", kind)
-                return found
-            if kind not in self.constants:
-                raise self.fault(
-                    first, f"the {kind} is not known, but {why}: write a line '# {kind} = "
-                    f"{EXAMPLES[kind]}', or give --{option}.", kind,
-                )  # fmt: skip
-            return float(self.constants[kind])
-
-        if "stretch" in kinds:
-            stretch = values("stretch")
-        elif "strain" in kinds:
-            stretch = 1 + values("strain")
-        else:
-            stretch = np.asarray(
-                1 + values("extension") / length("gauge length", "the extension needs it")
-            )
-        self._check(numbers, stretch, "stretch")
-        thickness = float(np.mean(length("thickness", "the modulus needs it")))
-        if "force" in kinds:
-            stress = np.asarray(values("force") / length("width", "the force needs it"))
-        else:
-            per_width = next(c.per_width for c in self.columns if c.kind == "stress")
-            stress = values("stress") * (1.0 if per_width else thickness)
-        lateral = None
-        if "lateral stretch" in kinds:
-            lateral = values("lateral stretch")
-        elif "lateral strain" in kinds:
-            lateral = 1 + values("lateral strain")
-        elif "lateral width" in kinds:
-            lateral = np.asarray(
-                values("lateral width") / length("width", "the current width needs it")
-            )
-        if lateral is not None:
-            self._check(numbers, lateral, "lateral stretch")
-        if not float(np.max(np.abs(stress))) > 0:
-            raise self.fault(first, f"specimen {specimen!r}: all forces are 0.")
-        return TensileTest(stretch, stress, thickness, lateral, specimen, direction)
-
-    def _check(self, numbers: Floats, stretch: Floats, what: str) -> None:
-        """Refuse stretches that no test has; most come from a wrong unit."""
-        low, high = stretch <= 0, stretch > 1 + LARGEST_STRAIN
-        if low.any():
-            line = int(numbers[low][0])
-            raise self.fault(
-                line, f"the {what} is {stretch[low][0]:.6g}; it is positive, 1 at rest.", what
-            )
-        if high.any():
-            line = int(numbers[high][0])
-            raise self.fault(
-                line, f"the {what} is {stretch[high][0]:.6g}. Is the strain in %? Write "
-                "'strain [%]'.", what,
-            )  # fmt: skip
-        if not np.ptp(stretch) > 0:
-            raise self.fault(int(numbers[0]), f"the {what} is the same in all rows.", what)
+    return list(found.values())
 
 
-def _units(kind: str) -> str:
-    return "known are " + ", ".join(word for word in UNITS[kind] if word)
+def _columns(
+    units: Mapping[str, str],
+    rows: Sequence[Sequence[float | str]],
+    once: Mapping[str, Any],
+    given: Given,
+) -> dict[str, Any]:
+    """Return the columns of all rows in SI units, with those that file or caller say once."""
+    found: dict[str, Any] = {
+        kind: values if kind in WORDS else factor_of(kind, unit) * np.array(values)
+        for (kind, unit), values in zip(units.items(), zip(*rows, strict=True), strict=True)
+    }
+    for kind in SIZES:
+        size = getattr(given, kind.replace(" ", "_"))
+        if size is not None or (kind in once and kind not in found):
+            found[kind] = np.full(len(rows), once[kind] if size is None else size)
+    for kind in WORDS:
+        found.setdefault(kind, [once[kind]] * len(rows))
+    found["specimen"] = [name or once["specimen"] for name in found["specimen"]]
+    if given.direction is not None:
+        found["direction"] = [given.direction] * len(rows)
+    return found
+
+
+def _tests(table: Table) -> list[TensileTest]:
+    """Return the tests of a table, by formulas of its columns."""
+    columns = table.columns
+    if "extension" in columns:
+        stretch = 1 + columns["extension"] / table.size("gauge length", "the extension needs it")
+    else:
+        stretch = columns["stretch"] if "stretch" in columns else 1 + columns["strain"]
+    thickness = table.size("thickness", "the modulus needs it")
+    if "force" in columns:
+        stress = columns["force"] / table.size("width", "the force needs it")
+    else:
+        stress = columns["stress"] * (1.0 if table.units["stress"] in PER_WIDTH else thickness)
+    lateral = columns.get("lateral stretch")
+    if "lateral strain" in columns:
+        lateral = 1 + columns["lateral strain"]
+    elif "lateral width" in columns:
+        lateral = columns["lateral width"] / table.size("width", "the current width needs it")
+    for kind, values in (("stretch", stretch), ("lateral stretch", lateral)):
+        if values is not None:
+            table.require(values > 0, kind, values, "it is positive, 1 at rest.")
+            table.require(values <= 1 + LARGEST_STRAIN, kind, values, "is its unit right?")
+    groups: dict[tuple[str, str], list[int]] = {}
+    for row, name in enumerate(zip(columns["specimen"], columns["direction"], strict=True)):
+        groups.setdefault((name[0], name[1].lower()), []).append(row)
+    found = []
+    for name, rows in groups.items():
+        across = None if lateral is None else lateral[rows]
+        # The mean of equal numbers may differ from them in the last digit.
+        own = thickness[rows]
+        height = float(own.mean() if np.ptp(own) > 0 else own[0])
+        with _at(table.path, table.lines[rows[0]]):
+            found.append(TensileTest(stretch[rows], stress[rows], height, across, *name))
+    return found

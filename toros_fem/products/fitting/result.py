@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from toros_fem.base.array_types import Floats
 from toros_fem.materials.sheet import Knit, Material
-from toros_fem.products.fitting.fitting import NORMAL_MAD, FitOptions, Samples
+from toros_fem.products.fitting.intervals import CONFIDENCE
+from toros_fem.products.fitting.options import FitOptions
+from toros_fem.products.fitting.robust_fit import NORMAL_MAD
+from toros_fem.products.fitting.samples import Samples
 
-UNITS = {"young": "Pa", "mu": "Pa", "lam": "Pa"}
+# Title and SI unit of each constant.
+CONSTANTS: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "young": ("Young's modulus E", "Pa"),
+        "poisson": ("Poisson's ratio ν", ""),
+        "mu": ("Lamé parameter μ", "Pa"),
+        "lam": ("Lamé parameter λ", "Pa"),
+        "c1": ("bound c₁ on a stretch", ""),
+        "c2": ("bound c₂ on their sum", ""),
+        "knit_ratio": ("ratio of the directions", ""),
+        "fabric": ("E of the fabric", "Pa"),
+        "reinforcement": ("E of the reinforcement", "Pa"),
+    }
+)
 # A mean residual beyond this part of the stress there is a misfit; stresses count as this part of
 # the largest at least.
 MISFIT, FLOOR = 0.1, 0.3
@@ -53,7 +70,6 @@ class Fit:
         estimates: Constants by name.
         samples: The points that were fitted.
         stress, lateral: The model's values at these points, (n,) each.
-        specimens: Names of the specimens.
         options: Options of the fit.
     """
 
@@ -61,19 +77,23 @@ class Fit:
     samples: Samples
     stress: Floats
     lateral: Floats
-    specimens: tuple[str, ...]
     options: FitOptions
+
+    @property
+    def specimens(self) -> tuple[str, ...]:
+        """Names of the specimens."""
+        return self.samples.specimen
 
     @property
     def r2_stress(self) -> float:
         """Coefficient of determination of the stress."""
-        return r_squared(self.samples.stress, self.stress)
+        return _r_squared(self.samples.stress, self.stress)
 
     @property
     def r2_lateral(self) -> float | None:
         """Coefficient of determination of the lateral stretch; None if it was not measured."""
-        seen = self.samples.has_lateral
-        return r_squared(self.samples.lateral[seen], self.lateral[seen]) if len(seen) else None
+        seen = np.isfinite(self.samples.lateral)
+        return _r_squared(self.samples.lateral[seen], self.lateral[seen]) if seen.any() else None
 
     @property
     def measured_to(self) -> float:
@@ -82,19 +102,34 @@ class Fit:
 
     @cached_property
     def trusted_to(self) -> float:
-        """Largest stretch up to which the mean residuals are within 10 %."""
-        return trusted_stretch(self.samples, self.stress)
+        """Largest stretch up to which the mean residuals are within 10 %.
+
+        The mean is taken over twelfths of the range and each direction; what three of its standard
+        errors explain is no misfit. The noise is that between neighbouring points.
+        """
+        strain, residual = self.samples.strain, self.samples.stress - self.stress
+        part = np.minimum((strain / strain.max() * PARTS).astype(np.int64), PARTS - 1)
+        worst = PARTS
+        for name in set(self.samples.direction):
+            own = np.flatnonzero(self.samples.along(name))
+            own = own[np.argsort(strain[own], kind="stable")]
+            stress = self.samples.stress[own]
+            noise = NORMAL_MAD / np.sqrt(2) * np.median(np.abs(np.diff(residual[own])))
+            for k in np.unique(part[own]):
+                rows = part[own] == k
+                level = max(stress[rows].mean(), FLOOR * np.abs(stress).max())
+                mean = abs(residual[own][rows].mean()) - 3 * noise / np.sqrt(rows.sum())
+                if mean > MISFIT * level:
+                    worst = min(worst, int(k))
+        return 1 + float(strain.max() if worst == PARTS else strain.max() * worst / PARTS)
 
     @property
     def remarks(self) -> list[str]:
         """What a reader must know, as sentences."""
+        far = "infinity: the data do not come near this bound."
         found = [
             f"{name} is not identified: its interval, {one.low:.4g} to {one.high:.4g}, reaches "
-            + (
-                "an end of what the fit allows."
-                if np.isfinite(one.high)
-                else "infinity: the data do not come near this bound."
-            )
+            + ("an end of what the fit allows." if np.isfinite(one.high) else far)
             for name, one in self.estimates.items()
             if not one.identified
         ]
@@ -118,11 +153,7 @@ class Fit:
         """Return the result as JSON holds it."""
         return {
             "estimates": {
-                name: {
-                    "value": one.value, "low": one.low,
-                    "high": one.high if np.isfinite(one.high) else None,
-                    "identified": one.identified, "unit": one.unit,
-                }
+                name: asdict(one) | {"high": one.high if np.isfinite(one.high) else None}
                 for name, one in self.estimates.items()
             },
             "r2_stress": self.r2_stress,
@@ -134,7 +165,7 @@ class Fit:
             "points": len(self.samples.strain),
             "remarks": self.remarks,
             "inputs": self.options.as_dict(),
-        }  # fmt: skip
+        }
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -156,10 +187,8 @@ class FitResult(Fit):
     @property
     def material(self) -> Material:
         """The sheet with its bounds; of a knit the plain fabric under its courses."""
-        found = self.estimates
-        return Material(
-            found["young"].value, found["poisson"].value, self.thickness, self.c1, self.c2
-        )
+        young, poisson = (self.estimates[name].value for name in ("young", "poisson"))
+        return Material(young, poisson, self.thickness, self.c1, self.c2)
 
     @property
     def c1(self) -> float:
@@ -208,7 +237,7 @@ class FitResult(Fit):
         }
 
 
-def r_squared(measured: Floats, model: Floats) -> float:
+def _r_squared(measured: Floats, model: Floats) -> float:
     """Return 1 − Σ residual²/Σ (measured − mean)²; −∞ of constant data that are missed."""
     missed = float(np.sum((measured - model) ** 2))
     spread = float(np.sum((measured - measured.mean()) ** 2))
@@ -217,62 +246,29 @@ def r_squared(measured: Floats, model: Floats) -> float:
     return 1 - missed / spread
 
 
-def trusted_stretch(samples: Samples, stress: Floats) -> float:
-    """Return the stretch up to which mean residuals of the stress stay within `MISFIT`.
-
-    The mean is taken over twelfths of the range and each direction; what three of its standard
-    errors explain is no misfit. The noise is that between neighbouring points.
-    """
-    top = float(samples.strain.max())
-    part = np.minimum((samples.strain / top * PARTS).astype(np.int64), PARTS - 1)
-    names = np.array(samples.direction)[samples.test]
-    worst = PARTS
-    for name in sorted(set(samples.direction)):
-        own = names == name
-        largest = float(np.abs(samples.stress[own]).max())
-        order = np.flatnonzero(own)[np.argsort(samples.strain[own], kind="stable")]
-        steps = np.diff((samples.stress - stress)[order])
-        noise = NORMAL_MAD / np.sqrt(2) * float(np.median(np.abs(steps)))
-        for k in range(worst):
-            rows = own & (part == k)
-            if rows.any():
-                residual = (samples.stress - stress)[rows]
-                error = 3 * noise / np.sqrt(len(residual))
-                mean = max(abs(float(residual.mean())) - error, 0.0)
-                level = max(float(samples.stress[rows].mean()), FLOOR * largest)
-                if mean > MISFIT * level:
-                    worst = k
-                    break
-    return 1 + (top if worst == PARTS else top * worst / PARTS)
-
-
 def estimates_of(
     values: Mapping[str, float],
-    draws: Sequence[Mapping[str, float]],
+    draws: Mapping[str, Floats],
     ranges: Mapping[str, tuple[float, float]],
-    confidence: float,
 ) -> dict[str, Estimate]:
     """Return constants with their intervals.
 
     Args:
         values: The constants.
-        draws: The constants of each draw.
+        draws: The same constants of each draw, (draws,).
         ranges: Smallest and largest value that the fit allows for c₁ and c₂.
-        confidence: Probability of the intervals.
     """
     found = {}
     for name, value in values.items():
-        drawn = np.array([draw[name] for draw in draws])
-        tails = [50 * (1 - confidence), 50 * (1 + confidence)]
-        low, high = (float(end) for end in np.percentile(drawn, tails))
+        tails = [50 * (1 - CONFIDENCE), 50 * (1 + CONFIDENCE)]
+        low, high = np.percentile(draws[name], tails)
         low, high = min(low, value), max(high, value)
-        identified = True
+        identified = name != "poisson" or high - low < WIDE_POISSON
         if name in ranges:
             least, most = ranges[name]
             margin = 1e-3 * (most - least)
-            identified = low > least + margin and high < most - margin
+            identified = least + margin < low and high < most - margin
             high = np.inf if high >= most - margin else high
-        elif name == "poisson":
-            identified = high - low < WIDE_POISSON
-        found[name] = Estimate(value, low, high, bool(identified), UNITS.get(name, ""))
+        unit = CONSTANTS[name][1]
+        found[name] = Estimate(float(value), float(low), float(high), bool(identified), unit)
     return found

@@ -3,42 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from mpi4py import MPI
 from scipy.interpolate import make_interp_spline
-from scipy.optimize import least_squares
-from scipy.stats import t as student
 
-from toros_fem.base.array_types import Floats, Ints
+from toros_fem.base.array_types import Floats
 from toros_fem.base.errors import MeasurementError
 from toros_fem.base.mpi import on_first_rank, require_alike
 from toros_fem.base.validation import require_kind
 from toros_fem.materials.sheet import Composite
 from toros_fem.meshes.skin import sew
-from toros_fem.products.fitting.fitting import (
-    EXACT,
-    LOSS,
-    TUNING,
-    FitOptions,
-    Samples,
-    influence,
-    samples_of,
-)
-from toros_fem.products.fitting.intervals import CONFIDENCE
-from toros_fem.products.fitting.printed_sheet import PrintedSheet, scaled
+from toros_fem.products.fitting.intervals import half_widths
+from toros_fem.products.fitting.options import FitOptions
+from toros_fem.products.fitting.printed_sheet import MATERIALS, PrintedSheet, scaled
 from toros_fem.products.fitting.result import Estimate, Fit
+from toros_fem.products.fitting.robust_fit import remembered, robust_fit
+from toros_fem.products.fitting.samples import Samples, samples_of
 from toros_fem.products.fitting.tensile_test import TensileTest
 from toros_fem.products.tiles.printed_tile import PrintedTile
 from toros_fem.products.tiles.sheet import DIRECTIONS, tile_sheet
 
-NAMES = ("fabric", "reinforcement")
 # Moduli are searched within this factor of those that the tile has.
 FARTHEST = 1000.0
+# An interval that reaches beyond this factor of its modulus tells nothing.
+WIDE = 3.0
 # Strains at which a sheet is simulated, as parts of the largest; a spline goes through them.
 PARTS = (0.06, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9, 1.0)
-ROUNDS = 3
+# Relative change at which a minimum is found, and rounds: each simulation takes long.
+TOLERANCE, ROUNDS = 1e-8, 2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,7 +54,7 @@ class SheetFit(Fit):
         """Further lines of the table."""
         return [
             f"{f'E h of the {name}':24}{getattr(self.composite, name).membrane_stiffness:12.4g} N/m"
-            for name in NAMES
+            for name in MATERIALS
         ]
 
 
@@ -85,53 +79,34 @@ def fit_printed_sheet(
         printed_tile: The tile, with materials to start from.
         along, across: Numbers of tiles along the pull and across it. The lateral stretch is the
             mean over one tile in the middle, or over two where the number along is even.
-        options: Branch and loss; the intervals are those of the curvature of the loss.
+        options: Branch and loss. The intervals are those of the curvature of the loss, whatever is
+            asked for; the options of the result say so.
 
     Raises:
         MeasurementError: There is no test, or one in another direction.
         NoEquilibriumError: The sheet has no equilibrium at one of the strains.
     """
-    options = FitOptions(intervals="hessian") if options is None else options
+    options = FitOptions() if options is None else options
     require_kind("options", options, FitOptions, "FitOptions, or None")
     require_kind("printed_tile", printed_tile, PrintedTile, "a PrintedTile")
+    options = replace(options, intervals="hessian")
     require_alike(comm, along=along, across=across)
     samples = on_first_rank(comm, lambda: _samples(tests, options))
     model = _SheetModel(comm, samples, printed_tile, along, across)
-    sigma = np.where(samples.is_stress, 0.05 * np.abs(samples.stress).max(), 0.02)
-    theta, bound = np.zeros(2), np.log(FARTHEST)
-    measured = samples.measured
-    for _ in range(ROUNDS):
-        found = least_squares(
-            lambda x, sigma=sigma: (model.at(x)[0] - measured) / sigma,
-            theta,
-            lambda x, sigma=sigma: model.at(x)[1] / sigma[:, None],
-            (-bound, bound),
-            loss=LOSS[options.loss],
-            f_scale=TUNING,
-            xtol=1e-8,
-            ftol=1e-8,
-        )
-        theta = found.x
-        sigma = _spread(measured - model.at(theta)[0], samples)
-    values, slopes = model.at(theta)
-    half, identified = _half_widths((measured - values) / sigma, slopes, sigma, options, bound)
-    composite = scaled(printed_tile.composite, np.exp(theta))
-    stress, lateral = model.curve(theta)
+    curve, bound = remembered(model), np.full(2, np.log(FARTHEST))
+    problem = replace(samples.problem(curve, (-bound, bound), options.loss), tolerance=TOLERANCE)
+    solution = robust_fit(problem, [np.zeros(2)], ROUNDS)
+    (stress, lateral), _ = curve(solution.theta)
+    composite = scaled(printed_tile.composite, np.exp(solution.theta))
+    estimates = {}
+    for name, half in zip(MATERIALS, half_widths(problem, solution), strict=True):
+        young, wider = getattr(composite, name).young, float(np.exp(half))
+        estimates[name] = Estimate(young, young / wider, young * wider, wider < WIDE, "Pa")
     return SheetFit(
-        estimates={
-            name: Estimate(
-                getattr(composite, name).young,
-                getattr(composite, name).young * float(np.exp(-width)),
-                getattr(composite, name).young * float(np.exp(width)),
-                known,
-                "Pa",
-            )
-            for name, width, known in zip(NAMES, half, identified, strict=True)
-        },
+        estimates=estimates,
         samples=samples,
         stress=stress,
         lateral=lateral,
-        specimens=tuple(test.specimen for test in tests),
         options=options,
         composite=composite,
         evaluations=model.evaluations,
@@ -159,78 +134,28 @@ class _SheetModel:
     ) -> None:
         self.samples, self.evaluations = samples, 0
         meshed = printed.tile(comm)
-        names = np.array(samples.direction)[samples.test]
-        self.parts: list[tuple[PrintedSheet, Ints, Floats]] = []
+        self._sheets = {}
         for direction in dict.fromkeys(samples.direction):
-            rows = np.flatnonzero(names == direction)
             sheet = tile_sheet(meshed, direction, along, across)
-            strains = float(samples.strain[rows].max()) * np.array(PARTS)
             gauge = (2 - along % 2) * printed.size[sheet.axis]
             skin = sew(comm, sheet.pattern)
             density = printed.printed.astype(np.float64)[sheet.cell][skin.owned_cells]
-            pulled = PrintedSheet(skin, printed.composite, density, sheet.axis, gauge)
-            self.parts.append((pulled, rows, strains))
-        self._known: dict[bytes, tuple[Floats, Floats]] = {}
+            self._sheets[direction] = PrintedSheet(
+                skin, printed.composite, density, sheet.axis, gauge
+            )
 
-    def _solve(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Return values (n, 2) and derivatives (n, 2, 2) of stress and lateral stretch."""
-        key = theta.tobytes()
-        if key not in self._known:
-            samples = self.samples
-            values = np.empty((len(samples.strain), 2))
-            slopes = np.empty((len(samples.strain), 2, 2))
-            for sheet, rows, strains in self.parts:
-                # Equal to the last bit on all ranks, so that they take the same steps.
-                found = sheet.skin.comm.bcast(sheet.curve(np.exp(theta), strains), root=0)
-                self.evaluations += 1
-                table = np.column_stack(
-                    [found.stress, found.lateral - 1, found.stress_by, found.lateral_by]
-                )
-                spline = make_interp_spline(
-                    np.append(0.0, strains), np.vstack([np.zeros(6), table]), k=3
-                )
-                at = spline(samples.strain[rows])
-                values[rows] = at[:, :2] + [0.0, 1.0]
-                slopes[rows] = at[:, 2:].reshape(-1, 2, 2)
-            self._known[key] = values, slopes
-        return self._known[key]
-
-    def curve(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Return stress and lateral stretch at all points (collective)."""
-        values, _ = self._solve(theta)
-        return values[:, 0], values[:, 1]
-
-    def at(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Return the values of `Samples.measured` and their derivatives (collective)."""
-        values, slopes = self._solve(theta)
-        seen = self.samples.has_lateral
-        return (
-            np.concatenate([values[:, 0], values[seen, 1]]),
-            np.concatenate([slopes[:, 0], slopes[seen, 1]]),
-        )
-
-
-def _spread(residuals: Floats, samples: Samples) -> Floats:
-    """Return the standard deviation of stresses and of lateral stretches."""
-    top = float(np.abs(samples.stress).max())
-    sigma = np.empty(len(residuals))
-    for own, least in ((samples.is_stress, EXACT * top), (~samples.is_stress, EXACT)):
-        if own.any():
-            count = int(own.sum())
-            spread = np.sqrt(float(residuals[own] @ residuals[own]) / max(count - 1, 1))
-            sigma[own] = max(float(spread), least)
-    return sigma
-
-
-def _half_widths(
-    residuals: Floats, slopes: Floats, sigma: Floats, options: FitOptions, bound: float
-) -> tuple[Floats, list[bool]]:
-    """Return half the width of each interval of ln E, and whether it is within the bounds."""
-    J = slopes / sigma[:, None]
-    psi, bend = influence(residuals, LOSS[options.loss])
-    degrees = max(len(residuals) - 2, 1)
-    variance = float(psi @ psi) / degrees / max(float(bend.mean()), 0.1) ** 2
-    precision = J.T @ J / max(variance, 1e-12) + np.eye(2) / bound**2
-    deviation = np.sqrt(np.diagonal(np.linalg.inv(precision)))
-    half = student.ppf(0.5 + CONFIDENCE / 2, degrees) * deviation
-    return half, [bool(width < np.log(3.0)) for width in half]
+    def __call__(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Return the values, (2, n), and their derivatives, (2, n, 2) (collective)."""
+        samples, rest = self.samples, np.array([[0.0], [1.0]])
+        values, slopes = np.empty((2, len(samples.strain))), np.empty((2, len(samples.strain), 2))
+        for direction, sheet in self._sheets.items():
+            rows = samples.along(direction)
+            strains = float(samples.strain[rows].max()) * np.array(PARTS)
+            # Equal to the last bit on all ranks, so that they take the same steps.
+            found, changes = sheet.skin.comm.bcast(sheet.curve(np.exp(theta), strains), root=0)
+            self.evaluations += 1
+            table = np.insert(np.dstack([found - rest, changes]), 0, 0.0, axis=1)
+            spline = make_interp_spline(np.append(0.0, strains), table, k=3, axis=1)
+            at = spline(samples.strain[rows])
+            values[:, rows], slopes[:, rows] = at[..., 0] + rest, at[..., 1:]
+        return values, slopes

@@ -82,27 +82,20 @@ class ClampedStrip:
         Raises:
             NoEquilibriumError: The strip has no equilibrium at one of the strains.
         """
-        top = float(np.max(strain))
-        at = top * np.array(PARTS)
+        at = float(np.max(strain)) * np.array(PARTS)
         edge = min(self.length, self.width) / self.edges
-        pattern = rectangle(self.comm, self.length, self.width, edge, "crossed")
-        skin = sew(self.comm, pattern)
+        skin = sew(self.comm, rectangle(self.comm, self.length, self.width, edge, "crossed"))
         grain = 0.0 if direction == "course" else np.pi / 2
+        knit = Knit(knit_ratio, grain) if knit_ratio > 1 else None
         sheet = replace(material, c1=c1, c2=c2)
-        composite = Composite(
-            sheet,
-            sheet,
-            bending=None,
-            knit=Knit(knit_ratio, grain) if knit_ratio > 1 else None,
-        )
+        composite = Composite(sheet, sheet, bending=None, knit=knit)
         gauge = self.gauge or min(self.width, self.length / 2)
-        test = pull(skin, composite, np.zeros(len(skin.owned_cells)), 0, at, gauge)
+        curve = pull(skin, composite, np.zeros(len(skin.owned_cells)), 0, at, gauge).curve
         free, lateral = uniaxial_curve(
             material, c1, c2, 1 + at, knit_ratio=knit_ratio, direction=direction
         )
-        factor = test.curve.stress / free
-        shift = 1 - test.curve.contraction * at - lateral
-        places = np.concatenate([[0.0], at])
-        by_factor = PchipInterpolator(places, np.concatenate([factor[:1], factor]))
-        by_shift = PchipInterpolator(places, np.concatenate([[0.0], shift]))
-        return np.asarray(by_factor(strain)), np.asarray(by_shift(strain))
+        factor, shift = curve.stress / free, 1 - curve.contraction * at - lateral
+        # At rest the factor is that of the smallest strain, and nothing is shifted.
+        changes = np.array([[factor[0], *factor], [0.0, *shift]])
+        found = PchipInterpolator(np.append(0.0, at), changes, axis=1)(strain)
+        return found[0], found[1]

@@ -32,7 +32,8 @@ class TensileTest:
 
     Raises:
         ParameterError: The arrays differ in length, are not finite, or have fewer than 5 points; a
-            stretch is not positive; or the thickness is not positive.
+            stretch is not positive, or always the same; all forces are 0; or the thickness is not
+            positive.
     """
 
     stretch: Floats
@@ -48,20 +49,20 @@ class TensileTest:
             "stretch", self.stretch, f"of shape (n,), n at least {FEWEST}",
             lambda shape: len(shape) == 1 and shape[0] >= FEWEST,
         )  # fmt: skip
-        names = ["stress"] if self.lateral is None else ["stress", "lateral"]
-        what = f"of shape {stretch.shape}, as the stretch"
-        for name in names:
-            values = checked_floats(name, getattr(self, name), what, stretch.shape)
-            object.__setattr__(self, name, values)
-        for name in ("stretch", *names[1:]):
-            least = float(getattr(self, name).min()) if name != "stretch" else float(stretch.min())
-            if not least > 0:
-                raise ParameterError(
-                    f"{name} of specimen {self.specimen!r} reaches {least:.6g}; a stretch is "
-                    "positive, 1 at rest."
-                )
         object.__setattr__(self, "stretch", stretch)
         object.__setattr__(self, "thickness", float(self.thickness))
+        for name in ("stress",) if self.lateral is None else ("stress", "lateral"):
+            what = f"of shape {stretch.shape}, as the stretch"
+            values = checked_floats(name, getattr(self, name), what, stretch.shape)
+            object.__setattr__(self, name, values)
+        if not np.any(self.stress):
+            raise ParameterError(f"all forces of specimen {self.specimen!r} are 0.")
+        for kind, one in (("stretch", stretch), ("lateral stretch", self.lateral)):
+            what = f"the {kind} of specimen {self.specimen!r}"
+            if one is not None and not one.min() > 0:
+                raise ParameterError(f"{what} reaches {one.min():.6g}; it is positive, 1 at rest.")
+            if one is not None and not np.ptp(one) > 0:
+                raise ParameterError(f"{what} is the same at all points.")
 
     def taken(self, rows: Ints) -> TensileTest:
         """Return the test with some of its points, by their numbers."""
@@ -80,46 +81,38 @@ class TensileTest:
         require_choice("branch", which, BRANCHES)
         if which == "all":
             return self
-        rising, falling = _branches(self.stretch)
-        found = falling if which == "last-unloading" else rising
-        if not found:
-            kind = "unloading" if which == "last-unloading" else "loading"
-            raise MeasurementError(
-                f"specimen {self.specimen!r}: the stretch has no branch of {kind}. Take another "
-                f"branch: {', '.join(BRANCHES)}."
-            )
-        begin, end = found[0] if which == "first-loading" else found[-1]
+        kind = "unloading" if which == "last-unloading" else "loading"
+        found = [
+            (begin, end)
+            for begin, end in _branches(self.stretch)
+            if (self.stretch[end] > self.stretch[begin]) == (kind == "loading")
+        ]
+        begin, end = (found or [(0, -1)])[0 if which == "first-loading" else -1]
         rows = np.arange(begin, end + 1)
         if len(rows) < FEWEST:
             raise MeasurementError(
-                f"specimen {self.specimen!r}: the branch {which!r} has {len(rows)} points; at "
-                f"least {FEWEST} are needed."
+                f"specimen {self.specimen!r}: the stretch has no branch of {kind}, or one of "
+                f"{len(rows)} points; at least {FEWEST} are needed. Take another branch: "
+                f"{', '.join(BRANCHES)}."
             )
         return self.taken(rows)
 
 
-def _branches(stretch: Floats) -> tuple[list[tuple[int, int]], list[tuple[int, int]]]:
-    """Return first and last point of each rising and of each falling branch.
+def _branches(stretch: Floats) -> list[tuple[int, int]]:
+    """Return first and last point of each branch, rising or falling.
 
     A branch ends where the stretch has turned by more than `TURN` of its range.
     """
     least = TURN * float(np.ptp(stretch))
-    turns, sign, best = [0], 0, 0
-    for k in range(1, len(stretch)):
+    turns, sign, best = [0], 0.0, 0
+    for k, value in enumerate(stretch):
         if sign == 0:
-            if abs(stretch[k] - stretch[0]) > least:
-                sign = 1 if stretch[k] > stretch[0] else -1
-                before = stretch[: k + 1] * sign
-                turns, best = [int(np.argmin(before))], k
-        elif sign * (stretch[k] - stretch[best]) >= 0:
+            if abs(value - stretch[0]) > least:
+                sign = np.sign(value - stretch[0])
+                turns, best = [int(np.argmin(sign * stretch[: k + 1]))], k
+        elif sign * (value - stretch[best]) >= 0:
             best = k
-        elif sign * (stretch[best] - stretch[k]) > least:
+        elif sign * (stretch[best] - value) > least:
             turns.append(best)
             sign, best = -sign, k
-    turns.append(best)
-    rising: list[tuple[int, int]] = []
-    falling: list[tuple[int, int]] = []
-    for begin, end in pairwise(turns):
-        if end > begin:
-            (rising if stretch[end] > stretch[begin] else falling).append((begin, end))
-    return rising, falling
+    return [(begin, end) for begin, end in pairwise([*turns, best]) if end > begin]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,11 +16,12 @@ DIRECTIONS = ("course", "wale")  # along the fibres of a `Knit`, and across them
 # Steps of a bracketed Newton method; each halves the bracket at least where Newton leaves it.
 MOST_STEPS = 200
 TOLERANCE = 4e-16
+# Imaginary step of derivatives: its square is lost beside 1, so that they have no error of theirs.
+STEP = 1e-30
 
 
-@dataclass(frozen=True)
-class Coefficients:
-    """Coefficients of eq. (1) in uniaxial tension.
+class Coefficients(NamedTuple):
+    """Coefficients of eq. (1) in uniaxial tension; numbers, or arrays of any shape.
 
     Attributes:
         mu, lam: Lamé parameters of plane stress, all in one unit of stress.
@@ -28,40 +30,25 @@ class Coefficients:
         along, across: Stiffness of courses along the pull and across it, in the same unit.
     """
 
-    mu: float
-    lam: float
-    a: float
-    b: float
-    along: float = 0.0
-    across: float = 0.0
+    mu: Any
+    lam: Any
+    a: Any
+    b: Any
+    along: Any = 0.0
+    across: Any = 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class Curve:
-    """Stress and lateral stretch over the stretch, and their derivatives.
-
-    Attributes:
-        stress: Nominal stress in the unit of the coefficients, (n,).
-        lateral: Lateral stretch λ₂, (n,).
-        stress_by, lateral_by: Derivatives by μ, λ, a, b, along, across, (n, 6).
-    """
-
-    stress: Floats
-    lateral: Floats
-    stress_by: Floats
-    lateral_by: Floats
-
-
-def _barrier(e: Floats, a: float) -> Floats:
+def _barrier(e: Any, a: Any) -> Any:
     return e / (1 - a * e * e)
 
 
-def _barrier_slope(e: Floats, a: float) -> Floats:
-    return (1 + a * e * e) / (1 - a * e * e) ** 2
-
-
-def _barrier_by_bound(e: Floats, a: float) -> Floats:
-    return e**3 / (1 - a * e * e) ** 2
+def _balance(x: Any, w: Any, c: Coefficients) -> tuple[Any, Any]:
+    """Return the stress across the pull, and its derivative by w."""
+    z = x + w
+    own, joint = 1 / (1 - c.a * w * w), 1 / (1 - c.b * z * z)
+    stress = 2 * c.mu * w * own + c.across * w + c.lam * z * joint
+    slope = 2 * c.mu * (1 + c.a * w * w) * own * own + c.across
+    return stress, slope + c.lam * (1 + c.b * z * z) * joint * joint
 
 
 def lateral_strain(strain: Floats, c: Coefficients) -> Floats:
@@ -77,16 +64,12 @@ def lateral_strain(strain: Floats, c: Coefficients) -> Floats:
     """
     x = strain
     low = -x
-    end = np.inf if c.b == 0 else 1 / np.sqrt(c.b)
-    high = np.minimum(0.0, end - x)
+    high = np.minimum(0.0, (np.inf if c.b == 0 else c.b**-0.5) - x)
     poisson = (c.lam / (2 * c.mu + c.lam)) if c.mu + c.lam > 0 else 0.0
     w = np.where((-poisson * x > low) & (-poisson * x < high), -poisson * x, (low + high) / 2)
     for _ in range(MOST_STEPS):
-        z = x + w
-        value = 2 * c.mu * _barrier(w, c.a) + c.across * w + c.lam * _barrier(z, c.b)
-        slope = 2 * c.mu * _barrier_slope(w, c.a) + c.across + c.lam * _barrier_slope(z, c.b)
-        high = np.where(value > 0, w, high)
-        low = np.where(value > 0, low, w)
+        value, slope = _balance(x, w, c)
+        low, high = np.where(value > 0, low, w), np.where(value > 0, w, high)
         step = w - value / slope
         new = np.where((step >= low) & (step <= high), step, (low + high) / 2)
         moved, w = np.abs(new - w), new
@@ -95,31 +78,34 @@ def lateral_strain(strain: Floats, c: Coefficients) -> Floats:
     return w
 
 
-def tension(strain: Floats, c: Coefficients) -> Curve:
-    """Return the curve of uniaxial tension, eq. (1), with its derivatives.
+def pulling_stress(x: Any, w: Any, c: Coefficients) -> Any:
+    """Return the nominal stress along the pull, in the unit of the coefficients."""
+    return 2 * c.mu * _barrier(x, c.a) + c.along * x + c.lam * _barrier(x + w, c.b)
+
+
+def tension(
+    strain: Floats, coefficients: Callable[[Any], Coefficients], theta: Floats
+) -> tuple[Floats, Floats]:
+    """Return stress and lateral stretch of uniaxial tension, and their derivatives.
+
+    Derivatives are imaginary parts: each parameter takes an imaginary step, all at once, and one
+    more step of Newton's method carries them to the lateral strain.
 
     Args:
         strain: x = λ₁ − 1, (n,), from 0 to below c₁ − 1.
-        c: Coefficients.
+        coefficients: Coefficients of eq. (1) by the parameters, each of any shape.
+        theta: Parameters, (p,).
+
+    Returns:
+        Stress and lateral stretch, (2, n), and their derivatives by the parameters, (2, n, p).
     """
-    x, w = strain, lateral_strain(strain, c)
-    z = x + w
-    joint, joint_slope = _barrier(z, c.b), _barrier_slope(z, c.b)
-    own = _barrier(x, c.a)
-    stress = 2 * c.mu * own + c.along * x + c.lam * joint
-    none = np.zeros_like(x)
-    direct = [
-        2 * own, joint, 2 * c.mu * _barrier_by_bound(x, c.a), c.lam * _barrier_by_bound(z, c.b),
-        x, none,
-    ]  # fmt: skip
-    across = [
-        2 * _barrier(w, c.a), joint, 2 * c.mu * _barrier_by_bound(w, c.a),
-        c.lam * _barrier_by_bound(z, c.b), none, w,
-    ]  # fmt: skip
-    slope = 2 * c.mu * _barrier_slope(w, c.a) + c.across + c.lam * joint_slope
-    lateral_by = -np.stack(across, axis=1) / slope[:, None]
-    stress_by = np.stack(direct, axis=1) + (c.lam * joint_slope)[:, None] * lateral_by
-    return Curve(stress, 1 + w, stress_by, lateral_by)
+    steps = theta[:, None] + 1j * STEP * np.eye(len(theta))
+    c = coefficients(steps[:, :, None])
+    w = lateral_strain(strain, coefficients(theta))
+    value, slope = _balance(strain, w, c)
+    moved = w - 1j * (value / slope).imag
+    both = np.array([pulling_stress(strain, moved, c), 1 + moved])
+    return both[:, 0].real, np.moveaxis(both.imag, 1, 2) / STEP
 
 
 def uniaxial_curve(
@@ -159,18 +145,8 @@ def uniaxial_curve(
             f"stretches from {values.min():.6g} to {values.max():.6g} must lie in [1, c1), "
             f"c1 = {c1:.6g}."
         )
-    h = material.thickness
-    k = material.course_stiffness(knit_ratio)
-    course = direction == "course"
-    found = tension(
-        values - 1,
-        Coefficients(
-            h * material.mu,
-            h * material.lam,
-            (c1 - 1) ** -2,
-            (c2 - 1) ** -2,
-            k if course else 0.0,
-            0.0 if course else k,
-        ),
-    )
-    return found.stress, found.lateral
+    h, k = material.thickness, material.course_stiffness(knit_ratio)
+    fibres = (k, 0.0) if direction == "course" else (0.0, k)
+    c = Coefficients(h * material.mu, h * material.lam, (c1 - 1) ** -2, (c2 - 1) ** -2, *fibres)
+    w = lateral_strain(values - 1, c)
+    return np.asarray(pulling_stress(values - 1, w, c)), 1 + w
