@@ -41,6 +41,10 @@ def test_five_steps_say_which_edge_belongs_to_which(page: Path) -> None:
         ("3", "2", "wall to base"),
     ]
     assert "Inflate it slowly to 5 kPa" in text
+    assert "Cut the sheets of film" in text
+    assert "No bladder goes in" not in text
+    pictures = re.findall(r'aria-label="seams on sheet (\d)".*?<figcaption>sheet (\d)<', text)
+    assert pictures == [("1", "1"), ("2", "2")]
     assert "angle 88.25 deg" in text
 
 

@@ -63,9 +63,10 @@ def test_shift_and_diagonal_are_added(tube: Skin) -> None:
     assert np.all(factor.scale[~model.free] == 0)
     assert np.all(factor.scale[model.free] > 0)
     diagonals = []
-    for shift, diagonal in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0)):
+    for shift, diagonal in ((0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (0.0, 0.0)):
         factor.fill(shift, diagonal)
         diagonals.append(factor.values[tangent.diagonal])
+    assert np.array_equal(diagonals[3], diagonals[0]), "K itself is kept"
     assert diagonals[1] - diagonals[0] == pytest.approx(factor.scale, rel=1e-12, abs=1e-9)
     material = diagonals[2] - diagonals[0]
     assert material.min() >= 0
@@ -121,6 +122,37 @@ def test_without_the_direct_calls_petsc_factorises(
         assert factor.factorise(1.0)
         solutions.append(factor.solve(drawn(model, 2)))
     assert norm(comm, solutions[1] - solutions[0]) < 1e-9 * norm(comm, solutions[0])
+
+
+def test_a_tangent_that_is_not_positive_is_no_error(
+    alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Through PETSc too: it is expected far from an equilibrium, and nothing is printed."""
+    monkeypatch.setattr("toros_fem.mechanics.equilibrium.cholmod.library", lambda comm: None)
+    pattern = cylinder(alone, 0.05, 0.02, 8e-3, mesh="structured")
+    model = SkinModel(sew(alone, pattern), Composite(), clamp(pattern, ["base"]))
+    model.set_density(np.full(len(pattern.panel), 0.5))
+    pressurize(model, 1e5)
+    factor = TangentFactor(model)
+    assert factor.describe().startswith("CHOLMOD through PETSc")
+    factor.assemble(model.assembled)
+    assert [factor.factorise(shift) for shift in (0.0, 1e3)] == [False, True]
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(("number", "name"), [(0, "AMD"), (2, "AMF"), (4, "PORD"), (6, "QAMD")])
+def test_mumps_tells_its_ordering(alone: MPI.Comm, mumps: None, number: int, name: str) -> None:
+    """That which an option asks of it, by its manual's numbers."""
+    options = PETSc.Options("toros_")
+    options["mat_mumps_icntl_7"] = number
+    try:
+        pattern = cylinder(alone, 0.05, 0.02, 8e-3, mesh="structured")
+        factor = TangentFactor(
+            SkinModel(sew(alone, pattern), Composite(), clamp(pattern, ["base"]))
+        )
+    finally:
+        options.delValue("mat_mumps_icntl_7")
+    assert factor.ordering == name
 
 
 @pytest.mark.parametrize(("text", "threads"), [("", 1), ("2", 2), ("4,2", 4), ("0", 1), ("x", 1)])

@@ -155,6 +155,15 @@ def test_states_are_those_of_the_energy(alone: MPI.Comm) -> None:
     assert not field.flat[field.state == Tension.SLACK].any()
 
 
+@pytest.mark.parametrize(("across", "state"), [(0.72, Tension.WRINKLED), (0.74, Tension.TAUT)])
+def test_states_near_the_bound_of_stretches(across: float, state: Tension) -> None:
+    """At λ₁ = 1.75, of at most 1.8, ∂ψ/∂λ₂ of eq. (1) vanishes at λ₂ = 0.7256 where λ = μ."""
+    pattern = square(size=SIZE)
+    stretched = pattern.points * [1.75, across, 1.0]
+    field = wrinkles(pattern, SHEET, np.zeros(len(pattern.panel)), stretched)
+    assert np.all(field.state == state)
+
+
 def test_a_sheet_that_is_turned_is_slack(alone: MPI.Comm) -> None:
     """Rounding makes no tension."""
     pattern = square(size=SIZE)

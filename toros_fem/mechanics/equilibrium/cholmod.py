@@ -31,7 +31,6 @@ toros_factor *toros_analyse(int n, int *pointers, int *rows, int *status);
 int toros_factorise(toros_factor *f, double *values);
 int toros_solve(toros_factor *f, int transposed, double *x);
 void toros_corner(toros_factor *f, int first, double *out);
-double toros_entries(toros_factor *f);
 void toros_free(toros_factor *f);
 """
 
@@ -153,7 +152,6 @@ void toros_corner(toros_factor *f, int first, double *out)
     }
 }
 
-double toros_entries(toros_factor *f) { return (double)f->factor->xsize; }
 
 void toros_free(toros_factor *f)
 {
@@ -246,7 +244,6 @@ class Cholesky:
         factor = self._lib.toros_analyse(self.size, *self._kept, status)
         self._factor = self._ffi.gc(factor, self._lib.toros_free)
         _check(status[0], self.size)
-        self.entries = int(self._lib.toros_entries(self._factor))
 
     def factorise(self, values: Floats) -> bool:
         """Factorise for the values of the lower triangle; return whether it is positive definite.

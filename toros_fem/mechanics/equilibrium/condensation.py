@@ -75,7 +75,6 @@ class CondensedFactor:
     Attributes:
         parts: Number of parts on all ranks.
         interface: Global numbers of the interface's unknowns.
-        entries: Numbers in the factors of all ranks.
 
     Args:
         comm: Communicator; all methods are collective.
@@ -132,7 +131,6 @@ class CondensedFactor:
         raise_together(comm, error)
         self._pool = ThreadPoolExecutor(len(self._parts)) if len(self._parts) > 1 else None
         self._schur: Floats = np.zeros((count, count))
-        self.entries = int(comm.allreduce(sum(p.factor.entries for p in self._parts)))
 
     def factorise(self, values: Floats) -> bool:
         """Factorise for the entries of the owned rows; return whether all is positive definite.

@@ -451,7 +451,6 @@ class RegularisedNewton:
         drawn = generator.standard_normal(model.skin.pattern.points.shape)
         motions = generator.standard_normal((model.free_bodies, 6))
         mode: Floats = model.joined(drawn[model.skin.owned_vertices], motions)
-        mode *= self.model.free
         for _ in range(20):
             mode = self.factor.solve(self.factor.scale * mode)
             mode /= norm(self.comm, mode)

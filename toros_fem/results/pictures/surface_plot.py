@@ -59,7 +59,6 @@ def plot_unwrapped(path: Path, unwrapped: Unwrapped) -> None:
         upright = 90 if top - low > NARROW * (high - left) else 0
         axes.annotate(name, tuple(middle), ha="center", va="center", fontsize=8, rotation=upright)
     axes.set_aspect("equal")
-    axes.autoscale_view()
     axes.set_xlabel("mm")
     axes.set_ylabel("mm")
     axes.spines[["top", "right"]].set_visible(False)
