@@ -562,7 +562,7 @@ DESIGNS: Table = {
     "offsets that vanish": lambda s: offset_thresholds("cone", 0.3, 0.99),
     "lines of 10 cm": lambda s: _widths(s, True, line_width=0.1),
     "no triangle has widths": lambda s: _widths(s, False),
-    "random densities below 0": lambda s: tf.random_density(s.skin, 7, spread=0.6),
+    "random densities below 0": lambda s: tf.random_density(s.skin, 7, 0.1, spread=0.2),
     "2 widths for 3 families": lambda s: LineOptions(widths=(4e-3, 1e-3)).width_of(0, 3),
     "3 widths for 2 families": lambda s: lay_lines(_field(), LineOptions(widths=(1, 1, 2))),
     "print on other triangles": lambda s: lay_lines(_field(), printed=np.zeros(3, dtype=bool)),

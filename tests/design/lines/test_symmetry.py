@@ -4,8 +4,9 @@ from helpers.lines import even_field, positions
 from mpi4py import MPI
 
 from toros_fem.design.lines import LaidLines, lay_lines
+from toros_fem.design.lines.centre_lines import CentreLine
 from toros_fem.design.lines.symmetry import make_symmetry
-from toros_fem.meshes import cylinder
+from toros_fem.meshes import cylinder, mirrored
 from toros_fem.meshes.pattern import Pattern
 
 HALF = cylinder(MPI.COMM_SELF, 0.08, 0.02, 2.5e-3, planes=(1,))
@@ -39,12 +40,34 @@ def test_families_that_cross_a_plane_are_paired() -> None:
     assert net.first(1) == (0, 1)
     grid = make_symmetry(even_field(HALF, [0.2, 0.2], [0, 90]), free, (1,), WIDTHS)
     assert grid.partner.tolist() == [[0, 1], [0, 1]]
+    alike = make_symmetry(even_field(HALF, [0.2, 0.2], [20, 20]), free, (1,), WIDTHS)
+    assert alike.partner.tolist() == [[0, 1], [0, 1]], "none is changed for one that fits as well"
     apart = make_symmetry(even_field(HALF, [0.2, 0.2], [30, -30]), free, (1,), (1e-3, 2e-3))
     assert apart.partner.tolist() == [[0, 1], [0, 1]], "a line keeps its width"
     free = np.flatnonzero(wall_of(QUARTER))
     degrees = [30, 90, -30]
     three = make_symmetry(even_field(QUARTER, [0.2] * 3, degrees), free, (0, 1), [1e-3] * 3)
     assert three.partner.tolist() == [[0, 1, 2], [2, 1, 0], [2, 1, 0], [0, 1, 2]]
+
+
+def test_all_images_of_an_octant_return_to_it() -> None:
+    """Points of lines and values at vertices, from the eight faces of an octahedron."""
+    flat = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(3) / 2]])
+    one = np.array([[0, 1, 2]])
+    octant = Pattern(flat, one, np.zeros(1, int), np.arange(3), np.eye(3) / np.sqrt(2), ("face",))
+    planes = (0, 1, 2)
+    found = make_symmetry(even_field(octant, [0.2], [0]), np.array([0]), planes, [0.1])
+    whole = mirrored(octant, planes).pattern
+    places = np.abs(whole.points[whole.triangles[found.whole.cells]])
+    values = np.empty(found.whole.size)
+    values[found.whole.vertex] = places @ [1.0, 2.0, 3.0]
+    own = octant.points[octant.triangles[found.part.cells]] @ [1.0, 2.0, 3.0]
+    for image in range(8):
+        assert found.vertices_to_part(values, image)[found.part.vertex] == pytest.approx(own)
+        cell = np.array([image])
+        line = CentreLine(cell, found.whole.corners[cell][:, :2], False)
+        (back,) = found.restricted([line], image)
+        assert positions(octant, back)[0] == pytest.approx(places[image, :2], abs=1e-12)
 
 
 @pytest.mark.parametrize(("part", "planes"), [(HALF, (1,)), (QUARTER, (0, 1))])

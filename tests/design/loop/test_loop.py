@@ -83,6 +83,7 @@ def test_stages_that_are_alike_all_run(short_tube: Skin, short_solver: Equilibri
     problem, start = make_problem(short_tube, short_solver), random_density(short_tube, 3)
     result = optimize(problem, DesignOptions((Stage(2),) * 3), start=start)
     assert [row.stage for row in result.history] == [0] * 3 + [1] * 3 + [2] * 3
+    assert not any(row.g_r or row.g_t for row in result.history), "no widths are constrained"
     plain = 0 * start + 0.5
     late = optimize(problem, DesignOptions((Stage(2),), seconds=1e-3), start=plain, after=result)
     assert late.history[-1].objective == late.final.objective != result.final.objective

@@ -51,6 +51,9 @@ def test_binary_pattern_is_simulated_as_it_is(
     assert np.all(binary.projected[~problem.designed] == 1)
     assert binary.equilibrium.pressure == design.equilibrium.pressure
     assert binary.shape != design.shape
+    again = problem.simulate_binary(printed, design, start=binary.equilibrium.state)
+    assert again.equilibrium.steps < binary.equilibrium.steps, "it starts at the equilibrium"
+    assert again.shape == pytest.approx(binary.shape, rel=1e-6)
 
 
 def test_gradient_of_a_state_that_is_gone(

@@ -1,5 +1,9 @@
 """The best of several random starts, whatever the number of ranks."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from helpers.designs import make_problem
@@ -74,6 +78,26 @@ def test_starts_without_an_equilibrium(alone: MPI.Comm, monkeypatch: pytest.Monk
     refused |= {2, 3}
     with pytest.raises(errors.NoEquilibriumError, match="no equilibrium for seed"):
         best_start(alone, tube, OPTIONS, [1, 2, 3])
+
+
+def test_kept_widths_count_more_than_the_objective(
+    alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the last stage constrains them; else the lower T is better."""
+    plain = optimize(tube(alone), OPTIONS, seed=1)
+    limits = SimpleNamespace(epsilon=np.array([0.1, 0.1]))
+    widths = {1: (0.05, 0.05), 2: (0.05, 0.2)}
+
+    def made(problem: ShapeProblem, options: DesignOptions, seed: int, **_: object) -> object:
+        final = replace(plain.final, objective=1.0 / seed, length_scale=np.array(widths[seed]))
+        limited: Any = replace(problem)
+        object.__setattr__(limited, "length_scale", limits)
+        return replace(plain, problem=limited, final=final)
+
+    monkeypatch.setattr("toros_fem.design.loop.starts.optimize", made)
+    for constrained, seed in ((True, 1), (False, 2)):
+        options = DesignOptions((Stage(3, constrained=constrained),))
+        assert best_start(alone, tube, options, [1, 2]).seed == seed
 
 
 def test_an_error_on_one_rank_is_raised_on_all(comm: MPI.Comm) -> None:

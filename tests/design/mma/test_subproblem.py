@@ -53,6 +53,13 @@ def test_equals_mmapy(m: int, infeasible: bool) -> None:
         assert np.any(solution.multipliers > 1e-3), "a constraint counts"
 
 
+def test_without_constraints_nothing_is_to_be_found() -> None:
+    case = random_case(0, 40, 0)
+    x, solution = case.solve()
+    assert solution.evaluations == solution.residual == len(solution.multipliers) == 0
+    check_optimality(case, x, solution, 0.0)
+
+
 @pytest.mark.parametrize("m", [1, 3, 20])
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_random_ones_satisfy_the_conditions(m: int, scale: float) -> None:
