@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from helpers.prints import flawed_tube
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from mpi4py import MPI
@@ -103,7 +104,7 @@ def test_skin_is_where_the_axes_say(pattern: Pattern, view: View) -> None:
 
 
 def shown(figure: Figure) -> np.ndarray:
-    canvas: Any = figure.canvas
+    canvas = FigureCanvasAgg(figure)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[:, :, :3] / 255
 
@@ -123,16 +124,20 @@ def test_the_side_towards_the_viewer_is_seen(pattern: Pattern) -> None:
         plt.close(figure)
 
 
-@pytest.mark.parametrize(("stretch", "with_target"), [((1, 1, 1), False), ((4, 1, 0.3), True)])
+@pytest.mark.parametrize(
+    ("stretch", "with_target", "rows"), [(1, True, [2, 2]), (0.4, True, [4]), (1, False, [3])]
+)
 def test_shape(
-    pattern: Pattern, tmp_path: Path, stretch: tuple[float, float, float], with_target: bool
+    pattern: Pattern, figures: list[Figure], stretch: float, with_target: bool, rows: list[int]
 ) -> None:
-    """In a row if slender, else in two; without a target the skin stands alone."""
-    regions = flawed_tube(pattern, 40)
-    target = pattern.points * stretch if with_target else None
-    picture = tmp_path / "shape.png"
-    plot_shape(picture, pattern, pattern.points * stretch, target, regions, "a title")
-    image = pixels(picture)
+    """In a row if slender, else in two; without a target the skin stands alone, in a row."""
+    points = pattern.points * [stretch, stretch, 1]
+    target, regions = (1 * points if with_target else None), flawed_tube(pattern, 40)
+    plot_shape(Path("no.png"), pattern, points, target, regions, "a title")
+    specs = [axes.get_subplotspec() for axes in figures[-1].axes]
+    lines = [spec.rowspan.start for spec in specs if spec is not None]
+    assert [lines.count(k) for k in range(max(lines) + 1)] == rows
+    image = shown(figures[-1])
     assert (hue(image, TARGET) > 0.02) == with_target
     assert hue(image, PRINTED) > 0.02
     assert hue(image, FABRIC) > 0.02
@@ -227,6 +232,9 @@ def test_curves(figures: list[Figure]) -> None:
     for k in range(4):
         for line, part in zip(tracks[3 * k : 3 * k + 3], (feet, feet[::3], feet[:1]), strict=True):
             assert line == pytest.approx(1e3 * part[:, k][:, [0, 2]])
+    (legend,) = figures[-1].legends
+    names = [text.get_text() for text in legend.get_texts()]
+    assert names == ["foot 0", "foot 1", "foot 2", "foot 3", "start"]
 
 
 def test_metrics_over_pressure(tmp_path: Path) -> None:
@@ -318,6 +326,9 @@ def test_unwrapped_surface(alone: MPI.Comm, figures: list[Figure]) -> None:
         sides = [np.linalg.norm(np.diff(p[:4], axis=0), axis=1) for p in paths if len(p) == 4]
         assert {round(float(side[0]), 6) for side in sides} == {round(1e3 * 5e-3 * size, 6)}
         assert all(np.abs(lengths - side[1]).min() < 1e-9 for side in sides)
+        middles = [p[:4].mean(axis=0) for p in paths if len(p) == 4]
+        apart = np.subtract((ends[::2] + ends[1::2])[:, None] / 2, middles)
+        assert np.linalg.norm(apart, axis=2).min(axis=0).max() < 1e-9
         a, b, c = np.moveaxis(pattern.points[pattern.triangles], 1, 0)
         seen = pattern.triangles[np.cross(b - a, c - a) @ view.directions[2] > 0]
         assert len(sides) == np.isin(unwrapped.seams, seen).all(axis=1).sum() > 0

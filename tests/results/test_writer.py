@@ -24,6 +24,7 @@ from toros_fem.mechanics.paths.trace import trace
 from toros_fem.mechanics.readings.wrinkles import wrinkle_field, wrinkles
 from toros_fem.mechanics.skin.supports import clamp, symmetry_plane
 from toros_fem.meshes import Skin, cylinder, mirrored, sew
+from toros_fem.results.frames import read_frames
 from toros_fem.results.writer import (
     if_plotting,
     write_comparison,
@@ -46,6 +47,9 @@ def test_a_tension_field_has_its_wrinkles_written(
     write_results(folder, relaxed, printed)
     comm.barrier()
     assert (folder / "wrinkles.png").is_file()
+    assert (folder / "pattern.png").is_file()
+    (frame,) = read_frames(folder / "frames", "print")
+    assert frame.density is None, "the print itself is shown"
     data = meshio.read(folder / "skin.vtu").cell_data
     positions = skin.gather_vertices(shown.equilibrium.positions)
     density = skin.gather_cells(shown.projected)
@@ -69,6 +73,8 @@ def test_print_without_equilibrium(
     mesh = meshio.read(folder / "skin.vtu")
     designed = result.problem.skin.gather_vertices(result.final.equilibrium.positions)
     assert mesh.points == pytest.approx(designed)
+    (frame,) = read_frames(folder / "frames", "print")
+    assert frame.density == pytest.approx(mesh.cell_data["rho_projected"][0], abs=4e-3)
 
 
 def test_only_shapes_have_these_files(

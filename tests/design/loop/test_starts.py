@@ -84,14 +84,12 @@ def test_kept_widths_count_more_than_the_objective(
     alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Where the last stage constrains them; else the lower T is better."""
-    plain = optimize(tube(alone), OPTIONS, seed=1)
-    limits = SimpleNamespace(epsilon=np.array([0.1, 0.1]))
-    widths = {1: (0.05, 0.05), 2: (0.05, 0.2)}
+    plain, widths = optimize(tube(alone), OPTIONS, seed=1), {1: 0.05, 2: 0.2}
+    limited: Any = replace(plain.problem)  # type: ignore[type-var]
+    object.__setattr__(limited, "length_scale", SimpleNamespace(epsilon=np.full(2, 0.1)))
 
     def made(problem: ShapeProblem, options: DesignOptions, seed: int, **_: object) -> object:
-        final = replace(plain.final, objective=1.0 / seed, length_scale=np.array(widths[seed]))
-        limited: Any = replace(problem)
-        object.__setattr__(limited, "length_scale", limits)
+        final = replace(plain.final, objective=1 / seed, length_scale=np.array([0, widths[seed]]))
         return replace(plain, problem=limited, final=final)
 
     monkeypatch.setattr("toros_fem.design.loop.starts.optimize", made)

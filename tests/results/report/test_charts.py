@@ -19,6 +19,7 @@ def test_points_lie_between_their_marks() -> None:
         for y, label in re.findall(r'class="mark" x="56" y="([\d.]+)"[^>]*>([^<]+)<', svg)
     }
     assert list(marks) == ["0", "20", "40", "60", "80", "100"]
+    assert re.findall(r'"middle">(\d+)<', svg) == ["0", "2", "4", "6", "8", "10"]
     points = re.search(r'points="([^"]+)"', svg)
     assert points
     (left, low), (middle, _), (right, high) = (
@@ -37,6 +38,8 @@ def test_targets_and_measured_values_are_inside() -> None:
     assert ">−50<" in svg
     assert "target 150" in svg
     assert "paper &amp; co" in svg
+    assert "finer mesh" not in svg
+    assert '<li class="break">finer mesh</li>' in chart(breaks=[5.0])
 
 
 @pytest.mark.parametrize("values", [[0.5, 1e-4, 2e-3], [0.0, 0.0, 0.0], [1e-9, 1e5, 1.0]])
@@ -53,3 +56,5 @@ def test_a_constant_has_an_axis() -> None:
     svg = Chart("iteration", "iteration", "x", [Line("x", [0, 1], [7.0, 7.0])]).svg()
     assert "nan" not in svg
     assert ">7<" in svg
+    svg = Chart("iteration", "iteration", "x", [Line("x", [3.0], [7.0])]).svg()
+    assert 'data-low="3.0" data-high="4.0"' in svg, "of one point too"

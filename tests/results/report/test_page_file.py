@@ -33,6 +33,10 @@ def test_all_parts_are_there(run: Path) -> None:
     assert scene["start"] == {"series": "pressure", "index": 4}
     assert [entry["label"] for entry in scene["series"]["iteration"]][-1] == "11 of 11"
     assert ["angle", "60°"] in scene["series"]["pressure"][4]["shown"]
+    assert "the design's pressure" in html.unescape(page)
+    change_summary(run, pressure_pa=2e4)
+    page = html.unescape(write_report(run).read_text(encoding="utf-8"))
+    assert "the design's pressure" not in page, "the curve ends before it"
 
 
 def test_nothing_is_fetched(run: Path) -> None:

@@ -75,13 +75,20 @@ def test_the_print_is_cut_and_bordered_exactly(run: Path, pattern: Pattern) -> N
     assert shapely.distance(STRIPE.boundary, shapely.points(ends)).max() < 1e-6
 
 
-def test_stretches_of_an_affine_map() -> None:
+def test_stretches_of_an_affine_map(tmp_path: Path) -> None:
+    """They come back in hundredths, of a skin that has shrunk too."""
     pattern = tube()
     positions = pattern.points * [1.0, 1.0, 1.3]
     wall = pattern.panel == pattern.panel_index("wall")
     stretches = principal_stretches(pattern, positions)[wall]
     assert np.allclose(stretches[:, 1], 1.3, rtol=0.01)
     assert np.allclose(stretches[:, 0], 1.0, atol=0.02)
+    (tmp_path / "frames").mkdir()
+    name, shrunk = write_skin(tmp_path / "frames", ShownSkin(pattern)), 0.6 * positions
+    write_frame(tmp_path / "frames", Frame("iteration", 0, name, shrunk, None, {}))
+    scene, text = packed_scene(read_run(tmp_path))
+    packed = Reader(text)(scene["series"]["iteration"][0]["stretch"])
+    assert np.abs(packed / 100 - principal_stretches(pattern, shrunk)[:, 1]).max() < 5.1e-3
 
 
 def test_aligned_shapes_lie_on_their_target(tmp_path: Path, pattern: Pattern) -> None:

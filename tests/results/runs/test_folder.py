@@ -15,6 +15,7 @@ from mpi4py import MPI
 from toros_fem.base.errors import CheckpointError, RunError, RunStoppedError
 from toros_fem.design.loop.journal import Checkpoint
 from toros_fem.results.runs.folder import open_run, read_run, run_of
+from toros_fem.results.runs.lock import NAME, FolderLock
 
 INPUTS = {"length": 0.1, "name": "tube"}
 
@@ -60,7 +61,9 @@ def test_a_run_is_recorded_and_found_by_its_folder(comm: MPI.Comm, folder: Path)
     assert read_run(comm, folder)[0].finished
 
 
-def test_what_is_kept_is_found_again(comm: MPI.Comm, folder: Path) -> None:
+def test_what_is_kept_is_found_again(
+    comm: MPI.Comm, folder: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     """In the order of the loops, of parts of a run too."""
     leave(comm, folder, finished=False)
     with open_run(comm, folder, INPUTS, resume=True) as run:
@@ -70,11 +73,21 @@ def test_what_is_kept_is_found_again(comm: MPI.Comm, folder: Path) -> None:
         found = journal.entry(comm, "loop").saved()
         assert found is not None
         assert np.array_equal(found.arrays["x"], STATE.arrays["x"])
+        assert not caplog.records, "the same version wrote it"
         assert journal.entry(comm, "next").saved() is None
         assert run.journal(folder / "part").entry(comm, "loop").saved() is None
         assert journal.branch("seed-1").entry(comm, "loop").saved() is None
     with pytest.raises(RunError, match="finished"):
         open_run(comm, folder, INPUTS, resume=True)
+
+
+def test_a_lock_says_who_holds_it_now(tmp_path: Path) -> None:
+    """Nothing is left of a holder with a longer name."""
+    (tmp_path / NAME).write_text("process 1234567890 on " + 80 * "x")
+    lock = FolderLock(tmp_path)
+    with pytest.raises(RunError, match=rf"a run, process {os.getpid()} on [^x ]+\. Wait"):
+        FolderLock(tmp_path)
+    lock.release()
 
 
 def test_other_inputs_or_loops_are_refused(comm: MPI.Comm, folder: Path) -> None:
