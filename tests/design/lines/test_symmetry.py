@@ -53,11 +53,11 @@ def test_families_that_cross_a_plane_are_paired() -> None:
 def test_all_images_of_an_octant_return_to_it() -> None:
     """Points of lines and values at vertices, from the eight faces of an octahedron."""
     flat = np.array([[0.0, 0.0], [1.0, 0.0], [0.5, np.sqrt(3) / 2]])
-    one = np.array([[0, 1, 2]])
-    octant = Pattern(flat, one, np.zeros(1, int), np.arange(3), np.eye(3) / np.sqrt(2), ("face",))
-    planes = (0, 1, 2)
-    found = make_symmetry(even_field(octant, [0.2], [0]), np.array([0]), planes, [0.1])
-    whole = mirrored(octant, planes).pattern
+    corners = np.arange(3)
+    points = np.eye(3) / np.sqrt(2)
+    octant = Pattern(flat, corners[None], np.zeros(1, int), corners, points, ("face",))
+    found = make_symmetry(even_field(octant, [0.2], [0]), corners[:1], (0, 1, 2), [0.1])
+    whole = mirrored(octant, (0, 1, 2)).pattern
     places = np.abs(whole.points[whole.triangles[found.whole.cells]])
     values = np.empty(found.whole.size)
     values[found.whole.vertex] = places @ [1.0, 2.0, 3.0]

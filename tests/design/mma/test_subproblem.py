@@ -54,8 +54,7 @@ def test_equals_mmapy(m: int, infeasible: bool) -> None:
 
 
 def test_without_constraints_nothing_is_to_be_found() -> None:
-    case = random_case(0, 40, 0)
-    x, solution = case.solve()
+    x, solution = (case := random_case(0, 40, 0)).solve()
     assert solution.evaluations == solution.residual == len(solution.multipliers) == 0
     check_optimality(case, x, solution, 0.0)
 

@@ -111,9 +111,19 @@ def facing_alike() -> Pattern:
     )
 
 
-def test_what_cannot_be_opened_is_named() -> None:
+def pierced() -> Pattern:
+    """A strip that stands in the middle of a triangle of 2 cm, far from its edges."""
+    flat, strip = np.array([[0, 0], [0.02, 0], [0, 0.02]]), np.array([[0, 0], [2e-3, 0], [0, 0.03]])
+    stands = np.column_stack([5e-3 + strip[:, 0], np.full(3, 5e-3), strip[:, 1] - 0.01])
+    lies, one = np.column_stack([flat, np.zeros(3)]), np.array([[0, 1, 2]])
+    panels = [Panel("one", flat, one, lies), Panel("two", strip, one, stands)]
+    return Pattern.from_panels(panels, tolerance=1e-6)
+
+
+@pytest.mark.parametrize("pattern", [facing_alike(), pierced()])
+def test_what_cannot_be_opened_is_named(pattern: Pattern) -> None:
     with pytest.raises(errors.ParameterError, match=r"cannot be moved apart.* 'one' and 'two'"):
-        opened(facing_alike(), SIZES)
+        opened(pattern, SIZES)
 
 
 def two_sheets() -> Pattern:

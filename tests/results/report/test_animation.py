@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from toros_fem.base.errors import OutputError, ParameterError
-from toros_fem.meshes import Pattern
-from toros_fem.results.frames import Frame, ShownSkin, write_frame, write_skin
 from toros_fem.results.report import write_animation
 
 image = pytest.importorskip("PIL.Image")
@@ -34,15 +32,6 @@ def test_each_picture_differs_from_the_one_before(run: Path) -> None:
     dark = np.abs(found[-1] - [33, 51, 84]).max(axis=2) < 40
     assert dark.mean() > 2e-3, "the print is seen"
     assert path.stat().st_size < 1e6
-
-
-def test_a_skin_without_print_is_animated(tmp_path: Path, pattern: Pattern) -> None:
-    (tmp_path / "frames").mkdir()
-    name = write_skin(tmp_path / "frames", ShownSkin(pattern))
-    for k in range(2):
-        frame = Frame("pressure", k, name, pattern.points, None, {"pressure_pa": 1e3 * k})
-        write_frame(tmp_path / "frames", frame)
-    assert len(pictures(write_animation(tmp_path, "pressure"))) == 2
 
 
 def test_nothing_to_animate_is_told(run: Path) -> None:
