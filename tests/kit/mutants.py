@@ -194,7 +194,8 @@ def drawn(count: int, seed: int) -> list[Mutant]:
 
 def mutated(mutant: Mutant) -> str | None:
     """Return the text of a mutant's file, None where its statement is gone."""
-    tree = ast.parse((ROOT / mutant.file).read_text(encoding="utf-8"))
+    path = ROOT / mutant.file
+    tree = ast.parse(path.read_text(encoding="utf-8") if path.is_file() else "")
     statement = dict(named_statements(tree)).get(mutant.old)
     if statement is None:
         return None
