@@ -32,12 +32,12 @@ def test_lines_like_earlier_ones_keep_their_number(direction: float) -> None:
 
 
 def test_where_all_is_asked_for_gaps_are_left() -> None:
-    """Lines of 2 mm keep their width, and their distance leaves what can be printed between."""
+    """Lines of 2 mm keep their width, and lie apart by it and the least width of a gap."""
     sheet = rectangle(MPI.COMM_SELF, 0.04, 0.04, 2e-3, "unstructured")
     options = LineOptions(widths=(2e-3,))
     laid = lay_lines(even_field(sheet, [0.97], [90.0]), options)
     places = np.sort([line.points[..., 0].mean() for line in laid.centre_lines[0]])
-    assert np.diff(places).min() == pytest.approx(2e-3 + options.print_width, rel=1e-6)
+    assert np.diff(places).min() == pytest.approx(2e-3 + options.print_width, rel=0.02)
     assert laid.families[0].laid == pytest.approx(len(places) * 2e-3 / 0.04, rel=1e-4)
 
 
