@@ -8,6 +8,9 @@ from helpers.command_runs import changes
 from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
+from toros_fem.cli.scene_files.writing import scene_text
+from toros_fem.products.kinds import KINDS
+from toros_fem.results.runs.folder import open_run
 
 Designed = tuple[Path, Path]
 
@@ -77,3 +80,17 @@ def test_kinds_without_an_action(
     assert run(alone, [command, str(path), "--output", str(path.parent / "run"), *rest]) == 2
     assert message in capsys.readouterr().err
     assert not (path.parent / "run").exists()
+
+
+def test_a_mesh_that_has_gone_is_told(
+    alone: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By file and key, and not as other inputs than those given."""
+    files = {"mesh": tmp_path / "gone.stl"}
+    text = scene_text(KINDS["own-mesh"], files=files)
+    with open_run(alone, tmp_path / "run", {"command": "design"}, scene=text):
+        pass
+    record = tmp_path / "run" / "state" / "run.json"
+    record.write_text(record.read_text("utf-8").replace('"finished": true', '"finished": false'))
+    assert run(alone, ["resume", str(tmp_path / "run")]) == 2
+    assert f"files.mesh: there is no {files['mesh']}" in capsys.readouterr().err

@@ -287,6 +287,7 @@ def gap_metric(config: GripperScene) -> Metric:
 
 def case(comm: MPI.Comm, config: GripperScene) -> ActuatorCase:
     """Return half a finger and its target."""
+    config.require_symmetric_knit((1,))
     root, angle = config.skin.root_length, config.bend_angle
     pattern = finger(
         comm,
@@ -598,6 +599,8 @@ def sentence(summary: dict[str, Any]) -> str:
         return summary_sentence(summary)
     slip, held, initial = load["slip_mm"], load["held_mass_kg"], load["initial"]["held_mass_kg"]
     lifted = "are dropped" if slip is None else f"slide by {slip:.1f} mm"
+    if slip is None and held is None and load["failure"]:
+        lifted = f"are not lifted: {load['failure']}"
     found = f"{summary_sentence(summary)}; {1e3 * load['mass_kg']:.0f} g {lifted}"
     if held is not None:
         found += f", at most {1e3 * held:.0f} g are held"

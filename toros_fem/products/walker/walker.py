@@ -214,6 +214,7 @@ def coarse(config: WalkerScene) -> WalkerScene:
 
 def case(comm: MPI.Comm, config: WalkerScene) -> ActuatorCase:
     """Return a quarter of the robot and its target."""
+    config.require_symmetric_knit((0, 1))
     star, angle = config.star, config.leg_angle
     pattern = walker(comm, config.skin.edge_length, star, planes=(0, 1))
     along = np.append(star.directions[0], 0.0)
