@@ -15,8 +15,10 @@ from toros_fem.cli.scene_files.schema import scene_schema
 from toros_fem.cli.scene_files.writing import scene_text
 from toros_fem.products.kinds import KINDS
 
-TYPES: dict[str, Any] = {"object": dict, "array": list, "string": str, "boolean": bool, "integer": int,
-         "number": (int, float)}  # fmt: skip
+TYPES: dict[str, Any] = {
+    "object": dict, "array": list, "string": str, "boolean": bool, "integer": int,
+    "number": (int, float),
+}  # fmt: skip
 
 
 def fits(value: Any, schema: dict[str, Any]) -> bool:

@@ -158,6 +158,17 @@ class GripperScene(ActuatorScene):
     # Steps that only raise the holding force are small.
     design: Designing = Designing(levels=1, min_decrease=None, polish_iterations=40)
 
+    FEW: ClassVar[tuple[str, ...]] = (
+        "shape",
+        "size",
+        "mass",
+        "finger_length",
+        "finger_width",
+        "pressure_max",
+        "friction",
+        "seed",
+    )
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.skin.root_length <= self.skin.stem_length < self.skin.finger_length:

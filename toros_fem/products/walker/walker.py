@@ -174,6 +174,18 @@ class WalkerScene(ActuatorScene):
     design: Designing = Designing(levels=1, filter_radius=2.75e-3)
     results: WalkerResults = WalkerResults()
 
+    FEW: ClassVar[tuple[str, ...]] = (
+        "motion",
+        "aim",
+        "leg_length",
+        "leg_width",
+        "body_radius",
+        "pressure",
+        "feet",
+        "friction",
+        "seed",
+    )
+
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
 
     @property
