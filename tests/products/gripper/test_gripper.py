@@ -59,8 +59,6 @@ def test_edge_of_the_box_is_where_the_finger_has_turned(angle: float) -> None:
 
 def test_touching_strip_and_backbone(alone: MPI.Comm) -> None:
     case = demo.case(alone, SMALL)
-    assert case.touching is not None
-    assert case.passive is not None
     assert case.contact is not None
     x, y, _ = case.pattern.points[case.touching.weights > 0].T
     assert np.all(x > SMALL.bend_start)

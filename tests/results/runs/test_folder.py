@@ -68,7 +68,6 @@ def test_what_is_kept_is_found_again(comm: MPI.Comm, folder: Path) -> None:
         assert run.scene == "# mine\n"
         journal = run.journal(folder)
         found = journal.entry(comm, "loop").saved()
-        assert found is not None
         assert np.array_equal(found.arrays["x"], STATE.arrays["x"])
         assert journal.entry(comm, "next").saved() is None
         assert run.journal(folder / "part").entry(comm, "loop").saved() is None
