@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 
 from mpi4py import MPI
@@ -11,6 +12,7 @@ from toros_fem.cli.commands.main import run
 
 def main() -> int:
     """Run the command that the command line names, on all ranks; return the exit code."""
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would end all ranks
     return run(MPI.COMM_WORLD, sys.argv[1:])
 
 

@@ -27,10 +27,14 @@ from toros_fem.materials.library import LibraryMaterial, named, read_library, wr
 from toros_fem.mechanics.equilibrium.solver import EquilibriumResult
 from toros_fem.mechanics.skin.chambers import chambers_of_panels
 from toros_fem.products.actuators.problem import actuator_problem
+from toros_fem.products.gripper import gripper
+from toros_fem.products.gripper.gripper import GripperScene
 from toros_fem.products.tiles import PrintedTile, read_tile
 from toros_fem.products.tubes.bend import BendScene
 from toros_fem.products.tubes.bend import case as bend_case
 from toros_fem.products.tubes.inflate import InflateScene
+from toros_fem.products.walker import walker
+from toros_fem.products.walker.walker import WalkerScene
 from toros_fem.results.files import write_fields
 from toros_fem.results.writer import write_pictures
 
@@ -552,6 +556,16 @@ def _island(s: Scene) -> object:
 
 SCENES: Table = {
     "curve ends below the pressure": lambda s: InflateScene.of(pressure=50e3),
+    "designed pressure without room": lambda s: BendScene.of(
+        design_pressure=True, pressure_min=9e3, pressure_max=8e3
+    ),
+    "first guess beyond the bounds": lambda s: BendScene.of(design_pressure=True, pressure=5e4),
+    "walker of an oblique knit": lambda s: walker.case(
+        s.comm, WalkerScene.of(knit_ratio=2.0, grain_angle=30.0)
+    ),
+    "gripper of an oblique knit": lambda s: gripper.case(
+        s.comm, GripperScene.of(knit_ratio=2.0, grain_angle=30.0)
+    ),
     "bend of an unknown number": lambda s: BendScene.of(angel=90.0),
     "islands of a scene larger than its skin": _island,
 }  # fmt: skip

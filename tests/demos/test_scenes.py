@@ -15,8 +15,8 @@ CONFIGS = {
     for name, kind in KINDS.items()
     if name != "own-mesh"
 }
-# They are no scenes: the one compares six designs, the other is the command `toros unwrap`.
-OTHERS = {"three_field", "unwrap"}
+# It is no scene: it compares six designs.
+OTHERS = {"three_field"}
 
 
 def test_every_demo_is_a_scene() -> None:

@@ -75,7 +75,6 @@ def choices(folder: Path) -> dict[str, Any]:
 
 def check_design(comm: MPI.Comm, name: str, folder: Path, pinned: Callable[..., None]) -> None:
     kind, values = KINDS[DESIGNS[name][0]], DESIGNS[name][1]
-    assert kind.design is not None
     kind.design.run(comm, folder, kind.config.updated(**values))
     comm.barrier()
     pinned(f"decisions/{name}", choices(folder))
@@ -130,7 +129,6 @@ def test_stride(pinned: Callable[..., None]) -> None:
     points, walk, failure = walking.follow_gait(
         MPI.COMM_SELF, config, gait, half, whole, printed, 3 * [config.pressure.pressure]
     )
-    assert walk is not None
     figures = {
         "failure": failure,
         "stride in m": walk.stride,

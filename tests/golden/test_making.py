@@ -86,7 +86,6 @@ def test_lines(name: str, pinned: Callable[..., None]) -> None:
     laid = lay_lines(fields()[name], LineOptions(even=5e-3) if name == "fading" else None)
     figures = lines_of(laid)
     if name == "tube":
-        assert laid.drawing is not None
         factors = np.repeat(np.array([[1.2], [0.9]]), laid.drawing.mesh.size, axis=1)
         wider = widened(laid, factors)
         figures["other widths: area in m2"] = wider.area
@@ -134,7 +133,6 @@ def test_flawed_print(pinned: Callable[..., None]) -> None:
     }
     judged = printability(tube, flawed)
     for name, place in (("line", judged.smallest_width), ("gap", judged.smallest_gap)):
-        assert place is not None
         found[f"smallest {name} in m"] = place.width
         found[f"place of the smallest {name} in m"] = np.array(place.centre)
     found |= {

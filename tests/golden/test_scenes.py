@@ -101,8 +101,6 @@ def state_figures(skin: Skin, found: EquilibriumResult) -> dict[str, Any]:
 def figures_of(problem: DesignProblem, at: Evaluation) -> dict[str, Any]:
     """Quantities of an evaluation with its gradients."""
     gather, found = problem.skin.gather_cells, at.equilibrium
-    assert at.gradient is not None
-    assert at.residuals is not None
     fields = at.gradient.reshape(len(problem.skin.owned_cells), -1)
     figures = {
         "objective": at.objective,

@@ -22,7 +22,6 @@ CONDA_NAMES = {"matplotlib": "matplotlib-base"}
 def required() -> dict[str, str]:
     """Packages that the recipe needs to run, with their bounds."""
     listed = re.search(r"^  run:\n((?:    - .*\n)+)", RECIPE, re.MULTILINE)
-    assert listed is not None
     entries = [line.split("#")[0].strip(" -") for line in listed[1].splitlines()]
     return {name: bounds.strip() for name, _, bounds in (entry.partition(" ") for entry in entries)}
 
@@ -45,11 +44,9 @@ def test_changelog_and_citation_agree_on_the_day_of_a_release() -> None:
     changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     heading = re.search(r"^## \S+ \((.+)\)$", changelog, re.MULTILINE)
     released = re.search(r"^date-released: (.+)$", citation, re.MULTILINE)
-    assert heading is not None
     if heading[1] == "unreleased":
         assert released is None
     else:
-        assert released is not None
         assert date.fromisoformat(heading[1]) == date.fromisoformat(released[1])
 
 
@@ -57,7 +54,6 @@ def test_recipe_needs_what_the_package_needs() -> None:
     run = required()
     for entry in PROJECT["dependencies"] + PROJECT["optional-dependencies"]["plot"]:
         match = re.fullmatch(r"([\w-]+)(.*)", entry)
-        assert match is not None
         name = CONDA_NAMES.get(match[1], match[1])
         assert run[name] == match[2], entry
     assert {"fenics-dolfinx", "petsc4py", "python-gmsh"} <= run.keys()

@@ -73,7 +73,6 @@ def test_figures_are_those_of_the_print(
 ) -> None:
     summary = design_summary(result, printed)
     made, last = printed.evaluation, result.history[-1]
-    assert made is not None
     angle = shape_problem(result).metrics_of(made.equilibrium)["angle_deg"]
     assert summary["angle_deg"] == angle != last.metrics["angle_deg"]
     assert summary["angle_target_deg"] == 60.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import Key, Table, nearest
@@ -25,9 +25,14 @@ class Scene:
     A key stands in one table only, and can be read from the scene itself, `scene.length`, unless a
     table has its name.
 
+    Attributes:
+        FEW: Keys that a new user changes.
+
     Raises:
         ParameterError: A field is no table of its type.
     """
+
+    FEW: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         for name, of in self.tables().items():

@@ -54,7 +54,8 @@ def test_lines_of_a_reader(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     words = ["check", str(scene), *changes(reinforcement="tpu-85a"), "--quiet"]
     assert run(MPI.COMM_SELF, words) == 0
     text = capsys.readouterr().out
-    assert text.startswith(f"{scene} is in order: a tube that bends.\nreinforcement  tpu-85a: TPU")
+    assert text.startswith(f"{scene} is in order: a tube that bends.\nfabric         jersey-light")
+    assert "\nreinforcement  tpu-85a: TPU" in text
     assert "\ntriangles   about " in text
     assert "\ntime        " in text
     assert "Newton steps on " in text

@@ -8,6 +8,9 @@ from helpers.command_runs import changes
 from mpi4py import MPI
 
 from toros_fem.cli.commands.main import run
+from toros_fem.cli.scene_files.writing import scene_text
+from toros_fem.products.kinds import KINDS
+from toros_fem.results.runs.folder import open_run
 
 Designed = tuple[Path, Path]
 
@@ -38,8 +41,7 @@ def test_simulation_of_a_design(
 ) -> None:
     scene, folder = designed
     found = {}
-    named = ["--set", "fabric=jersey-light"]
-    for name, more in (("plain", named), ("print", ["--pattern", str(folder)])):
+    for name, more in (("plain", []), ("print", ["--pattern", str(folder)])):
         output = tmp_path / name
         capsys.readouterr()
         words = ["simulate", str(scene), "--output", str(output), *changes(), *more, "--json"]
@@ -48,7 +50,7 @@ def test_simulation_of_a_design(
         found[name] = json.loads(captured.out) if alone.rank == 0 else {}
         assert (output / "curve.csv").is_file()
         text = (output / "scene.toml").read_text(encoding="utf-8")
-        assert ('# fabric = "jersey-light": light jersey' in text) == (name == "plain")
+        assert '# fabric = "jersey-light": light jersey' in text
         assert '\nfabric_young = "100 kPa"\n' in text
     assert abs(found["plain"]["angle_deg"]) < 0.5
     expected = summary_of(folder)["angle_deg"]
@@ -77,3 +79,17 @@ def test_kinds_without_an_action(
     assert run(alone, [command, str(path), "--output", str(path.parent / "run"), *rest]) == 2
     assert message in capsys.readouterr().err
     assert not (path.parent / "run").exists()
+
+
+def test_a_mesh_that_has_gone_is_told(
+    alone: MPI.Comm, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By file and key, and not as other inputs than those given."""
+    files = {"mesh": tmp_path / "gone.stl"}
+    text = scene_text(KINDS["own-mesh"], files=files)
+    with open_run(alone, tmp_path / "run", {"command": "design"}, scene=text):
+        pass
+    record = tmp_path / "run" / "state" / "run.json"
+    record.write_text(record.read_text("utf-8").replace('"finished": true', '"finished": false'))
+    assert run(alone, ["resume", str(tmp_path / "run")]) == 2
+    assert f"files.mesh: there is no {files['mesh']}" in capsys.readouterr().err

@@ -152,3 +152,16 @@ def test_a_process_of_its_own() -> None:
     assert done.returncode == 2, done.stderr
     assert json.loads(done.stdout)["error"]["type"] == "SurfaceError"
     assert "Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize("words", [["materials"], ["materials", "--json"]])
+def test_a_reader_that_goes_ends_nothing(words: list[str]) -> None:
+    """As `toros materials | head -1` does: no error, no traceback, exit code 0."""
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(
+        [sys.executable, "-m", "toros_fem", *words], stdout=write, stderr=subprocess.PIPE,
+        text=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    os.close(write)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -198,3 +198,11 @@ def test_written_scene_has_the_numbers_and_says_the_names(tmp_path: Path) -> Non
     assert again.materials == {}
     assert 'reinforcement = "tpu-95a", bladder = ' in scene_text(found.kind).replace("\n# ", " ")
     assert "dragon-skin" not in scene_text(KINDS["tile"])
+
+
+def test_masses_of_names(tmp_path: Path) -> None:
+    """A walker's fabric has the mass of its name; a number may stand beside the name."""
+    path = tmp_path / "walker.toml"
+    for more, mass in (("", 0.276), ('fabric_mass = "300 g/m²"', 0.3)):
+        path.write_text(f'kind = "walker"\n[material]\nfabric = "rib-knit"\n{more}', "utf-8")
+        assert read_scene(path).config.value("fabric_mass") == mass

@@ -97,79 +97,38 @@ def test_tables_that_may_stand_several_times(tmp_path: Path) -> None:
     assert found.plain == ()
 
 
+BEND, OWN = 'kind = "bend"\n', 'kind = "own-mesh"\n'
 WRONG = [
     ("", "my.toml: it names no kind. Begin with kind"),
     ("kind = 3", "line 1: kind: 3 is no kind"),
     ('kind = "bnd"', "line 1: kind: 'bnd' is no kind; did you mean 'bend'?"),
-    ('kind = "bend"\nkind = "twist"', "line 2: .*: this is no TOML"),
-    ('kind = "bend"\n\npressure = 5 kPa', "line 3: .*Text needs quotes, and so do values with"),
-    (
-        'kind = "bend"\nseed = 3',
-        r"line 2: seed: unknown key 'seed'; it stands in the table \[design\]",
-    ),
-    (
-        'kind = "bend"\n[desing]\nseed = 3',
-        "line 2: desing: unknown table 'desing'; did you mean 'd",
-    ),
-    (
-        'kind = "bend"\n[design]\n\nsed = 3',
-        "line 4: design.sed: unknown key 'sed'; did you mean 'see",
-    ),
-    (
-        'kind = "bend"\n[design]\npresure = 3',
-        r"did you mean 'pressure', in the table \[pressure\]\?",
-    ),
-    (
-        'kind = "bend"\n[design]\npressure = 3',
-        r"design.pressure: .* stands in the table \[pressure\]",
-    ),
-    (
-        'kind = "bend"\n[skin]\nlength = "5 kPa"',
-        "line 3: skin.length: '5 kPa' is a pressure or a mod",
-    ),
-    (
-        'kind = "bend"\n[skin]\nlength = "5"',
-        "line 3: skin.length: '5' has no unit; known are m, cm",
-    ),
-    (
-        'kind = "bend"\n[skin]\nlength = -1',
-        "line 3: skin.length: length = -1 m must be a finite nu",
-    ),
-    ('kind = "bend"\n[skin]\nmesh = "hexagons"', "skin.mesh: mesh = 'hexagons' must be one of"),
-    ('kind = "bend"\n[design]\nseed = 1' + 5000 * "0", "this is no TOML"),
-    ('kind = "bend"\n[design]\n\nlevels = 9', "line 4: design.levels: levels = 9 is too many"),
+    (BEND + 'kind = "twist"', "line 2: .*: this is no TOML"),
+    (BEND + '\npressure = 5 kPa', "line 3: .*Text needs quotes, and so do values with"),
+    (BEND + 'seed = 3', r"line 2: seed: unknown key 'seed'; it stands in the table \[design\]"),
+    (BEND + '[desing]\nseed = 3', "line 2: desing: unknown table 'desing'; did you mean 'd"),
+    (BEND + '[design]\n\nsed = 3', "line 4: design.sed: unknown key 'sed'; did you mean 'see"),
+    (BEND + '[design]\npresure = 3', r"did you mean 'pressure', in the table \[pressure\]\?"),
+    (BEND + '[design]\npressure = 3', r"design.pressure: .* stands in the table \[pressure\]"),
+    (BEND + '[skin]\nlength = "5 kPa"', "line 3: skin.length: '5 kPa' is a pressure or a mod"),
+    (BEND + '[skin]\nlength = "5"', "line 3: skin.length: '5' has no unit; known are m, cm"),
+    (BEND + '[skin]\nlength = -1', "line 3: skin.length: length = -1 m must be a finite nu"),
+    (BEND + '[skin]\nmesh = "hexagons"', "skin.mesh: mesh = 'hexagons' must be one of"),
+    (BEND + '[design]\nseed = 1' + 5000 * "0", "this is no TOML"),
+    (BEND + '[design]\n\nlevels = 9', "line 4: design.levels: levels = 9 is too many"),
     ('kind = "gripper"\n[skin]\nfinger_length = "30 mm"', "my.toml: the finger starts to bend"),
-    (
-        'kind = "bend"\n[files]\nmesh = "a.stl"',
-        "line 3: files.mesh: unknown key 'mesh'; known are pa",
-    ),
+    (BEND + '[files]\nmesh = "a.stl"', "line 3: files.mesh: unknown key 'mesh'; known are pa"),
     ('kind = "tile-sheet"\n[files]\ntile = 3', "line 3: files.tile: 3 must be a path, in quotes"),
     ('kind = "tile-sheet"\nfiles = "x"', r"line 2: files: must be a table: write \[files\]"),
     ('kind = "tile-sheet"\ncoarse = 1', r"line 2: coarse: must be a table"),
-    (
-        'kind = "bend"\n[coarse]\nseed = "x"',
-        "line 3: coarse.seed: seed = 'x' must be a whole number",
-    ),
-    (
-        'kind = "own-mesh"\nheld = 3',
-        r"line 2: held: must be a table \[held\], or several \[\[held\]",
-    ),
-    (
-        'kind = "own-mesh"\n[[held]]\nwhere = "z < 1 mm"\n[[held]]\nwhere = "z"',
-        "line 5: held.1.where: w",
-    ),
-    ('kind = "own-mesh"\n[held]\nwhere = "q < 1"', "line 3: held.where: where: 'q', character 1"),
-    (
-        'kind = "own-mesh"\n[held]\nwere = "z < 1"',
-        "held.were: unknown key 'were'; did you mean 'where",
-    ),
-    ('kind = "own-mesh"\n[held]\n', "line 2: held: a region needs where"),
-    (
-        'kind = "own-mesh"\n[objective]\nmetrics = "angel"',
-        "objective.metrics: metrics = 'angel' names",
-    ),
+    (BEND + '[coarse]\nseed = "x"', "line 3: coarse.seed: seed = 'x' must be a whole number"),
+    (OWN + 'held = 3', r"line 2: held: must be a table \[held\], or several \[\[held\]"),
+    (OWN + '[[held]]\nwhere = "z < 1 mm"\n[[held]]\nwhere = "z"', "line 5: held.1.where: w"),
+    (OWN + '[held]\nwhere = "q < 1"', "line 3: held.where: where: 'q', character 1"),
+    (OWN + '[held]\nwere = "z < 1"', "held.were: unknown key 'were'; did you mean 'where"),
+    (OWN + '[held]\n', "line 2: held: a region needs where"),
+    (OWN + '[objective]\nmetrics = "angel"', "objective.metrics: metrics = 'angel' names"),
     ("a = " + 2000 * "[", "my.toml: tables and lists are nested too deeply|this is no TOML"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "message"), WRONG, ids=range(len(WRONG)))

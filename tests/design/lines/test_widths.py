@@ -21,7 +21,6 @@ def lines() -> LaidLines:
 
 def test_smooth_functions_are_those_of_a_square(lines: LaidLines) -> None:
     """Eigenvalues (π/a)² (i² + j²); the functions are orthonormal."""
-    assert lines.drawing is not None
     mesh = lines.drawing.mesh
     found = smooth_functions(mesh, 6)
     weight = mesh.vertex_areas / mesh.vertex_areas.sum()
@@ -33,7 +32,6 @@ def test_smooth_functions_are_those_of_a_square(lines: LaidLines) -> None:
 
 @pytest.mark.parametrize("factor", [0.9, 1.1])
 def test_widths_change_and_lines_stay(lines: LaidLines, factor: float) -> None:
-    assert lines.drawing is not None
     shape = 1, lines.drawing.mesh.size
     other = widened(lines, np.full(shape, factor))
     assert other.area == pytest.approx(factor * lines.area, rel=5e-3)  # the ends of lines are round
@@ -50,7 +48,6 @@ def test_widths_change_and_lines_stay(lines: LaidLines, factor: float) -> None:
 def test_densities_of_changes_are_those_under_the_lines(lines: LaidLines) -> None:
     """The first function is 1: all lines get wider by as much as their density would grow."""
     drawing = lines.drawing
-    assert drawing is not None
     fine = rectangle(MPI.COMM_SELF, SIDE, SIDE, 0.4e-3, "unstructured")
     changes = width_changes(drawing, fine, lines.under, 3)
     cells, free = np.arange(len(fine.panel)), np.ones((1, drawing.mesh.size), dtype=bool)

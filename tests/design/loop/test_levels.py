@@ -57,7 +57,6 @@ def test_first_solve_of_a_level_is_warm(alone: MPI.Comm, coarse: tf.DesignResult
     assert start.pressures == coarse.pressures
     assert start.history == coarse.history
     assert start.initial is coarse.initial
-    assert start.initial is not None
     first = coarse.problem.skin.pattern
     assert np.array_equal(start.initial.pattern.flat_points, first.flat_points)
     assert len(start.initial.density) == len(first.panel)
@@ -136,11 +135,8 @@ def test_refined_design(alone: MPI.Comm) -> None:
     assert same is problem
     assert np.array_equal(fine.skin.pattern.flat_points, finer.pattern.flat_points)
     assert fine.filter.radius == RADIUS
-    assert fine.perimeter is not None
     assert fine.perimeter.window == 3.5e-3
     coarse_widths, widths = problem.length_scale, fine.length_scale
-    assert coarse_widths is not None
-    assert widths is not None
     assert widths.solid_threshold == pytest.approx(coarse_widths.solid_threshold, rel=1e-12)
     assert fine.metrics == (metric,)
     assert fine.solver.model.composite == problem.solver.model.composite != tf.Composite()
@@ -154,7 +150,6 @@ def test_refined_design(alone: MPI.Comm) -> None:
     assert np.array_equal(again, expected, equal_nan=True)
     assert fine.start is not None
     assert np.array_equal(fine.start, start[finer.cell])
-    assert fine.force is not None
     assert np.allclose(fine.force.sum(axis=0), force.sum(axis=0), rtol=1e-12)
     assert not np.array_equal(fine.force[: len(force)], force), "the force is spread"
 

@@ -46,7 +46,6 @@ def test_a_run_goes_on_from_a_result(short_tube: Skin, short_solver: Equilibrium
     assert [row.stage for row in more.history] == [0] * 5 + [1] * 4
     assert more.history[5].objective == pytest.approx(first.final.objective, rel=1e-9)
     assert more.history[:5] == first.history
-    assert first.initial is not None
     started = short_tube.gather_cells(problem.with_passive(random_density(short_tube, 3)))
     assert first.initial.density == pytest.approx(started)
     assert more.initial is first.initial
@@ -67,7 +66,6 @@ def test_a_design_that_is_good_enough_ends_a_stage(
     )
     assert [row.stage for row in found.history] == [0] * (first + 1) + [1]
     assert found.reason == f"T is at most {enough:g}."
-    assert problem.length_scale is not None
     solid, void = problem.length_scale.epsilon
     stages = (Stage(5, constrained=True),)
     free = optimize(problem, DesignOptions(stages), start=start).history[1]

@@ -52,7 +52,6 @@ def test_scaled_functions(short_tube: Skin, short_solver: EquilibriumSolver) -> 
     here, slopes = scaled.values(base), scaled.gradients(base)
     assert here.objective == pytest.approx(10.0)
     assert here.rest + (here.residuals**2).sum() == pytest.approx(10.0)
-    assert problem.length_scale is not None
     assert base.length_scale is not None
     far = base.length_scale > 2 * problem.length_scale.epsilon
     assert far.any()

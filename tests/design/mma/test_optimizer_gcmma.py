@@ -121,7 +121,6 @@ def test_no_design_there_raises_all_curvatures_tenfold() -> None:
         assert not mma.conservative(x, missing, values)
         before = mma.state.curvature
         mma.retry(x, missing, values)
-        assert before is not None
         assert mma.state.curvature is not None
         if before.any():
             assert mma.state.curvature == pytest.approx(10 * before)
@@ -160,7 +159,6 @@ def test_resumes_exactly_with_curvatures() -> None:
     whole = steps(fresh(), np.full(n, 0.5), 9)
     first, second = fresh(), fresh()
     half = steps(first, np.full(n, 0.5), 4)
-    assert first.state.curvature is not None
     assert first.state.curvature.max() > 0
     second.state = copy.deepcopy(first.state)
     assert np.array_equal(steps(second, half, 5), whole)

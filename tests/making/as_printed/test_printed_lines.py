@@ -96,14 +96,10 @@ def test_contours_of_a_design_are_printed_alike(
     other: dict[str, Any] = {"cleaned": first.cleaned, "pressure": 3e3}
     cold = printed_lines(problem, short_tube.pattern, first.regions, **other)
     assert cold.after.summary() == first.after.summary()
-    assert cold.evaluation is not None
     assert cold.evaluation.equilibrium.pressure == 3e3
     there = short_tube.pattern, problem.shape_of(cold.evaluation.equilibrium)
     warm = printed_lines(problem, short_tube.pattern, first.regions, near=there, **other)
-    assert warm.evaluation is not None
     assert warm.evaluation.equilibrium.steps < cold.evaluation.equilibrium.steps
-    assert first.evaluation is not None
-    assert lines.evaluation is not None
     assert lines.evaluation.shape == pytest.approx(first.evaluation.shape, rel=1e-6)
     assert lines.evaluation.equilibrium.pressure == problem.pressure
     assert set(np.unique(lines.evaluation.density)) <= {0.0, 1.0}

@@ -52,8 +52,6 @@ def test_lines_of_a_field(alone: MPI.Comm) -> None:
         return 0.5 + 40 * (0.002 - np.abs((points @ along) % 0.01 - 0.005))
 
     found = printability(pattern, regions_of(pattern, density))
-    assert found.smallest_width is not None
-    assert found.smallest_gap is not None
     # At the ridges of the field the mesh rounds; the contours lie in its linear parts.
     assert found.smallest_width.width == pytest.approx(4e-3, rel=1e-3)
     assert found.smallest_gap.width == pytest.approx(6e-3, rel=1e-3)

@@ -43,7 +43,6 @@ def wedge(angle: float, length: float = 10) -> Polygon:
 @pytest.mark.parametrize("width", [0.05, 0.6, 2.5])
 def test_bars(width: float, angle: float) -> None:
     widths, gaps = measured(rotate(bar(width), angle))
-    assert widths.smallest is not None
     assert widths.smallest.width / MM == pytest.approx(width, abs=1e-6)
     assert np.linalg.norm(np.subtract(*widths.smallest.ends)) / MM == pytest.approx(width, abs=1e-6)
     assert len(widths.narrow) == (width < 0.6), "one stretch is one place"
@@ -68,7 +67,6 @@ def test_necks() -> None:
         neck = bar(0.25, 2 * half)
         shape = translate(disc, -reach) | translate(disc, reach) | neck
         widths, _ = measured(rotate(shape, 33))
-        assert widths.smallest is not None
         assert widths.smallest.width / MM == pytest.approx(0.25, abs=1e-3)
         assert np.linalg.norm(widths.smallest.centre) / MM < half
         assert len(widths.narrow) == 1
@@ -85,7 +83,6 @@ def test_rings_and_gaps() -> None:
     assert gap_of(ring) == pytest.approx(8.4, abs=3e-3), "a hole is as wide as its largest disc"
     discs = Point(-3.15, 0).buffer(3, 64) | Point(3.15, 0).buffer(3, 64)
     widths, gaps = measured(discs)
-    assert gaps.smallest is not None
     assert gaps.smallest.width / MM == pytest.approx(0.3, abs=1e-3)
     assert gaps.smallest.centre == pytest.approx((0, 0), abs=0.2 * MM)
     assert len(gaps.narrow) == 1
@@ -102,7 +99,6 @@ def test_junctions_and_ends_are_no_narrow_places() -> None:
     for angle in (40, 60, 90):
         cross = rotate(beam, 12) | rotate(beam, 12 + angle)
         widths, gaps = measured(cross)
-        assert widths.smallest is not None
         assert widths.smallest.width / MM == pytest.approx(0.8, abs=1e-3)
         assert not gaps.narrow, "nor are the corners between the arms"
     tip = LineString([(0, 0), (8, 3)]).buffer(0.35, 32)
@@ -165,7 +161,6 @@ def test_only_a_part_is_measured() -> None:
     part = metres(box(-8, -1, 8, 1))
     limits = 0.6 * MM, 0.6 * MM, RESOLUTION * MM
     widths, gaps = measure_widths(metres(shape), metres(PANEL), 0, *limits, part)
-    assert widths.smallest is not None
     assert widths.smallest.width / MM == pytest.approx(1.0, abs=1e-6)
     assert widths.narrow == gaps.narrow == ()
     whole, apart = measured(shape)

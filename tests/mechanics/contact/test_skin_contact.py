@@ -47,7 +47,6 @@ def test_the_skin_rests_on_floor_and_ball(
     solver: EquilibriumSolver, touching: EquilibriumResult
 ) -> None:
     model, contact = solver.model, solver.model.contact
-    assert contact is not None
     assert touching.smallest_distance is not None
     assert 0 < touching.smallest_distance < contact.sizes.distance
     assert not contact.crossed(touching.positions, model.motions(touching.state))
@@ -109,7 +108,6 @@ def test_a_ball_is_pushed_into_the_tube_and_out_again(comm: MPI.Comm, tube: Skin
     assert pushed.volume < 0.995 * free.volume
     assert not solver.model.crossed(pushed.state)
     model = solver.model
-    assert model.contact is not None
     forces = model.contact.forces(pushed.positions, model.motions(pushed.state))
     assert -forces[len(tube.pattern.points) :].sum(axis=0)[1] > 0.05, "the tube pushes it out"
     back = solver.solve(density, 2e3, start=pushed)
@@ -153,7 +151,6 @@ def test_neighbours_of_a_thick_sheet_do_not_cross(comm: MPI.Comm) -> None:
     thick = Contact(thickness=0.03, distance=1e-3, stiffness=1e4)
     solver = EquilibriumSolver(skin, Composite(), Supports(fixed), contact=thick)
     model, contact = solver.model, solver.model.contact
-    assert contact is not None
     state = model.state_of(shape[skin.owned_vertices])
     energy = contact.energy(model.positions(state), model.motions(state), 0.0)
     assert 0 < energy < np.inf

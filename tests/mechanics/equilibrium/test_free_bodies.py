@@ -61,7 +61,6 @@ def test_the_frame_carries_the_ball(solver: EquilibriumSolver, lying: Equilibriu
     assert -0.03 < pose[2] < -0.01
     assert np.linalg.norm(pose[3:]) > 0.05
     contact, model = solver.model.contact, solver.model
-    assert contact is not None
     assert not contact.crossed(lying.positions, model.motions(lying.state))
 
 
@@ -111,7 +110,6 @@ def test_on_the_ground_as_well(comm: MPI.Comm) -> None:
     solver = sheet_with_ball(comm, floor)
     found = solver.solve(plain(solver), 0.0)
     contact, model = solver.model.contact, solver.model
-    assert contact is not None
     frame = solver.reactions(found).sum(axis=0)
     # The barrier's gradient on all vertices: minus the floor's force, all else is in pairs.
     by_floor = -contact.forces(found.positions, model.motions(found.state)).sum(axis=0)
@@ -128,13 +126,11 @@ def test_a_ball_that_has_turned_far_starts_from_less(
     turned = lying.state.copy()
     motions = comm.bcast(model.motions(turned), root=0)
     vector = motions[0, 3:]
-    assert model.contact is not None
     radius = model.contact.contact.bodies[0].radius
     more = vector * (1 + 2 * np.pi * radius / np.linalg.norm(vector))
     if comm.rank == 0:
         turned[-3:] = more
     found = solver.solve(plain(solver), 0.0, start=turned)
-    assert found.poses is not None
     assert np.linalg.norm(found.poses[0][3:]) < np.pi
     assert np.array(found.poses) == pytest.approx(np.array(lying.poses), abs=1e-6)
 
@@ -159,9 +155,7 @@ def test_motions_that_nothing_resists(comm: MPI.Comm) -> None:
     for body, height in ((box, -0.034), (ball, -0.031)):
         solver, found = on_the_floor(comm, body, height)
         assert found.converged, found.reason
-        assert found.poses is not None
         contact, model = solver.model.contact, solver.model
-        assert contact is not None
         forces = contact.forces(found.positions, model.motions(found.state))
         assert -forces.sum(axis=0) == pytest.approx(np.array([0, 0, WEIGHT]), abs=1e-8 * WEIGHT)
         assert found.poses[0][:2] == pytest.approx([0.0, 0.0], abs=1e-7)

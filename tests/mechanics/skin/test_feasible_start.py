@@ -26,7 +26,6 @@ def test_a_vertex_that_is_off_is_put_back(short_tube: Skin) -> None:
     before = use_of(pattern, positions)
     assert before.max() > 1
     found = relaxed_into_bounds(pattern, Composite(), fixed, positions)
-    assert found is not None
     assert use_of(pattern, found).max() <= 0.95
     moved = np.abs(found - positions).max(axis=1) > 0
     far = np.linalg.norm(pattern.points - pattern.points[middle], axis=1) > 0.03

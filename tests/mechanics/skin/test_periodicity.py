@@ -69,7 +69,6 @@ def test_the_force_changes_with_the_mean_gradient(periodic: PeriodicModel) -> No
     entries = np.zeros(len(model.skin.cell) * unknowns * (unknowns + 1) // 2)
     model.tangent_entries(state, entries)
     tangent = UpperTangent(model)
-    assert tangent.periodic is not None
     by_gradient = tangent.periodic.force(entries, change) * model.free
 
     def force(h: float) -> np.ndarray:

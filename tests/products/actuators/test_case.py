@@ -62,7 +62,6 @@ def test_a_part_is_printed_whole(alone: MPI.Comm, quarter: Pattern) -> None:
     skin = problem.solver.skin
     result = optimize(problem, [Stage(2)], start=random_density(skin, 1))
     made = as_printed(problem, result)
-    assert problem.whole is not None
     assert made.pattern is problem.whole.pattern
     for region in made.regions:
         for flip in ([-1, 1], [1, -1]):
@@ -70,7 +69,6 @@ def test_a_part_is_printed_whole(alone: MPI.Comm, quarter: Pattern) -> None:
             assert np.sort(there * flip, axis=0) == pytest.approx(there, abs=1e-9)
     cells = made.cells[: len(quarter.panel)]
     assert np.array_equal(made.cells, problem.whole.at_cells(cells.astype(float)) > 0)
-    assert made.evaluation is not None
     assert skin.gather_cells(made.evaluation.projected) == pytest.approx(cells.astype(float))
 
 
@@ -130,13 +128,11 @@ def test_a_case_whose_mesh_follows_lines(alone: MPI.Comm) -> None:
     problem = actuator_problem(alone, found, config)
     printed = printed_lines(problem, case.pattern, regions)
     assert printed.evaluation is not None
-    assert problem.whole is not None
     assert printed.pattern is problem.whole.pattern
     exact = 2 * rings.area / printed.pattern.areas[printed.pattern.cells_of("wall")].sum()
     wall = printed.pattern.cells_of("wall")
     areas = printed.pattern.areas[wall]
     assert areas @ printed.cells[wall] / areas.sum() == pytest.approx(exact, rel=0.01)
-    assert printed.after.smallest_width is not None
     assert printed.after.smallest_width.width == pytest.approx(4e-3, rel=1e-3)
     with pytest.raises(PanelError, match="1 regions for 3 panels"):
         case.following(alone, regions[:1])

@@ -113,7 +113,6 @@ def test_a_tolerance_of_widths_is_for_densities() -> None:
     """Not for line families and their prints, but for the densities that come last."""
     assert TubeScene().design.robust_against is None
     given = TubeScene.of(width_tolerance=1e-4, spread_weight=7.0).design.robust_against
-    assert given is not None
     assert (given.width, given.offset, given.weight) == (1e-4, 5e-5, 7.0)
     with pytest.raises(errors.ParameterError, match="Set density_iterations"):
         TubeScene.of(start="relaxed", width_tolerance=1e-4)

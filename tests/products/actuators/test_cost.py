@@ -104,3 +104,13 @@ def test_a_first_mesh_that_is_too_large_itself(alone: MPI.Comm) -> None:
     other = SMALL.updated(edge_length=2e-3)
     found = sized(alone, bend.case, other, other)
     assert found.area == pytest.approx(area, rel=0.02)
+
+
+def test_starts_are_shared_out_over_the_ranks(alone: MPI.Comm) -> None:
+    made = sized(alone, bend.case, SMALL, SMALL)
+    steps = [
+        cost(SMALL.updated(starts=starts), made, ranks).parts[0].newton_steps
+        for starts, ranks in ((1, 1), (4, 1), (4, 2), (3, 2))
+    ]
+    one, four, shared, uneven = np.array(steps)[:, 0]
+    assert [four, shared, uneven] == [4 * one, 2 * one, 2 * one]

@@ -82,12 +82,9 @@ def test_widths_mend_what_a_print_misses(alone: MPI.Comm, found: Discovery) -> N
     wider = mended_widths(
         alone, found.problem, best.printed, best.laid, best.metrics, {"twist_deg": aim}
     )
-    assert wider is not None
     assert [f.length for f in wider.families] == [f.length for f in best.laid.families]
     assert wider.area != pytest.approx(best.laid.area, rel=1e-3)
     # The print's tangent tells what these widths do, on its own mesh.
-    assert wider.drawing is not None
-    assert best.laid.drawing is not None
     pattern, cells = found.problem.skin.pattern, found.problem.skin.owned_cells
     under = [regions_on(best.laid.pattern, r, pattern) for r in best.laid.under]
     changes = width_changes(best.laid.drawing, pattern, under, 1)
@@ -111,7 +108,6 @@ def test_widths_mend_what_a_print_misses(alone: MPI.Comm, found: Discovery) -> N
 @pytest.mark.slow
 def test_densities_go_on_from_the_lines(alone: MPI.Comm, found: Discovery) -> None:
     designed = densities_last(alone, TINY, found)
-    assert designed is not None
     rows = [row for row in designed[0].history if row.level == 1]
     assert len(rows) == 1 + TINY.lines.density_iterations
     assert rows[0].g_r > 0, "the widths are constrained"

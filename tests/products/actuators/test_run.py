@@ -134,7 +134,6 @@ def test_a_robust_design_tells_its_spread(
     assert found["border_offset_m"] == 2e-4
     assert found["eta_dilated"] < 0.5 < found["eta_eroded"]
     spread = print_spread(made.problem, made.printed, 2e-4)
-    assert spread is not None
     assert [found["printed"][name] for name in ("narrower", "wider")] == list(spread.metrics)
 
 

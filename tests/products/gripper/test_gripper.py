@@ -59,8 +59,6 @@ def test_edge_of_the_box_is_where_the_finger_has_turned(angle: float) -> None:
 
 def test_touching_strip_and_backbone(alone: MPI.Comm) -> None:
     case = demo.case(alone, SMALL)
-    assert case.touching is not None
-    assert case.passive is not None
     assert case.contact is not None
     x, y, _ = case.pattern.points[case.touching.weights > 0].T
     assert np.all(x > SMALL.bend_start)
@@ -93,3 +91,12 @@ def test_another_angle_leaves_the_object_in_place(alone: MPI.Comm) -> None:
     assert further.target == angle.target + 8
     assert further.measure(case.pattern, case.target) == pytest.approx(further.target, abs=0.5)
     assert asked.body == config.body
+
+
+def test_a_lift_without_equilibrium_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(demo, "summary_sentence", lambda summary: "designed")
+    load = {"slip_mm": None, "held_mass_kg": None, "initial": {"held_mass_kg": None},
+            "mass_kg": 0.1, "failure": "no equilibrium"}  # fmt: skip
+    assert demo.sentence({"load": load}) == "designed; 100 g are not lifted: no equilibrium"
+    dropped = {**load, "held_mass_kg": 0.05, "failure": None}
+    assert "100 g are dropped, at most 50 g are held" in demo.sentence({"load": dropped})

@@ -91,7 +91,6 @@ def test_supports_by_component(alone: MPI.Comm, finger: OwnSkin) -> None:
 def test_what_counts(alone: MPI.Comm, finger: OwnSkin) -> None:
     tip = own_case(alone, CONFIG.updated(tip_weight=1.0, orientation_length=0.03), finger)
     top = finger.pattern.points[:, 2] > 0.09 - 1e-9
-    assert tip.weights is not None
     assert tip.relative is not None
     np.testing.assert_array_equal(tip.weights > 1, top)
     np.testing.assert_array_equal(tip.relative > 0, top)
@@ -99,7 +98,6 @@ def test_what_counts(alone: MPI.Comm, finger: OwnSkin) -> None:
     assert area[top] @ (tip.weights[top] - 1) == pytest.approx(area.sum())
     free = CONFIG.updated(counted="cross-sections", twist=40.0, bend=None, axial_weight=0.25)
     sections = own_case(alone, free, finger)
-    assert sections.cross_sections is not None
     assert sections.cross_sections.labels.max() == 12
     across, _, axial = sections.cross_sections.position_weights.T
     assert axial == pytest.approx(0.25 * across)

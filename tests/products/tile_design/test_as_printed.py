@@ -17,13 +17,11 @@ from toros_fem.products.tiles.stiffness_profile import ProfileSolver
 def test_print_on_the_finer_mesh(alone: MPI.Comm) -> None:
     """It covers the printed region, and its profile is that of this density."""
     case, result = small_result()
-    assert case.fine is not None
     simulation = PrintSimulation(alone, case, SMALL)
     density = simulation.density(result.printed)
     assert set(np.unique(density)) == {0.0, 1.0}
     area = result.printed.regions[0].area
     assert case.fine.pattern.areas @ density == pytest.approx(area, rel=0.015)  # 0.0138 seen
-    assert result.profile is not None
     assert result.failure == ""
     own = ProfileSolver(simulation.solver.tile, case.angles, 0.1).solve(density)
     assert result.profile.stress == pytest.approx(own.stress, rel=1e-9)
@@ -33,9 +31,7 @@ def test_print_on_the_finer_mesh(alone: MPI.Comm) -> None:
 
 def test_measured_print(alone: MPI.Comm) -> None:
     case, result = small_result()
-    assert result.profile is not None
     measured = measure_print(alone, case, SMALL, result)
-    assert measured is not None
     assert np.degrees(measured.profile.angles) == pytest.approx(np.arange(0, 46, 7.5))
     assert measured.profile.stress[::2] == pytest.approx(result.profile.stress, rel=1e-12)
     fabric = Composite().fabric
@@ -43,7 +39,6 @@ def test_measured_print(alone: MPI.Comm) -> None:
     assert measured.fabric_stiffness == pytest.approx(exact / 0.1, rel=1e-9)
     assert [curve.strain for curve in measured.curves] == pytest.approx([0.025, 0.05, 0.075, 0.1])
     assert measured.curves[-1] is result.profile
-    assert measured.buckling is not None
     assert measured.buckling.shape == (4,)
 
 

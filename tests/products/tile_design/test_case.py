@@ -29,9 +29,7 @@ def test_parts_of_the_problem(alone: MPI.Comm) -> None:
     assert whole.perimeter is not None
     assert whole.perimeter_weight == 1e-3
     assert whole.filter.name == "helmholtz"
-    assert whole.length_scale is not None
     same = tile_problem(alone, case, SMALL.updated(filter="helmholtz"))
-    assert same.length_scale is not None
     # A wider line has a higher threshold; the one for gaps stays.
     assert whole.length_scale.solid_threshold > same.length_scale.solid_threshold
     assert whole.length_scale.void_threshold == same.length_scale.void_threshold

@@ -24,7 +24,6 @@ def test_files(alone: MPI.Comm, tmp_path: Path) -> None:
     folder = tmp_path / "tile"
     case, result = small_result()
     result = replace(result, trials=(Trial("lines", 0.5, 2, 3),), deviations=(0.25, np.inf))
-    assert result.profile is not None
     measured = PrintMeasurement(result.profile, (result.profile,), 200.0, np.ones(4, dtype=bool))
     made = PrintedTile(result.printed.cells, (0.01, 0.01), 0.8e-3, symmetry="tetragonal")
     write_tile_results(alone, folder, case, result, measured, made, config=SMALL)

@@ -64,9 +64,7 @@ def test_design(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     assert found.trials[0].objective == result.final.objective
     # What a print loses is asked on top: a design that meets it loses as much again.
     target, designed, first = case.target, runs[4][3].final.equilibrium, prints[0].profile
-    assert target is not None
     assert target.stiffness is not None
-    assert first is not None
     asked = target.stiffness * designed.stiffness / first.stiffness
     assert runs[5][0].objective.stiffness == pytest.approx(asked)
     worst = [target.largest_deviation(made.profile) for made in prints if made.profile]
@@ -123,7 +121,6 @@ def test_second_draft(alone: MPI.Comm, monkeypatch: pytest.MonkeyPatch) -> None:
     kept: list[Any] = []
     prints: list[tuple[float | None, int]] = []
     target = case.target
-    assert target is not None
     assert target.stiffness is not None
 
     def once(*args: Any, **kwargs: Any) -> Any:

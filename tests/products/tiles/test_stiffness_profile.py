@@ -227,7 +227,6 @@ def test_profiles_and_their_union() -> None:
     assert profile_table(merged) == pytest.approx(profile_table(whole), abs=1e-10)
     assert merged.steps == others.steps + second.steps
     for state, angle in zip(merged.state, ANGLES[:5], strict=True):
-        assert state is not None
         assert state.angle == angle
     along = [replace(p, gradients=tuple(p.angles)) for p in (others, second)]  # type: ignore[arg-type]
     assert merge_profiles(*along).gradients == tuple(merged.angles)

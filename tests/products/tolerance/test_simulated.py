@@ -45,7 +45,6 @@ def test_first_order_is_the_derivative(found: tf.Tolerances) -> None:
 
 def test_the_mesh_of_the_design(printed: Printed, found: tf.Tolerances) -> None:
     problem, made = printed
-    assert made.evaluation is not None
     assert found.own_mesh == problem.metrics_of(made.evaluation.equilibrium)
 
 
@@ -65,7 +64,6 @@ def test_signs_are_those_of_mechanics(found: tf.Tolerances) -> None:
 
 def test_the_worst_is_named(found: tf.Tolerances) -> None:
     worst = found.worst("angle_deg")
-    assert worst is not None
     sizes = [abs(found.change(v, "angle_deg") or 0) for v in found.variants]
     assert abs(found.change(worst, "angle_deg") or 0) == max(sizes)
     sentence = found.worst_sentences[0]

@@ -23,7 +23,6 @@ def test_target_turns_the_leg_by_the_angle(alone: MPI.Comm, motion: str) -> None
 def test_leg_starts_soft_on_top(alone: MPI.Comm) -> None:
     """The leg turns down, so the top is the side that stretches."""
     case = demo.case(alone, SMALL)
-    assert case.start is not None
     top = case.pattern.cells_of("top")
     assert case.start[top].max() < np.delete(case.start, top).min()
     assert case.symmetry == (0, 1)
@@ -32,7 +31,6 @@ def test_leg_starts_soft_on_top(alone: MPI.Comm) -> None:
 def test_feet_are_printed(alone: MPI.Comm) -> None:
     config = SMALL.updated(foot_length=0.02)
     case = demo.case(alone, config)
-    assert case.passive is not None
     foot = case.passive == 1
     along = case.pattern.points @ [*config.star.directions[0], 0.0]
     begin = config.star.reach - 0.02
@@ -54,7 +52,6 @@ def test_sections_of_a_stride(alone: MPI.Comm) -> None:
     """The foot counts by its place along x; its target is half a leg's width from the middle."""
     shape, stride = (demo.case(alone, SMALL.updated(aim=aim)) for aim in demo.AIMS)
     assert shape.cross_sections is not None
-    assert stride.cross_sections is not None
     weights = stride.cross_sections.position_weights
     assert weights[-1, 0] == 1 > weights[:-1].max()
     assert stride.cross_sections.orientation_weights.max() > 0
@@ -69,7 +66,6 @@ def test_sections_of_a_stride(alone: MPI.Comm) -> None:
 def test_pressures_of_body_and_leg_are_designed(alone: MPI.Comm) -> None:
     config = SMALL.updated(aim="stride", design_pressure=True)
     chambers = demo.case(alone, config).chambers
-    assert chambers is not None
     assert chambers.names == ("body", "leg")
     assert demo.case(alone, config.updated(aim="shape")).chambers is None
 
@@ -84,7 +80,6 @@ def test_ground_and_pads(alone: MPI.Comm, feet: str) -> None:
     if feet == "nonslip":
         assert contact.pads is None
         return
-    assert contact.pads is not None
     reach = np.hypot(*pattern.points[contact.pads.vertices, :2].T)
     assert reach.min() > SMALL.star.reach - config.contact.pad_length - 1e-9
     assert (contact.pads.forward, contact.pads.backward) == (0.1, 0.8)

@@ -71,7 +71,6 @@ def test_what_is_kept_is_found_again(
         assert run.scene == "# mine\n"
         journal = run.journal(folder)
         found = journal.entry(comm, "loop").saved()
-        assert found is not None
         assert np.array_equal(found.arrays["x"], STATE.arrays["x"])
         assert not caplog.records, "the same version wrote it"
         assert journal.entry(comm, "next").saved() is None

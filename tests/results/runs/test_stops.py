@@ -103,7 +103,6 @@ def test_a_signal_ends_the_step_and_a_line_says_how_to_go_on(tmp_path: Path, who
 def test_what_follows_a_design_stops_at_once(tmp_path: Path) -> None:
     """In the middle of a solve; design and pattern are on disk."""
     process = start(tmp_path, "--estimate-error")
-    assert process.stdout is not None
     rows = 0
     while rows < ROWS:
         rows += is_row(process.stdout.readline())

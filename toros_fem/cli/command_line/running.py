@@ -87,6 +87,7 @@ def resume_scene(comm: MPI.Comm, folder: Path, *, every: int, verbose: bool) -> 
     Raises:
         RunError: The folder holds no run, or one that is finished or in use.
         CheckpointError: The run cannot go on: it is no run of a scene, or its scene was changed.
+        SceneError: A file that it began with has gone.
     """
     record, text = read_run(comm, folder)
     name = record.inputs.get("command")
@@ -101,6 +102,7 @@ def resume_scene(comm: MPI.Comm, folder: Path, *, every: int, verbose: bool) -> 
         raise CheckpointError(
             f"the scene of the run in {folder} cannot be read any more: {error}"
         ) from None
+    scene.require_files(comm)
     return run_scene(comm, scene, name, folder, every=every, verbose=verbose, resume=True)
 
 

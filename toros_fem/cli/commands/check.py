@@ -149,7 +149,9 @@ def _of_inflation(
     parts = (
         Part("pressures", triangles, (4 * config.pressure.levels, 15 * config.pressure.levels)),
     )
-    return simple_cost(triangles, triangles, 3 * triangles, comm.size, parts), tried
+    # A closed surface has half as many vertices as triangles, and three edges for two of them.
+    unknowns = round((3.0 if config.material.bending == "midedge" else 1.5) * triangles)
+    return simple_cost(triangles, triangles, unknowns, comm.size, parts), tried
 
 
 def _figures(comm: MPI.Comm, found: Cost, tried: Probe | None) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import sys
 import traceback
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, TextIO
+from typing import Any, TextIO, cast
 
 import numpy as np
 from mpi4py import MPI
@@ -21,11 +21,13 @@ from toros_fem.base.mpi import ending_together
 from toros_fem.base.versions import versions
 from toros_fem.cli.command_line.command import Answer, Command
 from toros_fem.cli.command_line.exit_codes import DONE, INTERNAL, MEANING, exit_code
+from toros_fem.cli.command_line.pipe import OpenPipe
 from toros_fem.cli.command_line.scripts import SuggestingParser, UsageError, tell_alone
 from toros_fem.cli.commands import (
     check,
     design,
     doctor,
+    explain,
     export,
     fit,
     materials,
@@ -41,6 +43,7 @@ COMMANDS: Mapping[str, Command] = {
     command.name: command
     for command in (
         new.COMMAND,
+        explain.COMMAND,
         materials.COMMAND,
         check.COMMAND,
         simulate.COMMAND,
@@ -64,10 +67,11 @@ def run(comm: MPI.Comm, words: Sequence[str]) -> int:
         comm: Communicator; its first rank prints.
         words: The words after `toros`.
     """
-    as_json, out = "--json" in words, sys.stdout
+    as_json, out = "--json" in words, cast(TextIO, OpenPipe(sys.stdout))
     name = next((word for word in words if word in COMMANDS), None)
     quiet = "--quiet" in words
-    with _spoken(comm, quiet=quiet), _stdout_free(as_json=as_json, quiet=quiet):
+    free = _stdout_free(as_json=as_json, quiet=quiet)
+    with contextlib.redirect_stdout(out), _spoken(comm, quiet=quiet), free:
         try:
             try:
                 given = _parser(comm).parse_args(list(words))

@@ -28,6 +28,7 @@ FIELDS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "c1": "c1",
             "c2": "c2",
             "knit_ratio": "knit_ratio",
+            "fabric_mass": "density",
         },
         "reinforcement": {
             "reinforcement_young": "young",
@@ -35,10 +36,13 @@ FIELDS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "reinforcement_thickness": "thickness",
             "reinforcement_c1": "c1",
             "reinforcement_c2": "c2",
+            "print_mass": "density",
         },
         "bladder": {"bladder_young": "young", "bladder_thickness": "thickness"},
     }
 )
+# Fields that not every kind of scene has; a number of them may stand beside the name.
+MASSES = ("fabric_mass", "print_mass")
 # Fields of the fabric's sheet, as `Material` takes them.
 SHEET = ("fabric_young", "poisson", "thickness", "c1", "c2")
 # Field that a printed layer sets beside these: where the neutral plane of print and fabric lies.
@@ -84,7 +88,8 @@ class NamedMaterials:
         for role in (role for role in FIELDS if role in values):
             given = _values(role, self.entry(role, values[role]))
             # A bladder is poured as thick as one likes: its number goes beside the name.
-            number = next((k for k in values if k in given and k != "bladder_thickness"), None)
+            beside = ("bladder_thickness", *MASSES)
+            number = next((k for k in values if k in given and k not in beside), None)
             if number is not None:
                 return role, number
         return None
@@ -135,6 +140,7 @@ class NamedMaterials:
         known, found = config.described(), dict[str, Any]()
         for role, entry in self.entries.items():
             values = _values(role, entry)
+            values = {k: v for k, v in values.items() if k in known or k not in MASSES}
             for key in values:
                 if key not in known:
                     raise ParameterError(
@@ -154,6 +160,8 @@ class NamedMaterials:
 def _values(role: str, entry: LibraryMaterial) -> dict[str, Any]:
     """Return the fields that a material has a value for."""
     values = {key: getattr(entry, name) for key, name in FIELDS[role].items()}
+    if entry.with_fabric:  # its density is that of both
+        values.pop("print_mass", None)
     return {key: value for key, value in values.items() if value is not None}
 
 
@@ -171,7 +179,8 @@ def _laid(
         return {OFFSET: offset}
     plain = Material(*(fabric[key] for key in SHEET))
     sheet = reinforced(plain, entry.material)
-    values = {key: getattr(sheet, name) for key, name in FIELDS["reinforcement"].items()}
+    names = {k: name for k, name in FIELDS["reinforcement"].items() if k not in MASSES}
+    values = {key: getattr(sheet, name) for key, name in names.items()}
     for name in ("c1", "c2"):  # bounds of the fabric stay those of the fabric
         if values[f"reinforcement_{name}"] == fabric[name]:
             values[f"reinforcement_{name}"] = None

@@ -22,6 +22,13 @@ and in per cent where the text says so. "none" leaves a thing out. A key behind 
 value: take the # away to change it. Paths are relative to this file."""
 
 
+SHORT = """\
+These are the keys that a new scene changes. `toros new --all` writes the others too, and `toros
+explain KEY` says what one means. Values have a unit, as in "5 kPa", or are in SI units, angles in
+degrees; "none" leaves a thing out. Paths are relative to this file."""
+
+
+DEFAULTS = {"fabric": "jersey-light", "reinforcement": "tpu-95a-on-jersey"}
 EXAMPLES = {"fabric": "jersey-light", "reinforcement": "tpu-95a", "bladder": "dragon-skin-20"}
 
 
@@ -31,10 +38,10 @@ def scene_text(
     files: Mapping[str, str | Path] | None = None,
     materials: Mapping[str, LibraryMaterial] | None = None,
 ) -> str:
-    """Return a scene file of a configuration, which `read_scene` turns into the same.
+    """Return a scene file with every key, which `read_scene` turns into the same numbers.
 
-    Keys that a new user changes stand with their values, the others as comments as long as they
-    have their defaults.
+    Keys of some tables stand with their values, the others as comments as long as they have their
+    defaults.
 
     Args:
         kind: The kind.
@@ -58,12 +65,7 @@ def scene_text(
         raise ParameterError(f"files names {unknown[0]!r}; known are {sorted(kind.files)}.")
     lines = [*_comment(f"{kind.about[0].upper()}{kind.about[1:]}."), *_comment(HEAD), ""]
     lines.append(f'kind = "{kind.name}"')
-    if kind.files:
-        lines += ["", "[files]"]
-        for name, text in kind.files.items():
-            path = (files or {}).get(name)
-            lines += _comment(text)
-            lines.append(f'#{name} = ""' if path is None else f"{name} = {quoted(str(path))}")
+    lines += _files(kind, files or {})
     keys = config.described()
     for section, of in config.tables().items():
         lines += ["", *_comment(of.holds()), f"[{section}]"]
@@ -86,6 +88,44 @@ def scene_text(
         if quick.value(name) != config.value(name)
     ]
     return "\n".join(lines) + "\n"
+
+
+def short_scene_text(kind: Kind, names: Mapping[str, str] | None = None) -> str:
+    """Return a scene file with the few keys that a new user changes.
+
+    Args:
+        kind: The kind.
+        names: Names of materials by their roles; without, those of the default numbers.
+    """
+    config = kind.example
+    lines = [*_comment(f"{kind.about[0].upper()}{kind.about[1:]}."), *_comment(SHORT), ""]
+    lines.append(f'kind = "{kind.name}"')
+    lines += _files(kind, kind.example_files)
+    # The default print is one sheet with the default fabric; on another one it is a layer.
+    default = EXAMPLES if "fabric" in (names or {}) else DEFAULTS
+    roles = [role for role in DEFAULTS if role in roles_of(config)]
+    named = {**{role: default[role] for role in roles}, **(names or {})}
+    for section, of in config.tables().items():
+        few = [key for key in of.described().values() if key.name in config.FEW]
+        if few or (section == TABLE and named):
+            lines += ["", *_comment(of.holds()), f"[{section}]"]
+        if section == TABLE:
+            lines += [f"{role} = {quoted(name)}" for role, name in named.items()]
+        for key in few:
+            lines += [*_comment(key.help), f"{key.name} = {key.written(config.value(key.name))}"]
+        if section == "skin":
+            for name, several in config.entries().items():
+                lines += _entries(name, several, getattr(config, name))
+    return "\n".join(lines) + "\n"
+
+
+def _files(kind: Kind, files: Mapping[str, str | Path]) -> list[str]:
+    lines = ["", "[files]"] if kind.files else []
+    for name, text in kind.files.items():
+        path = files.get(name)
+        lines += _comment(text)
+        lines.append(f'#{name} = ""' if path is None else f"{name} = {quoted(str(path))}")
+    return lines
 
 
 def _materials(config: Scene, materials: Mapping[str, LibraryMaterial]) -> list[str]:

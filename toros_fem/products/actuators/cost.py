@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -193,7 +194,10 @@ def cost(config: ActuatorScene, made: Sized, ranks: int) -> Cost:
     finest = _finest_triangles(config, made)
     lines = config.design.start == "relaxed"
     largest = 4 * finest if config.results.estimate_error and not lines else finest
-    parts = _line_parts(config, area, count, finest) if lines else _density_parts(config, finest)
+    if lines:
+        parts = _line_parts(config, area, count, finest)
+    else:
+        parts = _density_parts(config, finest, ranks)
     return simple_cost(finest, largest, round(_unknowns(config, made) * finest), ranks, parts)
 
 
@@ -297,13 +301,13 @@ def _unknowns(config: ActuatorScene, made: Sized) -> float:
     return 3 * points + (edges if config.material.bending == "midedge" else 0.0)
 
 
-def _density_parts(config: ActuatorScene, finest: int) -> tuple[Part, ...]:
+def _density_parts(config: ActuatorScene, finest: int, ranks: int) -> tuple[Part, ...]:
     """Return the parts of a design by densities; each mesh has a quarter of the next one."""
     parts, levels = [], config.level_count
     for level, options in enumerate(config.options):
         steps = sum(stage.iterations + 1 for stage in options.stages)
         if level == 0:
-            steps *= config.design.starts
+            steps *= math.ceil(config.design.starts / ranks)  # each rank tries its own
         triangles = round(finest / 4.0 ** (levels - 1 - level))
         most = steps + config.design.polish_iterations
         parts.append(

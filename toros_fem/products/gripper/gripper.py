@@ -158,6 +158,17 @@ class GripperScene(ActuatorScene):
     # Steps that only raise the holding force are small.
     design: Designing = Designing(levels=1, min_decrease=None, polish_iterations=40)
 
+    FEW: ClassVar[tuple[str, ...]] = (
+        "shape",
+        "size",
+        "mass",
+        "finger_length",
+        "finger_width",
+        "pressure_max",
+        "friction",
+        "seed",
+    )
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.skin.root_length <= self.skin.stem_length < self.skin.finger_length:
@@ -287,6 +298,7 @@ def gap_metric(config: GripperScene) -> Metric:
 
 def case(comm: MPI.Comm, config: GripperScene) -> ActuatorCase:
     """Return half a finger and its target."""
+    config.require_symmetric_knit((1,))
     root, angle = config.skin.root_length, config.bend_angle
     pattern = finger(
         comm,
@@ -598,6 +610,8 @@ def sentence(summary: dict[str, Any]) -> str:
         return summary_sentence(summary)
     slip, held, initial = load["slip_mm"], load["held_mass_kg"], load["initial"]["held_mass_kg"]
     lifted = "are dropped" if slip is None else f"slide by {slip:.1f} mm"
+    if slip is None and held is None and load["failure"]:
+        lifted = f"are not lifted: {load['failure']}"
     found = f"{summary_sentence(summary)}; {1e3 * load['mass_kg']:.0f} g {lifted}"
     if held is not None:
         found += f", at most {1e3 * held:.0f} g are held"

@@ -186,6 +186,19 @@ class OwnMeshScene(ActuatorScene):
     objective: OwnWeights = OwnWeights()
     design: OwnDesigning = OwnDesigning()
 
+    FEW: ClassVar[tuple[str, ...]] = (
+        "bend",
+        "twist",
+        "shorten",
+        "axis",
+        "toward",
+        "scale",
+        "cuts",
+        "pressure",
+        "design_pressure",
+        "seed",
+    )
+
     TARGETS: ClassVar[Mapping[str, str]] = {
         "angle_deg": "bend",
         "twist_deg": "twist",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import (
     Count,
     Distance,
@@ -19,12 +20,34 @@ from toros_fem.base.keys import (
 
 @dataclass(frozen=True)
 class Pressing(Table):
-    """Pressure."""
+    """Pressure.
+
+    Raises:
+        ParameterError: The pressure is designed, and its bounds leave no room or not the guess.
+    """
 
     pressure: Pressure = key(5e3, "pressure, the first guess where it is designed")
     design_pressure: bool = key(False, "design the pressure too, within its bounds")
     pressure_min: Modulus = key(1e3, "least pressure where it is designed")
     pressure_max: Modulus = key(20e3, "largest pressure where it is designed")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.bounds is None:
+            return
+        low, high = self.bounds
+        if not low < high:
+            raise ParameterError(
+                f"pressure_min = {low:g} Pa must be below pressure_max = {high:g} Pa, to leave a "
+                "designed pressure room.",
+                "pressure_min",
+            )
+        if not low <= self.pressure <= high:
+            raise ParameterError(
+                f"pressure = {self.pressure:g} Pa, the first guess of a designed one, must lie "
+                f"between pressure_min = {low:g} Pa and pressure_max = {high:g} Pa.",
+                "pressure",
+            )
 
     @property
     def bounds(self) -> tuple[float, float] | None:

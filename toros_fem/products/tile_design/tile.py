@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -103,6 +103,15 @@ class TileScene(TileDesignScene):
 
     target: TileTarget = TileTarget()
     skin: TileSizes = TileSizes()
+
+    FEW: ClassVar[tuple[str, ...]] = (
+        "target",
+        "stiffness_0",
+        "stiffness_45",
+        "stiffness_90",
+        "size",
+        "seed",
+    )
 
 
 def coarse(config: TileScene) -> TileScene:

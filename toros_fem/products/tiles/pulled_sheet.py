@@ -14,7 +14,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -64,6 +64,8 @@ class TileSheetScene(Scene):
 
     skin: SheetMesh = SheetMesh()
     pull: SheetPull = SheetPull()
+
+    FEW: ClassVar[tuple[str, ...]] = ("direction", "along", "across", "strain", "edge_length")
 
 
 def coarse(config: TileSheetScene) -> TileSheetScene:

@@ -48,6 +48,16 @@ class BendScene(TubeScene):
     # (docs/optimisation.md).
     design: Designing = Designing(corrections=6, perimeter_weight=1e-4)
 
+    FEW: ClassVar[tuple[str, ...]] = (
+        "angle",
+        "neutral",
+        "length",
+        "diameter",
+        "pressure",
+        "design_pressure",
+        "seed",
+    )
+
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
 
 

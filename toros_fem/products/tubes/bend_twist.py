@@ -45,6 +45,16 @@ class BendTwistScene(SectionTubeScene):
     # Few lines would answer to a correction by leaps.
     lines: Lines = Lines(share_weight=3e-3)
 
+    FEW: ClassVar[tuple[str, ...]] = (
+        "angle",
+        "twist",
+        "neutral",
+        "length",
+        "diameter",
+        "pressure",
+        "seed",
+    )
+
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle", "twist_deg": "twist"}
 
 

@@ -50,6 +50,8 @@ class ContractScene(SectionTubeScene):
     # Bending of thin lines between their crossings needs two triangles across.
     lines: Lines = Lines(print_edge_length=0.5e-3)
 
+    FEW: ClassVar[tuple[str, ...]] = ("contraction", "length", "diameter", "pressure", "seed")
+
     TARGETS: ClassVar[Mapping[str, str]] = {"shortening_percent": "contraction"}
 
 

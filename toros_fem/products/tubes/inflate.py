@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from mpi4py import MPI
@@ -60,6 +60,14 @@ class InflateScene(Scene):
     skin: SymmetricTube = SymmetricTube()
     material: SkinSheets = SkinSheets()
     pressure: Curve = Curve()
+
+    FEW: ClassVar[tuple[str, ...]] = (
+        "length",
+        "diameter",
+        "pressure",
+        "highest_pressure",
+        "levels",
+    )
 
     @property
     def pressures(self) -> Floats:

@@ -263,11 +263,7 @@ def _clamped(
     planes: tuple[int, ...],
 ) -> ActuatorCase:
     """Return a tube clamped at its base, without any weights."""
-    if planes and config.material.knit_ratio is not None and config.material.grain_angle % 90:
-        raise ParameterError(
-            f"grain_angle = {config.material.grain_angle} deg is not symmetric: the other part "
-            "would have the mirrored grain. Set 0 or 90, or design the whole tube."
-        )
+    config.require_symmetric_knit(planes)
     pattern = _tube(comm, config.skin, planes)
     whole = mirrored(pattern, planes)
     found, expected = target(whole.pattern.points), whole.at_vertices(target(pattern.points))

@@ -74,6 +74,15 @@ class TwistScene(SectionTubeScene):
     objective: TwistWeights = TwistWeights()
     lines: TwistLines = TwistLines(print_edge_length=0.65e-3)
 
+    FEW: ClassVar[tuple[str, ...]] = (
+        "twist",
+        "keep_length",
+        "length",
+        "diameter",
+        "pressure",
+        "seed",
+    )
+
     TARGETS: ClassVar[Mapping[str, str]] = {"twist_deg": "twist", "length_ratio": "length_ratio"}
 
     @property

@@ -174,6 +174,18 @@ class WalkerScene(ActuatorScene):
     design: Designing = Designing(levels=1, filter_radius=2.75e-3)
     results: WalkerResults = WalkerResults()
 
+    FEW: ClassVar[tuple[str, ...]] = (
+        "motion",
+        "aim",
+        "leg_length",
+        "leg_width",
+        "body_radius",
+        "pressure",
+        "feet",
+        "friction",
+        "seed",
+    )
+
     TARGETS: ClassVar[Mapping[str, str]] = {"angle_deg": "angle"}
 
     @property
@@ -214,6 +226,7 @@ def coarse(config: WalkerScene) -> WalkerScene:
 
 def case(comm: MPI.Comm, config: WalkerScene) -> ActuatorCase:
     """Return a quarter of the robot and its target."""
+    config.require_symmetric_knit((0, 1))
     star, angle = config.star, config.leg_angle
     pattern = walker(comm, config.skin.edge_length, star, planes=(0, 1))
     along = np.append(star.directions[0], 0.0)
