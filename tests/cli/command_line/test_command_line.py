@@ -1,6 +1,5 @@
 """The command line of scripts: options from fields, help, errors in one line."""
 
-import json
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +12,6 @@ from mpi4py import MPI
 from toros_fem.base.errors import OutputError
 from toros_fem.base.keys import Count, In, Length, OneOf, Table, key
 from toros_fem.cli.command_line.scripts import option_help, run_from_command_line
-from toros_fem.materials.library import read_library, reinforced
-from toros_fem.products.tubes.bend import BendScene
-from toros_fem.products.tubes.tube import coarse_tube
 
 
 @dataclass(frozen=True)
@@ -98,51 +94,6 @@ def test_files(script: Script) -> None:
     assert script.given[3] == {"mesh": Path("b.stl"), "target": Path("a.stl")}
     assert script(files=files, arguments=arguments) == 0
     assert script.given[3] == {"mesh": None, "target": None}
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        ("--fabric jersey-light --reinforcement tpu-85a --bladder dragon-skin-20", None),
-        ("--fabric jersy-light", "LibraryError: 'jersy-light' is no fabric"),
-        ("--fabric jersey-light --fabric-young 3", "--fabric stands for --fabric-young too"),
-        ("--materials no.toml", "LibraryError: no.toml cannot be read"),
-    ],
-)
-def test_materials_by_name(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    words: str,
-    told: str | None,
-) -> None:
-    chosen: list[Any] = []
-
-    def run(comm: MPI.Comm, output: Path, config: BendScene, *, verbose: bool) -> dict[str, Any]:
-        chosen.append(config)
-        return {}
-
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["bend.py", "--coarse", *words.split()])
-    code = run_from_command_line(
-        MPI.COMM_SELF,
-        "A tube.",
-        BendScene(),
-        run,
-        Path("out"),
-        coarse=coarse_tube,
-        sentence=lambda _: "bent",
-    )
-    if told is not None:
-        assert code == 2
-        assert told in capsys.readouterr().err
-        return
-    record = json.loads(Path("out/state/run.json").read_text(encoding="utf-8"))
-    assert record["inputs"]["materials"]["reinforcement"] == "tpu-85a"
-    composite, library = chosen[0].composite, read_library()
-    assert chosen[0].skin == coarse_tube(BendScene()).skin
-    assert composite.reinforcement == reinforced(composite.fabric, library["tpu-85a"].material)
-    assert composite.bladder == library["dragon-skin-20"].bladder
 
 
 @pytest.mark.parametrize(

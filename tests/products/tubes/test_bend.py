@@ -1,11 +1,8 @@
 """The bending tube as a script and a function: what cannot be written or held loses nothing."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from helpers.scenes import ROOT
 from mpi4py import MPI
 
 from toros_fem import errors
@@ -20,16 +17,6 @@ def test_output_that_cannot_be_written(alone: MPI.Comm, tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("a file, not a folder", encoding="utf-8")
     with pytest.raises(errors.OutputError, match="taken could not be written"):
         bend.run(alone, tmp_path / "taken", SMALL)
-
-
-def test_a_script_refuses_in_one_line(tmp_path: Path) -> None:
-    words = ["--coarse", "--pressure", "-3", "--output", str(tmp_path / "out")]
-    script = [sys.executable, str(ROOT / "demos" / "bend.py")]
-    done = subprocess.run([*script, *words], text=True, capture_output=True, check=False)
-    assert done.returncode == 2
-    assert done.stderr.splitlines() == [
-        "bend.py: argument --pressure: pressure = -3 Pa must be a finite number, at least 0."
-    ]
 
 
 def test_failure_keeps_what_is_written(
