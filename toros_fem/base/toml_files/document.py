@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 import tomllib
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -87,12 +85,3 @@ def read_text(path: Path, what: str, failure: type[FileKeyError], longest: int =
         raise failure(
             f"{path}, line {line}: no UTF-8 text. Save it as UTF-8.", path, line
         ) from None
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """Return the advice for an unknown name: the nearest known one, or all of them."""
-    names = list(known)
-    near = difflib.get_close_matches(name, names, n=1)
-    if near:
-        return f"did you mean {near[0]!r}?"
-    return f"known are {', '.join(names)}." if names else "none is known here."

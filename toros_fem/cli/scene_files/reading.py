@@ -11,10 +11,10 @@ from typing import Any, NoReturn
 from mpi4py import MPI
 
 from toros_fem.base.errors import LibraryError, ParameterError, SceneError
-from toros_fem.base.keys import NONE, Table, plain_value
+from toros_fem.base.keys import NONE, Table, nearest, plain_value
 from toros_fem.base.mpi import on_first_rank
 from toros_fem.base.scene import Scene
-from toros_fem.base.toml_files.document import Document, nearest, read_text
+from toros_fem.base.toml_files.document import Document, read_text
 from toros_fem.base.toml_files.lines import Place, line_of
 from toros_fem.cli.scene_files.materials import FILE, KIND_OF, TABLE, NamedMaterials, roles_of
 from toros_fem.materials.library import LibraryMaterial, read_library

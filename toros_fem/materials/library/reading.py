@@ -10,8 +10,9 @@ from typing import Any
 from mpi4py import MPI
 
 from toros_fem.base.errors import LibraryError, ParameterError
+from toros_fem.base.keys import nearest
 from toros_fem.base.mpi import on_first_rank
-from toros_fem.base.toml_files.document import Document, nearest, read_text
+from toros_fem.base.toml_files.document import Document, read_text
 from toros_fem.base.validation import checked_path
 from toros_fem.materials.library.material import LibraryMaterial, MaterialValues
 
