@@ -22,8 +22,7 @@ ORDER = (
 class Scene:
     """Base of all scenes: each field is a table of the file, or a tuple of tables of one type.
 
-    A key stands in one table only, and can be read from the scene itself, `scene.length`, unless a
-    table has its name.
+    A key stands in one table only, so that its name is enough where values are given.
 
     Attributes:
         FEW: Keys that a new user changes.
@@ -100,7 +99,7 @@ class Scene:
 
     def value(self, key: str) -> Any:
         """Return the value of a key of a table that stands once."""
-        return getattr(getattr(self, _layout(type(self)).homes[key]), key)
+        return getattr(getattr(self, self.table_of(key)), key)
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ def sheet(name: str) -> Material:
 def test_names_of_the_defaults_are_the_defaults(tmp_path: Path) -> None:
     text = '[material]\nfabric = "jersey-light"\nreinforcement = "tpu-95a-on-jersey"\n'
     found = scene(tmp_path, text)
-    assert found.config.material.composite == BendScene().composite
+    assert found.config.material.composite == BendScene().material.composite
     assert {role: entry.name for role, entry in found.materials.items()} == {
         "fabric": "jersey-light",
         "reinforcement": "tpu-95a-on-jersey",

@@ -81,3 +81,6 @@ def test_a_new_scene_names_its_schema(tmp_path: Path) -> None:
     assert path.read_text("utf-8").startswith("#:schema ./mine.schema.json\n")
     found = json.loads((tmp_path / "mine.schema.json").read_text("utf-8"))
     assert found == scene_schema(KINDS["bend"])
+    path.unlink()
+    assert run(MPI.COMM_SELF, ["new", "bend", str(path), "--schema"]) == 2  # the schema is there
+    assert not path.exists()

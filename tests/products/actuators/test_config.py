@@ -16,19 +16,19 @@ from toros_fem.products.tubes.tube import TubeScene
 
 
 def test_composite() -> None:
-    plain = ActuatorScene().composite
+    plain = ActuatorScene().material.composite
     assert plain.bending == Bending()
     assert plain.bladder is None
-    assert ActuatorScene.of(bending=None).composite.bending is None
-    hinged = ActuatorScene.of(bending="average", seams="hinged").composite
+    assert ActuatorScene.of(bending=None).material.composite.bending is None
+    hinged = ActuatorScene.of(bending="average", seams="hinged").material.composite
     assert hinged.bending == Bending("average", "hinged")
-    lined = ActuatorScene.of(bladder_thickness=2e-4, bladder_young=1e5).composite
+    lined = ActuatorScene.of(bladder_thickness=2e-4, bladder_young=1e5).material.composite
     assert lined.bladder == Bladder(1e5, 2e-4)
     assert plain.knit is None
-    assert ActuatorScene.of(grain_angle=30.0).composite.knit is None
-    knitted = ActuatorScene.of(knit_ratio=3.0, grain_angle=90.0).composite
+    assert ActuatorScene.of(grain_angle=30.0).material.composite.knit is None
+    knitted = ActuatorScene.of(knit_ratio=3.0, grain_angle=90.0).material.composite
     assert knitted.knit == Knit(3.0, math.pi / 2)
-    assert ActuatorScene.of(fabric_young=3e5).composite.fabric.young == 3e5
+    assert ActuatorScene.of(fabric_young=3e5).material.composite.fabric.young == 3e5
 
 
 def test_pressure_bounds() -> None:

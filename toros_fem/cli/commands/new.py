@@ -56,8 +56,7 @@ def _options(parser: argparse.ArgumentParser) -> None:
 
 def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
     kind, path = KINDS[given.kind], given.file
-    names = {role: name for role in ("fabric", "reinforcement", "bladder")
-             if (name := getattr(given, role)) is not None}  # fmt: skip
+    names = {role: name for role in OPTIONS if (name := getattr(given, role)) is not None}
     if given.all and names:
         raise UsageError("toros new: --all writes the numbers of materials; give no names with it.")
     if unknown := set(names) - set(roles_of(kind.config)):
@@ -71,8 +70,9 @@ def _run(comm: MPI.Comm, given: argparse.Namespace) -> Answer:
         texts[path] = f"#:schema ./{beside.name}\n{texts[path]}"
         texts[beside] = json.dumps(scene_schema(kind), indent=1, ensure_ascii=False) + "\n"
 
-    if on_first_rank(comm, path.exists) and not given.force:
-        raise UsageError(f"toros new: {path} is there already; give another name, or --force.")
+    there = on_first_rank(comm, lambda: [str(path) for path in texts if path.exists()])
+    if there and not given.force:
+        raise UsageError(f"toros new: {there[0]} is there already; give another name, or --force.")
     write_together(comm, path.parent, lambda: _write(texts))
     figures = {"file": path, "kind": kind.name}
     return Answer(f"{path}: {kind.about}. Next: toros check {path}", figures)

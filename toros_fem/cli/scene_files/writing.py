@@ -63,9 +63,7 @@ def scene_text(
     unknown = sorted(set(files or {}) - set(kind.files))
     if unknown:
         raise ParameterError(f"files names {unknown[0]!r}; known are {sorted(kind.files)}.")
-    lines = [*_comment(f"{kind.about[0].upper()}{kind.about[1:]}."), *_comment(HEAD), ""]
-    lines.append(f'kind = "{kind.name}"')
-    lines += _files(kind, files or {})
+    lines = _opening(kind, HEAD, files or {})
     keys = config.described()
     for section, of in config.tables().items():
         lines += ["", *_comment(of.holds()), f"[{section}]"]
@@ -98,9 +96,7 @@ def short_scene_text(kind: Kind, names: Mapping[str, str] | None = None) -> str:
         names: Names of materials by their roles; without, those of the default numbers.
     """
     config = kind.example
-    lines = [*_comment(f"{kind.about[0].upper()}{kind.about[1:]}."), *_comment(SHORT), ""]
-    lines.append(f'kind = "{kind.name}"')
-    lines += _files(kind, kind.example_files)
+    lines = _opening(kind, SHORT, kind.example_files)
     # The default print is one sheet with the default fabric; on another one it is a layer.
     default = EXAMPLES if "fabric" in (names or {}) else DEFAULTS
     roles = [role for role in DEFAULTS if role in roles_of(config)]
@@ -119,8 +115,11 @@ def short_scene_text(kind: Kind, names: Mapping[str, str] | None = None) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _files(kind: Kind, files: Mapping[str, str | Path]) -> list[str]:
-    lines = ["", "[files]"] if kind.files else []
+def _opening(kind: Kind, text: str, files: Mapping[str, str | Path]) -> list[str]:
+    """Return what a file begins with: its kind and its files, after a comment."""
+    lines = [*_comment(f"{kind.about[0].upper()}{kind.about[1:]}."), *_comment(text), ""]
+    lines.append(f'kind = "{kind.name}"')
+    lines += ["", "[files]"] if kind.files else []
     for name, text in kind.files.items():
         path = files.get(name)
         lines += _comment(text)

@@ -14,7 +14,6 @@ from toros_fem.base.validation import require_between
 from toros_fem.design.lines.options import LineOptions
 from toros_fem.design.loop.options import DesignOptions, Stage
 from toros_fem.design.relaxed.find import RelaxedOptions
-from toros_fem.materials.sheet import Composite
 from toros_fem.products.tables.loads import Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing, Lines, Printer
@@ -183,11 +182,6 @@ class ActuatorScene(Scene):
                 "have the mirrored grain. Set 0 or 90, or design the whole skin.",
                 "grain_angle",
             )
-
-    @property
-    def composite(self) -> Composite:
-        """Sheets of the skin."""
-        return self.material.composite
 
     @property
     def laid_widths(self) -> tuple[float, float]:

@@ -44,7 +44,7 @@ from toros_fem.products.actuators.legs import leg_cross_sections, tip_angle_metr
 from toros_fem.products.actuators.run import ActuatorResult, design_actuator, summary_sentence
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.gripper.lift import LiftShape, from_room, in_room, solid, write_lift
-from toros_fem.products.tables.loads import Contacts, Pressing
+from toros_fem.products.tables.loads import Contacts, Orientation, Pressing
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing
 from toros_fem.results.frames.record import repeated
@@ -121,12 +121,9 @@ class FingerSizes(Table):
 
 
 @dataclass(frozen=True)
-class GripWeights(Table):
+class GripWeights(Orientation):
     """What counts in the objective."""
 
-    orientation_length: Distance = key(
-        0.02, "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length"
-    )
     cross_sections: Count = key(4, "number of cross-sections of a finger")
     centreline_weight: Factor = key(
         0.05, "weight of the finger's centre line over that of its orientation"
@@ -154,7 +151,7 @@ class GripperScene(ActuatorScene):
     # The paper states none.
     pressure: Pressing = Pressing(pressure=10e3, design_pressure=True, pressure_max=15e3)
     contact: Contacts = Contacts(friction=0.6)
-    objective: GripWeights = GripWeights()
+    objective: GripWeights = GripWeights(orientation_length=0.02)
     # Steps that only raise the holding force are small.
     design: Designing = Designing(levels=1, min_decrease=None, polish_iterations=40)
 

@@ -15,7 +15,6 @@ from toros_fem.base.errors import ParameterError
 from toros_fem.base.keys import (
     Count,
     Distance,
-    Factor,
     In,
     Length,
     Number,
@@ -42,7 +41,7 @@ from toros_fem.products.actuators.run import design_actuator
 from toros_fem.products.actuators.scene import ActuatorScene
 from toros_fem.products.actuators.simulate import FILES, simulate_actuator
 from toros_fem.products.own_mesh.regions import Region
-from toros_fem.products.tables.loads import TipWeights
+from toros_fem.products.tables.loads import SectionWeights
 from toros_fem.products.tables.steps import Designing
 
 COMPONENTS = ("x", "y", "z", "xy", "xz", "yz", "xyz")
@@ -128,7 +127,7 @@ class MeshFile(Table):
 
 
 @dataclass(frozen=True)
-class OwnWeights(TipWeights):
+class OwnWeights(SectionWeights):
     """What counts in the objective.
 
     Raises:
@@ -144,9 +143,6 @@ class OwnWeights(TipWeights):
         "of the target",
     )
     cross_sections: Count = key(12, "number of cross-sections")
-    axial_weight: Factor = key(
-        1.0, "weight of the cross-sections' positions along the axis over that across"
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -70,13 +70,19 @@ class Contacts(Table):
 
 
 @dataclass(frozen=True)
-class TipWeights(Table):
+class Orientation(Table):
     """What counts in the objective."""
 
-    tip_weight: Factor = key(1.0, "weight of the tip's position over that of all the rest")
     orientation_length: Distance = key(
         0.03, "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length"
     )
+
+
+@dataclass(frozen=True)
+class TipWeights(Orientation):
+    """What counts in the objective."""
+
+    tip_weight: Factor = key(1.0, "weight of the tip's position over that of all the rest")
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,6 @@ from toros_fem.base.array_types import Bools, Floats
 from toros_fem.base.files import write_json, write_together
 from toros_fem.base.keys import (
     Count,
-    Distance,
     Factor,
     In,
     Length,
@@ -55,7 +54,7 @@ from toros_fem.products.actuators.legs import (
 )
 from toros_fem.products.actuators.run import ActuatorResult, design_actuator, summary_sentence
 from toros_fem.products.actuators.scene import ActuatorScene
-from toros_fem.products.tables.loads import Contacts, Pressing, Results
+from toros_fem.products.tables.loads import Contacts, Orientation, Pressing, Results
 from toros_fem.products.tables.sheets import SkinSheets
 from toros_fem.products.tables.steps import Designing
 from toros_fem.products.walker.gait import Gait, Walk, walk_of, write_gait
@@ -140,12 +139,9 @@ class Feet(Contacts):
 
 
 @dataclass(frozen=True)
-class LegWeights(Table):
+class LegWeights(Orientation):
     """What counts in the objective."""
 
-    orientation_length: Distance = key(
-        0.03, "a tip turned by 0.1 rad costs as much as a skin displaced by a tenth of this length"
-    )
     cross_sections: Count = key(6, "number of cross-sections of the leg")
     centreline_weight: Factor = key(
         0.02, "weight of the leg's centre line over that of its orientation"
